@@ -135,6 +135,9 @@ pub(crate) struct Export {
     /// File to write. Default: standard output
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
+    /// Replace the file if it exists
+    #[arg(long, requires = "out")]
+    pub(crate) overwrite: bool,
     /// Only trials for which this holds, as for `trials`
     #[arg(long, default_value = "")]
     pub(crate) filter: String,

@@ -197,11 +197,19 @@ impl<'a> Importer<'a> {
                 tally.known += 1;
                 continue;
             }
-            match self.fit(&trial) {
-                Ok((question, measured)) => {
-                    if !self.dry_run {
-                        self.add(&trial, &question, &measured)?;
+            let added = match self.fit(&trial) {
+                Ok((question, measured)) if !self.dry_run => match self.add(&trial, &question, &measured) {
+                    // One that the service does not take does not hold up the others.
+                    Err(Failure::Client(problem)) if problem.is_invalid_argument() => {
+                        Err(problem.to_string())
                     }
+                    added => Ok(added?),
+                },
+                Ok(_) => Ok(()),
+                Err(problem) => Err(problem),
+            };
+            match added {
+                Ok(()) => {
                     self.known.insert(key);
                     tally.imported += 1;
                 }

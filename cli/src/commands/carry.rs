@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use treewright_client::blocking::Client;
 use treewright_client::{Operation, Policy, PolicyChange, StudyRecord, StudySpec, TrialQuery};
@@ -26,16 +26,35 @@ pub(super) fn export(client: &Client, export: &Export) -> Result<String, Failure
             out.flush().map_err(Failure::Output)?;
         }
         Some(path) => {
+            if path.exists() && !export.overwrite {
+                return Err(Failure::file(path, "it exists already; name another file, or add --overwrite"));
+            }
             // Whole or not at all: beside it first, then in its place.
-            let beside = path.with_extension("part");
-            let file = File::create(&beside).map_err(|error| Failure::file(&beside, error.to_string()))?;
-            let mut out = BufWriter::new(file);
-            write(client, export, &mut out)?;
-            out.flush().map_err(Failure::Output)?;
-            std::fs::rename(&beside, path).map_err(|error| Failure::file(path, error.to_string()))?;
+            let beside = beside(path);
+            let written = write_file(client, export, &beside).and_then(|()| {
+                std::fs::rename(&beside, path).map_err(|error| Failure::file(path, error.to_string()))
+            });
+            written.inspect_err(|_| {
+                // What went wrong counts more than what is left.
+                let _ = std::fs::remove_file(&beside);
+            })?;
         }
     }
     Ok(String::new())
+}
+
+/// A name that no other file has, in the same folder.
+fn beside(path: &Path) -> PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{}.part", std::process::id()));
+    path.with_file_name(name)
+}
+
+fn write_file(client: &Client, export: &Export, path: &Path) -> Result<(), Failure> {
+    let file = File::create_new(path).map_err(|error| Failure::file(path, error.to_string()))?;
+    let mut out = BufWriter::new(file);
+    write(client, export, &mut out)?;
+    out.flush().map_err(Failure::Output)
 }
 
 fn write(client: &Client, export: &Export, out: &mut (impl Write + Send)) -> Result<(), Failure> {

@@ -5,7 +5,10 @@ use std::time::SystemTime;
 use serde::Serialize;
 use treewright_client::{Best, Configuration, StudyRecord, TrialRecord};
 
-use super::{COLUMNS, figure, line, table};
+use super::{figure, line, table};
+
+/// How wide lines of words are.
+const COLUMNS: u16 = 80;
 
 /// What is seen at one moment.
 #[derive(Debug, Serialize)]

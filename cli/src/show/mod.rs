@@ -12,16 +12,14 @@ use treewright_client::{
 
 pub(crate) use live::{Glance, best_of_states, glance};
 
-/// Columns of a terminal that does not say how wide it is.
-const COLUMNS: u16 = 80;
-
-/// A table whose columns with the given numbers hold figures.
+/// A table whose columns with the given numbers hold figures. It fits the terminal; in a pipe, where whoever reads on wants
+/// whole words, it is as wide as it has to be.
 fn table(header: &[&str], figures: &[usize]) -> Table {
     let mut table = Table::new();
     let style = presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none());
     table.load_style(style).set_content_arrangement(ContentArrangement::Dynamic);
     if table.width().is_none() {
-        table.set_width(COLUMNS);
+        table.set_content_arrangement(ContentArrangement::Disabled);
     }
     table.set_header(header.iter().map(Cell::new).collect::<Vec<_>>());
     for &index in figures {

@@ -36,6 +36,11 @@ fn an_export_is_read_again_and_nothing_is_there_twice() {
     assert_eq!(lines.len(), 6);
     assert_eq!(lines[0]["study"]["id"], "sponza");
     assert_eq!(lines[1]["origin"], "here/studies/sponza/trials/1");
+    let again = run(&fake, &["export", "sponza", "--out", file]);
+    assert_eq!(again.status.code(), Some(1), "a file is not replaced unasked");
+    assert!(String::from_utf8_lossy(&again.stderr).contains("--overwrite"));
+    answer(&fake, &["export", "sponza", "--site", "here", "--out", file, "--overwrite"]);
+    assert_eq!(std::fs::read_dir(folder.path()).expect("the folder").count(), 1, "nothing is left beside it");
     let own = answer(&fake, &["import", file, "--site", "here"]);
     assert_eq!(own, "sponza: 0 trial(s) added, 5 already known\n", "they came from there");
     let other = answer(&fake, &["import", file, "--site", "there", "--dry-run"]);
@@ -43,6 +48,34 @@ fn an_export_is_read_again_and_nothing_is_there_twice() {
     assert_eq!(fake.book().trials.len(), 5, "nothing was written");
     let problem = run(&fake, &["import", "/no/such.jsonl"]);
     assert!(String::from_utf8_lossy(&problem.stderr).contains("/no/such.jsonl"));
+}
+
+#[test]
+fn a_report_waits_for_a_daemon_that_comes_back() {
+    let mut fake = with_trials();
+    answer(&fake, &["suggest", "sponza", "--indicator", "triangles=1000"]);
+    fake.go_away();
+    let url = fake.url();
+    let report = std::thread::spawn(move || {
+        let arguments = ["--server", &url, "report", "studies/sponza/trials/6", "render_ms=3.5"];
+        super::treewright().args(arguments).output().expect("the program starts")
+    });
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    assert!(!report.is_finished(), "it waits");
+    fake.come_back();
+    let told = report.join().expect("it ends");
+    assert_eq!(String::from_utf8_lossy(&told.stdout), "reported studies/sponza/trials/6, cost 3.5000\n");
+}
+
+#[test]
+fn tables_in_pipes_keep_words_whole() {
+    let fake = with_trials();
+    let client =
+        treewright_client::blocking::Client::connect(&fake.url(), super::patient()).expect("an address");
+    let long = "a-study-whose-id-is-far-longer-than-a-column-of-a-table-that-has-to-fit-into-eighty-ones";
+    client.create_study(long, &super::spec()).expect("a good study");
+    let shown = answer(&fake, &["studies"]);
+    assert!(shown.lines().any(|line| line.contains(long)), "{shown}");
 }
 
 #[test]
