@@ -272,6 +272,7 @@ fn a_running_program_goes_on_with_a_renamed_study_and_never_reports_to_one_that_
         assert!(begun.elapsed().as_secs() < 20, "it goes on");
     }
     assert_eq!(costs("hall"), [50.0]);
+}
 
 #[test]
 fn a_row_that_the_service_does_not_take_does_not_hold_up_the_others() {

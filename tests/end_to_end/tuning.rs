@@ -78,6 +78,26 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
     assert!(best.status.success() && stdout(&best).contains("quality"), "{}{}", stdout(&best), stderr(&best));
     let studies = run("treewright", &["--server", daemon.url(), "studies"]);
     assert!(stdout(&studies).contains("quick"), "{}", stdout(&studies));
+    // What it recommends is drawn from the file that it wrote.
+    let (file, picture) = (json.to_str().expect("text"), folder.path().join("tuned.png"));
+    let picture = picture.to_str().expect("text");
+    let draw = ["image", "--scene", "builtin:quick", "--size", "24x16", "--config-file", file, "-o", picture];
+    let drawn = run("treewright-render", &draw);
+    assert!(drawn.status.success(), "{}", stderr(&drawn));
+}
+
+#[test]
+fn who_asks_for_the_best_makes_no_study() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let ask = ["best", "--server", daemon.url(), "--scene", "builtin:quick", "--size", "24x16"];
+    let asked = run("treewright-render", &ask);
+    assert!(asked.status.success(), "{}", stderr(&asked));
+    let answer: serde_json::Value = serde_json::from_str(&stdout(&asked)).expect("JSON");
+    assert!(answer["reason"].as_str().is_some_and(|reason| reason.contains("no study")), "{answer}");
+    assert!(answer["configuration"].as_object().is_some_and(|values| !values.is_empty()), "{answer}");
+    let studies = run("treewright", &["--server", daemon.url(), "--json", "studies"]);
+    assert_eq!(stdout(&studies).trim(), "[]");
 }
 
 #[test]

@@ -441,8 +441,9 @@ pub fn read_configuration(path: &std::path::Path) -> Result<Configuration, CliEr
     };
     let mut value: serde_json::Value =
         serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
-    if let Some(inner) = value.get_mut("configuration") {
-        value = inner.take();
+    // `best` writes the one word, and `tune --json` the other.
+    if let Some(inner) = ["configuration", "tuned"].iter().find_map(|word| value.get(word)) {
+        value = inner.clone();
     }
     serde_json::from_value(value).map_err(|error| wrong(error.to_string()))
 }
@@ -573,7 +574,10 @@ mod tests {
             Configuration::new().with("quality", 3).with("traversal_cost", 0.5).with("robust", true);
         let plain = r#"{"quality": 3, "traversal_cost": 0.5, "robust": true}"#;
         assert_eq!(read(plain).ok(), Some(expected.clone()));
-        assert_eq!(read(&format!(r#"{{"cost": 1, "configuration": {plain}}}"#)).ok(), Some(expected));
+        assert_eq!(read(&format!(r#"{{"cost": 1, "configuration": {plain}}}"#)).ok(), Some(expected.clone()));
+        let of_tune =
+            format!(r#"{{"study": "s", "found": {{"quality": 1}}, "tuned": {plain}, "best": "tuned"}}"#);
+        assert_eq!(read(&of_tune).ok(), Some(expected));
         assert!(read("[1, 2]").is_err_and(|error| error.to_string().contains("best.json")));
         assert!(read("{").is_err());
     }

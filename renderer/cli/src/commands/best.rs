@@ -4,13 +4,13 @@
 
 use clap::Args;
 use serde::Serialize;
-use treewright_client::{ClientError, Configuration, Policy};
+use treewright_client::{ClientError, Configuration};
 
 use crate::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, objective};
 use crate::error::CliError;
 use crate::output;
 use crate::server::ServerArguments;
-use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_renderer::tuning::objective::Objective;
 use treewright_scene::indicators::SceneIndicators;
 
 /// Arguments of `best`.
@@ -56,7 +56,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let camera = arguments.camera.find(&scene)?;
     let space = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
     let id = arguments.server.study_id(arguments.objective, &space);
-    let study = client.study(&id, specification(&space, arguments.objective, Policy::new())?)?;
+    let study = match client.existing_study(&id) {
+        // Who only asks makes none.
+        Err(problem) if problem.is_not_found() => {
+            let reason = Some(format!("there is no study {id} yet; these are the recommended values"));
+            let configuration = space.default_configuration();
+            return output::json(&Answer { study: id, cost: None, measurements: 0, reason, configuration });
+        }
+        study => study?,
+    };
     let workload = arguments.frame.workload(&scene, arguments.size);
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
     let answer = match study.best(&state) {
