@@ -4,11 +4,12 @@
 //! While a frame runs one trial the next is already asked for, so the loop has two workers, whose frames alternate.
 
 use std::sync::Arc;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use tokio::sync::mpsc;
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
+use tokio::time::{Instant, sleep, timeout_at};
 
 use crate::answer::Outstanding;
 use crate::stream::{self, Frame};
@@ -78,6 +79,56 @@ impl PrefetchingTuner {
         match answer {
             Ok(suggestion) => shared.deliver(suggestion),
             Err(problem) => shared.fall_back(problem),
+        }
+    }
+
+    /// Whether a suggestion for this state has come. What came instead of one is dropped, so that it is asked for again.
+    fn has_answer(&mut self, indicators: &Indicators) -> bool {
+        let spec = &self.study.shared.context.spec;
+        let Some(mut question) = self.outstanding.take() else { return false };
+        let is_this = checks::are_one_state(spec, &question.indicators, indicators);
+        match question.answer.try_recv() {
+            Ok(Ok(suggestion)) if is_this && suggestion.lease_is_live(SystemTime::now()) => {
+                // Back to where the next frame takes it from.
+                let (reply, answer) = oneshot::channel();
+                drop(reply.send(Ok(suggestion)));
+                self.outstanding = Some(Outstanding { answer, ..question });
+                true
+            }
+            Err(TryRecvError::Empty) => {
+                self.outstanding = Some(question);
+                false
+            }
+            Ok(_) | Err(TryRecvError::Closed) => false,
+        }
+    }
+
+    /// Waits until the next frame of this state can be answered, for at most so long, and asks for it where nothing is asked yet.
+    /// Says whether it can be. For programs that would rather wait for a slow daemon than run a frame that measures nothing
+    /// new; what has come by then is answered by [`PrefetchingTuner::next`].
+    pub async fn wait(&mut self, indicators: &Indicators, patience: Duration) -> bool {
+        let deadline = Instant::now() + patience;
+        loop {
+            if self.has_answer(indicators) {
+                return true;
+            }
+            self.ask(indicators, None);
+            if let Some(question) = &mut self.outstanding {
+                let Ok(came) = timeout_at(deadline, &mut question.answer).await else { return false };
+                let (reply, answer) = oneshot::channel();
+                drop(came.map(|came| reply.send(came)));
+                question.answer = answer;
+                if self.has_answer(indicators) {
+                    return true;
+                }
+            }
+            if checks::state(&self.study.shared.context.spec, indicators).is_err()
+                || Instant::now() >= deadline
+            {
+                return false;
+            }
+            // The daemon is away or refuses: it is looked for in the background, and asked again.
+            sleep(limits::WAIT_PAUSE.min(deadline - Instant::now())).await;
         }
     }
 

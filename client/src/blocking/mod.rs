@@ -371,6 +371,16 @@ pub struct PrefetchingTuner {
 }
 
 impl PrefetchingTuner {
+    /// See [`crate::PrefetchingTuner::wait`].
+    pub fn wait(&mut self, indicators: &Indicators, patience: Duration) -> bool {
+        let Self { tuner, study } = self;
+        let waited = study.run(async |own| {
+            let tuner = OfProcess::of_this(tuner, || own.prefetching_tuner());
+            Ok(tuner.wait(indicators, patience).await)
+        });
+        waited.unwrap_or(false)
+    }
+
     /// See [`crate::PrefetchingTuner::next`]: returns at once.
     pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
         self.next_before(indicators, indicators, previous)

@@ -70,6 +70,46 @@ async fn a_hanging_daemon_keeps_no_frame_waiting_and_loses_no_report() {
 }
 
 #[tokio::test]
+async fn who_would_rather_wait_gets_a_trial_in_every_frame() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = tuner(&client).await;
+    let (wait, mut previous) = (Duration::from_secs(60), None);
+    for frame in 1..=20 {
+        assert!(tuner.wait(&state(1), wait).await);
+        let suggestion = tuner.next(&state(1), previous.take());
+        assert_eq!(suggestion.trial(), Some(format!("studies/scene/trials/{frame}").as_str()));
+        previous = finish(suggestion, f64::from(frame));
+    }
+    // One that is slow for a while loses nothing.
+    fake.hold(Hold::Suggestions);
+    while tuner.wait(&state(1), Duration::ZERO).await {
+        previous = finish(tuner.next(&state(1), previous.take()), 1.0);
+    }
+    assert!(!tuner.wait(&state(1), Duration::from_millis(50)).await, "patience has an end");
+    let (waited, ()) = tokio::join!(tuner.wait(&state(1), wait), async {
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        fake.hold(Hold::Nothing);
+    });
+    assert!(waited);
+    let suggestion = tuner.next(&state(1), previous.take());
+    assert_eq!(suggestion.source(), Source::Daemon);
+    // Nor does one that is started again.
+    previous = finish(suggestion, 2.0);
+    let mut fake = fake;
+    fake.go_away();
+    let (waited, ()) = tokio::join!(tuner.wait(&state(1), wait), async {
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        fake.come_back();
+    });
+    assert!(waited);
+    assert_eq!(tuner.next(&state(1), previous.take()).source(), Source::Daemon);
+    drop(tuner);
+    client.flush(Duration::from_secs(20)).await.unwrap();
+    assert_eq!(fake.book().in_state(TrialState::Open), 0, "{:?}", fake.book().trials);
+}
+
+#[tokio::test]
 async fn a_trial_of_another_state_is_given_back() {
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();
