@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _};
 use serde::{Deserialize, Serialize};
+use treewright_client::without_empty_variables;
 
 use crate::arguments::Arguments;
 use crate::failure::Failure;
@@ -62,7 +63,7 @@ pub(crate) struct Settings {
 impl Settings {
     /// Reads the file, if there is one. A wrong one is told by [`Settings::problem`].
     pub(crate) fn read() -> Self {
-        let named = std::env::var_os(VARIABLE).map(PathBuf::from);
+        let named = std::env::var_os(VARIABLE).filter(|name| !name.is_empty()).map(PathBuf::from);
         let path = named.clone().or_else(|| files::config_folder().map(|folder| folder.join(NAME)));
         let mut settings = Self {
             path: path.clone(),
@@ -112,7 +113,7 @@ impl Settings {
                 command = command.mut_arg(name, |argument| argument.default_value(value));
             }
         }
-        let matches = command.try_get_matches_from(from)?;
+        let matches = without_empty_variables(command).try_get_matches_from(from)?;
         self.note_sources(&matches);
         Arguments::from_arg_matches(&matches)
     }

@@ -57,7 +57,7 @@ impl CredentialArguments {
         let mut credentials = Credentials::new();
         if let Some(path) = &self.token_file {
             credentials = credentials.token_file(path)?;
-        } else if let Ok(token) = std::env::var(TOKEN_VARIABLE) {
+        } else if let Some(token) = std::env::var(TOKEN_VARIABLE).ok().filter(|token| !token.is_empty()) {
             credentials = credentials.token(&token)?;
         }
         if let Some(path) = &self.tls_ca {
@@ -68,4 +68,18 @@ impl CredentialArguments {
         }
         Ok(credentials)
     }
+}
+
+/// The same command, for which a variable that is set and empty is as one that is not set: `VARIABLE=` in a file of
+/// settings, or `${VARIABLE:-}` in one for containers, means just that.
+pub fn without_empty_variables(command: clap::Command) -> clap::Command {
+    let command = command.mut_args(|argument| {
+        let value = argument.get_env().and_then(std::env::var_os);
+        if value.is_some_and(|value| value.is_empty()) {
+            argument.env(None::<&'static str>)
+        } else {
+            argument
+        }
+    });
+    command.mut_subcommands(without_empty_variables)
 }

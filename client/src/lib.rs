@@ -64,7 +64,7 @@ mod wire;
 mod workers;
 
 #[cfg(feature = "arguments")]
-pub use arguments::CredentialArguments;
+pub use arguments::{CredentialArguments, without_empty_variables};
 pub use by_name::Question;
 pub use circuit_breaker::Status;
 pub use client::Client;

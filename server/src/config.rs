@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::error::ErrorKind;
-use clap::{CommandFactory as _, Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 use crate::limits::{DRAIN_S, KEEP_TRIALS_MIN, STUDIES_SHOWN};
 use crate::telemetry::LogFormat;
@@ -223,7 +223,9 @@ impl Cli {
         I: IntoIterator<Item = T>,
         T: Into<std::ffi::OsString> + Clone,
     {
-        let cli = Self::try_parse_from(arguments)?;
+        let mut command = without_empty_variables(Self::command());
+        let matches = command.try_get_matches_from_mut(arguments)?;
+        let cli = Self::from_arg_matches(&matches).map_err(|error| error.format(&mut command))?;
         let Command::Serve(serve) = &cli.command else {
             return Ok(cli);
         };
@@ -239,6 +241,20 @@ impl Cli {
         }
         Ok(cli)
     }
+}
+
+/// The same command, for which a variable that is set and empty is as one that is not set: `VARIABLE=` in a file of
+/// settings, or `${VARIABLE:-}` in one for containers, means just that.
+fn without_empty_variables(command: clap::Command) -> clap::Command {
+    let command = command.mut_args(|argument| {
+        let value = argument.get_env().and_then(std::env::var_os);
+        if value.is_some_and(|value| value.is_empty()) {
+            argument.env(None::<&'static str>)
+        } else {
+            argument
+        }
+    });
+    command.mut_subcommands(without_empty_variables)
 }
 
 /// `ADDRESS:PORT`, where the address may be a name such as `localhost`.

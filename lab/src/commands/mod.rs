@@ -70,7 +70,7 @@ enum Command {
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    carry_out("treewright-lab", || run(&Cli::parse().command))
+    carry_out("treewright-lab", || run(&parse::<Cli>().command))
 }
 
 fn run(command: &Command) -> Result<(), CliError> {

@@ -27,6 +27,7 @@ use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use treewright_accel::Isa;
+use treewright_client::without_empty_variables;
 
 use commands::{animate, bench, best, image, info, play, rays, sample, tune};
 use error::CliError;
@@ -106,7 +107,15 @@ enum Command {
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    carry_out("treewright-render", || run(&Cli::parse().command))
+    carry_out("treewright-render", || run(&parse::<Cli>().command))
+}
+
+/// The process's arguments, and the environment where a variable holds something. Ends the process where they are wrong.
+#[must_use]
+pub fn parse<T: Parser>() -> T {
+    let mut command = without_empty_variables(T::command());
+    let matches = command.get_matches_mut();
+    T::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit())
 }
 
 /// Carries out what the command line asks a program for. Warnings of libraries go to standard error as far as
@@ -115,7 +124,8 @@ pub fn main() -> ExitCode {
 pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> ExitCode {
     // Where the C library does not know how, builds are slower and nothing else changes.
     let _ = treewright_accel::keep_freed_memory();
-    let filter = std::env::var("TREEWRIGHT_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = std::env::var("TREEWRIGHT_LOG").ok().filter(|text| !text.is_empty());
+    let filter = filter.and_then(|text| text.parse::<Targets>().ok());
     let filter = filter.unwrap_or_else(|| Targets::new().with_default(LevelFilter::ERROR));
     let log = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
     tracing_subscriber::registry().with(log.with_filter(filter)).init();
@@ -130,7 +140,10 @@ pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> E
 
 /// Keeps to the instruction set that the environment names.
 fn limit_instruction_set() -> Result<(), CliError> {
-    let Ok(name) = std::env::var("TREEWRIGHT_ISA") else { return Ok(()) };
+    let name = std::env::var("TREEWRIGHT_ISA").unwrap_or_default();
+    if name.is_empty() {
+        return Ok(());
+    }
     let isa = Isa::ALL.into_iter().find(|isa| isa.name() == name).ok_or_else(|| {
         let known: Vec<&str> = Isa::ALL.into_iter().map(Isa::name).collect();
         CliError::Usage(format!("TREEWRIGHT_ISA is {name:?}; it is one of {}", known.join(", ")))
