@@ -3,7 +3,7 @@
 use std::io::{Read, Write};
 use std::path::Path;
 
-use treewright_client::{StudySpec, TrialRecord, Value};
+use treewright_client::{Domain, Space, StudySpec, TrialRecord, Value};
 
 use super::CarriedTrial;
 use super::table::{self, FINGERPRINT, MEASUREMENT, Role, Row, TrialCell};
@@ -48,17 +48,17 @@ fn output(error: csv::Error) -> Failure {
     Failure::Output(std::io::Error::other(error))
 }
 
-/// Reads trials from a table with a header.
+/// Reads trials of a study from a table with a header.
 ///
 /// # Errors
 /// [`Failure::File`] with the line.
-pub(crate) fn read(path: &Path) -> Result<Vec<CarriedTrial>, Failure> {
+pub(crate) fn read(path: &Path, spec: &StudySpec) -> Result<Vec<CarriedTrial>, Failure> {
     let file = std::fs::File::open(path).map_err(|error| Failure::file(path, error.to_string()))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    parse(file, &name).map_err(|problem| Failure::file(path, problem))
+    parse(file, &name, &spec.space).map_err(|problem| Failure::file(path, problem))
 }
 
-fn parse(input: impl Read, file: &str) -> Result<Vec<CarriedTrial>, String> {
+fn parse(input: impl Read, file: &str, space: &Space) -> Result<Vec<CarriedTrial>, String> {
     let mut table = csv::Reader::from_reader(input);
     let header = table.headers().map_err(|error| error.to_string())?;
     let roles: Vec<Option<Role>> = header.iter().map(|title| Role::of(title.trim())).collect();
@@ -71,26 +71,47 @@ fn parse(input: impl Read, file: &str) -> Result<Vec<CarriedTrial>, String> {
         let line = index + 2;
         let record = record.map_err(|error| error.to_string())?;
         let mut row = Row::default();
-        for (role, text) in roles.iter().zip(record.iter().map(str::trim)) {
-            if let Some(role) = role.as_ref().filter(|_| !text.is_empty()) {
-                let taken = value(role, text).and_then(|value| row.take(role, value));
-                taken.map_err(|problem| format!("line {line}: {problem}"))?;
+        for (role, text) in roles.iter().zip(&record) {
+            let Some(role) = role else { continue };
+            let value = value(role, text, space).map_err(|problem| format!("line {line}: {problem}"))?;
+            if let Some(value) = value {
+                row.take(role, value).map_err(|problem| format!("line {line}: {problem}"))?;
             }
         }
         trials.extend(row.trial(file, line).map_err(|problem| format!("line {line}: {problem}"))?);
     }
     Ok(trials)
 }
-fn value(role: &Role, text: &str) -> Result<Value, String> {
-    Ok(match role {
-        Role::Configuration(_) => Value::parse(text),
+
+/// What a cell holds; none where it is empty. Around numbers and words of ours blanks mean nothing, as people write them
+/// after a comma; in a text they belong to it (RFC 4180, section 2.4).
+fn value(role: &Role, text: &str, space: &Space) -> Result<Option<Value>, String> {
+    let trimmed = text.trim();
+    if let Role::Configuration(name) = role
+        && let Some(choice) = choice(space, name, text).or_else(|| choice(space, name, trimmed))
+    {
+        return Ok(Some(choice));
+    }
+    if trimmed.is_empty() {
+        return Ok(None);
+    }
+    Ok(Some(match role {
+        Role::Configuration(_) => Value::parse(trimmed),
         Role::Indicator(_) | Role::Measurement(_) | Role::LowerBound => {
-            Value::Float(text.parse().map_err(|_| format!("`{text}` is no number"))?)
+            Value::Float(trimmed.parse().map_err(|_| format!("`{trimmed}` is no number"))?)
         }
-        Role::Outcome | Role::Reason | Role::Client | Role::Origin | Role::Fingerprint => {
-            Value::Text(text.to_owned())
-        }
-    })
+        Role::Outcome | Role::Fingerprint => Value::Text(trimmed.to_owned()),
+        Role::Reason | Role::Client | Role::Origin => Value::Text(text.to_owned()),
+    }))
+}
+
+/// The choice of a parameter that reads so. An empty cell may also be a parameter that was not active.
+fn choice(space: &Space, name: &str, text: &str) -> Option<Value> {
+    let parameter = space.parameters().iter().find(|parameter| parameter.name == name)?;
+    let Domain::Categorical { values } = &parameter.domain else { return None };
+    let is_it = |value: &&Value| matches!(value, Value::Text(known) if known == text);
+    let found = values.iter().find(is_it)?;
+    (!text.is_empty() || parameter.active_if.is_none()).then(|| found.clone())
 }
 
 #[cfg(test)]
@@ -98,6 +119,25 @@ mod tests {
     use treewright_client::{Configuration, Outcome};
 
     use super::*;
+
+    fn space() -> Space {
+        let space = Space::builder().integer("level", 1..=9).default(3);
+        let space = space.choice("mode", ["fast", " slow", "slow", "", "3", "true"]).default("fast");
+        space.build().expect("a space")
+    }
+
+    #[test]
+    fn choices_keep_their_blanks_and_are_not_taken_for_numbers() {
+        let read = |cell: &str| {
+            let table = format!("config.mode,measurement.a\n{cell},1\n");
+            let trials = parse(table.as_bytes(), "a.csv", &space()).expect("a table");
+            trials[0].configuration.get("mode").cloned()
+        };
+        for text in ["fast", " slow", "slow", "", "3", "true"] {
+            assert_eq!(read(text), Some(Value::Text(text.to_owned())), "{text:?}");
+        }
+        assert_eq!(read(" fast "), Some(Value::Text("fast".to_owned())), "written by hand");
+    }
 
     #[test]
     fn a_table_is_read_by_its_header() {
@@ -107,7 +147,7 @@ mod tests {
                      7,fast,10,,ABORTED,,900,\n\
                      9,fast,10,,FAILED,crash,,\n\
                      1,fast,10,700,,,,\n";
-        let trials = parse(table.as_bytes(), "a.csv").expect("a table");
+        let trials = parse(table.as_bytes(), "a.csv", &space()).expect("a table");
         assert_eq!(trials.len(), 4);
         assert_eq!(trials[0].configuration, Configuration::new().with("level", 3).with("mode", "fast"));
         assert_eq!(trials[0].measurements["wall_ms"], 812.5);
@@ -119,7 +159,7 @@ mod tests {
 
     #[test]
     fn mistakes_are_named_with_their_line() {
-        let problem = |table: &str| parse(table.as_bytes(), "a.csv").expect_err("a mistake");
+        let problem = |table: &str| parse(table.as_bytes(), "a.csv", &space()).expect_err("a mistake");
         assert!(problem("config.level,cost\n3,1\n").contains("measurement.NAME"));
         assert!(
             problem("config.level,measurement.wall_ms\n3,fast\n").contains("line 2: `fast` is no number")

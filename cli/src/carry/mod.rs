@@ -8,6 +8,8 @@
 
 pub(crate) mod csv_table;
 pub(crate) mod foreign;
+#[cfg(test)]
+mod hostile;
 pub(crate) mod jsonl;
 pub(crate) mod optuna;
 #[cfg(feature = "parquet")]

@@ -42,7 +42,8 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
             .fetch_all(&mut database)
             .await
             .map_err(no_database)?;
-    let directions: Vec<String> = directions.iter().map(|row| row.get(0)).collect();
+    let directions: Result<Vec<String>, _> = directions.iter().map(|row| row.try_get(0)).collect();
+    let directions = directions.map_err(no_database)?;
     match directions.as_slice() {
         [one] if one == "MINIMIZE" => {}
         [_] => return Err(format!("{name} maximises, and costs are minimised here: store a cost instead")),
@@ -60,8 +61,10 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
     let mut parameters: Vec<(String, Distribution)> = Vec::new();
     let mut assigned: BTreeMap<i64, Configuration> = BTreeMap::new();
     for row in rows {
-        let (number, name, stored): (i64, String, f64) = (row.get(0), row.get(1), row.get(2));
-        let distribution = Distribution::read(&row.get::<String, _>(3))
+        let cell = |place| -> Result<_, String> { row.try_get(place).map_err(no_database) };
+        let (number, name): (i64, String) = (row.try_get(0).map_err(no_database)?, cell(1)?);
+        let stored: f64 = row.try_get(2).map_err(no_database)?;
+        let distribution = Distribution::read(&cell(3)?)
             .ok_or_else(|| format!("the distribution of {name} is of an unknown kind"))?;
         let name = our_name(&name);
         let value =
@@ -83,7 +86,8 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
     let study = study_file(&parameters, &first)?;
     let mut read = Foreign { study, trials: Vec::new(), without_value: 0 };
     for row in values {
-        let (number, value): (i64, Option<f64>) = (row.get(0), row.get(1));
+        let number: i64 = row.try_get(0).map_err(no_database)?;
+        let value: Option<f64> = row.try_get(1).map_err(no_database)?;
         let Some(value) = value.filter(|value| value.is_finite()) else {
             read.without_value += 1;
             continue;
@@ -107,7 +111,9 @@ async fn study_id(database: &mut SqliteConnection, name: &str) -> Result<Result<
     let rows = sqlx::query("SELECT study_id, study_name FROM studies ORDER BY study_name")
         .fetch_all(database)
         .await?;
-    let studies: Vec<(i64, String)> = rows.iter().map(|row| (row.get(0), row.get(1))).collect();
+    let studies: Result<Vec<(i64, String)>, _> =
+        rows.iter().map(|row| Ok::<_, sqlx::Error>((row.try_get(0)?, row.try_get(1)?))).collect();
+    let studies = studies?;
     let found = studies.iter().find(|(_, known)| known == name).map(|(id, _)| *id);
     Ok(found.ok_or_else(|| {
         let names: Vec<&str> = studies.iter().map(|(_, name)| name.as_str()).collect();
@@ -174,7 +180,8 @@ impl Distribution {
         let mut entry = match self {
             Self::Integer { low, high, step, log } => match steps(*low as f64, *high as f64, *step as f64) {
                 Some(count) if *step > 1 => {
-                    let values: Vec<i64> = (0..count).map(|index| low + index * step).collect();
+                    let value = |index: i64| low.saturating_add(index.saturating_mul(*step));
+                    let values: Vec<i64> = (0..count).map(value).collect();
                     json!({ "type": "categorical", "values": values })
                 }
                 _ => json!({ "type": "integer", "min": low, "max": high, "scale": scale(*log) }),
@@ -245,7 +252,7 @@ impl Distribution {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// The tables as Optuna 4 makes them, without those that are not read.
@@ -274,7 +281,8 @@ mod tests {
         "INSERT INTO trial_values VALUES (1, 1, 0, 3.5, 'FINITE'), (2, 3, 0, 2.5, 'FINITE'), (3, 4, 0, NULL, 'INF_POS')",
     ];
 
-    fn database(folder: &Path) -> std::path::PathBuf {
+    /// A database of two studies, of which one can be read.
+    pub(in crate::carry) fn database(folder: &Path) -> std::path::PathBuf {
         let path = folder.join("optuna.db");
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         runtime.block_on(async {

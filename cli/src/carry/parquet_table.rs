@@ -162,7 +162,10 @@ fn parse(file: File, name: &str) -> Result<(Option<Header>, Vec<CarriedTrial>), 
         let mut row = Row::default();
         for (role, (title, field)) in roles.iter().zip(record.map_err(words)?.get_column_iter()) {
             let taken = match value(field) {
-                Some(Value::Text(text)) if text.is_empty() => continue,
+                // Of a parameter it may be a choice.
+                Some(Value::Text(text)) if text.is_empty() && !matches!(role, Role::Configuration(_)) => {
+                    continue;
+                }
                 Some(value) => row.take(role, value),
                 None if *field == Field::Null => continue,
                 None => Err(format!("column {title} holds neither numbers, text nor true and false")),

@@ -93,7 +93,7 @@ pub(super) fn import(client: &Client, import: &Import, json: bool) -> Result<Str
     let tally = match (&import.optuna_study, &import.vizier_study, extension.as_str()) {
         (Some(name), _, _) => from_other(client, import, optuna::read(path, name)?)?,
         (_, Some(name), _) => from_other(client, import, vizier::read(path, name)?)?,
-        (_, _, "csv") => into_named_study(client, import, csv_table::read(path)?)?,
+        (_, _, "csv") => into_named_study(client, import, |spec| csv_table::read(path, spec))?,
         #[cfg(feature = "parquet")]
         (_, _, "parquet") => from_parquet(client, import, path)?,
         (_, _, "db" | "sqlite" | "sqlite3") => {
@@ -119,7 +119,7 @@ fn from_jsonl(client: &Client, import: &Import, path: &Path) -> Result<Tally, Fa
 fn from_parquet(client: &Client, import: &Import, path: &Path) -> Result<Tally, Failure> {
     match parquet_table::read(path)? {
         (Some(header), trials) => into_its_study(client, import, &header, trials.into_iter().map(Ok)),
-        (None, trials) => into_named_study(client, import, trials),
+        (None, trials) => into_named_study(client, import, |_| Ok(trials)),
     }
 }
 
@@ -141,11 +141,16 @@ fn into_its_study(
 }
 
 /// Adds trials of a table that does not say what was tuned.
-fn into_named_study(client: &Client, import: &Import, trials: Vec<CarriedTrial>) -> Result<Tally, Failure> {
+fn into_named_study(
+    client: &Client,
+    import: &Import,
+    read: impl FnOnce(&StudySpec) -> Result<Vec<CarriedTrial>, Failure>,
+) -> Result<Tally, Failure> {
     let Some(id) = &import.study else {
         return Err(Failure::Usage("the file does not contain a study; add --study ID".into()));
     };
     let study = client.get_study(id)?;
+    let trials = read(study.spec()?)?;
     let importer = Importer::new(client, &study, &site(import), &import.indicators, import.dry_run)?;
     importer.run(trials.into_iter().map(Ok))
 }

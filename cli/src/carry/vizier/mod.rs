@@ -12,7 +12,7 @@ use std::path::Path;
 
 use prost::Message as _;
 use serde_json::{Value as Json, json};
-use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteRow};
 use sqlx::{ConnectOptions as _, Row as _};
 use treewright_client::{Configuration, Outcome, Value};
 
@@ -43,24 +43,21 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
     .fetch_all(&mut database)
     .await
     .map_err(no_database)?;
-    let named = |row: &&sqlx::sqlite::SqliteRow| {
-        let whole: String = row.get(0);
-        whole == name || row.get::<String, _>(3) == name
+    let studies: Result<Vec<StoredStudy>, _> = rows.iter().map(StoredStudy::read).collect();
+    let studies = studies.map_err(no_database)?;
+    let found: Vec<&StoredStudy> =
+        studies.iter().filter(|study| study.name == name || study.id == name).collect();
+    let names = |studies: &mut dyn Iterator<Item = &StoredStudy>| {
+        studies.map(|study| study.name.as_str()).collect::<Vec<_>>().join(", ")
     };
-    let found: Vec<_> = rows.iter().filter(named).collect();
-    let names = |rows: &[&sqlx::sqlite::SqliteRow]| {
-        rows.iter().map(|row| row.get(0)).collect::<Vec<String>>().join(", ")
-    };
-    let row = match found.as_slice() {
-        [row] => row,
-        [] => {
-            let all: Vec<_> = rows.iter().collect();
-            return Err(format!("there is no study {name}; there is {}", names(&all)));
+    let StoredStudy { name: whole, bytes, owner, id } = match found.as_slice() {
+        [study] => study,
+        [] => return Err(format!("there is no study {name}; there is {}", names(&mut studies.iter()))),
+        several => {
+            let all = names(&mut several.iter().copied());
+            return Err(format!("{name} is ambiguous: say which of {all}"));
         }
-        several => return Err(format!("{name} is ambiguous: say which of {}", names(several))),
     };
-    let (whole, bytes): (String, Vec<u8>) = (row.get(0), row.get(1));
-    let (owner, id): (String, String) = (row.get(2), row.get(3));
     let study =
         Study::decode(bytes.as_slice()).map_err(|error| format!("{whole} cannot be read: {error}"))?;
     let rows = sqlx::query(
@@ -71,10 +68,31 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
     .fetch_all(&mut database)
     .await
     .map_err(no_database)?;
-    let trials: Result<Vec<Trial>, _> =
-        rows.iter().map(|row| Trial::decode(row.get::<Vec<u8>, _>(0).as_slice())).collect();
+    let bytes: Result<Vec<Vec<u8>>, _> = rows.iter().map(|row| row.try_get(0)).collect();
+    let bytes = bytes.map_err(no_database)?;
+    let trials: Result<Vec<Trial>, _> = bytes.iter().map(|bytes| Trial::decode(bytes.as_slice())).collect();
     let trials = trials.map_err(|error| format!("a trial of {whole} cannot be read: {error}"))?;
-    translate(&whole, &study.spec.unwrap_or_default(), &trials)
+    translate(whole, &study.spec.unwrap_or_default(), &trials)
+}
+
+/// A row of the studies.
+struct StoredStudy {
+    /// Its whole name.
+    name: String,
+    bytes: Vec<u8>,
+    owner: String,
+    id: String,
+}
+
+impl StoredStudy {
+    fn read(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            name: row.try_get(0)?,
+            bytes: row.try_get(1)?,
+            owner: row.try_get(2)?,
+            id: row.try_get(3)?,
+        })
+    }
 }
 
 fn translate(name: &str, spec: &StudySpec, trials: &[Trial]) -> Result<Foreign, String> {
@@ -216,4 +234,4 @@ fn entry(parameter: &ParameterSpec, name: &str, default: Option<Value>) -> Optio
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -85,6 +85,12 @@ fn database(path: &Path, spec: StudySpec, trials: &[Trial]) {
     });
 }
 
+/// A database of one study with two trials.
+pub(in crate::carry) fn example(path: &Path) {
+    let trials = [trial("1", SUCCEEDED, 7.0, Some(3.5)), trial("2", INFEASIBLE, 20.0, None)];
+    database(path, spec(MINIMIZE), &trials);
+}
+
 #[test]
 fn a_study_of_vizier_becomes_one_of_ours() {
     let folder = tempfile::tempdir().expect("a folder");
