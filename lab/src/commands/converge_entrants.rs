@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde_json::Value;
@@ -24,12 +24,16 @@ use treewright_renderer::measure::Contender;
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::confirmation::confirm;
 use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_renderer::tuning::patience::Patience;
 use treewright_renderer::tuning::search;
 use treewright_renderer::tuning::verdict::{
     self, BEST_FIXED, NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, Rival, TUNED,
 };
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::indicators::SceneIndicators;
+
+/// How long a confirmation waits for an answer of the daemon.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Which configurations take part besides those that always do.
 #[derive(Args, Clone, Debug)]
@@ -204,8 +208,7 @@ impl EntrantArguments {
             ..SessionPolicy::default()
         })?;
         let bar = output::bar(u64::from(self.iterations), "trials");
-        let mut tuner = study.tuner();
-        search::run(renderer, &mut tuner, setting, self.iterations, None, |_| {
+        search::run(renderer, &mut study.tuner(), setting, self.iterations, None, |_| {
             bar.inc(1);
             !interrupt.requested()
         })?;
@@ -213,8 +216,8 @@ impl EntrantArguments {
         let start = setting.space.default_configuration();
         let contender = verdict::contender(BEST_FIXED, &setting.space, &start)?;
         let known = [Rival { contender, configuration: Some(start) }];
-        let go_on = || !interrupt.requested();
-        let confirmed = confirm(renderer, client, (study, &mut tuner), setting, &known, go_on)?;
+        let patience = Patience { limit: PATIENCE, go_on: &|| !interrupt.requested() };
+        let confirmed = confirm(renderer, client, study, patience, setting, &known)?;
         study.set_session_policy(SessionPolicy::default())?;
         if interrupt.requested() {
             return Err(CliError::Interrupted);

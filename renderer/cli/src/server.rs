@@ -44,6 +44,11 @@ pub fn machine() -> Fingerprint {
 impl ServerArguments {
     /// Connects, and makes sure that somebody answers.
     pub fn connect(&self, threads: usize) -> Result<Client, CliError> {
+        self.connect_within(threads, Duration::from_millis(self.deadline_ms))
+    }
+
+    /// The same, with another limit to how long a call may take.
+    pub fn connect_within(&self, threads: usize, deadline: Duration) -> Result<Client, CliError> {
         let (major, minor, patch) = Device::open(threads)?.version();
         // Another version of either may build and trace otherwise: what older ones measured does not hold for it.
         let mut fingerprint = machine()
@@ -53,7 +58,7 @@ impl ServerArguments {
             fingerprint = fingerprint.threads(u32::try_from(threads).unwrap_or(u32::MAX));
         }
         let options = Options::new()
-            .deadline(Duration::from_millis(self.deadline_ms))
+            .deadline(deadline)
             .fingerprint(fingerprint)
             .credentials(self.credentials.credentials()?);
         let client = Client::connect(&self.server, options)?;

@@ -5,9 +5,10 @@
 
 use std::time::Duration;
 
-use treewright_client::blocking::{Client, Study, Tuner};
+use treewright_client::blocking::{Client, Study};
 use treewright_client::{ClientError, Configuration, OpenEnum, Rule, Source, Standing};
 
+use super::patience::{Patience, PatientTuner};
 use super::search::{self, Iteration, SearchSetting, run_choice};
 use super::verdict::Rival;
 use crate::film::Film;
@@ -38,36 +39,46 @@ pub struct Confirmed {
 }
 
 /// Measures `known` configurations in a few interleaved rounds, tells the service of them, and goes on with trials of its
-/// choice until its confirmation of the best is over, or `go_on` says no.
+/// choice until its confirmation of the best is over, or `patience` says that the user wants no more.
 ///
 /// # Errors
 /// The service is away.
 pub fn confirm(
     renderer: &mut Renderer,
     client: &Client,
-    (study, tuner): (&Study, &mut Tuner),
+    study: &Study,
+    patience: Patience<'_>,
     setting: &SearchSetting,
     known: &[Rival],
-    mut go_on: impl FnMut() -> bool,
 ) -> Result<Confirmed, ClientError> {
-    tell(renderer, study, setting, known, &mut go_on)?;
-    client.flush(FLUSH)?;
+    let go_on = patience.go_on;
+    // What the search reported last comes first: these trials are for the same state.
+    patience.call(|| client.flush(FLUSH))?;
+    tell(renderer, study, patience, setting, known)?;
+    patience.call(|| client.flush(FLUSH))?;
     if !go_on() {
-        return settled(study, setting, Vec::new());
+        return settled(study, patience, setting, Vec::new());
     }
+    let mut tuner = PatientTuner::new(study, patience)?;
     let mut unanswered = 0;
     let wanted = |trial: &Iteration| {
         unanswered += u32::from(trial.source != Source::Daemon);
         !is_over(trial) && unanswered < UNANSWERED_MAX && go_on()
     };
-    let trials = search::trials(renderer, tuner, setting, TRIALS_MAX, None, wanted)?;
-    client.flush(FLUSH)?;
-    settled(study, setting, trials)
+    let trials = search::trials(renderer, &mut tuner, setting, TRIALS_MAX, None, wanted)?;
+    drop(tuner);
+    patience.call(|| client.flush(FLUSH))?;
+    settled(study, patience, setting, trials)
 }
 
 /// What the service holds for the best now.
-fn settled(study: &Study, setting: &SearchSetting, trials: Vec<Iteration>) -> Result<Confirmed, ClientError> {
-    let best = study.best(&setting.indicators)?;
+fn settled(
+    study: &Study,
+    patience: Patience<'_>,
+    setting: &SearchSetting,
+    trials: Vec<Iteration>,
+) -> Result<Confirmed, ClientError> {
+    let best = patience.call(|| study.best(&setting.indicators))?;
     Ok(Confirmed { configuration: best.configuration, standing: best.standing, trials })
 }
 
@@ -80,9 +91,9 @@ pub fn is_over(trial: &Iteration) -> bool {
 fn tell(
     renderer: &mut Renderer,
     study: &Study,
+    patience: Patience<'_>,
     setting: &SearchSetting,
     known: &[Rival],
-    mut go_on: impl FnMut() -> bool,
 ) -> Result<(), ClientError> {
     let mut film = Film::new(setting.width, setting.height);
     for _ in 0..ROUNDS {
@@ -90,10 +101,10 @@ fn tell(
             let Some(configuration) = &rival.configuration else {
                 continue;
             };
-            if !go_on() {
+            if !(patience.go_on)() {
                 return Ok(());
             }
-            let trial = study.trial_of(&setting.indicators, configuration)?;
+            let trial = patience.call(|| study.trial_of(&setting.indicators, configuration))?;
             let (outcome, times) = run_choice(renderer, &rival.contender.choice, None, setting, &mut film);
             trial.report(setting.measurements(times), outcome)?;
         }

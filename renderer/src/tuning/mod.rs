@@ -6,6 +6,7 @@
 //! | `workload` | what describes a frame to the service |
 //! | `reuse` | how many frames a tree serves, for the objective `auto` |
 //! | `search` | the loop itself, frame by frame |
+//! | `patience` | asking a frame ahead, and waiting for a daemon that is slow |
 //! | `confirmation` | the best few of a search and natives against the incumbent |
 //! | `sampling` | random configurations as a numbered sequence, for exploration without a search |
 //! | `verdict` | whom the winner is compared with, and when tuning pays off |
@@ -13,6 +14,7 @@
 
 pub mod confirmation;
 pub mod objective;
+pub mod patience;
 pub mod results;
 pub mod reuse;
 pub mod sampling;

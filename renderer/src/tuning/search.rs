@@ -8,7 +8,6 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use serde::Serialize;
-use treewright_client::blocking::Tuner;
 use treewright_client::{
     ClientError, Configuration, Finished, FrameSet, FrameSetResult, Indicators, Measurements, Mode, OpenEnum,
     Outcome, Rule, Source, Suggestion,
@@ -18,6 +17,7 @@ use super::objective::{
     BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, Objective, RENDER_CPU_MS, RENDER_DELAY_MS, RENDER_MS,
     UNDELAYED_MS, frame_cost,
 };
+use super::patience::NextTrial;
 use super::workload::Workload;
 use crate::disturbance::{Disturbance, Watch};
 use crate::film::Film;
@@ -143,6 +143,12 @@ pub struct SearchOutcome {
 }
 
 impl SearchOutcome {
+    /// The measured trial of the lowest cost.
+    pub fn lowest(&self) -> Option<&Iteration> {
+        let measured = self.trials.iter().filter_map(|trial| Some((trial.cost?, trial)));
+        measured.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, trial)| trial)
+    }
+
     /// Adds trials that came after the others.
     pub fn append(&mut self, trials: Vec<Iteration>) {
         let last = self.trials.last().map_or(0, |trial| trial.number);
@@ -158,7 +164,7 @@ const REFERENCE_FRAMES: usize = 3;
 /// this returns, not necessarily acknowledged.
 pub fn run(
     renderer: &mut Renderer,
-    tuner: &mut Tuner,
+    tuner: &mut dyn NextTrial,
     setting: &SearchSetting,
     iterations: u32,
     drift: Option<&Drift>,
@@ -179,7 +185,7 @@ pub fn run(
 /// The trials alone.
 pub(super) fn trials(
     renderer: &mut Renderer,
-    tuner: &mut Tuner,
+    tuner: &mut dyn NextTrial,
     setting: &SearchSetting,
     iterations: u32,
     drift: Option<&Drift>,
@@ -189,10 +195,12 @@ pub(super) fn trials(
     let mut all = Vec::new();
     let mut previous: Option<Finished> = None;
     for number in 1..=iterations {
-        let moved = drift.map(|drift| drift.at(setting, number, iterations));
+        let at = |number| drift.map(|drift| drift.at(setting, number, iterations));
+        let (moved, next) = (at(number), at((number + 1).min(iterations)));
+        let upcoming = next.as_ref().unwrap_or(setting).indicators.clone();
         let setting = moved.as_ref().unwrap_or(setting);
         let begin = Instant::now();
-        let suggestion = tuner.next(&setting.indicators, previous.take());
+        let suggestion = tuner.next(&setting.indicators, &upcoming, previous.take());
         let waiting_ms = milliseconds(begin);
         let (configuration, cap_ms) = (suggestion.configuration(), suggestion.abort_above());
         let (outcome, times) = trial(renderer, configuration, cap_ms, setting, &mut film);

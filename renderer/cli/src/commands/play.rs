@@ -205,7 +205,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let (path, mut scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
     let workload = arguments.frame.workload(&scene, arguments.size);
     let interrupt = Interrupt::listen();
-    let mut tuner = study.tuner();
+    let mut tuner = study.prefetching_tuner()?;
     let mut previous: Option<Finished> = None;
     let mut frames = Vec::new();
     let (mut reuse, mut time_before) = (Reuse::default(), 0.0);
@@ -228,8 +228,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         if arguments.objective == Aim::Auto {
             indicators.set(FRAMES_PER_BUILD, f64::from(frames_per_build));
         }
+        // Where the camera will be is known, and of a scene that moves that it will not have moved far.
+        let next_share = (number + 1) as f32 / (arguments.frames - 1).max(1) as f32;
+        let next_at = arguments.from + (arguments.to - arguments.from) * next_share.min(1.0);
+        let mut upcoming = workload.state(&scene_indicators.with_camera(&path.sample(next_at)));
+        if arguments.objective == Aim::Auto {
+            upcoming.set(FRAMES_PER_BUILD, f64::from(frames_per_build));
+        }
         let begin = Instant::now();
-        let suggestion = tuner.next(&indicators, previous.take());
+        let suggestion = tuner.next_before(&indicators, &upcoming, previous.take());
         let waiting_ms = milliseconds(begin);
         flight.view.camera = camera;
         let (outcome, times, rebuilt) = flight.frame(suggestion.configuration());

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use treewright_client::blocking::{Client, Study, Tuner};
+use treewright_client::blocking::{Client, Study};
 use treewright_client::{Configuration, ConfirmationStage, Indicators, Policy, SessionPolicy, Source};
 
 use super::tune_output;
@@ -26,6 +26,7 @@ use treewright_renderer::measure::{Conditions, Contender, Standing, delay_told, 
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::confirmation;
 use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_renderer::tuning::patience::{Patience, PatientTuner};
 use treewright_renderer::tuning::results::{Overhead, Prediction, SceneFacts, TuningResults};
 use treewright_renderer::tuning::search::{self, Drift, SearchOutcome, SearchSetting};
 use treewright_renderer::tuning::verdict::{
@@ -98,6 +99,11 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, value_parser = factor)]
     abort_above: Option<f64>,
 
+    /// How long to wait for an answer of the daemon, in seconds, before the search goes on with what it has. A daemon
+    /// that is slow, or is started again, loses no trial.
+    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    patience_s: u64,
+
     /// Position on the camera path, 0 to 1, at which to ask the predictor without a search. Default: 0.2
     /// further on.
     #[arg(long, value_name = "T", value_parser = unit_interval)]
@@ -132,7 +138,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let candidates = arguments.candidate.iter().map(|path| read_configuration(path));
     let candidates = candidates.collect::<Result<Vec<_>, _>>()?;
     let paper = arguments.paper_config_file.as_deref().map(read_configuration).transpose()?;
-    let client = arguments.server.connect(arguments.frame.threads)?;
+    let limit = Duration::from_secs(arguments.patience_s);
+    let client = arguments.server.connect_within(arguments.frame.threads, limit)?;
     let scene = arguments.scene.load()?;
     let whole = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
     let space = Arc::new(arguments.narrowing.of(&whole)?);
@@ -174,11 +181,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         scene: SceneIndicators::of(&scene),
         workload,
     });
-    let mut tuner = study.tuner();
+    let go_on = || !interrupt.requested();
+    let patience = Patience { limit, go_on: &go_on };
+    // Gone before the confirmation begins, so that the trial that it has asked for ahead is given back.
+    let mut tuner = PatientTuner::new(&study, patience)?;
     let mut found =
         search(&mut renderer, &mut tuner, &setting, arguments.iterations, drift.as_ref(), interrupt)?;
+    drop(tuner);
     let mut notes = Vec::new();
-    if let Err(error) = client.flush(FLUSH) {
+    if let Err(error) = patience.call(|| client.flush(FLUSH)) {
         notes.push(error.to_string());
     }
 
@@ -188,9 +199,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let candidates = with_names(candidates, &space)?;
     let known: Vec<Rival> =
         rivals.iter().filter_map(|rival| within(rival, &space)).chain(candidates).collect();
-    let go_on = || !interrupt.requested();
-    let confirmed =
-        confirmation::confirm(&mut renderer, &client, (&study, &mut tuner), &setting, &known, go_on);
+    let confirmed = confirmation::confirm(&mut renderer, &client, &study, patience, &setting, &known);
     let (winner, told) = match confirmed {
         Ok(confirmed) => {
             found.append(confirmed.trials);
@@ -198,7 +207,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         }
         Err(error) => {
             notes.push(format!("the winner is not confirmed: {error}"));
-            (space.default_configuration(), None)
+            // What was measured here is known all the same.
+            let best = found.lowest().map(|trial| trial.configuration.clone());
+            (best.unwrap_or_else(|| space.default_configuration()), None)
         }
     };
     let judge = Judge { renderer: &renderer, study: &study, space: &space, workload, arguments, interrupt };
@@ -337,7 +348,7 @@ fn factor(text: &str) -> Result<f64, String> {
 /// Runs the search under a progress bar.
 fn search(
     renderer: &mut Renderer,
-    tuner: &mut Tuner,
+    tuner: &mut PatientTuner<'_>,
     setting: &SearchSetting,
     iterations: u32,
     drift: Option<&Drift>,

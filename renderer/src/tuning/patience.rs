@@ -1,0 +1,88 @@
+//! A search's own patience: a daemon that is slow is not a daemon that is gone.
+//!
+//! A program that people watch cannot wait; a search can, and a trial that was not asked for measures nothing new. So the
+//! questions of a search are asked a frame ahead, and where an answer is not there in time it is waited for, for minutes if need
+//! be. After that the search goes on with what it has.
+
+use std::time::{Duration, Instant};
+
+use treewright_client::blocking::{PrefetchingTuner, Study, Tuner};
+use treewright_client::{ClientError, Finished, Indicators, Suggestion};
+
+/// How often it is looked whether the user wants no more.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// Says what to run next.
+pub trait NextTrial {
+    /// What to run now, where the frame after it will have the `upcoming` indicators. Hands in the result of the frame before.
+    fn next(&mut self, now: &Indicators, upcoming: &Indicators, previous: Option<Finished>) -> Suggestion;
+}
+
+/// Asks when it needs an answer, and waits for it within the client's deadline.
+impl NextTrial for Tuner {
+    fn next(&mut self, now: &Indicators, _upcoming: &Indicators, previous: Option<Finished>) -> Suggestion {
+        Tuner::next(self, now, previous)
+    }
+}
+
+/// How long to wait, and whether still to.
+#[derive(Clone, Copy)]
+pub struct Patience<'a> {
+    /// For one answer.
+    pub limit: Duration,
+    /// Whether the user wants more of it.
+    pub go_on: &'a dyn Fn() -> bool,
+}
+
+impl Patience<'_> {
+    /// Calls until the daemon answers, or patience is at its end.
+    ///
+    /// # Errors
+    /// What the last call said, and at once what no waiting mends.
+    pub fn call<T>(self, mut call: impl FnMut() -> Result<T, ClientError>) -> Result<T, ClientError> {
+        let begin = Instant::now();
+        loop {
+            match call() {
+                Err(error)
+                    if (error.is_unreachable() || error.retry_after().is_some())
+                        && begin.elapsed() < self.limit
+                        && (self.go_on)() =>
+                {
+                    std::thread::sleep(LOOK);
+                }
+                other => return other,
+            }
+        }
+    }
+}
+
+/// Asks a frame ahead, and is patient.
+pub struct PatientTuner<'a> {
+    tuner: PrefetchingTuner,
+    patience: Patience<'a>,
+    /// Patience came to its end, and no answer has come since.
+    gave_up: bool,
+}
+
+impl<'a> PatientTuner<'a> {
+    /// A tuner of a study.
+    ///
+    /// # Errors
+    /// The client's id is too long; see [`Study::prefetching_tuner`].
+    pub fn new(study: &Study, patience: Patience<'a>) -> Result<Self, ClientError> {
+        Ok(Self { tuner: study.prefetching_tuner()?, patience, gave_up: false })
+    }
+}
+
+impl NextTrial for PatientTuner<'_> {
+    fn next(&mut self, now: &Indicators, upcoming: &Indicators, previous: Option<Finished>) -> Suggestion {
+        let begin = Instant::now();
+        let limit = if self.gave_up { Duration::ZERO } else { self.patience.limit };
+        let mut is_there = self.tuner.wait(now, Duration::ZERO);
+        while !is_there && begin.elapsed() < limit && (self.patience.go_on)() {
+            is_there = self.tuner.wait(now, LOOK.min(limit));
+        }
+        self.gave_up = !is_there;
+        self.tuner.next_before(now, upcoming, previous)
+    }
+}
