@@ -13,6 +13,7 @@ mod guard;
 mod lifecycle;
 mod local;
 mod locks;
+mod lockouts;
 mod network;
 mod power;
 mod replicas;
