@@ -59,7 +59,7 @@ pub fn confirm(
     if !go_on() {
         return settled(study, patience, setting, Vec::new());
     }
-    let mut tuner = PatientTuner::new(study, patience)?;
+    let mut tuner = PatientTuner::new(study, patience);
     let mut unanswered = 0;
     let wanted = |trial: &Iteration| {
         unanswered += u32::from(trial.source != Source::Daemon);

@@ -66,11 +66,9 @@ pub struct PatientTuner<'a> {
 
 impl<'a> PatientTuner<'a> {
     /// A tuner of a study.
-    ///
-    /// # Errors
-    /// The client's id is too long; see [`Study::prefetching_tuner`].
-    pub fn new(study: &Study, patience: Patience<'a>) -> Result<Self, ClientError> {
-        Ok(Self { tuner: study.prefetching_tuner()?, patience, gave_up: false })
+    #[must_use]
+    pub fn new(study: &Study, patience: Patience<'a>) -> Self {
+        Self { tuner: study.prefetching_tuner(), patience, gave_up: false }
     }
 }
 

@@ -205,7 +205,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let (path, mut scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
     let workload = arguments.frame.workload(&scene, arguments.size);
     let interrupt = Interrupt::listen();
-    let mut tuner = study.prefetching_tuner()?;
+    let mut tuner = study.prefetching_tuner();
     let mut previous: Option<Finished> = None;
     let mut frames = Vec::new();
     let (mut reuse, mut time_before) = (Reuse::default(), 0.0);

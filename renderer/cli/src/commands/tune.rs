@@ -184,7 +184,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let go_on = || !interrupt.requested();
     let patience = Patience { limit, go_on: &go_on };
     // Gone before the confirmation begins, so that the trial that it has asked for ahead is given back.
-    let mut tuner = PatientTuner::new(&study, patience)?;
+    let mut tuner = PatientTuner::new(&study, patience);
     let mut found =
         search(&mut renderer, &mut tuner, &setting, arguments.iterations, drift.as_ref(), interrupt)?;
     drop(tuner);
