@@ -83,7 +83,7 @@ pub fn corrected(status: Status) -> Status {
 }
 
 /// Every word that [`reason`] says, and `elsewhere`, which no error is.
-pub const REASONS: [&str; 16] = [
+pub const REASONS: [&str; 17] = [
     "invalid",
     "token",
     "scope",
@@ -94,6 +94,7 @@ pub const REASONS: [&str; 16] = [
     "loading",
     "reloading",
     "nothing_measured",
+    "replaced",
     "not_found",
     "exists",
     "tuner",
@@ -128,7 +129,7 @@ pub fn reason(error: &Error) -> &'static str {
 fn store_reason(error: &StoreError) -> &'static str {
     match error {
         StoreError::StudyNotFound { .. } | StoreError::TrialNotFound { .. } => "not_found",
-        StoreError::StudyExists { .. } => "exists",
+        StoreError::StudyExists { .. } | StoreError::NameTaken { .. } => "exists",
         StoreError::TooManyStudies { .. } => "quota",
         StoreError::QueueFull { .. } => "busy",
         StoreError::Fenced { .. } => "reloading",

@@ -122,7 +122,7 @@ mod tests {
 
     fn space() -> Space {
         let space = Space::builder().integer("level", 1..=9).default(3);
-        let space = space.choice("mode", ["fast", " slow", "slow", "", "3", "true"]).default("fast");
+        let space = space.categorical("mode", ["fast", " slow", "slow", "", "3", "true"]).default("fast");
         space.build().expect("a space")
     }
 

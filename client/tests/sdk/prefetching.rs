@@ -81,13 +81,14 @@ async fn who_would_rather_wait_gets_a_trial_in_every_frame() {
         assert_eq!(suggestion.trial(), Some(format!("studies/scene/trials/{frame}").as_str()));
         previous = finish(suggestion, f64::from(frame));
     }
+    let (seen, next) = (state(1), state(1));
     // One that is slow for a while loses nothing.
     fake.hold(Hold::Suggestions);
     while tuner.wait(&state(1), Duration::ZERO).await {
         previous = finish(tuner.next(&state(1), previous.take()), 1.0);
     }
     assert!(!tuner.wait(&state(1), Duration::from_millis(50)).await, "patience has an end");
-    let (waited, ()) = tokio::join!(tuner.wait(&state(1), wait), async {
+    let (waited, ()) = tokio::join!(tuner.wait(&seen, wait), async {
         tokio::time::sleep(Duration::from_millis(300)).await;
         fake.hold(Hold::Nothing);
     });
@@ -98,7 +99,7 @@ async fn who_would_rather_wait_gets_a_trial_in_every_frame() {
     previous = finish(suggestion, 2.0);
     let mut fake = fake;
     fake.go_away();
-    let (waited, ()) = tokio::join!(tuner.wait(&state(1), wait), async {
+    let (waited, ()) = tokio::join!(tuner.wait(&next, wait), async {
         tokio::time::sleep(Duration::from_millis(300)).await;
         fake.come_back();
     });

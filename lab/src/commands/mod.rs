@@ -15,8 +15,8 @@ mod verify_answers;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use treewright_render_cli::carry_out;
 use treewright_render_cli::error::CliError;
+use treewright_render_cli::{carry_out, parse};
 
 const EXAMPLES: &str = "\
 Examples:
