@@ -87,7 +87,7 @@ pub use treewright_model::indicator::Indicator;
 pub use treewright_model::objective::ObjectiveTerm;
 pub use treewright_model::plain::{Plain, plain};
 pub use treewright_model::policy::{
-    Operation, PolicyChange, PolicyError, PolicyField, PolicySettings as Policy, PredictorMethod,
+    Few, Operation, PolicyChange, PolicyError, PolicyField, PolicySettings as Policy, PredictorMethod,
     SearchMethod,
 };
 pub use treewright_model::session::SessionPolicy;
@@ -95,7 +95,7 @@ pub use treewright_model::space::{
     BooleanParameter, CategoricalParameter, Condition, Constraint, Domain, FloatParameter, IntegerParameter,
     Parameter, Scale, Space, SpaceBuilder, SpaceError,
 };
-pub use treewright_model::standing::{Confirmation, ConfirmationStage, Gain, Standing};
+pub use treewright_model::standing::{Confirmation, ConfirmationStage, Gain, Standing, StandingVerdict};
 pub use treewright_model::study::{StudyBuilder, StudyError};
 pub use treewright_model::trial::{Fingerprint, Mode, OmissionReason, Outcome, Rule, TrialState};
 pub use treewright_model::value::Value;

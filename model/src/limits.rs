@@ -38,7 +38,7 @@ pub const OBJECTIVE_TERMS_MAX: usize = 16;
 /// Most measurements of a report.
 pub const MEASUREMENTS_MAX: usize = 64;
 
-/// Most measured configurations a state's search may take.
+/// Most runs that a state's search may take.
 pub const TRIALS_PER_STATE_MAX: u32 = 100_000;
 /// Most measurements of one configuration in one state before the search goes on.
 pub const REPLICATES_MAX: u32 = 100;
@@ -50,6 +50,8 @@ pub const EPSILON_HALVES_AFTER_MAX: u32 = 1_000_000;
 pub const WARM_UP_MAX: u32 = 10_000;
 /// Largest factor between the costs of a configuration and the reference that a policy may name.
 pub const COST_FACTOR_MAX: f64 = 1e6;
+/// Most combinations of values of a space whose configurations are counted: a search of so few can try them all.
+pub const ENUMERATED_MAX: usize = 1024;
 /// Longest lease, in seconds: one day.
 pub const LEASE_S_MAX: u32 = 86_400;
 

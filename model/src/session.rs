@@ -16,7 +16,7 @@ pub struct SessionPolicy {
     /// Probability of exploring when the client's state changes, 0 to 1, whatever the number of visits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub epsilon: Option<f64>,
-    /// For this session a state's search ends after so many measured configurations, 1 to 100,000.
+    /// For this session a state's search ends after so many runs, repeats among them, 1 to 100,000.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials_per_state: Option<u32>,
     /// Exploring trials are told to stop when their cost exceeds that of the reference by this factor, above 1. Where

@@ -10,8 +10,53 @@ use serde::{Deserialize, Serialize};
 
 use crate::words::words;
 
-/// The probability of being better that counts as a proof.
-pub const PROVEN: f64 = 0.95;
+/// The probability, by the paired rounds of a confirmation alone, of being better that counts as a proof.
+pub const PROVEN: f64 = 0.99;
+/// The probability, by all that was measured in a state, from which on something is called likely to be better.
+pub const LIKELY: f64 = 0.8;
+/// Whoever can gain no more than this share has nothing to win.
+pub const NOTHING_TO_WIN: f64 = 0.01;
+
+words! {
+    /// What is known of an answer beside the study's default configuration: the one list of what every surface says of it.
+    pub enum StandingVerdict {
+        /// Better, by the paired rounds of its confirmation alone, with a probability of at least [`PROVEN`]. The gain that is
+        /// told is that of the same rounds.
+        Proven = "PROVEN",
+        /// Better by all that was measured, with a probability of at least [`LIKELY`].
+        Likely = "LIKELY",
+        /// Not known yet.
+        Open = "OPEN",
+        /// The search is over, and nothing was shown to be better.
+        NothingBetter = "NOTHING_BETTER",
+        /// The search is over, and nothing gains more than [`NOTHING_TO_WIN`] with a probability of 95 %.
+        NothingToWin = "NOTHING_TO_WIN",
+    }
+}
+
+impl StandingVerdict {
+    /// In the words that fit a column of a table.
+    pub fn in_short(self) -> &'static str {
+        self.words().0
+    }
+
+    /// As the first half of a sentence.
+    pub fn in_words(self) -> &'static str {
+        self.words().1
+    }
+
+    fn words(self) -> (&'static str, &'static str) {
+        match self {
+            StandingVerdict::Proven => ("proven better", "it is proven to be better than the default"),
+            StandingVerdict::Likely => ("likely better", "it is likely to be better than the default"),
+            StandingVerdict::Open => ("open", "whether anything is better than the default is open"),
+            StandingVerdict::NothingBetter => {
+                ("nothing better", "nothing was shown to be better than the default")
+            }
+            StandingVerdict::NothingToWin => ("nothing to win", "there is nothing to win over the default"),
+        }
+    }
+}
 
 words! {
     /// How far the confirmation of a state's best configurations is.
@@ -22,9 +67,10 @@ words! {
         Searching = "SEARCHING",
         /// The best few run against the incumbent.
         Racing = "RACING",
-        /// A challenger was proven better than the incumbent, and is the answer.
+        /// A challenger is the answer in the incumbent's place: it was proven better in these rounds, or is likely to be by all
+        /// that was measured. The [`StandingVerdict`] says which.
         Better = "BETTER",
-        /// None was proven better than the incumbent, which is the answer.
+        /// None was shown to be better than the incumbent, which is the answer.
         NothingBetter = "NOTHING_BETTER",
     }
 }
@@ -68,7 +114,8 @@ pub struct Confirmation {
     pub rounds_max: u64,
     /// How many measurements there were in all.
     pub measurements: u64,
-    /// Of the winner over the incumbent, by these rounds alone: its interval holds at whichever moment one looks.
+    /// Of the answer over the default, by these rounds alone, or over the incumbent where the default did not run in them: its
+    /// interval holds at whichever moment one looks.
     pub gain: Option<Gain>,
 }
 
@@ -100,60 +147,81 @@ pub struct Standing {
     pub confirmation: Confirmation,
     /// How often the speed of a client's machine was found to have jumped while the state was measured.
     pub disturbances: u64,
+    /// The most that any other configuration may gain over the answer, with a probability of 95 %, as a share; `None` where that is
+    /// not known.
+    pub gain_at_most: Option<f64>,
 }
 
 impl Standing {
-    /// Whether the answer is proven to cost less than the default. What is answered while the search goes on need not be: it is
-    /// enough that much more is to be gained by it than lost.
-    pub fn is_proven(&self) -> bool {
+    /// What is known of the answer beside the default.
+    pub fn verdict(&self) -> StandingVerdict {
+        let stage = self.confirmation.stage;
+        let by_rounds = self.confirmation.gain;
+        let is_proven = by_rounds.is_some_and(|gain| match gain.probability_better {
+            Some(probability) => probability >= PROVEN,
+            // An earlier version of the daemon does not tell it.
+            None => gain.low.is_some_and(|low| low > 0.0),
+        });
         let probability = self.gain.and_then(|gain| gain.probability_better);
-        !self.nothing_better && probability.is_some_and(|probability| probability >= PROVEN)
-    }
-
-    /// What is proven, in a few words that fit a column of a table.
-    pub fn in_short(&self) -> &'static str {
-        match (self.confirmation.stage, self.nothing_better) {
-            (ConfirmationStage::Racing, _) => "confirming",
-            (ConfirmationStage::Searching, true) => "searching",
-            (ConfirmationStage::Searching | ConfirmationStage::Off, false) if self.is_proven() => {
-                "proven better"
-            }
-            (ConfirmationStage::Searching | ConfirmationStage::Off, false) => "likely better",
-            (ConfirmationStage::Better, _) => "proven better",
-            (ConfirmationStage::Off | ConfirmationStage::NothingBetter, _) => "nothing better",
+        if stage == ConfirmationStage::Better && is_proven {
+            StandingVerdict::Proven
+        } else if probability.is_some_and(|probability| probability >= LIKELY) {
+            StandingVerdict::Likely
+        } else if stage != ConfirmationStage::NothingBetter {
+            StandingVerdict::Open
+        } else if self.gain_at_most.is_some_and(|most| most <= NOTHING_TO_WIN) {
+            StandingVerdict::NothingToWin
+        } else {
+            StandingVerdict::NothingBetter
         }
     }
 
-    /// What is proven, as a sentence for people, without its full stop.
-    pub fn verdict(&self) -> String {
+    /// What is known, in a few words that fit a column of a table; of what is open, what goes on.
+    pub fn in_short(&self) -> &'static str {
+        match (self.verdict(), self.confirmation.stage) {
+            (_, ConfirmationStage::Racing) => "confirming",
+            (StandingVerdict::Open, ConfirmationStage::Searching) => "searching",
+            (verdict, _) => verdict.in_short(),
+        }
+    }
+
+    /// What is known with its probability, as a sentence for people, without its full stop.
+    pub fn sentence(&self) -> String {
         let Confirmation { rounds, rounds_max, measurements, gain, .. } = self.confirmation;
-        let known = match (self.nothing_better, self.is_proven()) {
-            (true, _) => "nothing is proven better than the incumbent",
-            (false, true) => "it is proven better than the default",
-            (false, false) => "it is likely to be better than the default",
+        let verdict = self.verdict();
+        let mut text = verdict.in_words().to_owned();
+        let told = match verdict {
+            StandingVerdict::Proven => gain,
+            _ => self.gain,
         };
-        let mut text = match self.confirmation.stage {
-            ConfirmationStage::Off => format!("{known}; the policy wants no confirmation"),
-            ConfirmationStage::Searching => format!("{known} so far; the search goes on"),
-            ConfirmationStage::Racing => {
-                format!(
-                    "{known} so far; confirmation goes on, {rounds} of at most {rounds_max} rounds are run"
-                )
+        let probability = told.and_then(|gain| gain.probability_better);
+        match (verdict, probability) {
+            (StandingVerdict::Proven, _) => text += &format!(" in {rounds} paired rounds"),
+            (StandingVerdict::Likely, Some(probability)) => {
+                text += &format!(", with probability {probability:.2}")
             }
-            ConfirmationStage::Better => match gain {
-                None => format!("confirmed as better in {rounds} rounds"),
-                Some(gain) if gain.low.is_some_and(|low| low > 0.0) => {
-                    format!("confirmed as better in {rounds} rounds, {gain} below the incumbent")
-                }
-                // What the rounds leave open was settled by all that was measured.
-                Some(gain) => format!(
-                    "proven better by all measurements together; the {rounds} rounds of confirmation alone say {gain} below the incumbent"
-                ),
-            },
-            ConfirmationStage::NothingBetter => format!(
-                "nothing was proven better than the incumbent in {rounds} rounds of {measurements} measurements"
-            ),
-        };
+            _ => {}
+        }
+        match (verdict, told, self.gain_at_most) {
+            (StandingVerdict::Proven | StandingVerdict::Likely, Some(gain), _) => {
+                text += &format!(", by {gain}")
+            }
+            (StandingVerdict::NothingBetter | StandingVerdict::NothingToWin, _, Some(most)) => {
+                text += &format!(": at most {:.1} % with 95 %", 100.0 * most);
+            }
+            _ => {}
+        }
+        match self.confirmation.stage {
+            ConfirmationStage::Off => text += "; the policy wants no confirmation",
+            ConfirmationStage::Searching => text += "; the search goes on",
+            ConfirmationStage::Racing => {
+                text += &format!("; confirmation goes on, {rounds} of at most {rounds_max} rounds are run");
+            }
+            ConfirmationStage::Better if verdict == StandingVerdict::Proven => {}
+            ConfirmationStage::Better | ConfirmationStage::NothingBetter => {
+                text += &format!("; {rounds} rounds of {measurements} measurements leave it at that");
+            }
+        }
         match self.disturbances {
             0 => {}
             1 => text += "; the speed of a machine jumped once meanwhile",
@@ -167,19 +235,24 @@ impl Standing {
 mod tests {
     use super::*;
 
-    fn standing(stage: ConfirmationStage, nothing_better: bool) -> Standing {
-        let gain = Gain { share: 0.123, low: Some(0.101), high: Some(0.146), probability_better: Some(0.99) };
+    fn gain(probability: Option<f64>) -> Option<Gain> {
+        let (low, high) = (Some(0.101), Some(0.146));
+        Some(Gain { share: 0.123, low, high, probability_better: probability })
+    }
+
+    fn standing(stage: ConfirmationStage, by_all: f64, by_rounds: Option<f64>) -> Standing {
+        let gain_of_rounds = by_rounds.and_then(|probability| gain(Some(probability)));
         let confirmation =
-            Confirmation { stage, rounds: 4, rounds_max: 10, measurements: 16, gain: Some(gain) };
-        let (cost, cost_low, cost_high) = (4.0, 3.9, 4.1);
+            Confirmation { stage, rounds: 4, rounds_max: 10, measurements: 16, gain: gain_of_rounds };
         Standing {
-            cost,
-            cost_low,
-            cost_high,
-            gain: Some(gain),
-            nothing_better,
+            cost: 4.0,
+            cost_low: 3.9,
+            cost_high: 4.1,
+            gain: gain(Some(by_all)),
+            nothing_better: stage == ConfirmationStage::NothingBetter,
             confirmation,
-            disturbances: 2,
+            disturbances: 0,
+            gain_at_most: Some(0.034),
         }
     }
 
@@ -192,32 +265,56 @@ mod tests {
     }
 
     #[test]
-    fn a_verdict_says_what_is_proven_and_what_goes_on() {
-        let racing = standing(ConfirmationStage::Racing, true);
-        assert_eq!(racing.in_short(), "confirming");
-        assert!(racing.verdict().contains("4 of at most 10 rounds"), "{}", racing.verdict());
-        assert!(racing.verdict().ends_with("jumped 2 times meanwhile"));
-        let better = standing(ConfirmationStage::Better, false);
-        assert_eq!(better.in_short(), "proven better");
-        assert!(better.verdict().contains("12.3 % [10.1, 14.6] below the incumbent"));
-        let wide = Gain { low: Some(-0.172), high: Some(0.274), share: 0.077, probability_better: None };
-        let mut by_all = better;
-        by_all.confirmation.gain = Some(wide);
-        let said = by_all.verdict();
-        assert!(
-            said.starts_with("proven better by all measurements") && said.contains("[-17.2, 27.4]"),
-            "{said}"
+    fn each_verdict_has_one_meaning() {
+        use ConfirmationStage::{Better, NothingBetter, Off, Racing, Searching};
+        for (stage, by_all, by_rounds, verdict, in_short) in [
+            (Better, 0.999, Some(0.995), StandingVerdict::Proven, "proven better"),
+            // What all measurements together say is no proof.
+            (Better, 0.999, Some(0.97), StandingVerdict::Likely, "likely better"),
+            (Better, 0.97, None, StandingVerdict::Likely, "likely better"),
+            (Searching, 0.999, None, StandingVerdict::Likely, "likely better"),
+            (Searching, 0.79, None, StandingVerdict::Open, "searching"),
+            (Searching, 0.0, None, StandingVerdict::Open, "searching"),
+            (Racing, 0.9, Some(0.995), StandingVerdict::Likely, "confirming"),
+            (Racing, 0.3, None, StandingVerdict::Open, "confirming"),
+            (Off, 0.9, None, StandingVerdict::Likely, "likely better"),
+            (Off, 0.5, None, StandingVerdict::Open, "open"),
+            (NothingBetter, 0.31, None, StandingVerdict::NothingBetter, "nothing better"),
+            // The incumbent of other states, of which this state's own rounds say no more.
+            (NothingBetter, 0.9, Some(0.995), StandingVerdict::Likely, "likely better"),
+        ] {
+            let one = standing(stage, by_all, by_rounds);
+            assert_eq!((one.verdict(), one.in_short()), (verdict, in_short), "{one:?}");
+        }
+        let none = standing(NothingBetter, 0.0, None);
+        let to_win = |most| Standing { gain_at_most: Some(most), ..none }.verdict();
+        assert_eq!(
+            (to_win(0.01), to_win(0.011)),
+            (StandingVerdict::NothingToWin, StandingVerdict::NothingBetter)
         );
-        let nothing = standing(ConfirmationStage::NothingBetter, true);
-        assert_eq!(nothing.in_short(), "nothing better");
-        assert!(nothing.verdict().starts_with("nothing was proven better"));
-        let searching = Standing { disturbances: 0, ..standing(ConfirmationStage::Searching, true) };
-        assert!(searching.verdict().ends_with("the search goes on"));
-        let found = standing(ConfirmationStage::Searching, false);
-        assert_eq!(found.in_short(), "proven better");
-        let gain = found.gain.map(|gain| Gain { probability_better: Some(0.9), ..gain });
-        let likely = Standing { gain, ..found };
-        assert_eq!(likely.in_short(), "likely better");
-        assert!(likely.verdict().starts_with("it is likely to be better"), "{}", likely.verdict());
+        // One run of something, and none of the default.
+        let alone = Standing { gain: None, ..standing(Searching, 1.0, None) };
+        assert_eq!(alone.verdict(), StandingVerdict::Open);
+    }
+
+    #[test]
+    fn sentences_say_what_is_known_with_its_probability_and_what_goes_on() {
+        let said = |stage, by_all, by_rounds| standing(stage, by_all, by_rounds).sentence();
+        assert_eq!(
+            said(ConfirmationStage::Better, 0.999, Some(0.995)),
+            "it is proven to be better than the default in 4 paired rounds, by 12.3 % [10.1, 14.6]"
+        );
+        assert_eq!(
+            said(ConfirmationStage::Searching, 0.9, None),
+            "it is likely to be better than the default, with probability 0.90, by 12.3 % [10.1, 14.6]; the search goes on"
+        );
+        assert_eq!(
+            said(ConfirmationStage::NothingBetter, 0.3, None),
+            "nothing was shown to be better than the default: at most 3.4 % with 95 %; 4 rounds of 16 measurements leave it at that"
+        );
+        let racing = said(ConfirmationStage::Racing, 0.5, None);
+        assert!(racing.contains("is open; confirmation goes on, 4 of at most 10 rounds"), "{racing}");
+        let jumped = Standing { disturbances: 2, ..standing(ConfirmationStage::Searching, 0.5, None) };
+        assert!(jumped.sentence().ends_with("jumped 2 times meanwhile"));
     }
 }

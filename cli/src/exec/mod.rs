@@ -21,8 +21,8 @@ use std::time::{Duration, Instant};
 use treewright_cli::printed::LeftOut;
 use treewright_client::blocking::Client;
 use treewright_client::{
-    Configuration, Indicators, Measurements, OpenEnum, Outcome, Question, Rule, SessionPolicy, StudyRecord,
-    StudySpec, TrialRecord,
+    Configuration, Few, Indicators, Measurements, OpenEnum, Outcome, Question, Rule, SessionPolicy,
+    StudyRecord, StudySpec, TrialRecord,
 };
 
 use crate::arguments::exec::Exec;
@@ -108,6 +108,7 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
         stop: &stop,
     };
     check_metrics(&runner)?;
+    announce(&spec, &study);
     let mut session_policy = SessionPolicy { epsilon: Some(1.0), ..SessionPolicy::default() };
     let room = study.policy.trials_per_state.unwrap_or_default();
     session_policy.trials_per_state = exec.trials.filter(|&trials| trials > room);
@@ -161,6 +162,13 @@ fn check_metrics(runner: &Runner) -> Result<(), Failure> {
             term.metric
         ))),
         _ => Ok(()),
+    }
+}
+
+/// Says how many configurations there are, where all of them can be tried, and about how many runs that takes.
+fn announce(spec: &StudySpec, study: &StudyRecord) {
+    if let Some(Few { configurations, runs }) = study.policy.few(&spec.space) {
+        progress::note(&format!("{configurations} configurations; about {runs} runs"));
     }
 }
 

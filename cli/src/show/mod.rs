@@ -6,8 +6,8 @@ use std::fmt::Write as _;
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, presets};
 use treewright_client::{
-    Best, Configuration, OpenEnum, Outcome, Policy, Prediction, Scale, Standing, StudyRecord, StudySpec,
-    TrialRecord,
+    Best, Configuration, OpenEnum, Outcome, Policy, Prediction, Scale, Standing, StandingVerdict,
+    StudyRecord, StudySpec, TrialRecord,
 };
 
 pub(crate) use live::{Glance, best_of_states, glance};
@@ -61,8 +61,11 @@ pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
     let mut table = table(&header, &[1, 2, 3, 4, 5]);
     for (study, found) in studies {
         let standings: Vec<&Standing> = found.iter().filter_map(|best| best.standing.as_ref()).collect();
-        let count = |word: &str| standings.iter().filter(|standing| standing.in_short() == word).count();
-        let (better, nothing) = (count("proven better"), count("nothing better"));
+        let count = |verdicts: &[StandingVerdict]| {
+            standings.iter().filter(|standing| verdicts.contains(&standing.verdict())).count()
+        };
+        let better = count(&[StandingVerdict::Proven]);
+        let nothing = count(&[StandingVerdict::NothingBetter, StandingVerdict::NothingToWin]);
         let mut gains: Vec<f64> =
             standings.iter().filter_map(|standing| Some(100.0 * standing.gain?.share)).collect();
         gains.sort_by(f64::total_cmp);
@@ -270,7 +273,7 @@ fn stands(standing: &Standing, best: &Best) -> String {
             .unwrap_or_default();
         line(&mut text, &format!("{gain} below the default (95 % interval){chance}"));
     }
-    line(&mut text, &standing.verdict());
+    line(&mut text, &standing.sentence());
     text
 }
 
@@ -335,8 +338,7 @@ pub(crate) fn explanation(prediction: &Prediction) -> String {
     );
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     if let Some(standing) = &state.standing {
-        let gain = standing.gain.map(|gain| format!("{gain} below the default; ")).unwrap_or_default();
-        line(&mut text, &format!("{gain}{}", standing.verdict()));
+        line(&mut text, &standing.sentence());
     }
     if let Some(noise) = state.noise {
         line(&mut text, &format!("repeated measurements differ by {}", percent(noise)));

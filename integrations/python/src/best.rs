@@ -88,7 +88,7 @@ impl Best {
     /// What is proven, as a sentence.
     #[getter]
     fn verdict(&self) -> Option<String> {
-        self.standing().map(Standing::verdict)
+        self.standing().map(Standing::sentence)
     }
 
     /// How many measurements the cost rests on.

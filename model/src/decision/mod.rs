@@ -37,6 +37,9 @@ pub struct Decision {
     /// How many leases of the configuration were lost in the state without a report, and without any measurement of it.
     #[serde(default, skip_serializing_if = "is_none_lost")]
     pub lost_leases: u32,
+    /// Its client renewed the lease: it shows that it lives, so that silence means something.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub heartbeat: bool,
 }
 
 fn is_zero(session: &u64) -> bool {
@@ -375,7 +378,15 @@ impl MachineLevel {
 impl Choice {
     /// A decision for it, of which is learnt.
     pub fn decided(self) -> Decision {
-        Decision { choice: self, silent: false, said: None, origin: None, session: 0, lost_leases: 0 }
+        Decision {
+            choice: self,
+            silent: false,
+            said: None,
+            origin: None,
+            session: 0,
+            lost_leases: 0,
+            heartbeat: false,
+        }
     }
 }
 
@@ -438,6 +449,12 @@ impl Decision {
     /// Whether something else than the default is measured to learn of it.
     pub fn explores(&self) -> bool {
         self.mode() == Mode::Explore
+    }
+
+    /// Whether the trial explores its state, whatever it runs, and is none of a confirmation: it counts towards the budget of the
+    /// search.
+    pub fn is_run_of_search(&self) -> bool {
+        matches!(self.choice, Choice::Explore(_)) && self.rule() != Some(Rule::Confirming)
     }
 
     /// The step of the state's search that the trial is a point of, if it is one.

@@ -6,6 +6,7 @@
 
 mod change;
 mod define;
+mod few;
 mod field;
 mod methods;
 mod registry;
@@ -15,6 +16,7 @@ use thiserror::Error;
 
 pub use change::PolicyChange;
 pub use define::{Policy, PolicySettings};
+pub use few::Few;
 pub use field::{PolicyField, Range, Setting, SettingValue};
 pub use methods::{Method, Operation, PredictorMethod, RegisteredMethod, SearchMethod};
 

@@ -19,7 +19,7 @@ macro_rules! policy_table {
             predictor: PredictorMethod | OpenEnum<PredictorMethod> = PredictorMethod::Auto,
                 unset "auto", in Range::Any, as "METHOD";
 
-            /// A state's search ends after so many measured configurations, 1 to 100,000 (paper 7.1.1: 80).
+            /// A state's search ends after so many runs, repeats among them, 1 to 100,000 (paper 7.1.1: 80).
             trials_per_state: u32 | u32 = 80, unset "80", in Range::Within(1.0, TRIALS_PER_STATE_MAX as f64), as "COUNT";
 
             /// How often one configuration is measured in one state before the search goes on, 1 to 100.

@@ -94,7 +94,7 @@ impl Space {
     }
 
     /// Whether parameter `index` is active, given the values and activity of those before it.
-    fn is_active(&self, index: usize, values: &[Value], active: &[bool]) -> bool {
+    pub(super) fn is_active(&self, index: usize, values: &[Value], active: &[bool]) -> bool {
         match (&self.parameters[index].active_if, self.condition_of[index]) {
             (Some(condition), Some(other)) => active[other] && condition.any_of.contains(&values[other]),
             _ => true,

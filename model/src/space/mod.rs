@@ -10,6 +10,7 @@ mod builder;
 mod check;
 mod codec;
 mod complete;
+mod count;
 mod domain;
 mod repair;
 #[cfg(test)]

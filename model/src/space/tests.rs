@@ -289,3 +289,50 @@ fn very_wide_domains_keep_their_values() {
     assert!((domain.encode(&Value::Float(0.0)) - 0.5).abs() < 1e-12);
     assert_eq!(Domain::Float { min: 2.0, max: 2.0, scale: Scale::Log }.decode(0.9), Value::Float(2.0));
 }
+
+#[test]
+fn few_configurations_are_counted_as_they_are() {
+    let choice = |name: &str, values: &[i64]| {
+        let values: Vec<Value> = values.iter().map(|value| Value::Integer(*value)).collect();
+        plain(name, Domain::Categorical { values: values.clone() }, values[0].clone())
+    };
+    let count = |parameters, constraints| {
+        let space = Space::new(parameters, constraints).expect("a valid space");
+        space.enumerate().map(|all| all.len())
+    };
+    let level = || integer("level", 1, 19, Scale::Linear, 3);
+    assert_eq!(count(vec![level()], vec![]), Some(19));
+    assert_eq!(count(vec![integer("level", 1, 19, Scale::Log, 3)], vec![]), Some(19));
+    assert_eq!(count(vec![float("one", 2.0, 2.0, Scale::Linear, 2.0)], vec![]), Some(1));
+    assert_eq!(count(vec![level(), float("x", 0.0, 1.0, Scale::Linear, 0.0)], vec![]), None);
+    // What is inactive has no values of its own.
+    let only = only_if(level(), "kind", vec![Value::Integer(7)]);
+    assert_eq!(count(vec![choice("kind", &[5, 6, 7]), only], vec![]), Some(2 + 19));
+    let (small, large) = (integer("a", 1, 4, Scale::Linear, 1), integer("b", 1, 4, Scale::Linear, 4));
+    assert_eq!(count(vec![small, large], vec![order("a", "b")]), Some(10));
+    assert_eq!(count(vec![integer("a", 0, 1023, Scale::Linear, 0)], vec![]), Some(1024));
+    assert_eq!(count(vec![integer("a", 0, 1024, Scale::Linear, 0)], vec![]), None);
+    assert_eq!(
+        count(
+            (0..64).map(|n| plain(&format!("p{n}"), Domain::Boolean, Value::Boolean(true))).collect(),
+            vec![]
+        ),
+        None
+    );
+}
+
+proptest! {
+    #![proptest_config(crate::testing::cases(64))]
+
+    #[test]
+    fn what_is_counted_is_valid_and_whole(space in arbitrary_space(), points in prop::collection::vec(0.0f64..1.0, 9 * 20)) {
+        if let Some(all) = space.enumerate() {
+            let distinct: std::collections::HashSet<_> = all.iter().collect();
+            prop_assert_eq!(distinct.len(), all.len());
+            prop_assert!(all.iter().all(|one| space.owns(one)));
+            for point in points.chunks_exact(space.dimension()) {
+                prop_assert!(distinct.contains(&space.decode(point)));
+            }
+        }
+    }
+}

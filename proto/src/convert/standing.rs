@@ -46,6 +46,8 @@ pub fn standing_from_wire(wire: v1::Standing) -> Standing {
             gain: confirmation.gain.map(gain_from_wire),
         },
         disturbances: unsigned(wire.disturbances),
+        // Not said on the wire.
+        gain_at_most: None,
     }
 }
 
@@ -81,6 +83,7 @@ mod tests {
             nothing_better: false,
             confirmation,
             disturbances: 2,
+            gain_at_most: None,
         };
         assert_eq!(standing_from_wire(standing_to_wire(&standing)), standing);
         let mut newer = standing_to_wire(&standing);

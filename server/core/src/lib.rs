@@ -23,6 +23,7 @@ mod gp;
 pub mod limits;
 pub mod machines;
 mod matrix;
+pub mod pace;
 pub mod packed;
 pub mod predict;
 mod randomness;

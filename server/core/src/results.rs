@@ -18,7 +18,8 @@ use crate::configuration::Configuration;
 use crate::fnv;
 use crate::ids::{MachineId, StateId};
 use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX, RECORDS_PER_STATE_MAX};
-use crate::robust::{Deviation, Evidence, MAD_TO_DEVIATION, Moment, median};
+use crate::pace::Pace;
+use crate::robust::{Deviation, Evidence, MAD_TO_DEVIATION, Moment, REACH_AFTER, is_torn, median, reach_of};
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::{Mode, Outcome, Trial};
@@ -33,6 +34,13 @@ const AT_ONCE: u64 = 3;
 const WANDERS_AFTER: usize = 3;
 const WANDERS: f64 = 2.0;
 const WANDERS_LEAST: f64 = 0.01;
+
+/// So many repeats without any difference, and costs count as exact.
+const EXACT_AFTER: usize = 2;
+/// The most measurements of a configuration at which one more or less can leave two.
+const TORN_MOST: usize = 3;
+/// The quartiles of a normal distribution are so many of its deviations apart.
+const QUARTILES_APART: f64 = 1.349;
 
 /// What is known of one configuration in one state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,6 +64,9 @@ pub struct Record {
     pub infeasible: bool,
     /// Trials that failed without a verdict.
     pub failures: u32,
+    /// Trials that told that it cannot be run, as far as they were counted.
+    #[serde(default)]
+    crashes: u32,
     /// A trial said something of it that its client had not asked for by itself.
     is_searched: bool,
     /// Rises with every trial that was learnt of any configuration here: which was met last.
@@ -66,6 +77,13 @@ impl Record {
     /// Whether at least one trial said something about the configuration.
     fn is_tried(&self) -> bool {
         self.measurements > 0 || self.infeasible || self.lower_bound.is_some()
+    }
+
+    /// Judges whether it can be run: not where it never was, nor where it crashes more often than it runs. Programs are flaky.
+    fn judge(&mut self) {
+        let crashes = u64::from(self.crashes);
+        let often = crashes >= u64::from(FAILURES_PER_CONFIGURATION_MAX) && crashes >= self.measurements;
+        self.infeasible = crashes > 0 && (self.measurements == 0 || often);
     }
 
     fn rank(&self, index: usize) -> Option<Rank> {
@@ -124,6 +142,12 @@ pub struct ResultTable {
     disturbances: u64,
     touches: u64,
     latest: u64,
+    /// Completed trials by which the state was explored, repeats among them, but for those of confirmations.
+    #[serde(default)]
+    runs: u64,
+    /// How fast the clients' machines were.
+    #[serde(default)]
+    pace: Pace,
     /// Something of it was measured elsewhere and carried over.
     #[serde(default)]
     is_carried_over: bool,
@@ -147,28 +171,35 @@ impl ResultTable {
         self.touches += 1;
         self.records[index].touch = self.touches;
         self.latest = trial.completion.unwrap_or(self.latest);
+        self.runs += u64::from(trial.decision.is_run_of_search());
         self.is_carried_over |= trial.decision.origin.is_some();
         if let (Outcome::Ok, Some(cost)) = (outcome, trial.cost) {
             self.note_repeat(index, cost, moment(trial));
         }
         let mut changed = None;
+        let usual = self.usual_beside(index);
         let record = &mut self.records[index];
         let (old_rank, was_tried) = (record.rank(index), record.is_tried());
         match outcome {
             Outcome::Ok => {
                 if let Some(cost) = trial.cost {
+                    record.crashes = record.crashes.max(u32::from(record.infeasible));
                     record.measurements += 1;
+                    record.judge();
                     match record.evidence.push(cost, moment(trial)) {
                         Deviation::Usual => {}
                         Deviation::Outlier => self.outliers += 1,
                         Deviation::Changed(factor) => changed = Some(factor),
                     }
-                    record.mean_cost = record.evidence.location();
+                    record.mean_cost = record.evidence.location(usual);
                     record.last_trial = trial.number;
                     record.last_measure_ms = trial.complete_ms.unwrap_or(trial.create_ms);
                 }
             }
-            Outcome::Infeasible { .. } => record.infeasible = true,
+            Outcome::Infeasible { .. } => {
+                record.crashes = record.crashes.max(u32::from(record.infeasible)).saturating_add(1);
+                record.judge();
+            }
             Outcome::Aborted { lower_bound } => {
                 record.lower_bound =
                     Some(record.lower_bound.map_or(*lower_bound, |old| old.max(*lower_bound)));
@@ -221,10 +252,12 @@ impl ResultTable {
     /// All but one configuration were measured before costs changed by a factor.
     fn age(&mut self, but: usize, factor: f64) {
         self.drifts += 1;
+        // Speeds were told beside the costs before.
+        self.pace.shift(factor);
         for (index, record) in self.records.iter_mut().enumerate() {
             if index != but {
                 record.evidence.scale(factor);
-                record.mean_cost = record.evidence.location();
+                record.mean_cost = (record.mean_cost * factor).min(f64::MAX);
                 record.lower_bound = record.lower_bound.map(|bound| (bound * factor).min(f64::MAX));
             }
         }
@@ -262,22 +295,79 @@ impl ResultTable {
         self.disturbances += 1;
     }
 
+    /// Notes how fast the client's machine was in a trial: the factor that its cost is divided by.
+    pub fn note_pace(&mut self, factor: f64) {
+        let noise = self.noise().unwrap_or(0.0);
+        self.pace.note(factor, noise);
+    }
+
+    /// By which factor costs are to be multiplied to be those of the machine at its fastest; at most 1.
+    pub fn pace(&self) -> f64 {
+        self.pace.factor()
+    }
+
     fn rewrite(&mut self, configuration: &Configuration, change: impl FnOnce(&mut Record)) {
         let Some(&index) = self.index.get(configuration) else {
             return;
         };
         self.touches += 1;
+        let usual = self.usual_beside(index);
         let record = &mut self.records[index];
         let (old_rank, was_tried) = (record.rank(index), record.is_tried());
         change(record);
         if record.evidence.count() == 0 {
             record.measurements = 0;
         }
-        record.mean_cost = record.evidence.location();
+        record.mean_cost = record.evidence.location(usual);
         let (new_rank, is_tried) = (record.rank(index), record.is_tried());
         self.tried = self.tried + usize::from(is_tried) - usize::from(was_tried);
         old_rank.map(|rank| self.ranking.remove(&rank));
         self.ranking.extend(new_rank);
+    }
+
+    /// The usual cost of the other configurations, where that of one may depend on it: the median.
+    fn usual_beside(&self, index: usize) -> Option<f64> {
+        // One more measurement, or one fewer, and two are left.
+        if self.records[index].evidence.count() > TORN_MOST {
+            return None;
+        }
+        let others = self.ranking.iter().filter(|rank| rank.index != index).map(|rank| rank.cost);
+        let middle = self.ranking.len().saturating_sub(1) / 2;
+        others.clone().nth(middle).or_else(|| others.last())
+    }
+
+    /// What a single measurement is believed to be at least and at most; `None` before enough others were measured.
+    pub fn reach(&self) -> Option<(f64, f64)> {
+        let count = self.ranking.len();
+        if count < REACH_AFTER {
+            return None;
+        }
+        let mut costs = self.ranking.iter().map(|rank| rank.cost);
+        let (quarter, half) = (count / 4, count / 2);
+        let (low, middle) = (costs.nth(quarter)?, costs.nth(half - quarter - 1)?);
+        let high = costs.nth((count - 1 - quarter).checked_sub(half + 1)?)?;
+        let log = |cost: f64| libm::log(cost.max(f64::MIN_POSITIVE));
+        let reach = libm::exp(reach_of((log(high) - log(low)) / QUARTILES_APART));
+        Some((middle / reach, (middle * reach).min(f64::MAX)))
+    }
+
+    /// A cost of a configuration as it is believed before it is learnt: one that lies far from everything here is drawn in,
+    /// unless the same configuration was measured before at about as much.
+    pub fn believed(&self, configuration: &Configuration, cost: f64) -> f64 {
+        let record = self.record(configuration).filter(|record| record.measurements > 0);
+        if record.is_some_and(|record| !is_torn(record.mean_cost, cost)) {
+            return cost;
+        }
+        self.reach().map_or(cost, |(low, high)| cost.clamp(low, high))
+    }
+
+    /// The best or the incumbent, where it was measured once, far from everything else: it may be a find, or a mistake.
+    pub fn doubtful(&self, incumbent: &Configuration) -> Option<&Record> {
+        let (low, high) = self.reach()?;
+        let once = |record: &&Record| record.measurements == 1 && !record.infeasible;
+        let best = self.best().filter(once).filter(|best| best.mean_cost < low);
+        let is_far = |record: &&Record| !(low..=high).contains(&record.mean_cost);
+        best.or_else(|| self.record(incumbent).filter(once).filter(is_far))
     }
 
     fn rank_all(&mut self) {
@@ -392,6 +482,7 @@ impl ResultTable {
             lower_bound: None,
             infeasible: false,
             failures: 0,
+            crashes: 0,
             is_searched: false,
             touch: 0,
         });
@@ -426,6 +517,28 @@ impl ResultTable {
     /// How many of them by trials that no client had asked for by itself: those count towards a search's budget.
     pub fn searched(&self) -> usize {
         self.searched
+    }
+
+    /// How many completed trials explored the state, repeats among them, but for those of confirmations: what a budget counts.
+    pub fn runs(&self) -> usize {
+        usize::try_from(self.runs).unwrap_or(usize::MAX)
+    }
+
+    /// Whether what cannot be run just now was run before, and is not given up for it.
+    pub fn is_flaky(&self, configuration: &Configuration) -> bool {
+        self.record(configuration).is_some_and(|record| record.measurements > 0 && !record.infeasible)
+    }
+
+    /// How many configurations need not be tried any more: they have a verdict, or were given up.
+    pub fn decided(&self) -> usize {
+        let is_given_up =
+            |record: &&Record| !record.is_tried() && record.failures >= FAILURES_PER_CONFIGURATION_MAX;
+        self.tried + self.records.iter().filter(is_given_up).count()
+    }
+
+    /// Whether a cost is the same whenever it is measured, as far as is known: counts are, times are not.
+    pub fn is_exact(&self) -> bool {
+        self.repeats.len() >= EXACT_AFTER && self.repeats.iter().all(|share| *share == 0.0)
     }
 
     /// Whether clients tried so many configurations of their own choice that the state counts as searched, if not by the

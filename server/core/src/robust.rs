@@ -25,6 +25,20 @@ const CHANGE: f64 = 5.0;
 /// Smaller changes than this share are not worth an alarm, and scales below it are not believed.
 const SHARE_LEAST: f64 = 0.01;
 
+/// Two or three measurements of one configuration that lie further apart than by this factor are not all of it: one comes from
+/// a clock that was read wrongly, or from a program that ended early.
+pub const TORN: f64 = 10.0;
+/// How far from the middle of what all configurations cost a single measurement is believed, in deviations of their logarithms,
+/// and at the least.
+const REACH: f64 = 6.0;
+const REACH_LEAST: f64 = std::f64::consts::LN_10;
+/// So many configurations say what is far.
+pub const REACH_AFTER: usize = 6;
+/// Deviations beyond which one of several measurements counts as if it were no further away.
+const WILD: f64 = 4.0;
+/// The least deviation of logarithms that measurements are taken to have for that.
+const SPREAD_LEAST: f64 = 0.005;
+
 /// So many measurements of its own the noise of all configurations is worth in that of one.
 pub(crate) const USUAL_COUNT: f64 = 4.0;
 
@@ -36,6 +50,42 @@ pub fn location(values: &[f64]) -> f64 {
         means.extend(values[index..].iter().map(|b| a / 2.0 + b / 2.0));
     }
     median(&mut means)
+}
+
+/// Whether two costs, finite and not negative, lie further apart than by the factor [`TORN`].
+pub fn is_torn(a: f64, b: f64) -> bool {
+    a.max(b) > TORN * a.min(b)
+}
+
+/// The places of those measurements of one configuration that count. Of more than three the estimators of this module take
+/// care. Where fewer are [torn](is_torn), it is the middle one of three with whatever lies near it, and of two the one that is
+/// nearer to the `usual` cost of other configurations, else the lower: what disturbs a program seldom makes it faster.
+pub fn trusted(values: &[f64], usual: Option<f64>) -> Vec<usize> {
+    let log = |value: f64| libm::log(value.max(f64::MIN_POSITIVE));
+    let believed = match *values {
+        [a, b] if is_torn(a, b) => {
+            let far = |value: f64| usual.map_or(value, |usual| (log(value) - log(usual)).abs());
+            if far(a) <= far(b) { a } else { b }
+        }
+        [a, b, c] => median(&mut [a, b, c]),
+        _ => return (0..values.len()).collect(),
+    };
+    (0..values.len()).filter(|&place| !is_torn(values[place], believed)).collect()
+}
+
+/// How far from the middle the logarithm of a single measurement is believed, where those of all configurations have such a
+/// deviation.
+pub fn reach_of(deviation: f64) -> f64 {
+    (REACH * deviation).max(REACH_LEAST)
+}
+
+/// Draws logarithms of costs in which several others contradict. Of fewer than four none does.
+pub fn draw_in(logs: &mut [f64]) {
+    if logs.len() >= OUTLIER_AFTER {
+        let middle = location(logs);
+        let reach = WILD * deviation(logs, middle).max(SPREAD_LEAST);
+        logs.iter_mut().for_each(|log| *log = log.clamp(middle - reach, middle + reach));
+    }
 }
 
 /// The median absolute deviation from a location, as an estimate of the standard deviation.
@@ -147,16 +197,26 @@ impl Evidence {
         Some((*self.recent.last()?, *self.moments.last()?))
     }
 
-    /// The typical cost.
-    pub fn location(&self) -> f64 {
-        location(&self.recent)
+    /// Whether there are too few measurements, too far apart, to tell by them alone which of them count.
+    pub fn is_torn(&self) -> bool {
+        matches!(*self.recent, [a, b] if is_torn(a, b))
+    }
+
+    /// The typical cost, beside the `usual` one of other configurations where that is known.
+    pub fn location(&self, usual: Option<f64>) -> f64 {
+        let believed: Vec<f64> =
+            trusted(&self.recent, usual).into_iter().map(|place| self.recent[place]).collect();
+        location(&believed)
     }
 
     /// The standard deviation of the logarithm of one measurement: of what is kept and of `usual`, that of other
     /// configurations, which counts as four measurements. It is above the usual one where a configuration is
     /// restless by itself, as a builder is whose threads meet by chance.
     pub fn log_deviation(&self, usual: f64) -> f64 {
-        let logs: Vec<f64> = self.recent.iter().map(|cost| libm::log(cost.max(f64::MIN_POSITIVE))).collect();
+        let believed = trusted(&self.recent, None).into_iter();
+        let mut logs: Vec<f64> =
+            believed.map(|place| libm::log(self.recent[place].max(f64::MIN_POSITIVE))).collect();
+        draw_in(&mut logs);
         let count = logs.len() as f64;
         let mean = logs.iter().sum::<f64>() / count.max(1.0);
         let scatter: f64 = logs.iter().map(|log| (log - mean) * (log - mean)).sum();
@@ -235,7 +295,7 @@ mod tests {
             assert_eq!(evidence.push(10.0 + 0.05 * f64::from(step % 3), None), Deviation::Usual);
         }
         assert_eq!(evidence.push(10_000.0, None), Deviation::Outlier);
-        assert!((evidence.location() - 10.05).abs() < 0.05, "{}", evidence.location());
+        assert!((evidence.location(None) - 10.05).abs() < 0.05, "{}", evidence.location(None));
     }
 
     #[test]
@@ -252,7 +312,7 @@ mod tests {
             });
             let (step, by) = found.expect("a change by half");
             assert!(step <= 4 && (by / factor - 1.0).abs() < 0.1, "{step} {by}");
-            assert!((evidence.location() / (10.0 * factor) - 1.0).abs() < 0.05);
+            assert!((evidence.location(None) / (10.0 * factor) - 1.0).abs() < 0.05);
         }
     }
 
@@ -268,6 +328,31 @@ mod tests {
         assert_eq!(of(&[10.0]), 0.05);
         assert!(of(&[10.0, 10.0, 10.0, 10.0]) < 0.04);
         assert!(of(&[141.7, 118.2, 155.5, 120.1, 283.7, 121.5, 491.0]) > 0.3);
+    }
+
+    #[test]
+    fn one_absurd_measurement_among_few_is_passed_over() {
+        let of = |costs: &[f64], usual| {
+            let mut evidence = Evidence::default();
+            costs.iter().for_each(|cost| {
+                let _ = evidence.push(*cost, None);
+            });
+            (evidence.location(usual), evidence.log_deviation(0.05))
+        };
+        for wild in [0.0, 1e-300, 1.7e15, f64::MAX] {
+            for count in 2..8 {
+                for place in 0..count {
+                    let mut costs = vec![50.0; count];
+                    costs[place] = wild;
+                    let (location, deviation) = of(&costs, Some(60.0));
+                    assert!((location / 50.0 - 1.0).abs() < 1e-9, "{costs:?}: {location}");
+                    assert!(deviation < 0.06, "{costs:?}: {deviation}");
+                }
+            }
+        }
+        assert_eq!(of(&[1.7e15, 50.0], None).0, 50.0, "the lower one where nothing else is known");
+        assert_eq!(of(&[40.0, 60.0], Some(1.0)).0, 50.0, "what lies together counts");
+        assert_eq!(of(&[0.0, 0.0], Some(1.0)).0, 0.0);
     }
 
     #[test]
@@ -291,10 +376,10 @@ mod tests {
                 if let Deviation::Changed(factor) = evidence.push(costs[(index / 5) % 3], None) {
                     assert!(factor.is_finite() && factor > 0.0);
                 }
-                assert!(evidence.location().is_finite());
+                assert!(evidence.location(None).is_finite());
             }
             evidence.scale(f64::MAX);
-            assert!(evidence.location().is_finite() && evidence.count() <= EVIDENCE_MAX);
+            assert!(evidence.location(None).is_finite() && evidence.count() <= EVIDENCE_MAX);
         }
     }
 }

@@ -142,6 +142,7 @@ mod tests {
             nothing_better: false,
             confirmation,
             disturbances: 0,
+            gain_at_most: None,
         }
     }
 

@@ -1,8 +1,9 @@
 //! What `tune` prints at the end: the table, and a few sentences that explain it.
 
-use treewright_client::{Confirmation, ConfirmationStage, Standing};
+use treewright_client::Standing as Proof;
 
 use crate::output;
+use treewright_renderer::measure::Standing;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::verdict::{self, FOUND, Gains};
 
@@ -71,9 +72,14 @@ fn verdict(results: &TuningResults) -> String {
     let found =
         results.standing(FOUND).zip(results.standing(start)).map(|(found, start)| found.gain_over(start));
     match (results.search_won(), results.gains.over_best_fixed) {
-        (true, Some(gain)) if gain.is_gain() => {
-            "verdict: what the search found is faster than everybody else".to_owned()
-        }
+        (true, Some(gain)) if gain.is_gain() => match level_with(results).as_slice() {
+            [] => "verdict: what the search found is faster than everybody else".to_owned(),
+            names => format!(
+                "verdict: what the search found is faster than the {start}; the rounds of this table leave open whether it is \
+                 faster than the {}",
+                names.join(", the ")
+            ),
+        },
         (true, _) => {
             "verdict: what the search found won its race against the start; the rounds of this table alone leave that open".to_owned()
         }
@@ -86,6 +92,15 @@ fn verdict(results: &TuningResults) -> String {
             }
         }
     }
+}
+
+/// Everybody in the table than whom the winner is not shown to be faster.
+fn level_with(results: &TuningResults) -> Vec<&str> {
+    let winner = results.standing(&results.best);
+    let others =
+        results.standings.iter().filter(|other| other.name != results.best && other.failure.is_none());
+    let is_open = |other: &&Standing| winner.is_some_and(|winner| !winner.gain_over(other).is_gain());
+    others.filter(is_open).map(|other| other.name.as_str()).collect()
 }
 
 /// The gain and what it is made of.
@@ -102,39 +117,21 @@ fn gains(gains: &Gains) -> String {
 }
 
 /// What the service's own race of the best few against the start came to.
-fn confirmation(standing: &Standing) -> String {
-    let Confirmation { stage, rounds, measurements, .. } = &standing.confirmation;
-    let came_to = match stage {
-        ConfirmationStage::Better => "proven better than the start",
-        ConfirmationStage::NothingBetter => "nothing is proven to be better than the start",
-        ConfirmationStage::Racing => "the race was not over yet",
-        ConfirmationStage::Searching => "the search was not over yet",
-        ConfirmationStage::Off => "the study's policy wants no confirmation",
-    };
-    let percent = |share: f64| format!("{:.1} %", share * 100.0);
-    let gain = standing.gain.map(|gain| match (gain.low, gain.high) {
-        (Some(low), Some(high)) => {
-            format!("; gain over the start {} ({} to {})", percent(gain.share), percent(low), percent(high))
-        }
-        _ => format!("; gain over the start {}", percent(gain.share)),
-    });
-    format!(
-        "confirmation by the service: {came_to} ({rounds} rounds, {measurements} measurements){}",
-        gain.unwrap_or_default()
-    )
+fn confirmation(standing: &Proof) -> String {
+    format!("confirmation by the service, beside the start as its default: {}", standing.sentence())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use treewright_client::Gain;
+    use treewright_client::{Confirmation, ConfirmationStage, Gain};
 
     #[test]
-    fn a_confirmation_is_told_with_its_interval() {
-        let gain = |low| Some(Gain { share: 0.08, low, high: Some(0.11), probability_better: None });
-        let confirmation_of = |gain, stage| {
-            let race = Confirmation { stage, rounds: 7, rounds_max: 10, measurements: 20, gain: None };
-            confirmation(&Standing {
+    fn a_confirmation_is_told_in_the_words_of_every_surface() {
+        let gain = Gain { share: 0.08, low: Some(0.05), high: Some(0.11), probability_better: Some(0.999) };
+        let confirmation_of = |stage, gain: Option<Gain>| {
+            let race = Confirmation { stage, rounds: 7, rounds_max: 10, measurements: 20, gain };
+            confirmation(&Proof {
                 cost: 9.0,
                 cost_low: 8.5,
                 cost_high: 9.5,
@@ -142,16 +139,15 @@ mod tests {
                 nothing_better: stage == ConfirmationStage::NothingBetter,
                 confirmation: race,
                 disturbances: 0,
+                gain_at_most: None,
             })
         };
-        let told = confirmation_of(gain(Some(0.05)), ConfirmationStage::Better);
+        let told = confirmation_of(ConfirmationStage::Better, Some(gain));
         assert!(
-            told.ends_with("(7 rounds, 20 measurements); gain over the start 8.0 % (5.0 % to 11.0 %)"),
+            told.ends_with("proven to be better than the default in 7 paired rounds, by 8.0 % [5.0, 11.0]"),
             "{told}"
         );
-        let told = confirmation_of(gain(None), ConfirmationStage::Racing);
-        assert!(told.ends_with("gain over the start 8.0 %") && told.contains("not over"), "{told}");
-        let told = confirmation_of(None, ConfirmationStage::NothingBetter);
-        assert!(told.contains("nothing is proven") && told.ends_with("measurements)"), "{told}");
+        let told = confirmation_of(ConfirmationStage::NothingBetter, None);
+        assert!(told.contains("nothing was shown to be better than the default"), "{told}");
     }
 }

@@ -26,10 +26,18 @@ use serde::{Deserialize, Serialize};
 use crate::robust;
 use crate::statistics::distribution::normal_cdf;
 
-/// The probability that any verdict "is better" of a race is wrong.
+/// The probability that a contender is dropped wrongly, and that an interval does not hold.
 pub const ERROR_MAX: f64 = 0.05;
+/// The probability that any verdict "is better" of a race is wrong.
+pub const PROVEN_ERROR_MAX: f64 = 0.01;
 /// A gain of less is not worth another round.
 pub const GAIN_LEAST: f64 = 0.01;
+/// Nor is one over somebody who is proven better than the incumbent, of less than this share of what that one gains.
+const GAIN_LEAST_SHARE: f64 = 0.1;
+/// Pairs that lie further from the typical one than so many deviations count as if they were no further away.
+const WILD: f64 = 6.0;
+/// So many equal costs of each contender, and they are taken to be exact.
+const EXACT_AFTER: usize = 3;
 /// Most rounds in which all contenders run.
 pub const ROUNDS_OF_ALL: usize = 10;
 /// A gain of so much is to be seen when the rounds are over.
@@ -170,6 +178,19 @@ impl Racer {
     }
 }
 
+/// The gain of one contender over another, by the rounds of a race alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RaceGain {
+    /// The typical logarithm of the other's cost over the one's.
+    pub log_ratio: f64,
+    /// The ends of its 95 % interval; infinite where nothing is known.
+    pub low: f64,
+    /// See `low`.
+    pub high: f64,
+    /// The probability that the one costs less.
+    pub probability_better: f64,
+}
+
 /// What a race came to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RaceResult {
@@ -227,17 +248,60 @@ impl Race {
         }
     }
 
-    /// The pairs of two contenders, round by round: logarithms of the first one's cost over the second's.
+    /// The pairs of two contenders, round by round: logarithms of the first one's cost over the second's. Those that a
+    /// disturbance parted are drawn in.
     pub fn pairs(&self, one: usize, other: usize) -> Pairs {
-        let mut pairs = Pairs::new(self.noise);
         let rounds = self.contenders[one].log_costs.iter().zip(&self.contenders[other].log_costs);
-        rounds.for_each(|(a, b)| pairs.push(a - b));
+        let logs: Vec<f64> = rounds.map(|(a, b)| a - b).collect();
+        let middle = robust::location(&logs);
+        let expected = self.noise.unwrap_or(0.0) * std::f64::consts::SQRT_2;
+        let reach = match logs.len() >= EXACT_AFTER {
+            true => WILD * robust::deviation(&logs, middle).max(expected).max(f64::MIN_POSITIVE),
+            false => f64::INFINITY,
+        };
+        let mut pairs = Pairs::new(self.noise);
+        logs.into_iter().for_each(|log| pairs.push(log.clamp(middle - reach, middle + reach)));
         pairs
     }
 
-    /// What every statement of the race may be wrong with, so that all of them together hold.
-    fn error_each(&self) -> f64 {
-        ERROR_MAX / (self.contenders.len().max(2) - 1) as f64
+    /// What every statement of the race may be wrong with, so that all of them together are with `error` at most.
+    fn error_each(&self, error: f64) -> f64 {
+        error / (self.contenders.len().max(2) - 1) as f64
+    }
+
+    /// Whether costs are the same in each round, as counts are and times never: then one look tells who is better.
+    fn is_exact(&self) -> bool {
+        let ran = self.contenders.iter().filter(|contender| !contender.is_out);
+        let is_same = |contender: &Racer| {
+            let costs = &contender.log_costs;
+            costs.len() >= EXACT_AFTER && costs.iter().all(|cost| *cost == costs[0])
+        };
+        !self.contenders[0].is_out && ran.into_iter().all(is_same)
+    }
+
+    /// The gain of one contender over another by the rounds alone: the logarithm of the ratio of their costs with its 95 %
+    /// interval, which holds for all of them together and at whichever moment one looks, and the probability that it is
+    /// above 0. `None` without a round of both.
+    pub fn gain(&self, of: usize, over: usize) -> Option<RaceGain> {
+        let pairs = self.pairs(over, of);
+        if pairs.count() == 0 {
+            return None;
+        }
+        let log_ratio = pairs.location();
+        if self.is_exact() {
+            let probability_better = if log_ratio > 0.0 { 1.0 } else { 0.0 };
+            return Some(RaceGain { log_ratio, low: log_ratio, high: log_ratio, probability_better });
+        }
+        let (low, high) = pairs.interval(self.error_each(ERROR_MAX));
+        let error = (1.0 / pairs.evidence_better()).min(1.0 - pairs.probability_better());
+        let probability_better = 1.0 - (error * (self.contenders.len() - 1) as f64).min(1.0);
+        Some(RaceGain { log_ratio, low: low.min(log_ratio), high: high.max(log_ratio), probability_better })
+    }
+
+    /// Whether a challenger is proven better than the incumbent, which it also is where that cannot be run.
+    fn is_proven(&self, place: usize) -> bool {
+        let bar = 1.0 / self.error_each(PROVEN_ERROR_MAX);
+        self.contenders[0].is_out || self.pairs(0, place).evidence_better() >= bar
     }
 
     /// The places of the challengers that still run.
@@ -248,15 +312,17 @@ impl Race {
     /// Drops challengers that cannot gain enough any more, and those that another one is proven better than. Once all have
     /// run their part of the rounds only the best one is left, and that only as long as it is ahead.
     fn sort_out(&mut self) {
-        let error = self.error_each();
+        let bar = 1.0 / self.error_each(ERROR_MAX);
         for place in 1..self.contenders.len() {
             if self.contenders[place].is_out {
                 continue;
             }
-            let hopeless = self.pairs(0, place).evidence(GAIN_LEAST, -1.0) >= 1.0 / error;
+            let hopeless = self.pairs(0, place).evidence(GAIN_LEAST, -1.0) >= bar;
             let beaten = (1..self.contenders.len()).any(|other| {
                 let stands = other != place && !self.contenders[other].is_out;
-                stands && self.pairs(place, other).evidence_better() >= 1.0 / error
+                stands
+                    && (self.pairs(place, other).evidence_better() >= bar
+                        || self.is_as_good(other, place, bar))
             });
             self.contenders[place].is_out = beaten || hopeless;
         }
@@ -281,11 +347,21 @@ impl Race {
         }
     }
 
+    /// Whether one challenger is proven better than the incumbent, ahead of another, and the other one cannot gain enough over it
+    /// to be worth more rounds.
+    fn is_as_good(&self, one: usize, other: usize, bar: f64) -> bool {
+        let between = self.pairs(one, other);
+        let gain = self.pairs(0, one).location();
+        between.location() <= 0.0
+            && between.evidence((GAIN_LEAST_SHARE * gain).max(GAIN_LEAST), -1.0) >= bar
+            && self.is_proven(one)
+    }
+
     /// Who is better than the incumbent by the rounds themselves, once they are over: the best challenger, where chance
-    /// alone would put it so far ahead with a probability of at most 5 % for all of them together.
-    pub fn better_by_rounds(&self) -> Option<usize> {
+    /// alone would put it so far ahead with a probability of at most `error` for all of them together.
+    pub fn better_by_rounds(&self, error: f64) -> Option<usize> {
         let probability = |place: usize| self.pairs(0, place).probability_better();
-        self.standing().find(|&place| probability(place) >= 1.0 - self.error_each())
+        self.standing().find(|&place| probability(place) >= 1.0 - self.error_each(error))
     }
 
     /// What the race came to so far. It is decided once the one challenger that is left is proven better, nobody is left,
@@ -296,8 +372,13 @@ impl Race {
             return RaceResult::NothingBetter;
         }
         let incumbent_fails = self.contenders[0].is_out;
-        let bar = 1.0 / self.error_each();
-        let proven = |place: usize| incumbent_fails || self.pairs(0, place).evidence_better() >= bar;
+        if self.is_exact() {
+            let log_cost = |place: usize| self.contenders[place].log_costs[0];
+            let better = standing.into_iter().filter(|&place| log_cost(place) < log_cost(0));
+            let best = better.min_by(|&a, &b| log_cost(a).total_cmp(&log_cost(b)));
+            return best.map_or(RaceResult::NothingBetter, RaceResult::Better);
+        }
+        let proven = |place: usize| self.is_proven(place);
         let has_run = |place: usize| self.contenders[place].log_costs.len() >= self.rounds_max;
         let incumbent_has_run = incumbent_fails || has_run(0);
         let is_over = incumbent_has_run && standing.iter().all(|&place| has_run(place));
@@ -415,7 +496,7 @@ mod tests {
         for round in 0..ROUNDS_OF_ALL {
             for (place, cost) in [10.0, 9.9, 9.7, 10.2].into_iter().enumerate() {
                 assert_eq!(race.next(|_| 0), Some(place), "round {round}");
-                race.tell(place, cost);
+                race.tell(place, cost + 0.001 * round as f64);
             }
         }
         assert_eq!(race.next(|_| 0), Some(0));
@@ -441,7 +522,7 @@ mod tests {
             while let Some(place) = race.next(|_| 0) {
                 race.tell(place, costs[place] * (noise * normal(&mut random)).exp());
             }
-            (race.better_by_rounds(), race.measurements())
+            (race.better_by_rounds(ERROR_MAX), race.measurements())
         };
         let found = (0..100).filter(|&seed| race(0.05, seed).0 == Some(2)).count();
         let wrong = (0..100).filter(|&seed| race(0.0, seed).0.is_some()).count();

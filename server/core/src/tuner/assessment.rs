@@ -3,8 +3,8 @@
 //! The lowest of many noisy costs is mostly luck. So what a state's own measurements answer is read from a
 //! [posterior](crate::statistics::estimate): the configuration that is expected to cost least among those by which much more is
 //! to be gained than lost ([`WORTH`]) over the state's incumbent; where there is none, the incumbent. That is the
-//! best of other states or the study's default configuration, until a [confirmation](super::confirmation) has proven another
-//! one better, which takes a probability of at least [`PROVEN`].
+//! best of other states or the study's default configuration, until a [confirmation](super::confirmation) has put another
+//! one in its place.
 //!
 //! An assessment takes a few milliseconds. It is made apart from the tuner, from a copy of the state's table, and kept until
 //! that changes; who cannot wait for one gets what the last one said.
@@ -17,27 +17,25 @@ use crate::gp::kernel::squared_distance;
 use crate::ids::StateId;
 use crate::limits::{ASSESSED_MAX, ASSESSED_SHARED_MAX, ASSESSMENTS_MAX};
 use crate::results::{Record, ResultTable};
-use crate::robust::{Evidence, USUAL_COUNT, deviation, location};
+use crate::robust::{Evidence, REACH_AFTER, USUAL_COUNT, deviation, draw_in, median, reach_of, trusted};
 use crate::search::Layout;
 use crate::space::Space;
-use crate::standing::{Gain, PROVEN};
+use crate::standing::Gain;
 use crate::statistics::confirm::GAIN_LEAST;
 use crate::statistics::estimate::{Comparison, ConfigurationSample, CostPosterior, Measurement};
 use crate::study::StudySpec;
 
+/// The probability of being better by all that was measured that settles what the rounds of a confirmation leave open.
+const PROBABLE: f64 = 0.95;
 /// What is to be gained by an answer over the incumbent is at least so many times what is to be lost by it.
 const WORTH: f64 = 20.0;
 /// How many configurations with the lowest expected costs are looked at more closely.
 const LEADERS: usize = 8;
-/// So many measurements of one configuration must there be before any can be called wild.
-const WILD_AFTER: usize = 4;
-/// Deviations beyond which a measurement counts as if it were no further away.
-const WILD: f64 = 4.0;
 /// The least deviation of logarithms that measurements are taken to have for that.
 const SPREAD_LEAST: f64 = 0.005;
 /// Most degrees of freedom that one configuration has a say with in what noise is usual.
 const FREEDOM_COUNTED: f64 = 3.0;
-/// Costs of zero have no logarithm: they count as this share of the largest.
+/// Costs of zero have no logarithm: they count as this share of the least that is above zero.
 const SHARE_LEAST: f64 = 1e-12;
 
 /// A copy of all that an assessment of a state rests on.
@@ -61,8 +59,9 @@ pub struct Assessment {
     is_settled: bool,
     /// The configuration to exploit.
     pub(super) answer: Configuration,
-    /// The one that is expected to cost least among those that are proven better than the incumbent.
-    pub(super) proven: Option<Configuration>,
+    /// The one that is expected to cost least among those that are better than the incumbent with a probability of at least
+    /// [`PROBABLE`].
+    pub(super) probable: Option<Configuration>,
     /// Its cost, with the ends of the 95 % interval.
     pub(super) cost: f64,
     pub(super) cost_low: f64,
@@ -71,6 +70,8 @@ pub struct Assessment {
     pub(super) gain: Option<Gain>,
     /// It is the default, because nothing is proven to be better.
     pub(super) nothing_better: bool,
+    /// It is the incumbent.
+    pub(super) is_incumbent: bool,
     /// The most that any other may gain over it.
     pub(super) gain_at_most: f64,
     /// Those that may gain anything over the incumbent, the best first.
@@ -103,11 +104,11 @@ impl AssessmentRequest {
         let incumbent = self.confirmed.as_ref().unwrap_or(default);
         let records = chosen(&self.results, [default, incumbent]);
         let layout = Layout::of(&self.spec.space);
-        let posterior = posterior(&records, &layout, &self.spec.space)?;
-        let means = posterior.means();
         let place = |of: &Configuration| records.iter().position(|record| record.configuration == *of);
         let default_at = place(default);
         let incumbent_at = place(incumbent).or(default_at);
+        let posterior = posterior(&records, &layout, &self.spec.space, [default_at, incumbent_at])?;
+        let means = posterior.means();
         let mut leaders: Vec<usize> = (0..records.len()).collect();
         leaders.sort_by(|&a, &b| means[a].total_cmp(&means[b]));
         leaders.truncate(LEADERS);
@@ -121,7 +122,7 @@ impl AssessmentRequest {
             let found = beside.find(|(_, comparison)| comparison.as_ref().is_some_and(rule));
             found.map(|(leader, _)| *leader)
         };
-        let proven = first(&|comparison| comparison.probability_better >= PROVEN);
+        let probable = first(&|comparison| comparison.probability_better >= PROBABLE);
         let worth = first(&|comparison| comparison.is_worth(WORTH));
         let answer = worth.or(incumbent_at).unwrap_or(leaders[0]);
         let challengers = compared.iter().filter(|(_, comparison)| {
@@ -139,12 +140,13 @@ impl AssessmentRequest {
             confirmed: self.confirmed.clone(),
             is_settled: self.is_settled,
             answer: records[answer].configuration.clone(),
-            proven: proven.map(|proven| records[proven].configuration.clone()),
+            probable: probable.map(|probable| records[probable].configuration.clone()),
             cost: cost(means[answer]),
             cost_low: cost(low),
             cost_high: cost(high),
             gain: default_at.map(|at| gain(posterior.compare(answer, at))),
             nothing_better: Some(answer) == default_at,
+            is_incumbent: Some(answer) == incumbent_at,
             gain_at_most: compared.iter().map(at_most).fold(0.0, f64::max),
             challengers: challengers.map(|(leader, _)| records[*leader].configuration.clone()).collect(),
             noise: posterior.noise(),
@@ -180,22 +182,57 @@ fn chosen<'a>(results: &'a ResultTable, named: [&Configuration; 2]) -> Vec<&'a R
     places.into_iter().map(|place| ranked[place]).collect()
 }
 
-fn posterior(records: &[&Record], layout: &Layout, space: &Space) -> Option<CostPosterior> {
-    let largest = records.iter().map(|record| record.mean_cost).fold(0.0, f64::max);
-    let least = (SHARE_LEAST * largest).max(f64::MIN_POSITIVE);
-    let mut samples: Vec<ConfigurationSample> = records
-        .iter()
-        .map(|record| {
-            let mut x = space.encode(&record.configuration);
-            let active = layout.canonical(&mut x);
-            sample(layout.features(&x, &active), &record.evidence, least)
-        })
-        .collect();
+fn posterior(
+    records: &[&Record],
+    layout: &Layout,
+    space: &Space,
+    told: [Option<usize>; 2],
+) -> Option<CostPosterior> {
+    let mut samples = samples(records, layout, space, told);
     weigh(&mut samples);
     let kinds = layout.kinds();
     CostPosterior::of(&samples, |a, b| {
         kinds.iter().zip(a.iter().zip(b)).map(|(&kind, (&a, &b))| squared_distance(kind, a, b)).sum()
     })
+}
+
+/// What was measured of configurations, as far as one absurd report among it does no harm. Measurements that others of the
+/// same configuration contradict are passed over or drawn in. What lies far above everything else and above what is `told`
+/// (places of records) counts as no further away: how much dearer it is does not matter. What lies far below, and was
+/// measured once, is drawn in likewise.
+pub(super) fn samples(
+    records: &[&Record],
+    layout: &Layout,
+    space: &Space,
+    told: [Option<usize>; 2],
+) -> Vec<ConfigurationSample> {
+    let costs = records.iter().flat_map(|record| record.evidence.values());
+    let least = costs.filter(|cost| **cost > 0.0).copied().fold(f64::INFINITY, f64::min);
+    let least = if least.is_finite() { (SHARE_LEAST * least).max(f64::MIN_POSITIVE) } else { 1.0 };
+    let mut usual: Vec<f64> = records.iter().map(|record| libm::log(record.mean_cost.max(least))).collect();
+    let logs = usual.clone();
+    let middle = median(&mut usual);
+    let reach = match records.len() < REACH_AFTER {
+        true => f64::INFINITY,
+        false => reach_of(deviation(&logs, middle)),
+    };
+    let (low, high) = (middle - reach, middle + reach);
+    let most_told = told.iter().flatten().map(|&place| logs[place] + reach).fold(high, f64::max);
+    let one = |(place, record): (usize, &&Record)| {
+        let mut x = space.encode(&record.configuration);
+        let active = layout.canonical(&mut x);
+        let mut one = sample(layout.features(&x, &active), &record.evidence, least, Some(libm::exp(middle)));
+        let is_single = one.measurements.len() == 1;
+        let least = if is_single { low } else { f64::NEG_INFINITY };
+        let most = match told.contains(&Some(place)) {
+            true if is_single => high,
+            true => f64::INFINITY,
+            false => most_told,
+        };
+        one.measurements.iter_mut().for_each(|one| one.log_cost = one.log_cost.clamp(least, most));
+        one
+    };
+    records.iter().enumerate().map(one).collect()
 }
 
 /// Lets configurations whose measurements scatter more than is usual count for less: the posterior knows one noise for
@@ -224,16 +261,14 @@ fn weigh(samples: &mut [ConfigurationSample]) {
     }
 }
 
-/// The measurements of one configuration; wild ones are drawn in. Costs count as `least` at least.
-fn sample(features: Vec<f64>, evidence: &Evidence, least: f64) -> ConfigurationSample {
-    let mut logs: Vec<f64> = evidence.values().iter().map(|cost| libm::log(cost.max(least))).collect();
-    if logs.len() >= WILD_AFTER {
-        let middle = location(&logs);
-        let reach = WILD * deviation(&logs, middle).max(SPREAD_LEAST);
-        logs.iter_mut().for_each(|log| *log = log.clamp(middle - reach, middle + reach));
-    }
-    let measured = logs.into_iter().zip(evidence.moments());
-    let measurements = measured.map(|(log_cost, &moment)| Measurement { log_cost, moment }).collect();
+/// The measurements of one configuration; wild ones are passed over or drawn in. Costs count as `least` at least.
+fn sample(features: Vec<f64>, evidence: &Evidence, least: f64, usual: Option<f64>) -> ConfigurationSample {
+    let places = trusted(evidence.values(), usual);
+    let mut logs: Vec<f64> =
+        places.iter().map(|&place| libm::log(evidence.values()[place].max(least))).collect();
+    draw_in(&mut logs);
+    let measured = logs.into_iter().zip(places.iter().map(|&place| evidence.moments()[place]));
+    let measurements = measured.map(|(log_cost, moment)| Measurement { log_cost, moment }).collect();
     ConfigurationSample { features, measurements, weight: 1.0 }
 }
 
@@ -272,7 +307,7 @@ mod tests {
             costs.iter().for_each(|cost| {
                 evidence.push(*cost, None);
             });
-            sample(Vec::new(), &evidence, f64::MIN_POSITIVE)
+            sample(Vec::new(), &evidence, f64::MIN_POSITIVE, None)
         };
         let quiet = [of(&[10.0, 10.4, 9.7]), of(&[12.0, 12.5, 11.9]), of(&[11.0])];
         let restless = of(&[14.2, 11.8, 15.6, 12.0, 28.4, 12.2, 49.1]);

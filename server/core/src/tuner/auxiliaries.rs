@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::{DENOISED_STATES_MAX, EVIDENCE_MAX, OBSERVATIONS_MAX};
+use crate::robust::{deviation, median, reach_of};
 use crate::statistics::auxiliary::{Denoiser, Observation};
 use crate::tuner::confirmation::Stored;
 
@@ -86,9 +87,16 @@ impl OfState {
                 names.len() - 1
             })
         };
+        let mut logs: Vec<f64> = self.seen.iter().map(|one| one.log_cost).collect();
+        let middle = median(&mut logs);
+        let reach = reach_of(deviation(&logs, middle));
+        // One absurd report would be most of what there is to explain.
+        let is_far = |one: &&Seen| (one.log_cost - middle).abs() > reach;
+        let far = self.seen.iter().filter(is_far).count();
         let observations: Vec<Observation> = self
             .seen
             .iter()
+            .filter(|one| far != 1 || !is_far(one))
             .map(|one| Observation {
                 configuration: name(&one.configuration.0),
                 log_cost: one.log_cost,

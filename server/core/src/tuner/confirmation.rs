@@ -2,9 +2,10 @@
 //!
 //! The incumbent of a state is what did best in other states, else the study's default configuration, until a race replaces
 //! it. Contenders are chosen by the state's [assessment](super::assessment), and measured by whichever clients explore there. What the
-//! [race](crate::statistics::confirm) leaves open when its rounds are over is settled by one more assessment, which looks
-//! at all that was ever measured of the contenders, and else by a test of the rounds alone. From then on the verdict is what
-//! is exploited, and nothing has to be computed for it.
+//! [race](crate::statistics::confirm) leaves open when its rounds are over is settled by a test of the rounds alone, and else by
+//! one more assessment, which looks at all that was ever measured of the contenders. What that finds is answered, and told as
+//! likely: proven is only what the rounds prove. From then on the verdict is what is exploited, and nothing has to be computed
+//! for it. The default runs in every race, so that what is told of the winner was measured beside it.
 
 use std::collections::BTreeMap;
 
@@ -17,8 +18,8 @@ use crate::limits::FAILURES_PER_CONFIGURATION_MAX;
 use crate::policy::Operation;
 use crate::results::ResultTable;
 use crate::space::Space;
-use crate::standing::{Confirmation, ConfirmationStage, Gain, Standing};
-use crate::statistics::confirm::{ERROR_MAX, Race, RaceResult, rounds_needed};
+use crate::standing::{Confirmation, ConfirmationStage, Gain, LIKELY, Standing};
+use crate::statistics::confirm::{ERROR_MAX, PROVEN_ERROR_MAX, Race, RaceResult, rounds_needed};
 use crate::trial::{Outcome, Trial};
 use crate::tuner::Tuner;
 use crate::tuner::assessment::{Assessment, AssessmentRequest};
@@ -40,7 +41,7 @@ pub(super) struct Stored(#[serde(with = "unchecked")] pub(super) Configuration);
 /// A race in a state. Plain data, exact through serde.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Confirming {
-    /// The incumbent first.
+    /// The incumbent first; the default among the others where it is not the incumbent.
     contenders: Vec<Stored>,
     race: Race,
     rounds_max: u64,
@@ -55,17 +56,20 @@ pub(super) struct Confirming {
 }
 
 impl Confirming {
-    /// Begins with the incumbent and those that may be better by an assessment.
+    /// Begins with the incumbent, the default, and those that may be better by an assessment.
     fn new(
-        incumbent: &Configuration,
+        (incumbent, default): (&Configuration, &Configuration),
         assessment: &Assessment,
         noise: f64,
         rounds: u32,
         results: &ResultTable,
     ) -> Self {
-        let challengers = assessment.challengers.iter().take(CHALLENGERS_MAX);
-        let contenders: Vec<Stored> =
-            [incumbent].into_iter().chain(challengers).cloned().map(Stored).collect();
+        let is_new = |one: &&Configuration| ![incumbent, default].contains(one);
+        let challengers = assessment.challengers.iter().filter(is_new).take(CHALLENGERS_MAX);
+        let default =
+            [default].into_iter().filter(|_| incumbent != default && !results.is_infeasible(default));
+        let contenders = [incumbent].into_iter().chain(default).chain(challengers);
+        let contenders: Vec<Stored> = contenders.cloned().map(Stored).collect();
         let noise = noise.max(NOISE_LEAST);
         let rounds_max = rounds_needed(noise, rounds as usize);
         let race = Race::new(contenders.len(), Some(NOISE_MARGIN * noise), rounds_max);
@@ -131,21 +135,30 @@ impl Confirming {
         self.contenders.iter().skip(1).any(|contender| contender.0 == *configuration)
     }
 
-    /// Who is better by the rounds themselves, now that they are over.
-    fn better_by_rounds(&self) -> Option<&Configuration> {
-        Some(&self.contenders.get(self.race.better_by_rounds()?)?.0)
+    /// Who is better by the rounds themselves, now that they are over, but for an error of so much.
+    fn better_by_rounds(&self, error: f64) -> Option<&Configuration> {
+        Some(&self.contenders.get(self.race.better_by_rounds(error)?)?.0)
     }
 
-    /// The gain of a contender over the incumbent by the rounds alone.
-    fn gain(&self, of: &Configuration) -> Option<Gain> {
-        let place =
-            self.contenders.iter().position(|contender| contender.0 == *of).filter(|&place| place > 0)?;
-        let pairs = self.race.pairs(0, place);
-        let (low, high) = pairs.interval(ERROR_MAX / (self.contenders.len() - 1) as f64);
+    /// Whether a configuration, which is the answer now that it is over, took the incumbent's place by it.
+    fn was_won_by(&self, answer: &Configuration) -> bool {
+        self.settled && self.is_challenger(answer)
+    }
+
+    /// The gain of a contender by the rounds alone: over the default where that ran, else over the incumbent.
+    fn gain(&self, of: &Configuration, default: &Configuration) -> Option<Gain> {
+        let place = |one: &Configuration| self.contenders.iter().position(|contender| contender.0 == *one);
+        let (of, over) = (place(of)?, place(default).unwrap_or(0));
+        let gain = self.race.gain(of, over).filter(|_| of != over)?;
         let share = |log_ratio: f64| -libm::expm1(-log_ratio);
         let told = |log_ratio: f64| Some(share(log_ratio)).filter(|_| log_ratio.is_finite());
-        let (low, high) = (told(low), told(high));
-        (pairs.count() > 0).then(|| Gain { share: share(pairs.mean()), low, high, probability_better: None })
+        let (low, high) = (told(gain.low), told(gain.high));
+        Some(Gain {
+            share: share(gain.log_ratio),
+            low,
+            high,
+            probability_better: Some(gain.probability_better),
+        })
     }
 
     /// Whether its configurations are of the space.
@@ -170,7 +183,9 @@ pub(super) struct Answered {
     pub(super) cost: f64,
     /// Its gain over the default.
     pub(super) gain: Option<Gain>,
-    /// It is the default, because nothing is proven to be better; the most that anything may gain over it.
+    /// It is the incumbent, because nothing was shown to be better; the most that anything may gain over it.
+    pub(super) gain_at_most: Option<f64>,
+    /// The same where the incumbent is the default.
     pub(super) nothing_better: Option<f64>,
 }
 
@@ -251,12 +266,16 @@ impl Tuner {
             && let Some(record) = runs(self.incumbent(state))
         {
             let made = self.assessments.of(state).filter(|made| made.answer == record.configuration);
-            let nothing_better = self.confirmed(state).is_none();
+            // An incumbent that other states named has won nothing here.
+            let was_won = self.race(state).is_some_and(|race| race.was_won_by(&record.configuration));
+            let is_default = record.configuration == *self.spec.space.default_ref();
+            let gain_at_most = made.map(|made| made.gain_at_most);
             return Some(Answered {
                 configuration: record.configuration.clone(),
                 cost: record.mean_cost,
                 gain: made.and_then(|made| made.gain),
-                nothing_better: nothing_better.then(|| made.map_or(0.0, |made| made.gain_at_most)),
+                gain_at_most: (!was_won || is_default).then(|| gain_at_most.unwrap_or(f64::INFINITY)),
+                nothing_better: is_default.then(|| gain_at_most.unwrap_or(0.0)),
             });
         }
         if let Some((made, _)) = self.assessment(state, planned)
@@ -266,13 +285,15 @@ impl Tuner {
                 configuration: made.answer.clone(),
                 cost: made.cost,
                 gain: made.gain,
+                gain_at_most: made.is_incumbent.then_some(made.gain_at_most),
                 nothing_better: made.nothing_better.then_some(made.gain_at_most),
             });
         }
         // Nobody has looked at it yet, and there is no time now.
         let record = results.best()?;
         let configuration = record.configuration.clone();
-        Some(Answered { configuration, cost: record.mean_cost, gain: None, nothing_better: None })
+        let cost = record.mean_cost;
+        Some(Answered { configuration, cost, gain: None, gain_at_most: None, nothing_better: None })
     }
 
     /// The next measurement of a state's confirmation, in a state whose search is at its end. `None` where it is over,
@@ -293,7 +314,8 @@ impl Tuner {
             let results = self.states.results(state);
             let noise = assessment.noise.max(results.noise().unwrap_or(0.0));
             let rounds = self.spec.policy.confirm_rounds;
-            let race = Confirming::new(self.incumbent(state), &assessment, noise, rounds, results);
+            let incumbents = (self.incumbent(state), self.spec.space.default_ref());
+            let race = Confirming::new(incumbents, &assessment, noise, rounds, results);
             self.searches.change(state)?.confirming = Some(race);
         }
         self.settle_race(state, planned);
@@ -311,20 +333,20 @@ impl Tuner {
         Some(ProposedTrial { configuration, predicted_cost, point })
     }
 
-    /// Decides what follows from a race that is over: its winner is the incumbent from now on, or the challenger that is proven
-    /// better by all that was measured, or by the rounds alone.
+    /// Decides what follows from a race that is over: its winner is the incumbent from now on, else the challenger that is proven
+    /// better by all rounds together, else the one that is likely to be better by all that was measured or by the rounds.
     fn settle_race(&mut self, state: StateId, planned: &Planned) -> Option<()> {
         let race = self.race(state).filter(|race| race.is_decided() && !race.settled)?;
-        let winner = match race.winner() {
+        let winner = match race.winner().or_else(|| race.better_by_rounds(PROVEN_ERROR_MAX)) {
             Some(winner) => winner.clone(),
             None => {
                 let (assessment, _) =
                     self.assessment(state, planned).filter(|(_, is_current)| *is_current)?;
                 // Where the machine was disturbed meanwhile, costs of different times compare badly: only pairs count.
                 let is_disturbed = self.states.results(state).disturbances() > race.disturbances;
-                let proven = assessment.proven.as_ref();
-                let assessed = proven.filter(|proven| !is_disturbed && race.is_challenger(proven));
-                let better = assessed.or_else(|| race.better_by_rounds());
+                let probable = assessment.probable.as_ref();
+                let assessed = probable.filter(|probable| !is_disturbed && race.is_challenger(probable));
+                let better = assessed.or_else(|| race.better_by_rounds(ERROR_MAX));
                 better.unwrap_or_else(|| self.incumbent(state)).clone()
             }
         };
@@ -344,6 +366,11 @@ impl Tuner {
         let record = self.states.results(state).record(&trial.configuration);
         let gives_up = record.is_some_and(|record| record.failures >= FAILURES_PER_CONFIGURATION_MAX);
         let finding = match (&trial.outcome, learnt) {
+            (Some(Outcome::Infeasible { .. }), _)
+                if self.states.results(state).is_flaky(&trial.configuration) =>
+            {
+                None
+            }
             (Some(Outcome::Infeasible { .. } | Outcome::Aborted { .. }), _) => Some(Finding::Fails),
             _ if trial.decision.silent => None,
             (Some(Outcome::Ok), Some(cost)) => Some(Finding::Cost(cost)),
@@ -364,14 +391,22 @@ impl Tuner {
             true => (made.cost, made.cost_low, made.cost_high),
             false => (answered.cost, answered.cost, answered.cost),
         };
+        let confirmation = self.confirmation(state, &answered);
+        let by_all = if is_of_answer { made.gain } else { answered.gain };
+        let by_rounds = confirmation.gain.filter(|gain| {
+            let is_likely = gain.probability_better.is_some_and(|probability| probability >= LIKELY);
+            confirmation.stage == ConfirmationStage::Better && is_likely
+        });
+        let pace = self.states.results(state).pace();
         Some(Standing {
-            cost,
-            cost_low: low,
-            cost_high: high,
-            gain: if is_of_answer { made.gain } else { answered.gain },
-            nothing_better: answered.nothing_better.is_some(),
-            confirmation: self.confirmation(state, &answered),
+            cost: pace * cost,
+            cost_low: pace * low,
+            cost_high: pace * high,
+            gain: by_rounds.or(by_all),
+            nothing_better: answered.gain_at_most.is_some(),
+            confirmation,
             disturbances: self.states.results(state).disturbances(),
+            gain_at_most: answered.gain_at_most.filter(|most| most.is_finite()),
         })
     }
 
@@ -379,7 +414,7 @@ impl Tuner {
         let race = self.race(state);
         let stage = match race {
             _ if self.spec.policy.confirm_rounds == 0 => ConfirmationStage::Off,
-            Some(_) if self.is_settled(state) && answered.nothing_better.is_some() => {
+            Some(_) if self.is_settled(state) && answered.gain_at_most.is_some() => {
                 ConfirmationStage::NothingBetter
             }
             Some(_) if self.is_settled(state) => ConfirmationStage::Better,
@@ -391,7 +426,7 @@ impl Tuner {
             rounds: race.map_or(0, |race| race.race.rounds(0) as u64),
             rounds_max: race.map_or(u64::from(self.spec.policy.confirm_rounds), |race| race.rounds_max),
             measurements: race.map_or(0, |race| race.race.measurements() as u64),
-            gain: race.and_then(|race| race.gain(&answered.configuration)),
+            gain: race.and_then(|race| race.gain(&answered.configuration, self.spec.space.default_ref())),
         }
     }
 }

@@ -174,8 +174,7 @@ impl Tuner {
 
     /// Whether the state's search has spent its budget.
     pub(super) fn is_finished(&self, state: StateId) -> bool {
-        let taken = self.searches.taken(state, self.states.results(state));
-        taken >= self.spec.policy.trials_per_state as usize
+        self.is_spent_within(self.spec.policy.trials_per_state as usize, state)
     }
 
     /// Whether the default can be run in a state, as far as is known.
@@ -268,7 +267,7 @@ impl Tuner {
     /// What the own measurements of a state answer: what is proven to be its best, or the incumbent.
     pub(super) fn best_known(&self, state: StateId, planned: &Planned) -> Option<Exploitation> {
         let KnownState { id, results, .. } = &self.states[state];
-        let Answered { configuration, cost, gain, nothing_better } = self.answered(state, planned)?;
+        let Answered { configuration, cost, gain, nothing_better, .. } = self.answered(state, planned)?;
         let (tried, measurements) =
             (results.tried() as u64, results.record(&configuration).map_or(0, |record| record.measurements));
         let source = match nothing_better {

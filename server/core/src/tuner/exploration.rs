@@ -21,7 +21,7 @@ pub struct Exploration {
     /// How many answers to a search that was dropped added no configuration.
     #[serde(default, skip_serializing_if = "is_zero")]
     repeats: u64,
-    /// The most measured configurations that a session wanted the search to go on for, beyond the policy.
+    /// The most runs that a session wanted the search to go on for, beyond the policy.
     #[serde(default, skip_serializing_if = "is_no_room")]
     room: u32,
     /// Which point of the search each open trial measures, by trial number.
@@ -104,7 +104,7 @@ impl Exploration {
         self.lost.retain(|lost| lost.configuration != *configuration.values());
     }
 
-    /// Notes that a session wants the search to go on until so many configurations are measured.
+    /// Notes that a session wants the search to go on for so many runs.
     pub(super) fn make_room(&mut self, room: usize) {
         self.room = self.room.max(u32::try_from(room).unwrap_or(u32::MAX));
     }

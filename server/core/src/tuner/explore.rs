@@ -6,6 +6,7 @@ use crate::configuration::Configuration;
 use crate::decision::{self, ExploitRule, Predicted};
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
+use crate::policy::Policy;
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
 use crate::results::{Record, ResultTable};
@@ -14,7 +15,7 @@ use crate::tuner::plan::Planned;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
 use crate::tuner::screening::{CONTROL, HeldParameters};
 use crate::tuner::states::place;
-use crate::tuner::{Exploration, Tuner};
+use crate::tuner::{Exploration, Tuner, few, searches};
 
 /// Most of the best configurations that a search is told which goes on where another one ended.
 const TOLD_MAX: usize = 128;
@@ -24,11 +25,13 @@ const TOLD_MAX: usize = 128;
 const DOUBTED_EVERY: u64 = 3;
 const DOUBTED_UNTIL: u64 = 3;
 
-/// Once so many configurations were tried, those of so many leaders that are not clearly better than the incumbent by that
-/// are measured again,
+/// Once so many configurations were tried, and this share of the budget is spent, those of so many leaders that are not clearly
+/// better than the incumbent by that are measured again. Before, a new configuration is worth more than a repeat: what was lucky
+/// is told by the repeats at the end as well.
 const LEADERS_FROM: usize = 8;
+const LEADERS_LATE: f64 = 0.6;
 const LEADERS: usize = 3;
-/// beside which so many deviations of their difference are clear once they were measured so often at the least,
+/// Beside the incumbent so many deviations of their difference are clear once they were measured so often at the least,
 const LEADERS_CLEAR: f64 = 2.5;
 const LEADERS_MEASURED_LEAST: u64 = 3;
 /// until they were so often at the most, and as long as that is no more than this share of what was tried.
@@ -94,8 +97,13 @@ impl Tuner {
             return Explored::Candidate { candidate, held: Vec::new() };
         }
         self.ensure_exploration(room, state, planned);
+        let is_exhausted = self.searches.few().is_exhausted(self.states.results(state));
         let held = self.hold(state);
-        let rule = match self.walk(room, state, &held, planned) {
+        let next = match is_exhausted {
+            true => NextPoint::Wait,
+            false => self.walk(room, state, &held, planned),
+        };
+        let rule = match next {
             NextPoint::Measure(point, configuration) => {
                 let candidate = self.measure(state, number, point, configuration);
                 let is_baseline = matches!(candidate.point, decision::ExploredPoint::Baseline(_));
@@ -103,6 +111,11 @@ impl Tuner {
                     if is_baseline { Vec::new() } else { self.names_of(&held, &candidate.configuration) };
                 return Explored::Candidate { candidate, held };
             }
+            NextPoint::Wait if is_exhausted => match self.contender_again(room, state) {
+                Some(candidate) => return Explored::Candidate { candidate, held: Vec::new() },
+                None if self.is_spent_within(room, state) => ExploitRule::Finished,
+                None => ExploitRule::Waiting,
+            },
             NextPoint::OnlyKnown => match self.unseen(state, number) {
                 Some(configuration) => {
                     let point = decision::ExploredPoint::Random;
@@ -133,7 +146,7 @@ impl Tuner {
     /// search is spent the confirmation measures it anyway.
     fn incumbent_again(&self, client_id: &str, room: usize, state: StateId) -> Option<ProposedTrial> {
         let (results, incumbent) = (self.states.results(state), self.incumbent(state));
-        let goes_on = results.tried() < room;
+        let goes_on = self.searches.taken(state, results, &self.spec.policy) < room && !results.is_exact();
         let hurried = !self.spec.objective.auxiliary().is_empty() && !self.auxiliaries.explains(state);
         let record =
             results.record(incumbent).filter(|record| record.measurements > 0 && !record.infeasible)?;
@@ -157,13 +170,22 @@ impl Tuner {
     /// search's measurements goes to the leaders, as in the racing of Maron and Moore ("Hoeffding races", NIPS 1993). The
     /// lucky ones fall back behind others, which are measured again next. Where the policy wants nothing confirmed, and in the
     /// searches that are followed as they were published, nothing is.
+    /// What was measured once and lies far from everything else is measured again at once, wherever the search is.
     fn leader_again(&self, room: usize, state: StateId) -> Option<ProposedTrial> {
         let (results, incumbent) = (self.states.results(state), self.incumbent(state));
-        let tried = results.tried();
+        let (tried, taken) = (results.tried(), self.searches.taken(state, results, &self.spec.policy));
         let is_confirmed = self.spec.policy.confirm_rounds > 0 && self.transfer().warms_up_searches();
+        if is_confirmed
+            && taken < room
+            && let Some(doubtful) = results.doubtful(incumbent)
+            && !self.trials.runs(state, &doubtful.configuration)
+        {
+            return Some(self.again(doubtful));
+        }
         let usable = |record: &&Record| record.measurements > 0 && !record.infeasible;
         let beside = results.record(incumbent).filter(usable)?;
-        if !is_confirmed || !(LEADERS_FROM..room).contains(&tried) {
+        let is_late = taken < room && taken as f64 >= LEADERS_LATE * room as f64;
+        if !is_confirmed || tried < LEADERS_FROM || !is_late || results.is_exact() {
             return None;
         }
         let others = results.ranked().filter(|record| record.configuration != *incumbent);
@@ -184,20 +206,35 @@ impl Tuner {
                 && leader.measurements < LEADERS_MEASURED_MAX
                 && !self.trials.runs(state, &leader.configuration)
         };
-        let leader = results.ranked().take(LEADERS).find(is_open)?;
-        let (search, measurements) = (self.spec.policy.search, leader.measurements);
+        results.ranked().take(LEADERS).find(is_open).map(|leader| self.again(leader))
+    }
+
+    /// One of the few configurations of a space that were all tried, which may be the best.
+    fn contender_again(&self, room: usize, state: StateId) -> Option<ProposedTrial> {
+        let results = self.states.results(state);
+        let races = self.spec.policy.confirm_rounds > 0 && self.transfer().warms_up_searches();
+        if !races || self.searches.taken(state, results, &self.spec.policy) >= room {
+            return None;
+        }
+        let is_running = |configuration: &Configuration| self.trials.runs(state, configuration);
+        few::next_of_race(results, is_running).map(|record| self.again(record))
+    }
+
+    /// A configuration once more.
+    fn again(&self, record: &Record) -> ProposedTrial {
+        let (search, measurements) = (self.spec.policy.search, record.measurements);
         let neighbours = Vec::new();
         let point =
             decision::ExploredPoint::Search { search, step: Step::Replicate, measurements, neighbours };
-        let predicted_cost = Some(leader.mean_cost);
-        Some(ProposedTrial { configuration: leader.configuration.clone(), predicted_cost, point })
+        let predicted_cost = Some(record.mean_cost);
+        ProposedTrial { configuration: record.configuration.clone(), predicted_cost, point }
     }
 
     /// Whether the state's search has come to its end, and nobody measures anything for it any more.
     fn is_over(&self, room: usize, state: StateId) -> bool {
         let results = self.states.results(state);
         let own = self.searches.of(state);
-        own.is_some_and(|own| own.open.is_empty() && is_spent(own, results, room))
+        own.is_some_and(|own| own.open.is_empty() && is_spent(own, results, &self.spec.policy, room))
     }
 
     /// What to run where nothing was measured yet, if the predictor can say from elsewhere where much may be
@@ -236,7 +273,7 @@ impl Tuner {
             was_dropped = current.search.is_none();
             let goes_on = match &current.search {
                 Some(search) => search.is_of(policy.search),
-                None => is_spent(current, self.states.results(state), room),
+                None => is_spent(current, self.states.results(state), policy, room),
             };
             if goes_on {
                 return;
@@ -335,7 +372,7 @@ impl Tuner {
         let (space, policy) = (&self.spec.space, &self.spec.policy);
         let results = self.states.results(state);
         let spent = match self.searches.of(state) {
-            Some(own) if own.search.is_some() => is_spent(own, results, room),
+            Some(own) if own.search.is_some() => is_spent(own, results, policy, room),
             _ => return NextPoint::Wait,
         };
         let Some(Exploration { search: Some(search), .. }) = self.searches.change(state) else {
@@ -419,18 +456,27 @@ impl Tuner {
     fn unseen(&self, state: StateId, number: TrialNumber) -> Option<Configuration> {
         let results = self.states.results(state);
         let mut random = stream(self.spec.seed, Purpose::Unseen, state.0, number.0);
-        (0..UNSEEN_DRAWS_MAX).find_map(|_| {
-            let x: Vec<f64> = (0..self.spec.space.dimension()).map(|_| random.random()).collect();
-            let configuration = self.spec.space.decode(&x);
-            let seen =
-                results.settled(&configuration, 1).is_some() || self.trials.runs(state, &configuration);
-            (!seen).then_some(configuration)
-        })
+        (0..UNSEEN_DRAWS_MAX)
+            .find_map(|_| {
+                let x: Vec<f64> = (0..self.spec.space.dimension()).map(|_| random.random()).collect();
+                let configuration = self.spec.space.decode(&x);
+                let seen =
+                    results.settled(&configuration, 1).is_some() || self.trials.runs(state, &configuration);
+                (!seen).then_some(configuration)
+            })
+            .or_else(|| {
+                let is_running = |configuration: &Configuration| self.trials.runs(state, configuration);
+                self.searches.few().untried(results, is_running).cloned()
+            })
     }
 }
 
 /// Whether a search has no trial left to hand out that adds a configuration, where there is room for so many.
-pub(super) fn is_spent(exploration: &Exploration, results: &ResultTable, room: usize) -> bool {
-    let taken = results.searched() + exploration.repeats() as usize + exploration.open.len();
-    taken >= room
+pub(super) fn is_spent(
+    exploration: &Exploration,
+    results: &ResultTable,
+    policy: &Policy,
+    room: usize,
+) -> bool {
+    searches::taken(Some(exploration), results, policy.replicates) + exploration.open.len() >= room
 }

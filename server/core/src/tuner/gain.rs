@@ -44,10 +44,13 @@ impl GainEvidence<'_> {
         // again, because the machine's speed jumped, is not tried any more and stays searched.
         let beside = results.tried().saturating_sub(results.searched());
         let frames = self.history.frames_ahead(client_id, state);
+        // What was spent on repeats is not left for anything new.
+        let runs = results.runs() / self.policy.replicates.max(1) as usize;
+        let repeated = runs.saturating_sub(results.searched());
         let progress = SearchProgress {
             gained: self.history.gained(state),
             tried: results.tried(),
-            budget: self.policy.trials_per_state as usize + beside,
+            budget: (self.policy.trials_per_state as usize + beside).saturating_sub(repeated),
             frames,
             excess: self.history.excess(),
         };

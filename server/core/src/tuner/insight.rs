@@ -69,7 +69,7 @@ impl Tuner {
     pub(super) fn insight(&self, state: StateId, planned: &Planned) -> Insight {
         let (results, gain) = (self.states.results(state), self.gain());
         let prospect = gain.prospect("", state);
-        let taken = self.searches.taken(state, results);
+        let taken = self.searches.taken(state, results, &self.spec.policy);
         let left = (self.spec.policy.trials_per_state as usize).saturating_sub(taken);
         let mut omissions = Vec::new();
         if self.spec.policy.weigh_gain && !self.is_finished(state) && prospect.trials == 0 {

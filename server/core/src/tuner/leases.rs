@@ -3,7 +3,9 @@
 //! One lost lease says little: networks fail and people end programs. A configuration of which nothing was ever measured
 //! in a state and whose lease is lost there again is taken for one that crashes or hangs whoever runs it, because to hand
 //! it out to one client after the other would stop them all. It then counts as infeasible in that state, and its trial
-//! says why. A lease is also lost where its client comes back in another session while it still runs. The default is never
+//! says why. A lease is also lost where its client comes back in another session while it still runs. Of a client without
+//! sessions that never renewed a lease, as scripts are, nobody knows whether it lives, so that its silence says nothing: somebody
+//! may have pressed Ctrl-C. Who gives a trial back has said goodbye, and loses nothing. The default is never
 //! taken for one: clients run it without asking anybody, and exploring would have nothing left to be weighed against.
 
 use crate::ids::{StateId, TrialNumber};
@@ -39,7 +41,8 @@ impl Tuner {
         None
     }
 
-    /// Counts a lost lease of an open trial's configuration: how many there were in the state; 0 for the default and where it was measured.
+    /// Counts a lost lease of an open trial's configuration: how many there were in the state; 0 for the default, where it was
+    /// measured, and where the client's silence says nothing.
     fn note_lost(&mut self, number: TrialNumber) -> u32 {
         let Some(trial) = self.trials.get(number) else {
             return 0;
@@ -48,7 +51,12 @@ impl Tuner {
         let record = self.states.results(state).record(&configuration);
         let was_measured = record.is_some_and(|record| record.measurements > 0);
         let is_default = configuration == *self.spec.space.default_ref();
-        if was_measured || is_default { 0 } else { self.searches.note_lost(state, &configuration) }
+        let was_alive = trial.decision.session != 0 || trial.decision.heartbeat;
+        if was_measured || is_default || !was_alive {
+            0
+        } else {
+            self.searches.note_lost(state, &configuration)
+        }
     }
 
     /// Completes an open trial as infeasible.

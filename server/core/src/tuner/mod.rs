@@ -27,6 +27,7 @@ mod confirmation;
 mod decide;
 mod exploration;
 mod explore;
+mod few;
 mod gain;
 mod history;
 mod insight;
@@ -130,7 +131,7 @@ impl Tuner {
         Ok(Tuner {
             models: Models::new(&spec, spec.policy.predictor, &states, 0),
             screening: Screening::new(&spec.space),
-            searches: Searches::default(),
+            searches: Searches::new(&spec.space),
             trials: OpenTrials::default(),
             visits: Visits::default(),
             history: History::default(),
@@ -260,6 +261,7 @@ impl Tuner {
 
     /// Renews the lease of an open trial, counted from now.
     pub fn extend_lease(&mut self, trial: &Trial, now_ms: i64) -> Result<(Trial, Change), TunerError> {
+        self.trials.note_heartbeat(TrialNumber(trial.number));
         match self.renew(TrialNumber(trial.number), now_ms) {
             Some(renewed) => Ok((renewed.clone(), Change { trials: vec![renewed], ..Change::default() })),
             None => Err(TunerError::NotOpen { number: trial.number, state: trial.state }),
@@ -268,7 +270,7 @@ impl Tuner {
 
     /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back. A configuration
     /// that loses its [last](crate::limits::LEASES_LOST_MAX) lease in the state without ever having been measured there
-    /// is completed as infeasible, unless the lease is [pardoned](Tuner::pardon_leases).
+    /// is completed as infeasible, unless the lease is [pardoned](Tuner::pardon_leases) or its client never showed that it lives.
     pub fn expire(&mut self, now_ms: i64) -> Change {
         let mut change = Change::default();
         let mut states = BTreeSet::new();

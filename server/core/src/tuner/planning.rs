@@ -211,7 +211,7 @@ impl Tuner {
         let search = exploration.search.as_ref()?;
         let goes_on = search.is_of(policy.search)
             && !search.is_ready()
-            && !is_spent(exploration, results, self.room_of(&ask.session_policy))
+            && !is_spent(exploration, results, policy, self.room_of(&ask.session_policy))
             && self.transfer().untried_by_machines(state).is_none();
         if !goes_on || !self.affords(ask, state) {
             return None;

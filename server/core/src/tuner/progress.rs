@@ -5,11 +5,12 @@
 //! posterior, which tells no gain where the measurements show none.
 
 use crate::configuration::Configuration;
-use crate::limits::{PROGRESS_SAMPLES_MAX, REWARD_COST_MIN};
+use crate::limits::PROGRESS_SAMPLES_MAX;
 use crate::results::{Record, ResultTable};
 use crate::search::Layout;
 use crate::space::Space;
-use crate::statistics::estimate::{ConfigurationSample, CostPosterior, Measurement};
+use crate::statistics::estimate::CostPosterior;
+use crate::tuner::assessment::samples;
 
 /// The best configuration of a state, and by which share it costs less than another that was best before. `None` where
 /// nothing was measured.
@@ -20,12 +21,11 @@ pub(super) fn gained(
 ) -> Option<(Configuration, f64)> {
     let records = chosen(results, before);
     let layout = Layout::of(space);
-    let samples: Vec<ConfigurationSample> =
-        records.iter().map(|record| sample(space, &layout, record)).collect();
+    let then = before.and_then(|before| records.iter().position(|record| record.configuration == *before));
+    let samples = samples(&records, &layout, space, [then, None]);
     let posterior = CostPosterior::of(&samples, distance_2)?;
     let means = posterior.means();
     let best = (0..means.len()).min_by(|&a, &b| means[a].total_cmp(&means[b]))?;
-    let then = before.and_then(|before| records.iter().position(|record| record.configuration == *before));
     let gain = then.map_or(0.0, |then| posterior.compare(best, then).gain);
     Some((records[best].configuration.clone(), gain))
 }
@@ -45,19 +45,6 @@ fn chosen<'a>(results: &'a ResultTable, before: Option<&Configuration>) -> Vec<&
         places.push(then);
     }
     places.into_iter().map(|place| ranked[place]).collect()
-}
-
-fn sample(space: &Space, layout: &Layout, record: &Record) -> ConfigurationSample {
-    let mut x = space.encode(&record.configuration);
-    let active = layout.canonical(&mut x);
-    let measured = record.evidence.values().iter().zip(record.evidence.moments());
-    let measurements = measured
-        .map(|(cost, &moment)| Measurement { log_cost: libm::log(cost.max(REWARD_COST_MIN)), moment });
-    ConfigurationSample {
-        features: layout.features(&x, &active),
-        measurements: measurements.collect(),
-        weight: 1.0,
-    }
 }
 
 fn distance_2(a: &[f64], b: &[f64]) -> f64 {

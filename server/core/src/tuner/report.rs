@@ -3,6 +3,7 @@
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
 use crate::predict::Predictors;
+use crate::results::Record;
 use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::explore::is_spent;
@@ -16,6 +17,8 @@ use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, models, progre
 pub(super) struct LearntCost {
     /// Its cost as the table has it.
     pub(super) cost: Option<f64>,
+    /// The same as it is believed: drawn in where it lies far from everything else.
+    pub(super) believed: Option<f64>,
     /// The speed of its client's machine was found to have jumped.
     pub(super) has_jumped: bool,
 }
@@ -65,11 +68,14 @@ impl Tuner {
         change.visits.extend(self.settle(completed));
         let replicates = self.spec.policy.replicates;
         let settled = self.states.results(state).settled(&completed.configuration, replicates);
-        let verdict = match learnt.cost {
+        let is_first = |record: &Record| record.measurements == 1;
+        let record = self.states.results(state).record(&completed.configuration);
+        let verdict = match (learnt.believed, settled) {
             // The search keeps the mean of what it has measured again itself.
-            Some(cost) if is_replicate(completed) && completed.outcome == Some(Outcome::Ok) => {
+            (Some(cost), _) if is_replicate(completed) && completed.outcome == Some(Outcome::Ok) => {
                 Some(Verdict::Cost(cost))
             }
+            (Some(cost), Some(Verdict::Cost(_))) if record.is_some_and(is_first) => Some(Verdict::Cost(cost)),
             _ => settled,
         };
         self.tell_of_transfer(completed, state, verdict);
@@ -86,18 +92,24 @@ impl Tuner {
         self.completed += 1;
         self.last_completion = completed.completion.unwrap_or(self.last_completion + 1);
         let state = StateId(completed.state_id);
-        let learnt = self.understood(completed);
+        let mut learnt = self.understood(completed);
         let understood = Trial { cost: learnt.cost, ..completed.clone() };
-        let (trial, spec) = (&understood, &self.spec);
+        // The table keeps every measurement and tells itself which of them count; everybody else learns what is believed.
+        let results = self.states.results(state);
+        let is_flaky = results.is_flaky(&completed.configuration);
+        learnt.believed = learnt.cost.map(|cost| results.believed(&completed.configuration, cost));
+        let believed = Trial { cost: learnt.believed, ..understood.clone() };
+        let (trial, spec) = (&believed, &self.spec);
         self.history.frame(&trial.client_id, state);
         if self.history.frames(state) == 1 && self.states.note_first_frame(state) {
             self.models.begin_features(spec, &self.states);
         }
-        let verdict = verdict(trial);
+        let verdict = verdict(trial).filter(|verdict| *verdict != Verdict::Infeasible || !is_flaky);
         if is_silent(trial) {
             return learnt;
         }
-        if trial.decision.explores() && !matches!(trial.outcome, Some(Outcome::Failed { .. })) {
+        let has_failed = matches!(trial.outcome, Some(Outcome::Failed { .. })) || verdict.is_none();
+        if trial.decision.explores() && !has_failed {
             let best = self.states.results(state).best().map(|best| best.mean_cost);
             if let Some(best) = best.filter(|&best| best > 0.0) {
                 self.history.explored(trial.cost.map(|cost| cost / best - 1.0));
@@ -117,7 +129,7 @@ impl Tuner {
             let default = spec.space.default_ref();
             transfer::compare(&mut self.states, default, state, &trial.configuration, cost);
         }
-        self.states.learn(state, trial);
+        self.states.learn(state, &understood);
         let results = self.states.results(state);
         if self.history.octave_is_over(state, results.tried()) {
             let before =
@@ -126,7 +138,7 @@ impl Tuner {
                 self.history.octave_ends(state, best.to_raw(), gain);
             }
         }
-        if let Some(normalised) = &normalised {
+        if let Some(normalised) = normalised.as_ref().filter(|_| verdict.is_some()) {
             self.teach(trial, normalised);
         }
         self.models.catch_up(&self.spec.space);
@@ -137,7 +149,7 @@ impl Tuner {
     /// What a completed trial's cost is without what its auxiliary measurements explain, and without what the speed of
     /// its client's machine makes of it at the moment.
     fn understood(&mut self, trial: &Trial) -> LearntCost {
-        let unchanged = LearntCost { cost: trial.cost, has_jumped: false };
+        let unchanged = LearntCost { cost: trial.cost, believed: trial.cost, has_jumped: false };
         let state = StateId(trial.state_id);
         // What was carried over from elsewhere says nothing of the speed of the machine here.
         let is_own = trial.outcome.is_some() && !is_silent(trial) && trial.decision.origin.is_none();
@@ -159,6 +171,7 @@ impl Tuner {
             let what = (trial.client_id.as_str(), trial.number, state);
             let held = self.speeds.take(what, &trial.configuration, denoised, table, holds);
             factor = held.factor;
+            self.states.amend(state, |results| results.note_pace(factor));
             if let Some(unheld) = held.jumped {
                 has_jumped = true;
                 self.take_back_unheld(state, &unheld);
@@ -183,7 +196,7 @@ impl Tuner {
                 self.states.amend(state, |results| results.withhold(&trial.configuration));
             }
         }
-        LearntCost { cost: Some(learnt), has_jumped }
+        LearntCost { cost: Some(learnt), believed: Some(learnt), has_jumped }
     }
 
     /// Takes back what was learnt since the speed of a client's machine was last held, before it jumped.
@@ -253,7 +266,12 @@ impl Tuner {
         // What is spent is not needed any more: the table knows what came of it.
         let (results, policy): (_, &Policy) = (self.states.results(state), &self.spec.policy);
         if exploration.open.is_empty()
-            && is_spent(exploration, results, exploration.room().max(policy.trials_per_state as usize))
+            && is_spent(
+                exploration,
+                results,
+                policy,
+                exploration.room().max(policy.trials_per_state as usize),
+            )
             && (policy.replicates == 1 || results.is_settled(policy.replicates))
         {
             exploration.end();

@@ -5,15 +5,27 @@
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
+use crate::policy::Policy;
 use crate::results::ResultTable;
-use crate::search::AnySearch;
+use crate::search::{AnySearch, hears_others};
+use crate::space::Space;
 use crate::tuner::Exploration;
 use crate::tuner::confirmation::Stored;
+use crate::tuner::few::{self, FewConfigurations};
 use crate::tuner::states::place;
 
 /// The search of each state, in the order of their ids.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Searches(Vec<StateSearch>);
+#[derive(Clone, Debug)]
+pub(super) struct Searches {
+    of_states: Vec<StateSearch>,
+    few: FewConfigurations,
+}
+
+/// See [`Searches::taken`].
+pub(super) fn taken(exploration: Option<&Exploration>, results: &ResultTable, replicates: u32) -> usize {
+    let repeats = exploration.map_or(0, |own| own.repeats() as usize);
+    (results.runs() / replicates.max(1) as usize).max(results.searched() + repeats)
+}
 
 /// The search of one state.
 #[derive(Clone, Debug, Default)]
@@ -24,9 +36,32 @@ struct StateSearch {
 }
 
 impl Searches {
+    /// No searches yet, of configurations of a space.
+    pub(super) fn new(space: &Space) -> Self {
+        Searches { of_states: Vec::new(), few: FewConfigurations::of(space) }
+    }
+
+    /// Every configuration that can be searched, where they are few.
+    pub(super) fn few(&self) -> &FewConfigurations {
+        &self.few
+    }
+
+    /// Whether nothing is left to be searched in a state, within a budget of so many trials.
+    pub(super) fn are_spent(
+        &self,
+        state: StateId,
+        results: &ResultTable,
+        policy: &Policy,
+        room: usize,
+    ) -> bool {
+        let races = policy.confirm_rounds > 0 && hears_others(policy.search);
+        let is_raced = || !races || few::next_of_race(results, |_| false).is_none();
+        self.taken(state, results, policy) >= room || self.few.is_exhausted(results) && is_raced()
+    }
+
     /// Notes a new state, with the search that was begun in it, if it was.
     pub(super) fn found(&mut self, exploration: Option<Exploration>) {
-        self.0.push(StateSearch { exploration, changes: 0 });
+        self.of_states.push(StateSearch { exploration, changes: 0 });
     }
 
     /// The search of a state, if one was begun; whether it goes on is told by itself.
@@ -36,7 +71,7 @@ impl Searches {
 
     /// What is stored of a state's search, and of leases that were lost there, whether or not a search was begun.
     pub(super) fn record(&self, state: StateId) -> Option<&Exploration> {
-        self.0[place(state)].exploration.as_ref()
+        self.of_states[place(state)].exploration.as_ref()
     }
 
     /// How many leases of a configuration were lost in a state.
@@ -46,7 +81,7 @@ impl Searches {
 
     /// Notes that a lease of a configuration was lost in a state, and tells how many that makes.
     pub(super) fn note_lost(&mut self, state: StateId, configuration: &Configuration) -> u32 {
-        let own = &mut self.0[place(state)];
+        let own = &mut self.of_states[place(state)];
         own.changes += 1;
         own.exploration.get_or_insert_with(Exploration::unbegun).note_lost(configuration)
     }
@@ -54,7 +89,7 @@ impl Searches {
     /// Forgets the lost leases of a configuration of which something is known now.
     pub(super) fn forgive(&mut self, state: StateId, configuration: &Configuration) {
         if self.lost(state, configuration) > 0 {
-            let own = &mut self.0[place(state)];
+            let own = &mut self.of_states[place(state)];
             own.changes += 1;
             own.exploration.iter_mut().for_each(|exploration| exploration.forgive(configuration));
         }
@@ -62,7 +97,7 @@ impl Searches {
 
     /// The same, to be changed.
     pub(super) fn change(&mut self, state: StateId) -> Option<&mut Exploration> {
-        let StateSearch { exploration, changes } = &mut self.0[place(state)];
+        let StateSearch { exploration, changes } = &mut self.of_states[place(state)];
         let begun = exploration.as_mut().filter(|exploration| exploration.is_begun());
         *changes += u64::from(begun.is_some());
         begun
@@ -71,26 +106,27 @@ impl Searches {
     /// Begins a search in a state; one that was there before is dropped, and what it confirmed stays. Where it confirmed
     /// nothing, what other states expect to be best is the incumbent.
     pub(super) fn begin(&mut self, state: StateId, search: AnySearch, incumbent: Option<Configuration>) {
-        let own = &mut self.0[place(state)];
+        let own = &mut self.of_states[place(state)];
         let exploration = own.exploration.get_or_insert_with(Exploration::unbegun);
         exploration.begin_anew(search);
         exploration.confirmed = exploration.confirmed.take().or(incumbent.map(Stored));
         own.changes += 1;
     }
 
-    /// How many trials of a state count towards the budget of its search: configurations with a verdict that no client
-    /// asked for by itself, and what was measured again.
-    pub(super) fn taken(&self, state: StateId, results: &ResultTable) -> usize {
-        results.searched() + self.of(state).map_or(0, |own| own.repeats() as usize)
+    /// How many trials of a state count towards the budget of its search: every one that explored it, whatever it ran, and as one
+    /// where the policy wants each configuration measured several times. Of
+    /// states that an earlier version searched those are known that tried something new, and the search's own repeats.
+    pub(super) fn taken(&self, state: StateId, results: &ResultTable, policy: &Policy) -> usize {
+        taken(self.of(state), results, policy.replicates)
     }
 
     /// How often the search of a state has changed.
     pub(super) fn changes(&self, state: StateId) -> u64 {
-        self.0[place(state)].changes
+        self.of_states[place(state)].changes
     }
 
     /// Every search that was begun.
     pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Exploration> {
-        self.0.iter_mut().filter_map(|own| own.exploration.as_mut())
+        self.of_states.iter_mut().filter_map(|own| own.exploration.as_mut())
     }
 }

@@ -18,7 +18,7 @@ impl Tuner {
         offline && session.epsilon.is_none() && self.spec.policy.epsilon > 0.0
     }
 
-    /// After how many measured configurations a state's search is over for a session.
+    /// After how many trials a state's search is over for a session.
     pub(super) fn room_of(&self, session: &SessionPolicy) -> usize {
         session.trials_per_state.unwrap_or(self.spec.policy.trials_per_state) as usize
     }
@@ -30,7 +30,12 @@ impl Tuner {
 
     /// Whether a state's search has tried all that a session wants, confirmed or not.
     pub(super) fn is_spent_for(&self, session: &SessionPolicy, state: StateId) -> bool {
-        self.searches.taken(state, self.states.results(state)) >= self.room_of(session)
+        self.is_spent_within(self.room_of(session), state)
+    }
+
+    /// Whether nothing is left to be searched in a state, within a budget of so many trials.
+    pub(super) fn is_spent_within(&self, room: usize, state: StateId) -> bool {
+        self.searches.are_spent(state, self.states.results(state), &self.spec.policy, room)
     }
 
     /// Whether the last decision for a client was taken under other wishes than these.

@@ -135,7 +135,8 @@ impl Speeds {
         client.since += 1;
         let known = results.record(configuration).filter(|record| {
             let least = if configuration == default { 1 } else { KNOWN_AFTER };
-            !record.infeasible && record.mean_cost > 0.0 && record.evidence.count() >= least
+            let is_clear = record.mean_cost > 0.0 && !record.evidence.is_torn();
+            !record.infeasible && is_clear && record.evidence.count() >= least
         });
         if !holds {
             if known.is_some() {

@@ -121,6 +121,13 @@ impl OpenTrials {
         }
     }
 
+    /// Notes that the client of an open trial shows that it lives.
+    pub(super) fn note_heartbeat(&mut self, number: TrialNumber) {
+        if let Some(trial) = self.open.get_mut(&number) {
+            trial.decision.heartbeat = true;
+        }
+    }
+
     /// Gives an open trial a lease until `expire_ms`.
     pub(super) fn renew(&mut self, number: TrialNumber, expire_ms: i64) -> Option<&Trial> {
         let trial = self.open.get_mut(&number)?;

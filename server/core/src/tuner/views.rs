@@ -94,10 +94,11 @@ impl Tuner {
     pub(super) fn best_answer(&self, state: StateId, planned: &Planned) -> Option<Best> {
         let answered = self.answered(state, planned)?;
         let record = self.states.results(state).record(&answered.configuration)?;
+        let pace = self.states.results(state).pace();
         Some(Best {
             configuration: record.configuration.clone(),
-            cost: record.mean_cost,
-            default_cost: self.states.default_cost(state),
+            cost: pace * record.mean_cost,
+            default_cost: self.states.default_cost(state).map(|cost| pace * cost),
             measurements: record.measurements,
             state_id: state.0,
             trial: record.last_trial,

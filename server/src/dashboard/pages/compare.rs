@@ -1,6 +1,7 @@
 //! Several studies side by side: how their best so far came down beside their own defaults, and what is proven in each.
 
 use askama::Template;
+use treewright_core::standing::StandingVerdict;
 use treewright_proto::v1;
 
 use super::super::charts::{self, Runner};
@@ -75,8 +76,10 @@ fn row(
     states: &[StateStands],
     latest: &[v1::Trial],
 ) -> Row {
-    let count = |word: &str| {
-        states.iter().filter(|one| one.standing.is_some_and(|standing| standing.in_short() == word)).count()
+    let count = |verdicts: &[StandingVerdict]| {
+        let stands =
+            |one: &&StateStands| one.standing.is_some_and(|standing| verdicts.contains(&standing.verdict()));
+        states.iter().filter(stands).count()
     };
     let gains = states.iter().filter_map(|one| Some(one.standing?.gain?.share));
     let (low, high) =
@@ -91,8 +94,8 @@ fn row(
         id: head.id.clone(),
         states: head.states,
         trials: head.trials,
-        better: count("proven better"),
-        nothing: count("nothing better"),
+        better: count(&[StandingVerdict::Proven]),
+        nothing: count(&[StandingVerdict::NothingBetter, StandingVerdict::NothingToWin]),
         gains: match low.is_finite() {
             true => format!("{:.1} to {:.1} %", 100.0 * low, 100.0 * high),
             false => String::new(),

@@ -162,7 +162,7 @@ fn card(chosen: &StateStands) -> Option<BestCard> {
         cost: figure(standing.cost),
         interval: format!("{} to {}", figure(standing.cost_low), figure(standing.cost_high)),
         gain: chosen.gain(),
-        verdict: standing.verdict(),
+        verdict: standing.sentence(),
         state: chosen.state,
     })
 }

@@ -120,11 +120,62 @@ fn a_client_cannot_hoard_trials() {
     suggest(&mut tuner, "b", limit as f64, 0.0);
 }
 
-/// Ends the lease of whatever is open, and takes the next trial.
+/// A client is handed a trial, shows that it lives, and never comes back.
 fn crash(tuner: &mut Tuner, client: &str, now_ms: &mut i64) -> (Trial, Change) {
     let trial = tuner.suggest(&ask(client, 0.5, 0.5), *now_ms).expect("valid").0;
+    assert!(tuner.extend_lease(&trial, *now_ms).is_ok());
     *now_ms += 60_001;
     (trial, tuner.expire(*now_ms))
+}
+
+#[test]
+fn the_silence_of_a_client_that_never_showed_that_it_lives_outlaws_nothing() {
+    let mut tuner = tuner(explore_always());
+    run(&mut tuner, "a", 0.5, 0.5, 3);
+    let mut now_ms = 1_000;
+    let first = tuner.suggest(&ask("shell", 0.5, 0.5), now_ms).expect("valid").0;
+    for interrupted in 0..6 {
+        now_ms += 60_001;
+        let change = tuner.expire(now_ms);
+        assert!(change.trials.iter().all(|trial| trial.state == TrialState::Expired), "{interrupted}");
+        let again = tuner.suggest(&ask("shell", 0.5, 0.5), now_ms).expect("valid").0;
+        assert_eq!(again.configuration, first.configuration, "it is still worth a try");
+    }
+    // Who has sessions lives as long as one of them, and who gives a trial back has said goodbye.
+    let session = Ask { session: 7, ..ask("program", 0.5, 0.5) };
+    for lost in 0..3 {
+        let trial = tuner.suggest(&session, now_ms).expect("valid").0;
+        let is_lost = lost % 2 == 0;
+        let before = tuner.searches.lost(StateId(1), &trial.configuration);
+        let _ = if is_lost { tuner.expire(now_ms + 60_001) } else { tuner.abandon(&trial).expect("open").1 };
+        now_ms += 60_001;
+        let results = tuner.states.results(StateId(1));
+        let outlawed = results.is_infeasible(&trial.configuration);
+        let count = tuner.searches.lost(StateId(1), &trial.configuration);
+        assert!(if is_lost { count == before + 1 || outlawed } else { count == before }, "{lost}");
+    }
+}
+
+#[test]
+fn a_crash_after_a_success_is_a_failure_and_many_are_not() {
+    let mut tuner = tuner(Policy { epsilon: 1.0, trials_per_state: 30, ..Policy::default() });
+    let state = StateId(1);
+    let trials = run(&mut tuner, "a", 0.5, 0.5, 12);
+    let best = trials.iter().min_by(|a, b| cost(a).total_cmp(&cost(b))).expect("some").configuration.clone();
+    let wanted = |tuner: &mut Tuner, outcome: Outcome| {
+        let trial = tuner.suggest_wanted(&ask("w", 0.5, 0.5), best.to_raw(), 0).expect("valid").0;
+        finish(tuner, &trial, outcome);
+    };
+    wanted(&mut tuner, Outcome::Ok);
+    wanted(&mut tuner, infeasible());
+    wanted(&mut tuner, infeasible());
+    assert!(!tuner.states.results(state).is_infeasible(&best), "it ran twice");
+    assert_eq!(tuner.best(None, None).expect("valid").expect("measured").configuration, best);
+    wanted(&mut tuner, infeasible());
+    assert!(tuner.states.results(state).is_infeasible(&best), "it crashes more often than it runs");
+    wanted(&mut tuner, Outcome::Ok);
+    wanted(&mut tuner, Outcome::Ok);
+    assert!(!tuner.states.results(state).is_infeasible(&best), "it runs more often than it crashes");
 }
 
 #[test]
@@ -253,7 +304,8 @@ fn a_search_that_has_spent_its_budget_on_repeats_is_finished() {
         let trial = suggest(&mut tuner, "a", 0.5, 0.5);
         finish(&mut tuner, &trial, Outcome::Ok);
         let own = tuner.searches.of(StateId(1)).expect("explored");
-        let spent = crate::tuner::explore::is_spent(own, tuner.states.results(StateId(1)), 30);
+        let spent =
+            crate::tuner::explore::is_spent(own, tuner.states.results(StateId(1)), &tuner.spec().policy, 30);
         assert_eq!(tuner.is_finished(StateId(1)), spent);
     }
     assert!(tuner.is_finished(StateId(1)));

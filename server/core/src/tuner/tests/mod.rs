@@ -9,6 +9,9 @@ mod leases;
 mod parts;
 mod paying;
 mod proven;
+mod robust;
+mod small;
+mod verdicts;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

@@ -23,7 +23,7 @@ fn search(state: u64) -> AnySearch {
 
 #[test]
 fn whatever_may_change_a_search_is_counted_and_a_look_is_not() {
-    let mut searches = Searches::default();
+    let mut searches = Searches::new(&spec(Policy::default()).space);
     let (first, second) = (StateId(1), StateId(2));
     searches.found(None);
     searches.found(None);
@@ -90,7 +90,7 @@ fn exploiting_asks_a_predictor_until_the_states_own_search_is_over() {
 fn lost_leases_are_remembered_through_a_new_search_until_something_is_known() {
     let space = spec(Policy::default()).space;
     let (here, lost, other) = (StateId(1), space.default_configuration(), space.decode(&[0.9; 4]));
-    let mut searches = Searches::default();
+    let mut searches = Searches::new(&spec(Policy::default()).space);
     searches.found(None);
     assert_eq!((searches.note_lost(here, &lost), searches.note_lost(here, &lost)), (1, 2));
     assert!(searches.of(here).is_none() && searches.record(here).is_some(), "no search was begun by that");

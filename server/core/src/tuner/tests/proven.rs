@@ -230,7 +230,7 @@ fn what_did_best_elsewhere_is_what_is_to_be_beaten_in_a_new_state() {
 
 #[test]
 fn a_suspicion_from_another_state_does_not_keep_a_search_from_exploring() {
-    let policy = Policy { epsilon: 1.0, trials_per_state: 40, ..Policy::default() };
+    let policy = Policy { epsilon: 1.0, trials_per_state: 80, ..Policy::default() };
     let mut spec = spec(policy);
     spec.objective = spec.objective.with_auxiliary(vec!["cpu_ms".into()]).expect("valid");
     let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");

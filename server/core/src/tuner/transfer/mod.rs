@@ -148,8 +148,9 @@ impl<'a> Transfer<'a> {
     pub(super) fn needs_predictor(&self, here: Option<StateId>) -> bool {
         let is_known = |here: StateId| {
             let results = self.states.results(here);
-            let taken = self.searches.taken(here, results);
-            let is_finished = taken >= self.spec.policy.trials_per_state as usize;
+            let policy = &self.spec.policy;
+            let is_finished =
+                self.searches.are_spent(here, results, policy, policy.trials_per_state as usize);
             is_finished && results.best().is_some() || self.best_by_machines(here).is_some()
         };
         here.is_none_or(|here| !is_known(here))

@@ -217,8 +217,8 @@ impl Transfer<'_> {
     /// this one has. The default comes first, by which machines are compared.
     pub(in crate::tuner) fn untried_by_machines(&self, state: StateId) -> Option<ProposedTrial> {
         let results = self.states.results(state);
-        let taken = self.searches.taken(state, results);
-        let is_finished = taken >= self.spec.policy.trials_per_state as usize;
+        let policy = &self.spec.policy;
+        let is_finished = self.searches.are_spent(state, results, policy, policy.trials_per_state as usize);
         if self.states.siblings(state).is_empty() || is_finished {
             return None;
         }

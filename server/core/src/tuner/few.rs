@@ -1,0 +1,69 @@
+//! Spaces of so few configurations that a search tries them all.
+//!
+//! Once every one of them has a verdict there is nothing to search for, and what is left of the budget goes to telling the best
+//! of them apart, as in a race (Maron and Moore, "Hoeffding races", NIPS 1993): each is measured again until it is clearly
+//! dearer than the best, or was measured often enough for a confirmation to choose among them.
+
+use std::sync::Arc;
+
+use crate::configuration::Configuration;
+use crate::results::{Record, ResultTable};
+use crate::space::Space;
+
+/// So many measurements of a configuration are enough to choose it for a confirmation, or not.
+const ENOUGH: u64 = 3;
+/// So many standard deviations above the best are clear.
+const CLEAR: f64 = 2.5;
+/// What ran once and cost less than the best by this factor may have been disturbed.
+const NEAR: f64 = 2.0;
+/// The noise that is assumed before anything was measured twice, and the bounds of what is believed of it.
+const NOISE_PRIOR: f64 = 0.1;
+const NOISE_LEAST: f64 = 0.01;
+const NOISE_MAX: f64 = 0.5;
+
+/// Every configuration of a space, where they are few.
+#[derive(Clone, Debug, Default)]
+pub(super) struct FewConfigurations(Option<Arc<[Configuration]>>);
+
+impl FewConfigurations {
+    pub(super) fn of(space: &Space) -> Self {
+        FewConfigurations(space.enumerate().map(Arc::from))
+    }
+
+    /// Whether every configuration has a verdict, or was given up.
+    pub(super) fn is_exhausted(&self, results: &ResultTable) -> bool {
+        self.0.as_ref().is_some_and(|all| results.decided() >= all.len())
+    }
+
+    /// The first that is not tried yet, of those that nobody runs.
+    pub(super) fn untried(
+        &self,
+        results: &ResultTable,
+        is_running: impl Fn(&Configuration) -> bool,
+    ) -> Option<&Configuration> {
+        let is_new = |one: &&Configuration| results.settled(one, 1).is_none() && !is_running(one);
+        self.0.as_ref()?.iter().find(is_new)
+    }
+}
+
+/// The configuration of an exhausted space that is to be measured again next, of those that nobody runs. `None` where it is
+/// clear enough which are the best, and where costs are exact.
+pub(super) fn next_of_race(
+    results: &ResultTable,
+    is_running: impl Fn(&Configuration) -> bool,
+) -> Option<&Record> {
+    let best = results.best()?;
+    if results.is_exact() || results.ranked().len() < 2 {
+        return None;
+    }
+    let noise = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
+    let is_open = |record: &&Record| {
+        let parts = 1.0 / record.measurements as f64 + 1.0 / best.measurements as f64;
+        let deviations = libm::log(record.mean_cost / best.mean_cost) / (noise * parts.sqrt());
+        let is_near = record.measurements == 1 && record.mean_cost <= NEAR * best.mean_cost;
+        record.measurements < ENOUGH
+            && (is_near || !(deviations >= CLEAR))
+            && !is_running(&record.configuration)
+    };
+    results.ranked().filter(is_open).min_by_key(|record| record.measurements)
+}

@@ -1,0 +1,111 @@
+//! One absurd report changes no answer for long, and what is told holds over many decades of costs.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+use crate::statistics::simulated::normal;
+
+/// Plays frames of one client in a world of costs `truth` with noise; `report` may replace what is measured in a frame.
+fn played(
+    seed: u64,
+    frames: usize,
+    noise: f64,
+    truth: impl Fn(&Trial) -> f64,
+    report: impl Fn(usize) -> Option<f64>,
+    mut look: impl FnMut(usize, &Tuner),
+) -> Tuner {
+    let spec = StudySpec { seed, ..spec(Policy { epsilon: 1.0, trials_per_state: 60, ..Policy::default() }) };
+    let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    for frame in 0..frames {
+        let trial = suggest(&mut tuner, "a", 0.5, 0.5);
+        let cost = truth(&trial) * f64::exp(noise * normal(&mut random));
+        let cost = report(frame).unwrap_or(cost).min(f64::MAX);
+        assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
+        look(frame, &tuner);
+    }
+    tuner
+}
+
+/// Costs of 40 to 60, a good part of which can be gained.
+fn near(trial: &Trial) -> f64 {
+    30.0 + cost(trial)
+}
+
+#[test]
+fn one_absurd_report_changes_no_answer_for_longer_than_ten_frames() {
+    let worlds: u64 = std::env::var("WORLDS").ok().and_then(|worlds| worlds.parse().ok()).unwrap_or(8);
+    for seed in 0..worlds {
+        let mut random = ChaCha8Rng::seed_from_u64(1_000 + seed);
+        let wild = [1.7e15, 1e-300, 0.0, f64::MAX, 1e9, 1e-9][random.random_range(0..6)];
+        let at = random.random_range(0..45);
+        let report = |frame| (frame == at).then_some(wild);
+        let mut wrong_since = None;
+        let tuner = played(seed, 150, 0.03, near, report, |frame, tuner| {
+            if frame < at {
+                return;
+            }
+            let best = tuner.best(None, None).expect("valid").expect("measured");
+            let standing = best.standing;
+            let truth = truth_of(tuner, &best);
+            let default = 60.25;
+            // What is told must be near to what is true, and what is answered not dearer than the default.
+            let is_wrong = !(0.8 * truth..1.25 * truth).contains(&standing.cost) || truth > 1.05 * default;
+            match is_wrong {
+                true => {
+                    let since = *wrong_since.get_or_insert(frame);
+                    assert!(
+                        frame - since <= 10,
+                        "seed {seed}, {wild:e} at {at}: wrong from {since} to {frame}: {standing:?}"
+                    );
+                }
+                false => wrong_since = None,
+            }
+        });
+        let best = tuner.best(None, None).expect("valid").expect("measured");
+        let gain = best.standing.gain.expect("the default was measured");
+        let truth = 1.0 - truth_of(&tuner, &best) / 60.25;
+        assert!(truth > 0.2, "seed {seed}, {wild:e} at {at}: the answer gains {truth}");
+        assert!((gain.share - truth).abs() < 0.05, "seed {seed}, {wild:e} at {at}: {gain:?} for {truth}");
+    }
+}
+
+fn truth_of(tuner: &Tuner, best: &Best) -> f64 {
+    let trial = Trial {
+        configuration: best.configuration.clone(),
+        ..tuner.clone().suggest(&ask("b", 0.5, 0.5), 0).expect("valid").0
+    };
+    near(&trial)
+}
+
+#[test]
+fn what_is_told_holds_over_thirty_decades_of_costs() {
+    for decades in [0.5, 4.0, 16.0, 20.0, 30.0] {
+        // From 12.75 to about 40 in the plain world.
+        let truth = |trial: &Trial| 1e-8 * f64::powf(10.0, decades * (cost(trial) - 12.75) / 20.0);
+        let mut held = 0;
+        for seed in 0..4 {
+            let tuner = played(seed, 150, 0.03, truth, |_| None, |_, _| {});
+            let best = tuner.best(None, None).expect("valid").expect("measured");
+            let trial = Trial {
+                configuration: best.configuration.clone(),
+                ..tuner.clone().suggest(&ask("b", 0.5, 0.5), 0).expect("valid").0
+            };
+            let (own, gain) = (truth(&trial), best.standing.gain.expect("measured"));
+            let share = 1.0 - own / (1e-8 * f64::powf(10.0, decades * (30.25 - 12.75) / 20.0));
+            assert!(share > 0.2, "{decades} decades, seed {seed}: {share}");
+            let within = (best.standing.cost / own - 1.0).abs() <= 0.05;
+            let low = gain.low.is_none_or(|low| low <= share + 1e-12);
+            let high = gain.high.is_none_or(|high| share <= high + 1e-12);
+            held += u32::from(within && low && high);
+            if !(within && low && high) {
+                println!(
+                    "{decades} decades, seed {seed}: {own:e} costs and {share} is gained: {:?}",
+                    best.standing
+                );
+            }
+        }
+        assert!(held >= 3, "{decades} decades: {held} of 4 intervals hold");
+    }
+}

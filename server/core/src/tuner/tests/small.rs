@@ -1,0 +1,163 @@
+//! Spaces of few configurations, which are exhausted: they are repeated, confirmed and ended, and budgets count runs.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+use crate::policy::PolicySettings;
+use crate::statistics::simulated::normal;
+
+/// A study without indicators, over levels from 1 on.
+fn levels(count: i64, default: i64, seed: u64, policy: Policy) -> Tuner {
+    let domain = Domain::Integer { min: 1, max: count, scale: Scale::Linear };
+    let space = Space::new(vec![parameter("level", domain, Value::Integer(default))], Vec::new());
+    let indicators = IndicatorSchema::default();
+    let spec = StudySpec { seed, indicators, ..spec_of(space.expect("valid"), policy) };
+    Tuner::new(Arc::new(spec)).expect("valid")
+}
+
+fn level(trial: &Trial) -> f64 {
+    trial.configuration.get("level").and_then(Value::as_number).expect("a level")
+}
+
+/// Runs as one program after the other would, until the search says that it is over or so many runs are made; how many there
+/// were.
+fn tuned(tuner: &mut Tuner, truth: impl Fn(f64) -> f64, noise: f64, most: usize) -> usize {
+    let mut random = ChaCha8Rng::seed_from_u64(tuner.spec().seed);
+    let session_policy = crate::session::SessionPolicy { epsilon: Some(1.0), ..Default::default() };
+    let ask = Ask { client_id: "exec".into(), session_policy, ..Ask::default() };
+    for run in 0..most {
+        let trial = tuner.suggest(&ask, 0).expect("valid").0;
+        if trial.reason().explanation.rule == Some(Rule::Finished) {
+            return run;
+        }
+        let cost = truth(level(&trial)) * f64::exp(noise * normal(&mut random));
+        assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
+    }
+    most
+}
+
+fn answer(tuner: &Tuner) -> (i64, Best) {
+    let best = tuner.best(None, None).expect("valid").expect("measured");
+    let level = best.configuration.get("level").and_then(Value::as_number).expect("a level");
+    (level as i64, best)
+}
+
+#[test]
+fn a_factor_of_two_among_three_values_is_always_found() {
+    let worlds = 1_000;
+    let mut found = 0;
+    for seed in 0..worlds {
+        let noise = [0.02, 0.1, 0.2][seed as usize % 3];
+        let (default, best) = (1 + seed as i64 % 3, 1 + (seed as i64 / 3) % 3);
+        if default == best {
+            found += 1;
+            continue;
+        }
+        let mut tuner = levels(3, default, seed, Policy::default());
+        // As somebody would who gives it twenty runs.
+        let runs = tuned(&mut tuner, |level| if level == best as f64 { 1.0 } else { 2.0 }, noise, 20);
+        assert!(runs >= 9 || noise < 0.15, "it ended after {runs} runs");
+        found += u64::from(answer(&tuner).0 == best);
+    }
+    assert_eq!(found, worlds);
+}
+
+#[test]
+fn a_space_of_nineteen_levels_is_raced_confirmed_and_ended_in_the_runs_that_are_expected() {
+    let space = levels(19, 3, 0, Policy::default()).spec().space.clone();
+    let expected = PolicySettings::default().few(&space).expect("few").runs as f64;
+    let (mut all, mut most) = (0, 0);
+    for seed in 0..24u64 {
+        let mut tuner = levels(19, 3, seed, Policy::default());
+        let noise = [0.02, 0.05, 0.1][seed as usize % 3];
+        // As compressing costs, which is dearer with each level, and has nothing to win; or with a valley.
+        let truth = |level: f64| match seed % 2 {
+            0 => 100.0 * f64::exp(0.15 * level),
+            _ => 100.0 + 3.0 * (level - 11.0) * (level - 11.0),
+        };
+        let runs = tuned(&mut tuner, truth, noise, 1_000);
+        let (level, best) = answer(&tuner);
+        let optimum = if seed % 2 == 0 { 1.0 } else { 11.0 };
+        assert!(truth(level as f64) <= 1.1 * truth(optimum), "seed {seed}: level {level}");
+        assert!(best.standing.confirmation.is_over(), "seed {seed}: {:?}", best.standing.confirmation);
+        (all, most) = (all + runs, most.max(runs));
+    }
+    let mean = all as f64 / 24.0;
+    println!("{mean:.1} runs in the mean, {most} at the most, {expected} expected");
+    assert!(most <= 130 && (0.6..1.5).contains(&(mean / expected)), "{mean} {most} {expected}");
+}
+
+#[test]
+fn a_space_that_is_flat_ends_and_says_that_nothing_is_better() {
+    let mut wrong = 0;
+    for seed in 0..30 {
+        let mut tuner = levels(5, 2, seed, Policy::default());
+        let runs = tuned(&mut tuner, |_| 10.0, 0.05, 1_000);
+        assert!(runs < 140, "{runs}");
+        let (level, _) = answer(&tuner);
+        wrong += u32::from(level != 2);
+    }
+    assert!(wrong <= 3, "{wrong} of 30 have found what is not there");
+}
+
+#[test]
+fn one_configuration_needs_no_search() {
+    let mut tuner = levels(1, 1, 0, Policy::default());
+    assert!(tuned(&mut tuner, |_| 10.0, 0.05, 100) <= 3);
+}
+
+#[test]
+fn exact_costs_are_not_measured_again_and_again() {
+    let mut tuner = levels(7, 2, 0, Policy::default());
+    let runs = tuned(&mut tuner, |level| 100.0 - level, 0.0, 1_000);
+    assert_eq!(answer(&tuner).0, 7);
+    assert!(runs <= 7 + 3 + 15, "{runs} runs for seven configurations");
+}
+
+#[test]
+fn a_budget_counts_runs() {
+    for seed in 0..4 {
+        let spec =
+            StudySpec { seed, ..spec(Policy { epsilon: 1.0, trials_per_state: 30, ..Policy::default() }) };
+        let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut searched = 0;
+        for _ in 0..200 {
+            let trial = suggest(&mut tuner, "a", 0.5, 0.5);
+            let rule = trial.reason().explanation.rule;
+            if matches!(rule, Some(Rule::Finished | Rule::Confirming)) {
+                break;
+            }
+            searched += 1;
+            let metrics = measured(cost(&trial) * f64::exp(0.05 * normal(&mut random)));
+            assert!(tuner.report(&trial, metrics, Outcome::Ok, 1).is_ok());
+        }
+        assert_eq!(searched, 30, "repeats and the default among them");
+        assert!(tuner.states.results(StateId(1)).tried() < 30);
+    }
+}
+
+#[test]
+fn several_programs_share_a_small_space() {
+    let mut tuner = levels(6, 2, 3, Policy::default());
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let mut open: Vec<Trial> = Vec::new();
+    let (mut runs, mut ended) = (0, 0);
+    while ended < 4 && runs < 400 {
+        let client = format!("client {}", runs % 4);
+        let session_policy = crate::session::SessionPolicy { epsilon: Some(1.0), ..Default::default() };
+        let ask = Ask { client_id: client.clone(), session_policy, ..Ask::default() };
+        if let Some(place) = open.iter().position(|trial| trial.client_id == client) {
+            let trial = open.remove(place);
+            let cost = (5.0 + level(&trial)) * f64::exp(0.03 * normal(&mut random));
+            assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
+        }
+        let trial = tuner.suggest(&ask, 0).expect("valid").0;
+        ended = if trial.reason().explanation.rule == Some(Rule::Finished) { ended + 1 } else { 0 };
+        open.push(trial);
+        runs += 1;
+    }
+    assert!(ended >= 4, "nobody waits for ever: {runs} runs");
+    assert_eq!(answer(&tuner).0, 1);
+}
