@@ -192,7 +192,10 @@ fn of_exploit(exploit: &Exploit) -> String {
             100.0 * gain_at_most
         ),
         (ExploitSource::Portfolio { states, .. }, _) => {
-            format!("Nothing was measured here yet; this serves {states} known states best on average.")
+            format!(
+                "Nothing that can be run was measured here yet; of what {states} known states answer this serves them \
+                 best on average."
+            )
         }
         (ExploitSource::Predictor(predicted), _) => of_predictor(predicted),
         (ExploitSource::Machines(by), _) => of_machines(by),
@@ -209,10 +212,11 @@ fn of_predictor(predicted: &Predicted) -> String {
     let Predicted { predictor, expected: (cost, deviation), neighbours } = predicted;
     match (predictor, neighbours.first()) {
         (PredictorMethod::NearestNeighbour, Some(Neighbour { state_id, distance, .. })) => format!(
-            "Best known configuration of state {state_id}, the nearest known one, at distance {distance:.4}."
+            "Not measured here: the answer of state {state_id}, the nearest known one, at distance {distance:.4}."
         ),
         _ => format!(
-            "The model learnt from all trials expects the lowest cost of it: {cost:.4} ± {deviation:.4}."
+            "Predicted, not measured here: the model learnt from all trials expects {cost:.4} ± {deviation:.4} of it, \
+             so much less than of what was measured that it is worth its risk."
         ),
     }
 }

@@ -86,6 +86,11 @@ impl Record {
         self.infeasible = crashes > 0 && (self.measurements == 0 || often);
     }
 
+    /// Whether it cannot be run, as far as is known: it never could, or cannot any more.
+    pub fn fails(&self) -> bool {
+        self.infeasible || self.measurements == 0 && self.failures > 0
+    }
+
     fn rank(&self, index: usize) -> Option<Rank> {
         let usable = self.measurements > 0 && !self.infeasible;
         usable.then_some(Rank { cost: self.mean_cost, index })
@@ -550,6 +555,18 @@ impl ResultTable {
     /// Whether the configuration could not be run here.
     pub fn is_infeasible(&self, configuration: &Configuration) -> bool {
         self.record(configuration).is_some_and(|record| record.infeasible)
+    }
+
+    /// What was measured of a configuration that can be run.
+    pub fn ran(&self, configuration: &Configuration) -> Option<&Record> {
+        self.record(configuration).filter(|record| record.measurements > 0 && !record.infeasible)
+    }
+
+    /// Whether the configuration was tried here and never ran to its end, be it that it was stopped, or
+    /// cannot be run any more.
+    pub fn fails(&self, configuration: &Configuration) -> bool {
+        let stopped = |record: &Record| record.measurements == 0 && record.lower_bound.is_some();
+        self.record(configuration).is_some_and(|record| record.fails() || stopped(record))
     }
 
     /// Whether the configuration has a verdict, final or not.

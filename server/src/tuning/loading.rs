@@ -160,7 +160,7 @@ mod tests {
         for number in 0..4 {
             let handed_out = suggested(&tuning, "one", 0.5).await.number;
             // The client shows that it lives, so that its silence means something.
-            let name = crate::convert::names::TrialName { study: "hall".to_owned(), number: handed_out };
+            let name = crate::convert::names::TrialName { study: "hall".into(), number: handed_out };
             tuning.extend_lease(&name).await.expect("it is open");
             trials.push(handed_out);
             if is_away(number) {

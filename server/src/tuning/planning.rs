@@ -212,12 +212,13 @@ mod tests {
         assert_eq!(suggest(&tuning, "two").await.mode(), Mode::Explore, "a guess near the best");
         let predicted =
             tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
-        assert_eq!(predicted.reason().source, "nearest_neighbour");
+        assert_eq!(predicted.reason().source, "default", "nothing was measured there");
         drop(places);
         assert_eq!(suggest(&tuning, "three").await.mode(), Mode::Explore);
         let predicted =
             tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
-        assert_eq!(predicted.reason().source, "portfolio", "what serves the known states best");
+        let source = predicted.reason().source;
+        assert!(["portfolio", "contextual"].contains(&source.as_str()), "what others know: {source}");
     }
 
     #[tokio::test(flavor = "multi_thread")]

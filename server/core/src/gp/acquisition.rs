@@ -35,6 +35,12 @@ fn hazard_excess(x: f64) -> f64 {
     (1..=FRACTION_TERMS).rev().fold(0.0, |rest, term| f64::from(term) / (x + rest))
 }
 
+/// Whether what is to be gained by a change of the value is at least so many times what is to be lost by it.
+pub(crate) fn is_worth(change: Posterior, odds: f64) -> bool {
+    let z = -change.mean / change.deviation;
+    log_improvement(z) - log_improvement(-z) >= libm::log(odds)
+}
+
 /// The mean less so many deviations: optimistic above zero, careful below.
 pub(crate) fn confidence_bound(belief: Posterior, optimism: f64) -> f64 {
     belief.mean - optimism * belief.deviation

@@ -81,6 +81,11 @@ impl Hyperparameters {
         Hyperparameters { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log }
     }
 
+    /// Whether they are of a process of so many features without a trend.
+    pub(crate) fn fits(&self, dimension: usize) -> bool {
+        [self.log.len(), self.steps.len(), self.signs.len()] == [dimension + 1; 3]
+    }
+
     /// The same with a quadratic trend.
     pub(crate) fn with_trend(kinds: &[FeatureKind], prior: &Prior) -> Self {
         let mut hyper = Hyperparameters::new(kinds, prior);

@@ -3,7 +3,7 @@
 //! Source: Rasmussen and Williams, algorithm 2.1.
 
 use super::hyper::{Hyperparameters, Prior};
-use super::kernel::{add_squared_distances, centred, matern};
+use super::kernel::{add_squared_distances, centred, matern, squared_distance};
 use super::likelihood::{Profile, gradient};
 use super::sample::Sample;
 use crate::matrix::{Factor, dot};
@@ -206,6 +206,23 @@ impl Process {
         let mut covariances = Covariances::default();
         self.covariances(context, features, &mut covariances);
         Posterior { mean: self.mean(&covariances), deviation: self.deviation(&mut covariances) }
+    }
+
+    /// What the process says of the value at `one` less that at `other`, two points in a context. Of
+    /// distances alone: the process has neither a trend nor a linear feature.
+    pub(crate) fn difference(&self, context: &SharedFeatures, one: &[f64], other: &[f64]) -> Posterior {
+        assert!(self.trend == 0.0 && self.sample.linear.is_none(), "a process of distances alone");
+        let (mut at_one, mut at_other) = (Covariances::default(), Covariances::default());
+        self.covariances(context, one, &mut at_one);
+        self.covariances(context, other, &mut at_other);
+        let mean = self.mean(&at_one) - self.mean(&at_other);
+        let from = context.features.len();
+        let pairs = self.sample.kinds[from..].iter().zip(&self.weights[from..]).zip(one.iter().zip(other));
+        let between: f64 =
+            pairs.map(|((&kind, weight), (&a, &b))| weight * squared_distance(kind, a, b)).sum();
+        at_one.own += at_other.own - 2.0 * matern(between).0;
+        at_one.others.iter_mut().zip(&at_other.others).for_each(|(one, other)| *one -= other);
+        Posterior { mean, deviation: self.deviation(&mut at_one) }
     }
 
     /// What the process says of a point.

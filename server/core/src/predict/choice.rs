@@ -270,6 +270,8 @@ impl Predictors {
     ) -> Option<(Answer, PredictorMethod)> {
         let (answer, method) = match own {
             Some(answer) => (answer, speaker),
+            // What it did not find worth its risk is not to be had from one that does not know its risk.
+            None if speaker == PredictorMethod::Contextual && query.rival.is_some() => return None,
             None => (Nearest.predict(query)?, PredictorMethod::NearestNeighbour),
         };
         let expected = self.on_machine(method, query, answer.expected);

@@ -75,6 +75,9 @@ pub struct Query<'a> {
     pub machines: &'a Machines,
     /// Which of them asks. Costs in answers are those to expect there.
     pub machine: MachineId,
+    /// What is answered if the predictor has nothing that is worth its risk: a configuration that was
+    /// measured.
+    pub rival: Option<&'a Configuration>,
 }
 
 impl Query<'_> {
@@ -105,10 +108,21 @@ impl Query<'_> {
         (cost * self.machines.factor(known.machine, self.machine)).min(f64::MAX)
     }
 
-    /// Whether the configuration is known not to work in the asked state.
+    /// Whether the configuration was tried in the asked state and did not run to its end.
     pub fn excludes(&self, configuration: &Configuration) -> bool {
-        self.here.is_some_and(|here| here.results.is_infeasible(configuration))
+        self.here.is_some_and(|here| here.results.fails(configuration))
     }
+}
+
+/// What is to be gained by an answer that nobody measured is at least so many times what is to be lost by it.
+pub(crate) const WORTH: f64 = 20.0;
+/// It can be run with this probability at least.
+pub(crate) const RUNS_LEAST: f64 = 0.99;
+
+/// The probability that one more configuration can be run where so many could and none could not: half of
+/// all programs can run all of theirs, and in the others any share of them is as likely as any other.
+pub(crate) fn runs_after(successes: usize) -> f64 {
+    1.0 - (successes as f64 + 2.0).powi(-2)
 }
 
 /// What a single measurement is expected to give, in the objective's units. Both are finite and not negative.

@@ -61,7 +61,7 @@ impl World {
     pub(super) fn query<'a>(&'a self, state: &'a [f64]) -> Query<'a> {
         let here = self.states.iter().find(|known| known.anchor == state);
         let World { space, states, state_index, machines, .. } = self;
-        Query { state, here, known: states, state_index, space, machines, machine: MachineId(0) }
+        Query { state, here, known: states, state_index, space, machines, machine: MachineId(0), rival: None }
     }
 
     /// A trial as the tuner takes it: tested, entered in its state's table, learnt.

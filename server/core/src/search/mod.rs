@@ -89,6 +89,15 @@ pub struct Feedback {
     pub fresh: bool,
 }
 
+/// Whether a configuration failed in another state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SourceRun {
+    /// Its point in the unit cube.
+    pub x: Vec<f64>,
+    /// It could not be run.
+    pub failed: bool,
+}
+
 /// An explorer of one state. Lengths of points are the setup's dimension; costs are finite.
 ///
 /// The first three methods are what makes a search. All others are ways in which it may take part in more than asking
@@ -131,9 +140,9 @@ pub trait Search {
         false
     }
 
-    /// Has a search that has just begun profit from other states: `first` are points to begin with, after the default.
-    /// A search that does not hear others begins as always.
-    fn follow(&mut self, _main_effects: MainEffects, _first: Vec<Vec<f64>>) {}
+    /// Has a search that has just begun profit from other states: `first` are points to begin with, after
+    /// the default, and `runs` say what can be run. A search that does not hear others begins as always.
+    fn follow(&mut self, _main_effects: MainEffects, _first: Vec<Vec<f64>>, _runs: Vec<SourceRun>) {}
 
     /// Whether the next [`ask`](Search::ask) is a matter of microseconds: no model has to be fitted for it. A search
     /// without a model is always ready.

@@ -159,14 +159,21 @@ impl CostTable {
     /// most beside those before; those known in many states, then `always`, then the others. `always` are members whether they
     /// help or not; all of them count towards the number. Empty where nothing was measured.
     pub fn portfolio(&self, members: usize, always: &[usize]) -> Vec<usize> {
+        let all: Vec<usize> = (0..self.rows.first().map_or(0, Vec::len)).collect();
+        self.portfolio_among(&all, members, always)
+    }
+
+    /// The same where only some may be members, beside those that always are.
+    pub fn portfolio_among(&self, among: &[usize], members: usize, always: &[usize]) -> Vec<usize> {
         let completed = self.completed();
         let Some(count) = completed.first().map(Vec::len) else {
             return Vec::new();
         };
         let rows = self.measured();
-        let (members, well_known) = (members.min(count), well_known(&rows));
-        let everything: Vec<usize> = (0..count).collect();
-        let known = if well_known.is_empty() { &everything } else { &well_known };
+        let members = members.min(count);
+        let well_known: Vec<usize> =
+            well_known(&rows).into_iter().filter(|place| among.contains(place)).collect();
+        let known = if well_known.is_empty() { among } else { &well_known };
         let Some(first) = first_of(known, &rows, &completed).filter(|_| members > 0) else {
             return Vec::new();
         };
@@ -180,13 +187,13 @@ impl CostTable {
                 chosen.add(place);
             }
         }
-        chosen.add_while_helpful(&everything, members, HELP_LEAST);
+        chosen.add_while_helpful(among, members, HELP_LEAST);
         chosen.places
     }
 
-    /// The best fixed configuration: its place. `None` where nothing was measured.
-    pub fn best_fixed(&self) -> Option<usize> {
-        self.portfolio(1, &[]).first().copied()
+    /// The best fixed configuration among some: its place. `None` where nothing was measured.
+    pub fn best_fixed(&self, among: &[usize]) -> Option<usize> {
+        self.portfolio_among(among, 1, &[]).first().copied()
     }
 }
 
@@ -363,7 +370,7 @@ mod tests {
             &[5.0, 6.0, 11.0, 15.0],
             &[8.0, 9.0, 18.0, 4.0],
         ]);
-        assert_eq!(costs.best_fixed(), Some(0));
+        assert_eq!(costs.portfolio(1, &[]), [0]);
         // The second is nowhere the best, and is not needed.
         assert_eq!(costs.portfolio(MEMBERS, &[]), [0, 3, 2]);
         assert_eq!(costs.portfolio(MEMBERS, &[1]), [0, 3, 2, 1]);
@@ -392,10 +399,10 @@ mod tests {
     fn one_lucky_scene_makes_no_best_fixed_configuration() {
         // The last was measured once, where it did a little better than the first does everywhere.
         let costs = table(&[&[8.0, 10.0, 7.9], &[16.0, 20.0, 0.0], &[4.0, 5.0, 0.0], &[12.0, 15.0, 0.0]]);
-        assert_eq!(costs.best_fixed(), Some(0));
+        assert_eq!(costs.portfolio(1, &[]), [0]);
         // What cannot be run in some states is not the best fixed one either.
         let costs = table(&[&[8.0, 7.0], &[8.0, 7.0], &[8.0, -1.0]]);
-        assert_eq!(costs.best_fixed(), Some(0));
+        assert_eq!(costs.portfolio(1, &[]), [0]);
     }
 
     #[test]
@@ -408,7 +415,7 @@ mod tests {
             &[5.0, 5.3, 4.0, 0.0],
             &[40.0, 42.0, 10.0, 10.1],
         ]);
-        assert_eq!(costs.best_fixed(), Some(2));
+        assert_eq!(costs.portfolio(1, &[]), [2]);
     }
 
     #[test]
@@ -426,13 +433,13 @@ mod tests {
         assert_eq!(costs.portfolio(MEMBERS, &[]), [0, 1]);
         // By what it cannot run it does, and that counts for more than the bound.
         let costs = table(&[&[10.0, 11.0], &[20.0, 22.0], &[5.0, 5.5], &[-1.0, 40.0]]);
-        assert_eq!(costs.best_fixed(), Some(1));
+        assert_eq!(costs.portfolio(1, &[]), [1]);
     }
 
     #[test]
     fn nothing_follows_from_nothing() {
         assert_eq!(CostTable::default().portfolio(MEMBERS, &[]), Vec::<usize>::new());
-        assert_eq!(table(&[&[0.0, 0.0]]).best_fixed(), None);
+        assert_eq!(table(&[&[0.0, 0.0]]).best_fixed(&[0, 1]), None);
     }
 
     proptest! {

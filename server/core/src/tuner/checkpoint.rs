@@ -25,7 +25,7 @@ use crate::tuner::speeds::Speeds;
 use crate::tuner::{Checkpoint, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
-const VERSION: u64 = 9;
+const VERSION: u64 = 10;
 
 /// What a tuner learnt. Taken in a moment, since it shares its tables with the tuner until either changes them.
 #[derive(Clone, Debug)]

@@ -89,7 +89,7 @@ impl Confirming {
     }
 
     /// Whether it is over, for a table with so many tried configurations.
-    fn is_settled(&self, tried: usize) -> bool {
+    pub(super) fn is_settled(&self, tried: usize) -> bool {
         self.settled && tried <= self.tried
     }
 

@@ -2,6 +2,7 @@
 
 use rand::RngExt;
 
+use crate::configuration::Configuration;
 use crate::decision::{Choice, ExploitRule, ExploitSource, ExplorationEstimate, ExploreRule, Predicted};
 use crate::fnv;
 use crate::ids::StateId;
@@ -10,6 +11,7 @@ use crate::predict::{Answer, Estimate};
 use crate::randomness::{Purpose, stream};
 use crate::results::KnownState;
 use crate::search::Verdict;
+use crate::session::SessionPolicy;
 use crate::trial::Neighbour;
 use crate::tuner::confirmation::Answered;
 use crate::tuner::plan::Planned;
@@ -20,6 +22,24 @@ use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
 const STAY_EXPLORES: f64 = 3.0;
 /// Dice of one visit differ in these bits by how long the stay is.
 const THROWS_SHIFT: u32 = 32;
+
+/// What an answer may rest on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ground {
+    /// Measurements alone: nobody is handed what was not run.
+    Measured,
+    /// A prediction as well, where it is worth its risk.
+    Predicted,
+}
+
+/// What a predictor names, as an answer.
+fn by_predictor(answer: Answer, predictor: PredictorMethod) -> Exploitation {
+    let Answer { configuration, expected, neighbours } = answer;
+    let predicted_cost = Some(expected.cost);
+    let expected = (expected.cost, expected.deviation);
+    let source = ExploitSource::Predictor(Predicted { predictor, expected, neighbours });
+    Exploitation { configuration, predicted_cost, source, rolled_back: false }
+}
 
 impl Tuner {
     /// The pinned configuration, if the policy has one.
@@ -39,7 +59,8 @@ impl Tuner {
         if self.spec.policy.operation != Operation::Shadow {
             return None;
         }
-        let would = self.exploitation(normalised, Some(state), planned);
+        let ground = self.ground(&SessionPolicy::default());
+        let would = self.exploitation(normalised, Some(state), ground, planned);
         let predicted_cost = self.states.default_cost(state);
         let costs = would.predicted_cost.zip(predicted_cost);
         let expected_gain =
@@ -76,15 +97,25 @@ impl Tuner {
             }
             VisitDecision::Exploit { configuration, exploit, .. } => {
                 let doubled = stay > 1 && stay.is_power_of_two();
-                let is_thrown_again =
-                    || exploit.rule == ExploitRule::Dice && self.explores(ask, visit.number, state);
-                self.states.results(state).is_infeasible(configuration)
+                let by_dice = matches!(exploit.rule, ExploitRule::Dice | ExploitRule::RolledBack);
+                let is_thrown_again = || by_dice && self.explores(ask, visit.number, state);
+                self.states.results(state).fails(configuration)
+                    || self.is_unfounded(ask, state, configuration)
                     || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
                     || doubled
                         && (exploit.rule == ExploitRule::Gain && policy.weigh_gain || is_thrown_again())
             }
         };
         ends.then_some(visit.number)
+    }
+
+    /// Whether a kept configuration was never run in a state where something else was, though only
+    /// measurements count now.
+    fn is_unfounded(&self, ask: &Ask, state: StateId, configuration: &Configuration) -> bool {
+        let results = self.states.results(state);
+        self.ground(&ask.session_policy) == Ground::Measured
+            && results.best().is_some()
+            && results.ran(configuration).is_none()
     }
 
     /// The epsilon-greedy decision for visit `number` of a client to a state (paper section 6).
@@ -101,8 +132,8 @@ impl Tuner {
     ) -> VisitDecision {
         let policy = &self.spec.policy;
         let (client_id, session) = (&ask.client_id, &ask.session_policy);
-        let exploit = || self.exploitation(normalised, Some(state), planned);
-        let fails = |would: &Exploitation| self.states.results(state).is_infeasible(&would.configuration);
+        let exploit = || self.exploitation(normalised, Some(state), self.ground(session), planned);
+        let fails = |would: &Exploitation| self.states.results(state).fails(&would.configuration);
         if policy.operation == Operation::Freeze {
             return exploit().kept(ExploitRule::Frozen, ExplorationEstimate::default());
         }
@@ -183,18 +214,33 @@ impl Tuner {
         settled != Some(Verdict::Infeasible)
     }
 
-    /// The answer without a search: the best of the state itself once it is explored to the end, else what other
-    /// machines know of it as long as that counts for more, else what the policy's predictor says, else (the radial
-    /// basis model can be without a clue) what the nearest neighbour says, else the default configuration.
+    /// What an answer to a session may rest on.
+    pub(super) fn ground(&self, session: &SessionPolicy) -> Ground {
+        let policy = &self.spec.policy;
+        let never_explores = session.epsilon.unwrap_or(policy.epsilon) == 0.0;
+        if policy.operation == Operation::Freeze || never_explores {
+            Ground::Measured
+        } else {
+            Ground::Predicted
+        }
+    }
+
+    /// The answer without a search.
+    ///
+    /// Where only measurements count it is what [was measured](Tuner::measured_answer). Where a study is
+    /// tuned, other machines' measurements of the same input count for more until the state has its own,
+    /// and a predictor may name what nobody ran there, if that can almost surely be run and is worth its
+    /// risk. Once the state is explored to the end its own best stands.
     ///
     /// What is known to do clearly worse here than another measured configuration gives way to that one.
     pub(super) fn exploitation(
         &self,
         normalised: &[f64],
         here: Option<StateId>,
+        ground: Ground,
         planned: &Planned,
     ) -> Exploitation {
-        let answer = self.predicted(normalised, here, planned);
+        let answer = self.expected_answer(normalised, here, ground, planned);
         if self.spec.policy.roll_back
             && let Some(state) = here
             && self.gain().does_clearly_worse(state, &answer.configuration)
@@ -206,26 +252,53 @@ impl Tuner {
         answer
     }
 
-    fn predicted(&self, normalised: &[f64], here: Option<StateId>, planned: &Planned) -> Exploitation {
-        if let Some(state) = here.filter(|&state| self.is_finished(state))
-            && let Some(best) = self.best_known(state, planned)
-        {
+    fn expected_answer(
+        &self,
+        normalised: &[f64],
+        here: Option<StateId>,
+        ground: Ground,
+        planned: &Planned,
+    ) -> Exploitation {
+        let transfer = self.transfer();
+        if ground == Ground::Measured || !transfer.needs_predictor(here) {
+            let by_machines = here.filter(|_| ground == Ground::Predicted);
+            let by_machines = by_machines.filter(|&state| !self.is_finished(state));
+            let by_machines = by_machines.and_then(|state| transfer.best_by_machines(state));
+            return by_machines.unwrap_or_else(|| self.measured_answer(normalised, here, planned));
+        }
+        let measured = self.measured_answer(normalised, here, planned);
+        match transfer.answer(normalised, here, planned, &measured.configuration) {
+            Some((answer, predictor)) => by_predictor(answer, predictor),
+            None => measured,
+        }
+    }
+
+    /// What is answered where only measurements count: the best of the state itself, as far as it is
+    /// proven. Where nothing was measured there that can be run, what other machines measured of the same
+    /// input again and again, else the incumbent or confirmed winner that serves other states best, or that
+    /// of the nearest where the policy names that predictor. Else the default.
+    pub(super) fn measured_answer(
+        &self,
+        normalised: &[f64],
+        here: Option<StateId>,
+        planned: &Planned,
+    ) -> Exploitation {
+        if let Some(best) = here.and_then(|state| self.best_known(state, planned)) {
             return best;
         }
         let transfer = self.transfer();
-        if let Some(best) = here.and_then(|state| transfer.best_by_machines(state)) {
+        let by_machines = here.and_then(|state| transfer.best_by_machines(state));
+        if let Some(best) = by_machines.filter(|best| self.is_repeated(&best.source)) {
             return best;
         }
-        if let Some((configuration, source)) = transfer.best_of_portfolio(normalised, here, planned) {
-            return Exploitation { configuration, predicted_cost: None, source, rolled_back: false };
+        if self.spec.policy.predictor == PredictorMethod::NearestNeighbour
+            && let Some(answer) = transfer.nearest(normalised, here)
+        {
+            let predictor = PredictorMethod::NearestNeighbour;
+            return by_predictor(self.proven(answer, here, planned), predictor);
         }
-        if let Some((answer, predictor)) = transfer.answer(normalised, here, planned) {
-            let Answer { configuration, expected, neighbours } =
-                self.proven(answer, predictor, here, planned);
-            let predicted_cost = Some(expected.cost);
-            let expected = (expected.cost, expected.deviation);
-            let source = ExploitSource::Predictor(Predicted { predictor, expected, neighbours });
-            return Exploitation { configuration, predicted_cost, source, rolled_back: false };
+        if let Some((configuration, source)) = transfer.best_elsewhere(normalised, here, planned) {
+            return Exploitation { configuration, predicted_cost: None, source, rolled_back: false };
         }
         Exploitation {
             configuration: self.spec.space.default_configuration(),
@@ -235,17 +308,17 @@ impl Tuner {
         }
     }
 
+    /// Whether what other machines say is more than the luck of one measurement, as far as the policy
+    /// confirms anything.
+    fn is_repeated(&self, source: &ExploitSource) -> bool {
+        let is_single = matches!(source, ExploitSource::Machines(by) if by.measurements < 2);
+        self.spec.policy.confirm_rounds == 0 || !is_single
+    }
+
     /// The nearest neighbour names the luckiest configuration of the nearest state; in its place the one that is proven
     /// there is answered.
-    fn proven(
-        &self,
-        answer: Answer,
-        predictor: PredictorMethod,
-        here: Option<StateId>,
-        planned: &Planned,
-    ) -> Answer {
-        let nearest = answer.neighbours.first().filter(|_| predictor == PredictorMethod::NearestNeighbour);
-        let Some(state) = nearest.map(|nearest| StateId(nearest.state_id)) else {
+    fn proven(&self, answer: Answer, here: Option<StateId>, planned: &Planned) -> Answer {
+        let Some(state) = answer.neighbours.first().map(|nearest| StateId(nearest.state_id)) else {
             return answer;
         };
         let (Some(answered), Some(luckiest)) =
@@ -253,7 +326,7 @@ impl Tuner {
         else {
             return answer;
         };
-        let cannot_run = |here| self.states.results(here).is_infeasible(&answered.configuration);
+        let cannot_run = |here| self.states.results(here).fails(&answered.configuration);
         if here.is_some_and(cannot_run) || answer.configuration != luckiest.configuration {
             return answer;
         }

@@ -137,7 +137,7 @@ impl Tuner {
             }
         }
         let best = self.best_known(state, planned);
-        let instead = best.unwrap_or_else(|| self.exploitation(normalised, Some(state), planned));
+        let instead = best.unwrap_or_else(|| self.measured_answer(normalised, Some(state), planned));
         Explored::Nothing { instead, rule }
     }
 
@@ -303,7 +303,7 @@ impl Tuner {
         if !was_dropped && transfer.warms_up_searches() {
             let beginning = planned.take_beginning(state, &self.states[state].anchor);
             if let Some(start) = beginning.unwrap_or_else(|| transfer.evidence(state).beginning(space)) {
-                search.follow(start.main_effects, start.first);
+                search.follow(start.main_effects, start.first, start.runs);
                 incumbent = start.incumbent;
             }
         }

@@ -18,7 +18,8 @@ use crate::predict::contextual::FitRequest;
 use crate::search::{AnySearch, PlannedPoint};
 use crate::study::StudySpec;
 use crate::tuner::assessment::{Assessment, AssessmentRequest};
-use crate::tuner::warm_start::{MeasuredElsewhere, WarmStart};
+use crate::tuner::portfolio::MeasuredElsewhere;
+use crate::tuner::warm_start::WarmStart;
 
 /// What has to be computed before a question can be answered quickly: copies of what that rests on.
 #[derive(Clone, Debug)]
@@ -27,13 +28,16 @@ pub struct PlanRequest {
     pub(super) normalised: Vec<f64>,
     pub(super) answer: Option<FitRequest>,
     pub(super) first: Option<FitRequest>,
-    /// What a portfolio is made from whose best is exploited.
+    /// What other states answer, for one in which nothing was measured.
     pub(super) portfolio: Option<MeasuredElsewhere>,
     pub(super) search: Option<(StateId, Box<AnySearch>, usize)>,
     /// What others tell the search of a state that begins; one without an id is not there yet.
     pub(super) evidence: Option<(Option<StateId>, MeasuredElsewhere)>,
     /// The state whose own measurements may be what answers.
     pub(super) assessment: Option<AssessmentRequest>,
+    /// The state whose assessment says what is answered unless a prediction is worth its risk; none where
+    /// that is known.
+    pub(super) rival_of: Option<StateId>,
 }
 
 /// What came of a [`PlanRequest`]. The default plans nothing.
@@ -63,12 +67,20 @@ impl PlanRequest {
     /// Computes it: up to some milliseconds.
     pub fn compute(self) -> SuggestionPlan {
         let space = &self.spec.space;
-        let answer = |request: Option<FitRequest>| request.and_then(|request| request.answer(space));
-        let (answer, first) = (answer(self.answer), answer(self.first));
         let point = self.search.and_then(|(state, search, reserve)| Some((state, search.plan(reserve)?)));
         let portfolio = self.portfolio.and_then(|evidence| evidence.best(space));
         let beginning = self.evidence.map(|(state, evidence)| (state, evidence.beginning(space)));
-        let assessment = self.assessment.and_then(|request| Some((request.state, request.compute()?.into())));
+        let assessment: Option<(StateId, Arc<Assessment>)> =
+            self.assessment.and_then(|request| Some((request.state, request.compute()?.into())));
+        // What is answered otherwise may just have been computed.
+        let assessed = assessment.as_ref().filter(|(state, _)| Some(*state) == self.rival_of);
+        let rival = assessed.map(|(_, assessed)| assessed.answer.clone()).or_else(|| portfolio.clone());
+        let beside = |request: FitRequest| match rival {
+            Some(rival) => request.beside(rival),
+            None => request,
+        };
+        let answer = self.answer.and_then(|request| beside(request).answer(space));
+        let first = self.first.and_then(|request| request.answer(space));
         SuggestionPlan { normalised: self.normalised, answer, first, portfolio, point, beginning, assessment }
     }
 

@@ -9,10 +9,12 @@ use crate::policy::Operation;
 use crate::predict::nearest::Nearest;
 use crate::predict::{ComputedUpdates, DeferredUpdates, Predictor, Query};
 use crate::search::AnySearch;
+use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
 use crate::tuner::budget::Terms;
+use crate::tuner::decide::Ground;
 use crate::tuner::explore::is_spent;
-use crate::tuner::plan::PlanRequest;
+use crate::tuner::plan::{PlanRequest, Planned};
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
 impl Tuner {
@@ -59,8 +61,14 @@ impl Tuner {
         };
         let query = || Query { machines, machine, ..self.states.query(&self.spec.space, normalised, here) };
         let (predictor, predictors) = (policy.predictor, self.models.predictors());
-        let answer =
-            || transfer.needs_predictor(here).then(|| predictors.request(predictor, &query())).flatten();
+        let ground = self.ground(&ask.session_policy);
+        let answer = || {
+            if ground == Ground::Measured || !transfer.needs_predictor(here) {
+                return None;
+            }
+            let measured = self.measured_answer(normalised, here, &Planned::Ahead(Box::default()));
+            predictors.request(predictor, &Query { rival: Some(&measured.configuration), ..query() })
+        };
         let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
         let mut request = PlanRequest {
             spec: Arc::clone(&self.spec),
@@ -71,6 +79,7 @@ impl Tuner {
             search: None,
             evidence: None,
             assessment: None,
+            rival_of: here.filter(|&here| !self.is_settled(here)),
         };
         let explores = match self.decides(ask, here) {
             _ if policy.operation == Operation::Shadow => false,
@@ -92,8 +101,17 @@ impl Tuner {
             |here: &StateId| self.is_spent_for(&ask.session_policy, *here) && self.is_to_be_confirmed(*here);
         let answers = if explores { here.filter(ends) } else { self.state_that_answers(&query(), here) };
         request.assessment = answers.and_then(|state| self.assessment_to_plan(state));
-        match here {
-            Some(here) if explores && policy.operation == Operation::Tune => {
+        let tunes = policy.operation == Operation::Tune;
+        // Whether there is anything to exploit may turn out with what is computed.
+        let is_unsure = !explores
+            && ground == Ground::Predicted
+            && here.is_none_or(|here| self.states.results(here).best().is_none());
+        if !explores || !tunes || here.is_none() && policy.weigh_gain {
+            request.portfolio = transfer.evidence_elsewhere(normalised, here);
+            request.answer = answer();
+        }
+        match here.filter(|_| explores || is_unsure) {
+            Some(here) if tunes => {
                 request.search = self.search_to_plan(ask, here).filter(|(state, ..)| may_plan(*state));
                 if transfer.is_untouched(here) && !transfer.begins_with_portfolio(normalised, Some(here)) {
                     request.first = first();
@@ -107,23 +125,15 @@ impl Tuner {
                     request.evidence = Some((Some(here), transfer.evidence(here)));
                 }
             }
-            None if explores && policy.operation == Operation::Tune => {
+            None if here.is_none() && tunes && (explores || is_unsure) => {
                 if !transfer.begins_with_portfolio(normalised, None) {
                     request.first = first();
                 }
                 if request.first.is_none() && transfer.warms_up_searches() {
                     request.evidence = Some((None, transfer.evidence_for(&query())));
                 }
-                // Whether exploring pays is weighed once the state is known.
-                if policy.weigh_gain {
-                    request.portfolio = transfer.portfolio_evidence(normalised, None);
-                    request.answer = if request.portfolio.is_none() { answer() } else { None };
-                }
             }
-            _ => {
-                request.portfolio = transfer.portfolio_evidence(normalised, here);
-                request.answer = if request.portfolio.is_none() { answer() } else { None };
-            }
+            _ => {}
         }
         request.evidence = request.evidence.filter(|(_, evidence)| !evidence.is_empty());
         request.normalised.clone_from(normalised);
@@ -141,11 +151,13 @@ impl Tuner {
         if self.spec.policy.pinned.is_some() {
             return None;
         }
+        let measured = self.measured_answer(&normalised, here, &Planned::Ahead(Box::default()));
         let query = self.states.query(&self.spec.space, &normalised, here);
-        let asks = self.transfer().needs_predictor(here);
+        let query = Query { rival: Some(&measured.configuration), ..query };
+        let predicts = self.ground(&SessionPolicy::default()) == Ground::Predicted;
+        let asks = predicts && self.transfer().needs_predictor(here);
         let predictors = self.models.predictors();
-        let portfolio = self.transfer().portfolio_evidence(&normalised, here);
-        let asks = asks && portfolio.is_none();
+        let portfolio = self.transfer().evidence_elsewhere(&normalised, here);
         let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
         let answers = self.state_that_answers(&query, here);
         let assessment = answers.and_then(|state| self.assessment_to_plan(state));
@@ -159,6 +171,7 @@ impl Tuner {
             evidence: None,
             normalised,
             assessment,
+            rival_of: here.filter(|&here| !self.is_settled(here)),
         };
         (!request.is_empty()).then_some(request)
     }
@@ -182,14 +195,14 @@ impl Tuner {
             evidence: None,
             normalised,
             assessment,
+            rival_of: None,
         })
     }
 
     /// The state whose own measurements answer a question, as far as can be told before it is answered: the one it is
-    /// about where that is explored to the end, else the nearest.
+    /// about where anything was measured there, else the nearest.
     fn state_that_answers(&self, query: &Query<'_>, here: Option<StateId>) -> Option<StateId> {
-        let answers_itself =
-            |state: &StateId| self.is_finished(*state) && self.states.results(*state).best().is_some();
+        let answers_itself = |state: &StateId| self.states.results(*state).best().is_some();
         let nearest = || {
             let answer = Nearest.predict(query)?;
             answer.neighbours.first().map(|nearest| StateId(nearest.state_id))

@@ -1,15 +1,17 @@
 //! The portfolio of a study, as it is seen from one state: the few configurations with which its search begins.
 //!
-//! From the tables of the nearest states come the candidates: the best of each, what was measured in several, and the best
-//! known of every branch of a conditional space. [`CostTable::portfolio`] chooses among them. It is made anew, apart from the
-//! tuner, whenever a state's search begins, so that it always knows everything, and is stored with that search.
+//! From the nearest states come the candidates: what each answers, what was measured in several, and the
+//! best known of every branch of a conditional space. What was measured once, in one state, is mostly luck,
+//! and no member but for its branch. [`CostTable::portfolio`] chooses among them. It is made anew, apart
+//! from the tuner, whenever a state's search begins, so that it always knows everything, and is stored with
+//! that search.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use crate::configuration::Configuration;
 use crate::limits::{PORTFOLIO_CANDIDATES_MAX, REWARD_COST_MIN};
-use crate::results::ResultTable;
+use crate::results::{Record, ResultTable};
 use crate::space::Space;
 use crate::statistics::portfolio::{CostEntry, CostTable, MEMBERS};
 use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
@@ -22,27 +24,92 @@ const MEASUREMENTS_COUNTED: u64 = 16;
 /// Most members that only stand for a branch of the space.
 const BRANCHES_MAX: usize = 3;
 
-/// Configurations of other states, the most promising first. Empty where nothing was measured.
-pub(super) fn members(space: &Space, states: &[Arc<ResultTable>]) -> Vec<Configuration> {
-    let candidates = candidates(space, states);
-    let known = |results: &Arc<ResultTable>| {
-        let noise = results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
-        candidates.iter().map(|candidate| known(results, candidate, noise)).collect()
-    };
-    let table = CostTable { rows: states.iter().map(known).collect() };
-    let mut branches = branches(space, &table, &candidates);
-    // A branch whose best is proven dearer in further states is left to the search's own model.
-    if let Some(best) = table.best_fixed() {
-        branches.retain(|&place| !table.is_proven(best, place));
+/// What another state has measured, and what it answers.
+#[derive(Clone, Debug)]
+pub(super) struct OtherState {
+    pub(super) results: Arc<ResultTable>,
+    /// Its confirmed winner, or the incumbent that it began with, where that is not the default.
+    pub(super) incumbent: Option<Configuration>,
+    /// What was measured so often counts beside the incumbent; nothing does where the confirmation has ended.
+    pub(super) measured_least: Option<u64>,
+}
+
+impl OtherState {
+    /// What the state answers, or will after its confirmation: what is not the luck of one measurement.
+    pub(super) fn answers(&self) -> impl Iterator<Item = &Configuration> {
+        let incumbent = self.incumbent.iter().filter(|incumbent| self.results.ran(incumbent).is_some());
+        let least = self.measured_least.unwrap_or(u64::MAX);
+        let often = self.results.ranked().filter(move |record| record.measurements >= least);
+        incumbent.chain(often.map(|record| &record.configuration))
     }
-    let places = table.portfolio(MEMBERS, &branches);
-    places.into_iter().map(|place| candidates[place].clone()).collect()
+}
+
+/// What other states have measured, the nearest first.
+#[derive(Clone, Debug)]
+pub(super) struct MeasuredElsewhere {
+    pub(super) states: Vec<OtherState>,
+    /// The table of the state that asks, if it is there.
+    pub(super) here: Option<Arc<ResultTable>>,
+}
+
+impl MeasuredElsewhere {
+    pub(super) fn is_empty(&self) -> bool {
+        self.states.is_empty()
+    }
+
+    /// Whether the nearest state in which a configuration was tried, the asking one first, could not run it.
+    pub(super) fn fails(&self, configuration: &Configuration) -> bool {
+        let tables = self.here.iter().chain(self.states.iter().map(|other| &other.results));
+        let tried = |results: &Arc<ResultTable>| results.record(configuration).map(Record::fails);
+        tables.filter_map(tried).next().unwrap_or(false)
+    }
+
+    /// The best fixed configuration of other states, of which none is known to fail where they are asked
+    /// for: an incumbent or a confirmed winner. `None` where none of these was measured.
+    pub(super) fn best(&self, space: &Space) -> Option<Configuration> {
+        let Choices { candidates, members, table } = Choices::of(space, self);
+        let best = candidates[table.best_fixed(&members)?].clone();
+        self.states.iter().any(|other| other.results.ran(&best).is_some()).then_some(best)
+    }
+
+    /// Configurations of other states, the most promising first. Empty where nothing was measured.
+    pub(super) fn members(&self, space: &Space) -> Vec<Configuration> {
+        let Choices { candidates, members, table } = Choices::of(space, self);
+        let mut branches = branches(space, &table, &candidates);
+        // A branch whose best is proven dearer in further states is left to the search's own model.
+        if let Some(best) = table.best_fixed(&members) {
+            branches.retain(|&place| !table.is_proven(best, place));
+        }
+        let places = table.portfolio_among(&members, MEMBERS, &branches);
+        places.into_iter().map(|place| candidates[place].clone()).collect()
+    }
+}
+
+/// What a portfolio is chosen from.
+struct Choices {
+    /// Those that may be members come first.
+    candidates: Vec<Configuration>,
+    members: Vec<usize>,
+    table: CostTable,
+}
+
+impl Choices {
+    fn of(space: &Space, elsewhere: &MeasuredElsewhere) -> Self {
+        let (candidates, answers) = candidates(space, elsewhere);
+        let members = (0..answers).filter(|&place| !elsewhere.fails(&candidates[place])).collect();
+        let row = |other: &OtherState| {
+            let noise = other.results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+            candidates.iter().map(|candidate| known(&other.results, candidate, noise)).collect()
+        };
+        let table = CostTable { rows: elsewhere.states.iter().map(row).collect() };
+        Choices { candidates, members, table }
+    }
 }
 
 /// What a state knows of a configuration.
 fn known(results: &ResultTable, configuration: &Configuration, noise: f64) -> CostEntry {
     match results.record(configuration) {
-        Some(record) if record.infeasible => CostEntry::Infeasible,
+        Some(record) if record.fails() => CostEntry::Infeasible,
         Some(record) if record.measurements > 0 => {
             let count = record.measurements.min(MEASUREMENTS_COUNTED) as f64;
             CostEntry::LogCost(libm::log(record.mean_cost.max(REWARD_COST_MIN)), noise * noise / count)
@@ -51,11 +118,14 @@ fn known(results: &ResultTable, configuration: &Configuration, noise: f64) -> Co
     }
 }
 
-/// What a portfolio is chosen among: the default, what was measured in several states, and the best of each.
-fn candidates(space: &Space, states: &[Arc<ResultTable>]) -> Vec<Configuration> {
+/// What a portfolio is chosen among, and how many of these, which come first, may be members: the default,
+/// what was measured in several states, and what each state answers. The others, the best of each, only
+/// stand for branches of the space.
+fn candidates(space: &Space, elsewhere: &MeasuredElsewhere) -> (Vec<Configuration>, usize) {
+    let states = &elsewhere.states;
     let mut seen: HashMap<&Configuration, usize> = HashMap::new();
     let mut several: Vec<(usize, &Configuration)> = Vec::new();
-    for record in states.iter().flat_map(|state| state.ranked()) {
+    for record in states.iter().flat_map(|state| state.results.ranked()) {
         let count = seen.entry(&record.configuration).or_insert(0);
         *count += 1;
         if *count == 2 {
@@ -70,15 +140,23 @@ fn candidates(space: &Space, states: &[Arc<ResultTable>]) -> Vec<Configuration> 
         if candidates.len() < PORTFOLIO_CANDIDATES_MAX && !candidates.contains(configuration) {
             candidates.push(configuration.clone());
         }
+        candidates.len()
     };
-    several.into_iter().for_each(|(_, configuration)| offer(configuration));
+    let mut answers = 1;
+    several.into_iter().for_each(|(_, configuration)| answers = offer(configuration));
     for rank in 0..OF_A_STATE {
         states
             .iter()
-            .filter_map(|state| state.ranked().nth(rank))
-            .for_each(|best| offer(&best.configuration));
+            .filter_map(|state| state.answers().nth(rank))
+            .for_each(|answer| answers = offer(answer));
     }
-    candidates
+    for rank in 0..OF_A_STATE {
+        let best = states.iter().filter_map(|state| state.results.ranked().nth(rank));
+        best.for_each(|best| {
+            offer(&best.configuration);
+        });
+    }
+    (candidates, answers)
 }
 
 /// The best known of every branch of the space in which the best fixed configuration does not lie: places of candidates.

@@ -152,7 +152,7 @@ impl States {
         let here = here.map(|here| &self[here]);
         let machine = here.map_or(FIRST, |here| here.machine);
         let States { known, index, machines, .. } = self;
-        Query { state: normalised, here, known, state_index: index, space, machines, machine }
+        Query { state: normalised, here, known, state_index: index, space, machines, machine, rival: None }
     }
 
     /// The machine's state that matches the normalised indicators: every one within the study's tolerance of the

@@ -5,6 +5,7 @@ use crate::ids::{StateId, TrialNumber};
 use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX, STATES_OF_NEW_MACHINES_MAX};
 use crate::policy::Operation;
 use crate::trial::{Mode, Trial, TrialState};
+use crate::tuner::decide::Ground;
 use crate::tuner::plan::Planned;
 use crate::tuner::{Ask, Change, Prediction, Question, Tuner, TunerError, Visit, VisitDecision};
 
@@ -145,7 +146,7 @@ impl Tuner {
             None => (ExploreRule::Dice, ExplorationEstimate::default()),
         };
         if self.spec.policy.operation == Operation::Freeze {
-            let known = self.exploitation(normalised, Some(state), planned);
+            let known = self.exploitation(normalised, Some(state), Ground::Measured, planned);
             return known.by(ExploitRule::Frozen, ExplorationEstimate::default(), BudgetStatus::default());
         }
         self.explore_within_budget(ask, number, normalised, state, decided, planned)

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use crate::ids::StateId;
 use crate::policy::PredictorMethod;
 use crate::predict::prequential::ErrorInterval;
+use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
 use crate::tuner::gain::GainEvidence;
 use crate::tuner::plan::Planned;
@@ -56,7 +57,8 @@ impl Tuner {
         checks::fingerprint(fingerprint)?;
         let normalised = self.spec.indicators.normalise(indicators)?;
         let here = self.recognise_for(fingerprint, &normalised);
-        let exploit = || self.exploitation(&normalised, here, planned).asked();
+        let ground = self.ground(&SessionPolicy::default());
+        let exploit = || self.exploitation(&normalised, here, ground, planned).asked();
         let prediction = self.pinned().unwrap_or_else(exploit);
         Ok(Prediction { insight: here.map(|here| self.insight(here, planned)), ..prediction })
     }

@@ -1,30 +1,26 @@
 //! Warm start: what a search that begins in a new state is told of other states.
 //!
 //! It is the states nearest to it in which a search was begun, on whatever machine: what the nearest few measured makes
-//! [`MainEffects`], and the [portfolio] of all of them, then the favourite of those effects, are the first points. A portfolio of
-//! the best configurations of other instances is how algorithm configurators begin as well (Feurer, Springenberg and Hutter,
-//! "Initializing Bayesian hyperparameter optimization via meta-learning", AAAI 2015).
+//! [`MainEffects`], and the [portfolio](super::portfolio) of all of them, then the favourite of those
+//! effects, are the first points. A portfolio of the best configurations of other instances is how
+//! algorithm configurators begin as well (Feurer, Springenberg and Hutter, "Initializing Bayesian
+//! hyperparameter optimization via meta-learning", AAAI 2015).
 //!
 //! Fitting takes some milliseconds, so what it rests on is copied and computed apart where the tuner is
 //! shared (see `plan`). A beginning is all that is taken over. The search is stored with its effects, so that a tuner
 //! that is restored has the same, whatever the others have learnt since.
 
-use std::sync::Arc;
-
 use crate::configuration::Configuration;
 use crate::limits::REWARD_COST_MIN;
-use crate::results::ResultTable;
-use crate::search::{Layout, MainEffects, SourceMeasurement, on_grid};
+use crate::search::{Layout, MainEffects, SourceMeasurement, SourceRun, on_grid};
 use crate::space::Space;
-use crate::tuner::portfolio;
+use crate::tuner::portfolio::MeasuredElsewhere;
 
 /// How many of the nearest states main effects are fitted to, and how many of their measured configurations: the best of each.
 pub(super) const STATES: usize = 8;
 const RECORDS: usize = 640;
-
-/// What other states have measured: tables, the nearest state first.
-#[derive(Clone, Debug)]
-pub(super) struct MeasuredElsewhere(pub(super) Vec<Arc<ResultTable>>);
+/// Most configurations of theirs that say what can be run.
+const RUNS: usize = 64;
 
 /// What a search begins with.
 #[derive(Clone, Debug)]
@@ -33,38 +29,26 @@ pub(super) struct WarmStart {
     pub(super) main_effects: MainEffects,
     /// Points in the order in which they are run.
     pub(super) first: Vec<Vec<f64>>,
+    /// What ran and what failed elsewhere; nothing where nothing failed.
+    pub(super) runs: Vec<SourceRun>,
     /// The best fixed configuration of the other states, which is the incumbent here where it is not the default.
     pub(super) incumbent: Option<Configuration>,
 }
 
 impl MeasuredElsewhere {
-    pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    /// How many states it rests on.
-    pub(super) fn states(&self) -> usize {
-        self.0.len()
-    }
-
-    /// The first of the portfolio: some milliseconds.
-    pub(super) fn best(&self, space: &Space) -> Option<Configuration> {
-        portfolio::members(space, &self.0).into_iter().next()
-    }
-
     /// Computes it: some milliseconds. `None` where nothing follows.
     pub(super) fn beginning(&self, space: &Space) -> Option<WarmStart> {
         let mut measured = Vec::new();
-        let nearest = &self.0[..self.0.len().min(STATES)];
-        for (state, results) in nearest.iter().enumerate() {
-            for record in results.ranked().take(RECORDS / nearest.len()) {
+        let nearest = &self.states[..self.states.len().min(STATES)];
+        for (state, other) in nearest.iter().enumerate() {
+            for record in other.results.ranked().take(RECORDS / nearest.len()) {
                 let log_cost = libm::log(record.mean_cost.max(REWARD_COST_MIN));
                 measured.push(SourceMeasurement { state, x: space.encode(&record.configuration), log_cost });
             }
         }
         let layout = Layout::of(space);
         let main_effects = MainEffects::fit(&layout, &measured)?;
-        let members = portfolio::members(space, &self.0);
+        let members = self.members(space);
         let mut first: Vec<Vec<f64>> = members.iter().map(|member| space.encode(member)).collect();
         let downhill = main_effects.descend(&layout, first.first()?);
         if !first.contains(&downhill) {
@@ -74,6 +58,32 @@ impl MeasuredElsewhere {
         // is known here, and where it does badly the first few measurements say so. As it will be run: a point says a
         // number less exactly than whoever measured it.
         let incumbent = Some(space.decode(&on_grid(&first[0]))).filter(|first| first != space.default_ref());
-        Some(WarmStart { main_effects, first, incumbent })
+        Some(WarmStart { main_effects, first, runs: self.runs(space), incumbent })
+    }
+
+    /// What ran and what failed in the nearest states, half of it each: each configuration by the nearest
+    /// that tried it.
+    fn runs(&self, space: &Space) -> Vec<SourceRun> {
+        let mut runs: Vec<SourceRun> = Vec::new();
+        let nearest = &self.states[..self.states.len().min(STATES)];
+        for failed in [true, false] {
+            let mut room = RUNS / 2;
+            for (place, other) in nearest.iter().enumerate() {
+                let share = room.div_ceil(nearest.len() - place);
+                let alike = other.results.records().iter().filter(|record| record.fails() == failed);
+                let untold = alike.filter(|record| {
+                    let before = &nearest[..place];
+                    before.iter().all(|nearer| nearer.results.record(&record.configuration).is_none())
+                });
+                let own = untold.take(share).map(|record| space.encode(&record.configuration));
+                let before = runs.len();
+                runs.extend(own.map(|x| SourceRun { x, failed }));
+                room -= runs.len() - before;
+            }
+            if runs.is_empty() {
+                break;
+            }
+        }
+        runs
     }
 }

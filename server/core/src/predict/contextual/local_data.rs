@@ -9,10 +9,11 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::configuration::Configuration;
 use crate::gp::warping::RobustLog;
-use crate::gp::{Hyperparameters, Process, Sample};
+use crate::gp::{Hyperparameters, Process, Sample, acquisition};
 use crate::predict::contextual::lowest::LowestBound;
+use crate::predict::contextual::running::{Running, Runs};
 use crate::predict::contextual::{FeatureMap, PRIOR};
-use crate::predict::{Answer, Estimate, Query, draw_in};
+use crate::predict::{Answer, Estimate, Query, RUNS_LEAST, WORTH};
 use crate::results::{KnownState, Record, ResultTable};
 use crate::space::Space;
 use crate::trial::Neighbour;
@@ -28,10 +29,27 @@ const QUOTA_LEAST: usize = 8;
 /// The weight of a measurement of the machine itself, of its group and of the fleet: machines differ.
 const TRUST: [f64; 3] = [1.0, 0.5, 0.25];
 
+/// Most failures that say what cannot be run.
+const FAILURES_MAX: usize = 64;
+/// What is explored can be run with this probability at least.
+const EXPLORED_RUNS_LEAST: f64 = 0.5;
+/// Deviations that are taken off where an answer has to be surely good.
+const CAREFUL: f64 = -1.0;
+
+/// What an answer is to be like.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Asked<'a> {
+    /// So many deviations are taken off what is expected.
+    pub(super) optimism: f64,
+    /// What is answered otherwise.
+    pub(super) rival: Option<&'a Configuration>,
+}
+
 /// A state whose measurements are used.
 #[derive(Clone, Debug, PartialEq)]
 struct SourceState {
-    anchor: Vec<f64>,
+    /// What the process sees of it.
+    state: Vec<f64>,
     results: Arc<ResultTable>,
     /// How many of its measurements count.
     quota: usize,
@@ -46,7 +64,7 @@ struct SourceState {
 pub(crate) struct LocalData {
     features: Arc<FeatureMap>,
     sources: Vec<SourceState>,
-    /// The normalised indicators of the asked state, compressed by [`draw_in`].
+    /// What the process sees of the asked state.
     state: Vec<f64>,
     /// The table of the asked state.
     here: Option<Arc<ResultTable>>,
@@ -60,10 +78,6 @@ struct LocalSample<'a> {
     records: Vec<&'a Record>,
 }
 
-fn drawn_in(state: &[f64]) -> Vec<f64> {
-    state.iter().map(|&x| draw_in(x)).collect()
-}
-
 impl LocalData {
     /// Collects the measurements for a query: most of them from the nearest states, and the best of each.
     pub(super) fn new(features: &Arc<FeatureMap>, query: &Query<'_>) -> Self {
@@ -71,17 +85,23 @@ impl LocalData {
         let (mut sources, mut quota, mut rows) = (Vec::new(), QUOTA_FIRST, 0);
         for state in found.iter().filter_map(|found| query.known.get(found.name as usize)) {
             let taken = quota.min(ROWS_MAX - rows);
-            sources.push(SourceState::of(query, state, taken));
+            sources.push(SourceState::of(features, query, state, taken));
             rows += state.results.ranked().len().min(taken);
             quota = (quota / 2).max(QUOTA_LEAST);
             if rows >= ROWS_MAX {
                 break;
             }
         }
+        let is_there =
+            |here: &KnownState| found.iter().any(|found| found.name as usize + 1 == here.id.0 as usize);
+        if let Some(here) = query.here.filter(|here| !is_there(here)) {
+            // It may know what fails.
+            sources.insert(0, SourceState::of(features, query, here, QUOTA_LEAST));
+        }
         LocalData {
             features: Arc::clone(features),
             sources,
-            state: drawn_in(query.state),
+            state: features.state(query.state, query.origin()),
             here: query.here.map(|here| Arc::clone(&here.results)),
         }
     }
@@ -98,10 +118,9 @@ impl LocalData {
         let (mut points, mut counts): (Vec<Vec<f64>>, Vec<f64>) = Default::default();
         let (mut records, mut costs) = (Vec::new(), Vec::new());
         for source in &self.sources {
-            let anchor = drawn_in(&source.anchor);
             for record in selection(&source.results, source.quota) {
                 let features = self.features.features(&space.encode(&record.configuration));
-                points.push([&anchor[..], &features].concat());
+                points.push([&source.state[..], &features].concat());
                 counts.push(source.trust * record.measurements as f64);
                 costs.push(source.translate(record.mean_cost));
                 records.push(record);
@@ -114,24 +133,64 @@ impl LocalData {
         (sample.len() >= ROWS_MIN).then_some(LocalSample { sample, values, warping, records })
     }
 
-    /// The configuration of the least cost, less `optimism` deviations.
+    /// What ran and what failed near by.
+    fn running(&self, space: &Space) -> Running {
+        let mut runs = Runs::default();
+        let mut failures = FAILURES_MAX;
+        for source in &self.sources {
+            let failing = source.results.records().iter().filter(|record| record.fails()).take(failures);
+            let ran = selection(&source.results, source.quota);
+            for record in ran.into_iter().chain(failing) {
+                let features = self.features.features(&space.encode(&record.configuration));
+                failures -= usize::from(record.fails());
+                runs.points.push([&source.state[..], &features].concat());
+                runs.failed.push(record.fails());
+                runs.counts.push(source.trust);
+            }
+        }
+        Running::of(&self.features, runs, &self.state)
+    }
+
+    /// The configuration of the least cost, less some deviations, that can probably be run. Beside a rival
+    /// it can almost surely be run, and is worth its risk; else there is none.
     pub(super) fn answer(
         &self,
         hyper: &Hyperparameters,
         space: &Space,
-        optimism: f64,
+        asked: Asked<'_>,
         neighbours: &[Neighbour],
         random: &mut ChaCha8Rng,
     ) -> Option<Answer> {
         let local = self.local(space)?;
         let process = Process::fit(local.sample, local.values, hyper, &PRIOR)?;
         let context = process.context(&self.state);
-        let lowest =
-            LowestBound { process: &process, layout: &self.features.layout, context: &context, optimism };
-        let known = local.records.iter().map(|record| space.encode(&record.configuration));
-        let excludes =
-            |x: &[f64]| self.here.as_ref().is_some_and(|here| here.is_infeasible(&space.decode(x)));
-        let (x, belief) = lowest.search(known, random, excludes)?;
+        let running = self.running(space);
+        let layout = &self.features.layout;
+        let runs_least = if asked.rival.is_some() { RUNS_LEAST } else { EXPLORED_RUNS_LEAST };
+        let excludes = |x: &[f64]| {
+            let configuration = space.decode(x);
+            match &self.here {
+                Some(here) if here.fails(&configuration) => return true,
+                Some(here) if here.ran(&configuration).is_some() => return false,
+                _ => {}
+            }
+            let features = layout.features(x, &layout.active(x));
+            running.probability(&features) < runs_least
+        };
+        let is_worth = |x: &[f64]| {
+            asked.rival.is_none_or(|rival| {
+                let [own, other] = [x, &space.encode(rival)].map(|x| self.features.features(x));
+                own != other && acquisition::is_worth(process.difference(&context, &own, &other), WORTH)
+            })
+        };
+        // What is surely good, where what may be best is not worth its risk.
+        let ways = [asked.optimism, CAREFUL];
+        let (x, belief) =
+            ways.into_iter().take(1 + usize::from(asked.rival.is_some())).find_map(|optimism| {
+                let lowest = LowestBound { process: &process, layout, context: &context, optimism };
+                let known = local.records.iter().map(|record| space.encode(&record.configuration));
+                lowest.search(known, random, excludes).filter(|(x, _)| is_worth(x))
+            })?;
         let variance = belief.deviation * belief.deviation + process.noise();
         Some(Answer {
             configuration: space.decode(&x),
@@ -157,9 +216,9 @@ impl LocalData {
 }
 
 impl SourceState {
-    fn of(query: &Query<'_>, state: &KnownState, quota: usize) -> Self {
+    fn of(features: &FeatureMap, query: &Query<'_>, state: &KnownState, quota: usize) -> Self {
         SourceState {
-            anchor: state.anchor.clone(),
+            state: features.state(&state.anchor, query.machines.origin(state.machine)),
             results: Arc::clone(&state.results),
             quota,
             trust: TRUST[query.machines.level(query.machine, state.machine) as usize],

@@ -226,7 +226,7 @@ mod tests {
         });
         let main_effects = MainEffects::fit(&layout, &measured.collect::<Vec<_>>()).expect("a slope");
         let mut search = ModelSearch::new(setup);
-        search.follow(main_effects, first.iter().map(|x| x.to_vec()).collect());
+        search.follow(main_effects, first.iter().map(|x| x.to_vec()).collect(), Vec::new());
         search
     }
 

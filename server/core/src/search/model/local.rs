@@ -201,7 +201,7 @@ impl Near {
             if gain <= floor {
                 return ScoredPoint { x: u, score: f64::NEG_INFINITY, detail: x };
             }
-            let feasible = libm::log(acquisition.feasible(&acquisition.layout.features(&x, &active)));
+            let feasible = acquisition.log_feasible(&acquisition.layout.features(&x, &active));
             ScoredPoint { x: u, score: gain + feasible, detail: x }
         };
         let scale = radius / (d as f64).sqrt();

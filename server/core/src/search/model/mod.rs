@@ -35,6 +35,7 @@
 mod acquire;
 mod ahead;
 mod begin;
+mod failure;
 mod local;
 mod observed;
 
@@ -49,9 +50,10 @@ use crate::gp::{Hyperparameters, Prior, Process, Sample, Schedule};
 use crate::randomness::{Purpose, stream};
 use crate::search::layout::Layout;
 use crate::search::pending::PendingPoints;
-use crate::search::{Feedback, MainEffects, Point, Search, SearchSetup, Step, Verdict};
+use crate::search::{Feedback, MainEffects, Point, Search, SearchSetup, SourceRun, Step, Verdict};
 use acquire::{Acquisition, EstimatedPoint};
 pub use ahead::PlannedPoint;
+use failure::RunElsewhere;
 use local::Near;
 use observed::Observed;
 
@@ -115,6 +117,9 @@ pub struct ModelSearch {
     /// What did well in other states, and comes before the design.
     #[serde(default, skip_serializing_if = "VecDeque::is_empty")]
     elsewhere: VecDeque<Vec<f64>>,
+    /// What ran and what failed in other states.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    runs_elsewhere: Vec<RunElsewhere>,
     /// The default was not asked yet, because something came before it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     default_is_due: bool,
@@ -170,6 +175,7 @@ impl ModelSearch {
             pending: PendingPoints::default(),
             queue: VecDeque::new(),
             elsewhere: VecDeque::new(),
+            runs_elsewhere: Vec::new(),
             default_is_due: false,
             queue_of_steps: false,
             seen: Vec::new(),
@@ -300,7 +306,9 @@ impl ModelSearch {
         let learn = self.told > self.fitted && !is_late;
         let schedule = Schedule { steps: if learn { rounds } else { 0 }, ahead: learn };
         self.fitted = self.told;
-        let failure = if measured.len() < places.len() { self.failures(&places, schedule) } else { None };
+        let fails_elsewhere = self.runs_elsewhere.iter().any(|run| run.failed);
+        let has_failures = fails_elsewhere || measured.len() < places.len();
+        let failure = if has_failures { self.failures(&places, schedule) } else { None };
         let mut hyper = self.cost.clone();
         let mut cost = if measured.len() < 2 { None } else { self.costs(&measured, &mut hyper, schedule) };
         self.cost = hyper;
@@ -343,16 +351,6 @@ impl ModelSearch {
             }
         }
         acquisition.best(&known, &mut random, taken).map(|x| (x, Step::Model))
-    }
-
-    /// Fits the model of failure: 1 for what could not be run, 0 for all else.
-    fn failures(&mut self, places: &[ModelledPoint], schedule: Schedule) -> Option<Process> {
-        let points: Vec<&[f64]> = places.iter().map(|place| place.features.as_slice()).collect();
-        let failed = |place: &ModelledPoint| f64::from(u8::from(place.observed == Observed::Infeasible));
-        let labels: Vec<f64> = places.iter().map(failed).collect();
-        let sample = Sample::new(self.setup.layout.kinds(), &points, vec![1.0; points.len()]).prepared();
-        let fit = Process::learn(sample, &[(labels, 0.0)], &mut self.failure, &PRIOR, schedule);
-        fit.map(|(process, _)| process)
     }
 
     /// The model of cost with a quadratic trend, if the measurements speak for it clearly: their log likelihood
@@ -520,6 +518,7 @@ impl Search for ModelSearch {
             Some(old) => *old = observed,
         }
         self.told += 1;
+        self.test_elsewhere();
         if known.is_none() {
             self.test_guide();
         }
@@ -559,8 +558,9 @@ impl Search for ModelSearch {
         true
     }
 
-    fn follow(&mut self, main_effects: MainEffects, first: Vec<Vec<f64>>) {
+    fn follow(&mut self, main_effects: MainEffects, first: Vec<Vec<f64>>, runs: Vec<SourceRun>) {
         self.begin_with(main_effects, first);
+        self.hear_of_runs(runs);
     }
 
     fn is_ready(&self) -> bool {

@@ -88,3 +88,22 @@ fn who_finds_a_search_waiting_is_told_so() {
         assert!([stands, (Mode::Default, "incumbent")].contains(&(mode, source.as_str())), "{source}");
     }
 }
+
+#[test]
+fn who_was_rolled_back_explores_once_the_stay_is_long() {
+    use crate::decision::{BudgetStatus, Exploit, ExploitRule, ExploitSource, ExplorationEstimate};
+    let mut tuner = tuner(Policy { epsilon: 0.2, ..explore_always() });
+    run(&mut tuner, "a", 0.5, 0.5, 1);
+    let exploit = Box::new(Exploit {
+        source: ExploitSource::Default,
+        rule: ExploitRule::RolledBack,
+        estimate: ExplorationEstimate::default(),
+        budget: BudgetStatus::default(),
+    });
+    let configuration = tuner.spec().space.default_configuration();
+    let decision = VisitDecision::Exploit { configuration, predicted_cost: None, exploit, said: None };
+    let visit = tuner.visits.of("a").expect("it came").clone();
+    tuner.visits.begin(Visit { decision, ..visit });
+    let trials = run(&mut tuner, "a", 0.5, 0.5, 40);
+    assert!(trials.iter().any(|trial| trial.mode() == Mode::Explore), "it stays at what was not worse");
+}

@@ -1,5 +1,6 @@
 //! What the state machine promises its clients, one promise a test; here the study they share.
 
+mod answers;
 mod budget;
 mod decisions;
 mod exploiting;

@@ -69,8 +69,9 @@ fn a_state_is_untouched_until_something_runs_in_it() {
     assert!(!tuner.transfer().is_untouched(there));
     // Where something is known, nothing is proposed to begin with.
     assert!(tuner.transfer().first(there, 99, &[0.1, 0.5], &Planned::AtOnce).is_none());
-    let (answer, method) =
-        tuner.transfer().answer(&[0.9, 0.5], Some(here), &Planned::AtOnce).expect("another state is known");
+    let query = tuner.states.query(&tuner.spec.space, &[0.9, 0.5], Some(here));
+    let answer = tuner.models.predictors().predict(PredictorMethod::Contextual, &query);
+    let (answer, method) = answer.expect("another state is known");
     assert_eq!(method, PredictorMethod::Contextual);
     assert!(answer.neighbours.iter().any(|neighbour| neighbour.state_id == there.get()), "{answer:?}");
 }
@@ -137,7 +138,9 @@ fn models_learn_what_a_trial_would_have_cost_on_the_first_machine() {
     for step in 0..12 {
         frame(2, 3.0, 0.3 + 0.05 * f64::from(step));
     }
-    let (answer, _) = tuner.transfer().answer(&[0.6, 0.5], None, &Planned::AtOnce).expect("states are known");
+    let query = tuner.states.query(&tuner.spec.space, &[0.6, 0.5], None);
+    let answer = tuner.models.predictors().predict(PredictorMethod::Contextual, &query);
+    let (answer, _) = answer.expect("states are known");
     let cost = answer.expected.cost;
     assert!((8.0..13.0).contains(&cost), "{cost}, where the second machine measured 30");
 }

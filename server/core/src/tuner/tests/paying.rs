@@ -101,7 +101,8 @@ fn a_state_that_nobody_met_is_answered_with_what_serves_the_others_best() {
         run(&mut tuner, "a", 0.3 * f64::from(place), 0.5, 30);
     }
     let asked = ask("z", 0.95, 0.9).indicators;
-    let told = tuner.predict(&asked, None).expect("valid");
+    let predicted = tuner.predict(&asked, None).expect("valid");
+    let told = tuner.measured_answer(&[0.95, 0.9], None, &Planned::AtOnce).asked();
     assert_eq!((told.reason().source.as_str(), told.mode()), ("portfolio", Mode::Exploit));
     assert!(!told.reason().neighbours.is_empty());
     // Who explores begins with it, and then runs the default.
@@ -114,6 +115,8 @@ fn a_state_that_nobody_met_is_answered_with_what_serves_the_others_best() {
         cost(&Trial { configuration: configuration.clone(), ..first.clone() })
     };
     assert!(at(&told.configuration) < at(&tuner.spec().space.default_configuration()));
+    // A prediction takes its place only where it is better still.
+    assert!(at(&predicted.configuration) <= at(&told.configuration), "{}", predicted.reason().summary);
 }
 
 #[test]

@@ -8,14 +8,19 @@ use crate::predict::Query;
 use crate::predict::state_index::IndexEntry;
 use crate::search::hears_others;
 use crate::trial::Neighbour;
+use crate::tuner::portfolio::{MeasuredElsewhere, OtherState};
 use crate::tuner::states::at;
 use crate::tuner::transfer::Transfer;
-use crate::tuner::warm_start::{MeasuredElsewhere, STATES};
+use crate::tuner::warm_start::STATES;
 
-/// The explored states nearest to the asked one, itself left out.
-fn nearest(query: &Query<'_>, count: usize) -> Vec<IndexEntry> {
+/// What was measured so often in a state is not the luck of one measurement.
+const REPEATED: u64 = 2;
+
+/// The states nearest to the asked one, itself left out; all in which anything was measured, or the
+/// explored ones.
+fn nearest(query: &Query<'_>, count: usize, explored: bool) -> Vec<IndexEntry> {
     let here = query.here.map(|here| here.id);
-    query.nearest(count, true, |other| Some(other.id) != here && other.results.best().is_some())
+    query.nearest(count, explored, |other| Some(other.id) != here && other.results.best().is_some())
 }
 
 impl Transfer<'_> {
@@ -32,9 +37,29 @@ impl Transfer<'_> {
 
     /// The same for a state that is not there yet.
     pub(in crate::tuner) fn evidence_for(&self, query: &Query<'_>) -> MeasuredElsewhere {
-        let others = nearest(query, PORTFOLIO_STATES_MAX);
-        let table = |other: &IndexEntry| Arc::clone(&self.states[at(other.name as usize)].results);
-        MeasuredElsewhere(others.iter().map(table).collect())
+        self.measured_elsewhere(query, true)
+    }
+
+    /// What other states can answer for one in which nothing was measured that runs: those that were
+    /// searched, or all where none was.
+    pub(super) fn answers_elsewhere(&self, query: &Query<'_>) -> MeasuredElsewhere {
+        let searched = self.measured_elsewhere(query, true);
+        if searched.is_empty() { self.measured_elsewhere(query, false) } else { searched }
+    }
+
+    fn measured_elsewhere(&self, query: &Query<'_>, explored: bool) -> MeasuredElsewhere {
+        let other = |found: &IndexEntry| {
+            let state = at(found.name as usize);
+            let (results, own) = (Arc::clone(&self.states[state].results), self.searches.of(state));
+            let race = own.and_then(|own| own.confirming.as_ref());
+            let is_settled = race.is_some_and(|race| race.is_settled(results.tried()));
+            let incumbent = own.and_then(|own| own.confirmed.as_ref()).map(|confirmed| confirmed.0.clone());
+            // Where nothing is ever confirmed, one measurement is all that there will be.
+            let least = if self.spec.policy.confirm_rounds > 0 { REPEATED } else { 1 };
+            OtherState { results, incumbent, measured_least: (!is_settled).then_some(least) }
+        };
+        let states = nearest(query, PORTFOLIO_STATES_MAX, explored).iter().map(other).collect();
+        MeasuredElsewhere { states, here: query.here.map(|here| Arc::clone(&here.results)) }
     }
 
     /// The states that a search was told of, for people.
@@ -51,6 +76,6 @@ impl Transfer<'_> {
             let best_cost = (factor * other.results.best()?.mean_cost).min(f64::MAX);
             Some(Neighbour { state_id: other.id.get(), distance: found.distance_2.sqrt(), best_cost })
         };
-        nearest(query, STATES.min(NEIGHBOURS_MAX)).iter().filter_map(neighbour).collect()
+        nearest(query, STATES.min(NEIGHBOURS_MAX), true).iter().filter_map(neighbour).collect()
     }
 }

@@ -1,7 +1,9 @@
 //! Transfer: all that a decision takes from other states and other machines comes through here.
 //!
-//! - The predictors' best configuration, which carry knowledge from state to state: [`Transfer::answer`] to exploit,
-//!   and [`Transfer::first`] to explore where nothing was measured yet.
+//! - What other states answer, for one that is new: [`Transfer::best_elsewhere`].
+//! - The predictors' best configuration, which carry knowledge from state to state: [`Transfer::answer`] to
+//!   exploit where that is worth its risk, and [`Transfer::first`] to explore where nothing was measured
+//!   yet.
 //! - What other machines found best that met the same input ([`other_machines`]): [`Transfer::best_by_machines`] to exploit,
 //!   [`Transfer::untried_by_machines`] to explore.
 //! - What a search that begins is told of the nearest states (`evidence`, computed in `warm_start`).
@@ -14,23 +16,27 @@ mod other_machines;
 
 use crate::configuration::Configuration;
 use crate::decision::ExploitSource;
+use crate::gp::Posterior;
+use crate::gp::acquisition::is_worth;
 use crate::ids::StateId;
 use crate::policy::PredictorMethod;
 use crate::predict::state_index::IndexEntry;
-use crate::predict::{Answer, Query};
+use crate::predict::{Answer, Nearest, Predictor as _, Query, RUNS_LEAST, WORTH, runs_after};
 use crate::results::SEARCHED_LEAST;
 use crate::study::StudySpec;
 use crate::tuner::models::Models;
 use crate::tuner::plan::Planned;
+use crate::tuner::portfolio::MeasuredElsewhere;
 use crate::tuner::searches::Searches;
 use crate::tuner::states::{States, at};
 use crate::tuner::trials::OpenTrials;
-use crate::tuner::warm_start::MeasuredElsewhere;
 
 pub(super) use other_machines::compare;
 
 /// So many of the nearest states say whether those near by were searched.
 const NEAR: usize = 8;
+/// So many of the nearest states say whether anything fails.
+const RUNS_STATES: usize = 48;
 
 /// What there is to ask.
 #[derive(Clone, Copy, Debug)]
@@ -47,20 +53,45 @@ impl<'a> Transfer<'a> {
         self.states.query(&self.spec.space, normalised, here)
     }
 
-    /// What the policy's predictor would exploit for these indicators, and which one said so; `None` where nothing is
-    /// known of any state.
+    /// What the policy's predictor would exploit for these indicators in place of a rival that was
+    /// measured, and which predictor said so: something that was not measured in this state, can almost
+    /// surely be run there, and is worth its risk.
     pub(super) fn answer(
         &self,
         normalised: &'a [f64],
         here: Option<StateId>,
         planned: &Planned,
+        rival: &'a Configuration,
     ) -> Option<(Answer, PredictorMethod)> {
-        let (method, query) = (self.spec.policy.predictor, self.query(normalised, here));
+        let method = self.spec.policy.predictor;
+        let query = Query { rival: Some(rival), ..self.query(normalised, here) };
         let predictors = self.models.predictors();
-        match planned.of_predictors(normalised) {
+        let answer = match planned.of_predictors(normalised) {
             None => predictors.predict(method, &query),
             Some(planned) => predictors.predict_ahead(method, &query, planned.answer),
+        };
+        answer.filter(|(answer, method)| {
+            let configuration = &answer.configuration;
+            configuration != rival && !query.excludes(configuration) && self.is_sound(&query, answer, *method)
+        })
+    }
+
+    /// Whether an answer can almost surely be run and is worth its risk. A contextual model has seen to both.
+    fn is_sound(&self, query: &Query<'_>, answer: &Answer, method: PredictorMethod) -> bool {
+        if method == PredictorMethod::Contextual {
+            return true;
         }
+        let known = query.rival.and_then(|rival| self.models.predictors().estimate(method, query, rival));
+        let Some(known) = known else { return false };
+        let change = Posterior {
+            mean: answer.expected.cost - known.cost,
+            deviation: answer.expected.deviation.max(f64::MIN_POSITIVE),
+        };
+        let near = query.nearest(RUNS_STATES, false, |_| true);
+        let tables = near.iter().map(|near| &self.states[at(near.name as usize)].results);
+        let records = || tables.clone().flat_map(|results| results.records());
+        let ran = records().filter(|record| !record.fails()).count();
+        is_worth(change, WORTH) && records().all(|record| !record.fails()) && runs_after(ran) >= RUNS_LEAST
     }
 
     /// What to run first in a state where nothing was measured yet, if the predictor can say from elsewhere where much
@@ -99,42 +130,38 @@ impl<'a> Transfer<'a> {
         2 * near.iter().filter(was_searched).count() > near.len()
     }
 
-    /// Whether the best of a portfolio is what is exploited: the policy leaves the choice of the predictor to us, nothing is
-    /// known of the state, and those near by were searched.
-    pub(super) fn exploits_portfolio(&self, normalised: &'a [f64], here: Option<StateId>) -> bool {
-        self.spec.policy.predictor == PredictorMethod::Auto
-            && here.is_none_or(|here| self.states.results(here).tried() == 0)
-            && self.begins_with_portfolio(normalised, here)
-    }
-
-    /// What a portfolio is made from that [is exploited](Transfer::exploits_portfolio), to be computed apart.
-    pub(super) fn portfolio_evidence(
+    /// What is answered from is [`best_elsewhere`](Transfer::best_elsewhere), to be computed apart.
+    pub(super) fn evidence_elsewhere(
         &self,
         normalised: &'a [f64],
         here: Option<StateId>,
     ) -> Option<MeasuredElsewhere> {
-        let exploits = self.exploits_portfolio(normalised, here);
-        exploits.then(|| self.evidence_for(&self.query(normalised, here)))
+        let is_known = here.is_some_and(|here| self.states.results(here).best().is_some());
+        let evidence = (!is_known).then(|| self.answers_elsewhere(&self.query(normalised, here)))?;
+        (!evidence.is_empty()).then_some(evidence)
     }
 
-    /// The best of the portfolio, where that is what is exploited.
-    pub(super) fn best_of_portfolio(
+    /// The incumbent or confirmed winner of other states that serves them best, for a state in which
+    /// nothing was measured that can be run.
+    pub(super) fn best_elsewhere(
         &self,
         normalised: &'a [f64],
         here: Option<StateId>,
         planned: &Planned,
     ) -> Option<(Configuration, ExploitSource)> {
-        if !self.exploits_portfolio(normalised, here) {
-            return None;
-        }
-        let query = self.query(normalised, here);
-        let evidence = self.evidence_for(&query);
+        let evidence = self.evidence_elsewhere(normalised, here)?;
         let best = match planned.of_portfolio(normalised) {
             None => evidence.best(&self.spec.space),
             Some(best) => best.cloned(),
         };
-        let states = evidence.states() as u64;
-        Some((best?, ExploitSource::Portfolio { states, neighbours: self.neighbours_of(&query) }))
+        // That the default ran somewhere makes it no answer, unless the states near by were searched and
+        // found nothing better.
+        let is_found = |best: &Configuration| {
+            best != self.spec.space.default_ref() || self.begins_with_portfolio(normalised, here)
+        };
+        let (best, states) = (best.filter(is_found)?, evidence.states.len() as u64);
+        let neighbours = self.neighbours_of(&self.query(normalised, here));
+        Some((best, ExploitSource::Portfolio { states, neighbours }))
     }
 
     /// Whether nothing was begun in a state.
@@ -154,5 +181,10 @@ impl<'a> Transfer<'a> {
             is_finished && results.best().is_some() || self.best_by_machines(here).is_some()
         };
         here.is_none_or(|here| !is_known(here))
+    }
+
+    /// What the nearest neighbour says, of configurations that are not known to fail.
+    pub(super) fn nearest(&self, normalised: &'a [f64], here: Option<StateId>) -> Option<Answer> {
+        Nearest.predict(&self.query(normalised, here))
     }
 }

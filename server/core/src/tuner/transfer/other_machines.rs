@@ -188,8 +188,8 @@ impl<'a> OtherMachines<'a> {
         let own = states.results(state).ranked().take(OWN_CANDIDATES);
         let others = self.peers.iter().flat_map(|peer| states.results(peer.state).ranked().take(CANDIDATES));
         let candidates = own.chain(others).map(|record| &record.configuration);
-        let candidates = candidates
-            .filter(|candidate| !states.results(state).is_infeasible(candidate) && filter(candidate));
+        let candidates =
+            candidates.filter(|candidate| !states.results(state).fails(candidate) && filter(candidate));
         let estimated =
             candidates.filter_map(|candidate| Some((candidate, self.pooled(baseline, candidate)?)));
         estimated.min_by(|(_, a), (_, b)| a.mean.total_cmp(&b.mean))

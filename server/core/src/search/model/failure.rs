@@ -1,0 +1,67 @@
+//! The model of failure: which points can probably be run, by what ran and what failed.
+//!
+//! It begins with what ran and what failed in other states. That counts for less than what is tried here, and is forgotten
+//! where it does not hold.
+
+use serde::{Deserialize, Serialize};
+
+use super::{GRID, ModelSearch, ModelledPoint, Observed, PRIOR};
+use crate::gp::{Process, Sample, Schedule};
+use crate::search::SourceRun;
+
+/// What failed or ran in another state counts as so much of a measurement.
+const ELSEWHERE_COUNT: f64 = 0.25;
+
+/// Whether a configuration failed in another state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct RunElsewhere {
+    /// Canonical coordinates, in steps of the grid.
+    x: Vec<u32>,
+    pub(super) failed: bool,
+}
+
+impl ModelSearch {
+    /// Takes over what ran elsewhere.
+    pub(super) fn hear_of_runs(&mut self, runs: Vec<SourceRun>) {
+        let run = |run: SourceRun| RunElsewhere { x: self.grid(&run.x).0, failed: run.failed };
+        self.runs_elsewhere = runs.into_iter().map(run).collect();
+    }
+
+    /// The features of what ran elsewhere, and whether it failed.
+    fn ran_elsewhere(&self, run: &RunElsewhere) -> (Vec<f64>, bool) {
+        let x: Vec<f64> = run.x.iter().map(|&x| f64::from(x) / GRID).collect();
+        (self.setup.layout.features(&x, &self.setup.layout.active(&x)), run.failed)
+    }
+
+    /// Fits the model of failure: 1 for what could not be run, 0 for all else.
+    pub(super) fn failures(&mut self, places: &[ModelledPoint], schedule: Schedule) -> Option<Process> {
+        let label = |failed: bool| f64::from(u8::from(failed));
+        let elsewhere: Vec<(Vec<f64>, bool)> =
+            self.runs_elsewhere.iter().map(|run| self.ran_elsewhere(run)).collect();
+        let mut points: Vec<&[f64]> = places.iter().map(|place| place.features.as_slice()).collect();
+        let failed = |place: &ModelledPoint| label(place.observed == Observed::Infeasible);
+        let mut labels: Vec<f64> = places.iter().map(failed).collect();
+        let mut counts = vec![1.0; points.len()];
+        for (features, failed) in &elsewhere {
+            points.push(features);
+            labels.push(label(*failed));
+            counts.push(ELSEWHERE_COUNT);
+        }
+        let sample = Sample::new(self.setup.layout.kinds(), &points, counts).prepared();
+        let fit = Process::learn(sample, &[(labels, 0.0)], &mut self.failure, &PRIOR, schedule);
+        fit.map(|(process, _)| process)
+    }
+
+    /// Forgets what ran elsewhere where that does not hold here: two configurations or more turned out otherwise, and a third
+    /// of those that were tried in both.
+    pub(super) fn test_elsewhere(&mut self) {
+        let of_both = self.runs_elsewhere.iter().filter_map(|run| {
+            let seen = self.seen.iter().find(|seen| seen.x == run.x)?;
+            Some((seen.observed == Observed::Infeasible) == run.failed)
+        });
+        let (right, wrong): (Vec<bool>, Vec<bool>) = of_both.partition(|agrees| *agrees);
+        if wrong.len() >= 2 && 2 * wrong.len() > right.len() {
+            self.runs_elsewhere.clear();
+        }
+    }
+}
