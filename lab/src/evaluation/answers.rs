@@ -143,6 +143,7 @@ impl Known {
             space,
             machines: &self.machines,
             machine: MachineId(0),
+            rival: None,
         }
     }
 }

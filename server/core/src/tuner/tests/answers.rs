@@ -175,7 +175,8 @@ proptest! {
 /// grow.
 #[test]
 fn what_is_predicted_while_a_study_is_tuned_can_almost_always_be_run() {
-    let (mut predicted, mut failed) = (0, 0);
+    // Answers that a model predicted, and those that other states answer; and how many of each failed.
+    let (mut predicted, mut taken_over) = ((0, 0), (0, 0));
     for seed in 0..40 {
         let mut world = RandomWorld::new(seed, Policy { epsilon: 0.3, ..Policy::default() });
         world.states = vec![(0.1, 0.5), (0.3, 0.5), (0.5, 0.5), (0.7, 0.5), (0.9, 0.5)];
@@ -189,12 +190,14 @@ fn what_is_predicted_while_a_study_is_tuned_can_almost_always_be_run() {
                 told.set(is_prediction.then(|| (world.truth(trial).is_none(), trial.reason().summary)));
             });
             if let Some((fails, summary)) = told.into_inner() {
-                predicted += 1;
-                failed += usize::from(fails);
                 assert!(summary.contains("Predicted") || summary.contains("known states"), "{summary}");
+                let counts = if summary.contains("Predicted") { &mut predicted } else { &mut taken_over };
+                counts.0 += 1;
+                counts.1 += usize::from(fails);
             }
         }
     }
-    println!("{failed} of {predicted} answers that nobody had run there failed");
-    assert!(predicted > 100 && 50 * failed <= predicted, "{failed} of {predicted}");
+    println!("predicted, and of these failed: {predicted:?}; taken over: {taken_over:?}");
+    let (count, failed) = predicted;
+    assert!(count > 20 && 50 * failed <= count, "{failed} of {count} predictions failed");
 }
