@@ -63,6 +63,17 @@ impl FrameSet {
         }
     }
 
+    /// Plans for more frames than so far, where a frame turns out to cost little beside its preparation.
+    pub fn plan_at_least(&mut self, frames: usize) {
+        self.planned = self.planned.max(frames);
+    }
+
+    /// How many frames have counted so far.
+    #[must_use]
+    pub fn counted(&self) -> usize {
+        self.costs.len()
+    }
+
     /// Runs so many more frames before those that count.
     #[must_use]
     pub fn leave_out(mut self, frames: usize) -> Self {
@@ -146,6 +157,18 @@ mod tests {
         assert_eq!(run(FrameSet::with_cap(None, 3).leave_out(1), &costs), (4, FrameSetResult::Measured(3.0)));
         assert_eq!(run(FrameSet::with_cap(None, 4).leave_out(1), &costs), (5, FrameSetResult::Measured(4.0)));
         assert_eq!(FrameSet::with_cap(None, 0).result(), FrameSetResult::Measured(0.0));
+    }
+
+    #[test]
+    fn more_frames_may_be_planned_once_the_first_is_known() {
+        let mut frames = FrameSet::with_cap(None, 1);
+        frames.push(9.0);
+        frames.plan_at_least(3);
+        assert_eq!((frames.goes_on(), frames.counted()), (true, 1));
+        frames.push(1.0);
+        frames.push(2.0);
+        frames.plan_at_least(2);
+        assert_eq!((frames.goes_on(), frames.result()), (false, FrameSetResult::Measured(2.0)));
     }
 
     #[test]

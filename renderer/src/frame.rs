@@ -14,8 +14,10 @@ use treewright_accel::{
 
 use crate::film::Film;
 use crate::integrator::{Counts, Needs, Prepared, View, render_sample_until};
+use crate::limits::TRIALS_PER_BUILD_MAX;
 use crate::render_options::RenderOptions;
-use crate::scheduling::{RunQueueDelay, ThreadTimes, thread_cpu_ms, undelayed_ms};
+use crate::scheduling::{RunQueueDelay, ThreadTimes, of_process, thread_cpu_ms, undelayed_ms};
+use crate::shelf::{Built, Shelf};
 use treewright_scene::Scene;
 
 /// What one frame took.
@@ -37,6 +39,12 @@ pub struct FrameTimes {
     /// How long the render threads together waited for a processor during the frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub render_delay_ms: Option<f64>,
+    /// How many trials the structure had served before; absent if it was built for this one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trials_before: Option<u32>,
+    /// How many frames the rendering time is the median of; absent if it is what was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frames: Option<u32>,
 }
 
 impl FrameTimes {
@@ -73,6 +81,30 @@ impl FrameTimes {
     }
 }
 
+/// What a structure took that is ready for a trial.
+#[derive(Clone, Copy, Debug)]
+pub struct Ready {
+    /// Building it.
+    pub build_ms: f64,
+    /// What the threads of the process got of the processors meanwhile.
+    pub threads: ThreadTimes,
+    /// How many trials it had served before; 0 if it was built for this one.
+    pub trials_before: u32,
+}
+
+impl Built {
+    /// Whether it is of this choice and may serve another trial, which then counts.
+    pub(crate) fn serves_again(&mut self, choice: &BuildChoice) -> bool {
+        let serves = self.choice == *choice && self.trials < TRIALS_PER_BUILD_MAX;
+        self.trials += u32::from(serves);
+        serves
+    }
+
+    fn ready(&self) -> Ready {
+        Ready { build_ms: self.build_ms, threads: self.threads, trials_before: self.trials - 1 }
+    }
+}
+
 /// Why there is no renderer.
 #[derive(Debug, thiserror::Error)]
 pub enum RendererError {
@@ -98,9 +130,9 @@ pub struct Renderer {
     delays: Vec<RunQueueDelay>,
     prepared: Arc<Prepared>,
     leave_out: bool,
-    structure: Option<Structure>,
-    /// What the kept structure was built by.
-    choice: Option<BuildChoice>,
+    /// The structure that frames are rendered with.
+    current: Option<Built>,
+    shelf: Shelf,
 }
 
 impl Renderer {
@@ -118,7 +150,7 @@ impl Renderer {
         let delays: Option<Vec<_>> =
             pool.broadcast(|_| RunQueueDelay::of_this_thread()).into_iter().collect();
         let delays = delays.unwrap_or_default();
-        Ok(Self { device, pool, delays, prepared, leave_out: true, structure: None, choice: None })
+        Ok(Self { device, pool, delays, prepared, leave_out: true, current: None, shelf: Shelf::default() })
     }
 
     /// The scene.
@@ -147,9 +179,10 @@ impl Renderer {
         self.device.version()
     }
 
-    /// Changes the scene, e.g. because something in it moved. The structure of the old one is dropped.
+    /// Changes the scene, e.g. because something in it moved. The structures of the old one are dropped.
     pub fn set_scene(&mut self, scene: Arc<Scene>) {
-        self.structure = None;
+        self.current = None;
+        self.shelf.clear();
         self.prepared = Arc::new(self.pool.install(|| Prepared::new(scene)));
     }
 
@@ -167,9 +200,34 @@ impl Renderer {
     /// Builds a structure and keeps it for the frames to come; returns `build_ms`. If the build fails, the
     /// last good structure is kept.
     pub fn rebuild(&mut self, choice: &BuildChoice) -> Result<f64, BuildError> {
-        let (structure, build_ms) = self.build(choice)?;
-        (self.structure, self.choice) = (Some(structure), Some(*choice));
-        Ok(build_ms)
+        self.make_ready(choice, false).map(|ready| ready.build_ms)
+    }
+
+    /// Makes ready for a trial: builds a structure and keeps it for the frames to come, like [`Self::rebuild`]. With
+    /// `reuse`, one that is there already serves again, a few times. If the build fails, the last good structure is
+    /// kept.
+    pub fn make_ready(&mut self, choice: &BuildChoice, reuse: bool) -> Result<Ready, BuildError> {
+        if reuse
+            && let Some(current) = &mut self.current
+            && current.serves_again(choice)
+        {
+            return Ok(current.ready());
+        }
+        let shelved = if reuse { self.shelf.take(choice) } else { None };
+        let built = match shelved {
+            Some(built) => built,
+            None => {
+                let (built, threads) = of_process(|| self.build(choice));
+                let (structure, build_ms) = built?;
+                Built { structure, choice: *choice, build_ms, threads, trials: 1 }
+            }
+        };
+        let ready = built.ready();
+        let before = self.current.replace(built);
+        if reuse && let Some(before) = before {
+            self.shelf.put(before);
+        }
+        Ok(ready)
     }
 
     /// Brings a structure that was built over another moment of the scene to this one; returns `build_ms`. It must
@@ -197,23 +255,24 @@ impl Renderer {
                 && before.instances.is_none()
                 && scene.instances.is_none()
         };
-        let kept = self.structure.take().filter(|_| fits);
+        let kept = self.current.take().filter(|_| fits);
         self.set_scene(scene);
-        self.structure = kept;
-        if self.choice == Some(*choice)
-            && let Some(mut structure) = self.structure.take()
-        {
-            let outcome = self.follow(&mut structure, update);
-            self.structure = Some(structure);
-            outcome
-        } else {
-            self.rebuild(choice)
+        match kept {
+            Some(mut built) if built.choice == *choice => {
+                let outcome = self.follow(&mut built.structure, update);
+                self.current = Some(built);
+                outcome
+            }
+            kept => {
+                self.current = kept;
+                self.rebuild(choice)
+            }
         }
     }
 
     /// The kept structure.
     pub fn structure(&self) -> Option<&Structure> {
-        self.structure.as_ref()
+        self.current.as_ref().map(|built| &built.structure)
     }
 
     /// Adds one sample to each pixel of the film with a given structure; returns `render_ms` and the counts.
@@ -247,7 +306,7 @@ impl Renderer {
 
     /// Adds one sample with the kept structure. `None` while there is none.
     pub fn render(&self, view: &View, options: &RenderOptions, film: &mut Film) -> Option<(f64, Counts)> {
-        Some(self.render_with(self.structure.as_ref()?, view, options, film))
+        Some(self.render_with(self.structure()?, view, options, film))
     }
 
     /// The same, but no tile is begun once so many milliseconds are over (`None`: all are). Returns how long it took,
@@ -259,7 +318,7 @@ impl Renderer {
         options: &RenderOptions,
         film: &mut Film,
     ) -> Option<(f64, bool)> {
-        let structure = self.structure.as_ref()?;
+        let structure = self.structure()?;
         let begin = Instant::now();
         let limit = limit_ms.and_then(|limit_ms| Duration::try_from_secs_f64(limit_ms.max(0.0) / 1e3).ok());
         let until = limit.and_then(|limit| begin.checked_add(limit));
@@ -324,7 +383,6 @@ pub fn milliseconds(begin: Instant) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scheduling::of_process;
     use crate::space::Choice;
     use treewright_accel::NativeQuality;
     use treewright_scene::builtin;

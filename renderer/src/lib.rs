@@ -5,6 +5,7 @@
 //! | `integrator` | paths from the camera to the light, in stages or one by one |
 //! | `film`, `tone`, `image_file` | the picture, as it is shown, and PNG and EXR files of it |
 //! | `frame`, `render_options` | one frame: build, render, how long each took |
+//! | `shelf` | structures that are kept for later trials |
 //! | `space` | what can be tuned, and what a configuration means |
 //! | `disturbance` | what else a machine did while something was measured |
 //! | `scheduling` | what threads got of the processors, and how long they waited for one |
@@ -24,6 +25,7 @@ pub mod measure;
 pub mod recorder;
 pub mod render_options;
 pub mod scheduling;
+mod shelf;
 pub mod space;
 pub mod statistics;
 pub mod tone;

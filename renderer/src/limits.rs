@@ -24,6 +24,15 @@ pub const ITERATIONS_MAX: u32 = 100_000;
 /// Most frames that one trial of a search renders.
 pub const FRAMES_PER_TRIAL_MAX: u32 = 1000;
 
+/// Most memory of the structures that a search keeps for later trials, in bytes.
+pub const SHELF_BYTES_MAX: usize = 2 << 30;
+
+/// Most trials that one build serves.
+pub const TRIALS_PER_BUILD_MAX: u32 = 4;
+
+/// Most frames that a trial renders because its build took long, beyond what was asked for.
+pub const FRAMES_PER_SLOW_BUILD_MAX: usize = 5;
+
 /// Most random samples at one camera.
 pub const SAMPLES_PER_PLACE_MAX: u32 = 10_000_000;
 

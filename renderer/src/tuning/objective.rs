@@ -30,6 +30,9 @@ pub const RENDER_DELAY_MS: &str = "render_delay_ms";
 /// what other programs made of a cost.
 pub const UNDELAYED_MS: &str = "undelayed_ms";
 
+/// Name of how many trials a structure had served before, where it was used again.
+pub const TRIALS_BEFORE: &str = "trials_before";
+
 /// How many frames share a build in progressive rendering.
 const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
 

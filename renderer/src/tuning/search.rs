@@ -15,7 +15,7 @@ use treewright_client::{
 
 use super::objective::{
     BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, Objective, RENDER_CPU_MS, RENDER_DELAY_MS, RENDER_MS,
-    UNDELAYED_MS, frame_cost,
+    TRIALS_BEFORE, UNDELAYED_MS, frame_cost,
 };
 use super::patience::NextTrial;
 use super::workload::Workload;
@@ -23,7 +23,8 @@ use crate::disturbance::{Disturbance, Watch};
 use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::integrator::View;
-use crate::scheduling::{ThreadTimes, of_process};
+use crate::limits::FRAMES_PER_SLOW_BUILD_MAX;
+use crate::scheduling::ThreadTimes;
 use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
 use treewright_scene::camera_path::CameraPath;
@@ -160,6 +161,12 @@ impl SearchOutcome {
 /// Frames of the baseline before the search, and again after it.
 const REFERENCE_FRAMES: usize = 3;
 
+/// A structure is used again where at least so many frames share a build: a build is a sixteenth of the cost at most then.
+const REUSE_FROM_FRAMES_PER_BUILD: u32 = 16;
+
+/// Frames that follow a slow build may take this share of it.
+const FRAMES_SHARE_OF_BUILD: f64 = 0.1;
+
 /// Runs so many iterations, fewer if `told` says no after one of them. The last report is on its way when
 /// this returns, not necessarily acknowledged.
 pub fn run(
@@ -248,7 +255,8 @@ pub fn trial(
     }
 }
 
-/// Builds and renders one choice; see [`trial`].
+/// Builds and renders one choice; see [`trial`]. Where many frames share a build, a structure that is there already
+/// serves again, and a slow build is followed by more frames, as many as take a tenth of it.
 pub(super) fn run_choice(
     renderer: &mut Renderer,
     choice: &Choice,
@@ -256,18 +264,20 @@ pub(super) fn run_choice(
     setting: &SearchSetting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
-    let (built, build) = of_process(|| renderer.rebuild(&choice.build));
-    let build_ms = match built {
-        Ok(build_ms) => build_ms,
+    let shares_builds = setting.objective.frames_per_build() >= REUSE_FROM_FRAMES_PER_BUILD;
+    let ready = match renderer.make_ready(&choice.build, shares_builds) {
+        Ok(ready) => ready,
         Err(error) if error.is_infeasible() => {
             return (Outcome::infeasible(error.to_string()), None);
         }
         Err(error) => return (Outcome::failed(error.to_string()), None),
     };
     // What a frame may take, so that it and its share of the build stay below the cap.
-    let built = setting.objective.cost(FrameTimes::of(build_ms, 0.0));
+    let built = setting.objective.cost(FrameTimes::of(ready.build_ms, 0.0));
     let limit_ms = cap_ms.map(|cap_ms| cap_ms - built);
-    let mut frames = FrameSet::with_cap(limit_ms, setting.frames as usize);
+    // A structure that comes back finds the caches full of others.
+    let warm_up = usize::from(ready.trials_before > 0);
+    let mut frames = FrameSet::with_cap(limit_ms, setting.frames as usize).leave_out(warm_up);
     let (mut cpu_ms, mut delay_ms) = (Vec::new(), Vec::new());
     while frames.goes_on() {
         film.clear();
@@ -275,9 +285,14 @@ pub(super) fn run_choice(
             .watching_threads(|| renderer.render_within(limit_ms, &setting.view, &choice.render, film));
         match rendered {
             Some((frame_ms, true)) => {
-                cpu_ms.push(threads.cpu_ms);
-                delay_ms.extend(threads.delay_ms);
                 frames.push(frame_ms);
+                if frames.counted() > cpu_ms.len() {
+                    cpu_ms.push(threads.cpu_ms);
+                    delay_ms.extend(threads.delay_ms);
+                }
+                if shares_builds {
+                    frames.plan_at_least(frames_beside(ready.build_ms, frame_ms));
+                }
             }
             Some((stopped_ms, false)) => frames.push_stopped(stopped_ms),
             None => return (Outcome::failed("no structure was built"), None),
@@ -287,13 +302,22 @@ pub(super) fn run_choice(
         FrameSetResult::Measured(render_ms) => {
             let median_delay_ms = (!delay_ms.is_empty()).then(|| Summary::of(&delay_ms).median);
             let render = ThreadTimes { cpu_ms: Summary::of(&cpu_ms).median, delay_ms: median_delay_ms };
-            (
-                Outcome::Ok,
-                Some(FrameTimes::of(build_ms, render_ms).with_threads(renderer.threads(), build, render)),
-            )
+            let times = FrameTimes::of(ready.build_ms, render_ms);
+            let times = times.with_threads(renderer.threads(), ready.threads, render);
+            let trials_before = (ready.trials_before > 0).then_some(ready.trials_before);
+            let counted = u32::try_from(frames.counted()).unwrap_or(u32::MAX);
+            let more = (counted > setting.frames.max(1)).then_some(counted);
+            (Outcome::Ok, Some(FrameTimes { trials_before, frames: more, ..times }))
         }
         FrameSetResult::Stopped { lower_bound } => (Outcome::aborted(built + lower_bound), None),
     }
+}
+
+/// How many frames take a tenth of a build, within bounds.
+fn frames_beside(build_ms: f64, frame_ms: f64) -> usize {
+    let frames = build_ms * FRAMES_SHARE_OF_BUILD / frame_ms.max(f64::MIN_POSITIVE);
+    // A cast saturates.
+    (frames as usize).min(FRAMES_PER_SLOW_BUILD_MAX)
 }
 
 /// The raw measurements of a trial of so many frames, as they are reported, and [`UNDELAYED_MS`] where so many frames share a
@@ -313,9 +337,10 @@ pub fn measurements(times: Option<FrameTimes>, frames: u32, frames_per_build: u3
                 (BUILD_MS, times.build_ms),
                 (RENDER_MS, times.render_ms),
                 (UNDELAYED_MS, undelayed_ms),
-                ("frames", f64::from(frames)),
+                ("frames", f64::from(times.frames.unwrap_or(frames))),
             ];
-            always.into_iter().chain(known).collect()
+            let reused = times.trials_before.map(|trials| (TRIALS_BEFORE, f64::from(trials)));
+            always.into_iter().chain(known).chain(reused).collect()
         }
         None => Measurements::new(),
     }
@@ -378,6 +403,7 @@ mod tests {
     use super::*;
     use crate::space::{Premises, Preset};
     use crate::tuning::verdict::baseline;
+    use treewright_accel::NativeQuality;
     use treewright_scene::builtin::{self, Options};
 
     #[test]
@@ -411,5 +437,51 @@ mod tests {
                 assert!(times.is_some_and(|times| times.render_ms > 0.0));
             }
         }
+    }
+
+    #[test]
+    fn a_structure_serves_a_few_trials_where_builds_are_shared_and_one_where_they_are_not() {
+        let scene =
+            builtin::build("quick", &Options { detail: 0.02, ..Options::default() }).expect("a scene");
+        let mut renderer = Renderer::new(Arc::new(scene), 0).expect("Embree is set up");
+        let space = Arc::new(TuningSpace::new(Preset::Full, &Premises::all()));
+        let camera = renderer.scene().cameras[0];
+        let mut setting = SearchSetting {
+            objective: Objective::Render,
+            space,
+            baseline: baseline(Preset::Full).choice,
+            view: View { camera, seed: 1, bounces: 1 },
+            width: 40,
+            height: 30,
+            frames: 1,
+            indicators: Indicators::new(),
+        };
+        let mut film = Film::new(setting.width, setting.height);
+        let own = setting.baseline.clone();
+        let native = Choice::native(NativeQuality::Medium);
+        let mut served = |setting: &SearchSetting, choice: &Choice| {
+            let (outcome, times) = run_choice(&mut renderer, choice, None, setting, &mut film);
+            assert_eq!(outcome, Outcome::Ok);
+            let times = times.expect("it was measured");
+            assert_eq!(
+                setting.measurements(Some(times)).get("trials_before"),
+                times.trials_before.map(f64::from)
+            );
+            (times.trials_before.unwrap_or(0), times.build_ms)
+        };
+        // In turns, as a confirmation runs them.
+        let turns: Vec<_> = (0..5).map(|_| (served(&setting, &own), served(&setting, &native))).collect();
+        let numbers: Vec<_> = turns.iter().map(|((own, _), (native, _))| (*own, *native)).collect();
+        assert_eq!(numbers, [(0, 0), (1, 1), (2, 2), (3, 3), (0, 0)]);
+        // What a structure took is told again with it.
+        assert!(turns[..4].iter().all(|(own, _)| own.1 == turns[0].0.1));
+        setting.objective = Objective::Total;
+        assert!((0..3).all(|_| served(&setting, &own).0 == 0));
+    }
+
+    #[test]
+    fn frames_that_follow_a_build_take_a_tenth_of_it() {
+        assert_eq!([0.0, 350.0, 1_200.0, 1e9].map(|build_ms| frames_beside(build_ms, 40.0)), [0, 0, 3, 5]);
+        assert_eq!(frames_beside(1.0, 0.0), FRAMES_PER_SLOW_BUILD_MAX);
     }
 }

@@ -1,0 +1,64 @@
+//! Structures that were built before and are kept for the next time they are wanted.
+//!
+//! A search measures its leaders again and again. Where one tree serves a thousand frames, its build costs as much as
+//! twenty of them and says next to nothing, so a tree that is still there is used again. Trees of the same choice differ
+//! from build to build by one to three percent, though. So each serves a few trials and is then built anew: what differs
+//! between builds stays in the measurements.
+
+use treewright_accel::{BuildChoice, Structure};
+
+use crate::limits::{SHELF_BYTES_MAX, TRIALS_PER_BUILD_MAX};
+use crate::scheduling::ThreadTimes;
+
+/// A structure, what it was built by, and what that took.
+#[derive(Debug)]
+pub(crate) struct Built {
+    pub(crate) structure: Structure,
+    pub(crate) choice: BuildChoice,
+    pub(crate) build_ms: f64,
+    /// Of the build.
+    pub(crate) threads: ThreadTimes,
+    /// How many trials it was asked for, the one that it was built for included.
+    pub(crate) trials: u32,
+}
+
+/// What is kept, and how much memory it takes, which a walk through the whole structure says.
+#[derive(Debug)]
+struct Kept {
+    built: Built,
+    bytes: usize,
+}
+
+/// The structures that were used last, within a budget of memory.
+#[derive(Debug, Default)]
+pub(crate) struct Shelf {
+    /// The one that was used last comes last.
+    kept: Vec<Kept>,
+}
+
+impl Shelf {
+    /// The structure of this choice for another trial, if there is one that may serve it.
+    pub(crate) fn take(&mut self, choice: &BuildChoice) -> Option<Built> {
+        let place = self.kept.iter().position(|kept| kept.built.choice == *choice)?;
+        let Kept { mut built, .. } = self.kept.remove(place);
+        built.serves_again(choice).then_some(built)
+    }
+
+    /// Keeps a structure that may serve another trial. Where all together would take too much memory, those that were
+    /// not wanted for longest go.
+    pub(crate) fn put(&mut self, built: Built) {
+        self.kept.retain(|kept| kept.built.choice != built.choice);
+        if built.trials < TRIALS_PER_BUILD_MAX {
+            let bytes = built.structure.statistics().bytes;
+            self.kept.push(Kept { built, bytes });
+        }
+        while self.kept.iter().map(|kept| kept.bytes).sum::<usize>() > SHELF_BYTES_MAX {
+            self.kept.remove(0);
+        }
+    }
+
+    /// Drops all: the scene has changed.
+    pub(crate) fn clear(&mut self) {
+        self.kept.clear();
+    }
+}
