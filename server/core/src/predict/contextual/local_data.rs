@@ -174,6 +174,12 @@ impl LocalData {
                 Some(here) if here.ran(&configuration).is_some() => return false,
                 _ => {}
             }
+            // Limits of what can be run are sharp, and the model of them is not: beside a rival, where anything failed
+            // near by, what ran in none of the near states is no answer.
+            let ran_near = || self.sources.iter().any(|source| source.results.ran(&configuration).is_some());
+            if asked.rival.is_some() && running.knows_failures() && !ran_near() {
+                return true;
+            }
             let features = layout.features(x, &layout.active(x));
             running.probability(&features) < runs_least
         };

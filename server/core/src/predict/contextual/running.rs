@@ -36,6 +36,7 @@ pub(super) struct Runs {
 pub(super) struct Running {
     model: Option<(Process, SharedFeatures)>,
     ran: usize,
+    failed: bool,
 }
 
 impl Running {
@@ -44,7 +45,7 @@ impl Running {
         let Runs { points, failed, counts } = runs;
         let ran = failed.iter().filter(|failed| !**failed).count();
         if ran == failed.len() {
-            return Running { model: None, ran };
+            return Running { model: None, ran, failed: false };
         }
         let labels: Vec<f64> = failed.iter().map(|&failed| f64::from(u8::from(failed))).collect();
         let points: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
@@ -57,7 +58,12 @@ impl Running {
             (process, context)
         });
         // A process that cannot be fitted says nothing good of anything.
-        Running { ran: if model.is_some() { ran } else { 0 }, model }
+        Running { ran: if model.is_some() { ran } else { 0 }, model, failed: true }
+    }
+
+    /// Whether anything failed near by.
+    pub(super) fn knows_failures(&self) -> bool {
+        self.failed
     }
 
     /// The probability that a point can be run.
