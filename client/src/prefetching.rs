@@ -116,7 +116,10 @@ impl PrefetchingTuner {
             if let Some(question) = &mut self.outstanding {
                 let Ok(came) = timeout_at(deadline, &mut question.answer).await else { return false };
                 let (reply, answer) = oneshot::channel();
-                drop(came.map(|came| reply.send(came)));
+                if let Ok(came) = came {
+                    // The other half is at hand below.
+                    drop(reply.send(came));
+                }
                 question.answer = answer;
                 if self.has_answer(indicators) {
                     return true;

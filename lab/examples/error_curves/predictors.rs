@@ -96,6 +96,7 @@ fn replay(spec: &StudySpec, method: PredictorMethod, trials: &[(Vec<f64>, Trial)
             space,
             machines,
             machine: MachineId(0),
+            rival: None,
         };
         // `auto` asks all when it tests them.
         let clock = Instant::now();

@@ -100,6 +100,7 @@ fn nearest(count: usize) {
                 space,
                 machines,
                 machine: MachineId(0),
+                rival: None,
             };
             std::hint::black_box(predictor.predict(&query));
         });
@@ -149,6 +150,7 @@ fn features() {
             space,
             machines: &machines,
             machine: MachineId(0),
+            rival: None,
         };
         let answers = times(QUESTIONS, || drop(std::hint::black_box(model.predict(&query))));
         let update = json!({ "p50_us": updates[QUESTIONS / 2], "p99_us": updates[QUESTIONS * 99 / 100] });

@@ -457,7 +457,7 @@ mod tests {
             indicators: Indicators::new(),
         };
         let mut film = Film::new(setting.width, setting.height);
-        let own = setting.baseline.clone();
+        let own = setting.baseline;
         let native = Choice::native(NativeQuality::Medium);
         let mut served = |setting: &SearchSetting, choice: &Choice| {
             let (outcome, times) = run_choice(&mut renderer, choice, None, setting, &mut film);

@@ -336,9 +336,9 @@ impl ResultTable {
         if self.records[index].evidence.count() > TORN_MOST {
             return None;
         }
-        let others = self.ranking.iter().filter(|rank| rank.index != index).map(|rank| rank.cost);
+        let mut others = self.ranking.iter().filter(|rank| rank.index != index).map(|rank| rank.cost);
         let middle = self.ranking.len().saturating_sub(1) / 2;
-        others.clone().nth(middle).or_else(|| others.last())
+        others.clone().nth(middle).or_else(|| others.next_back())
     }
 
     /// What a single measurement is believed to be at least and at most; `None` before enough others were measured.

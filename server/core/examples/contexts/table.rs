@@ -183,7 +183,9 @@ pub(crate) fn frozen(file: &str) -> String {
             let mut ran = Vec::new();
             for _ in 0..trials {
                 let (trial, truth) = frame(&mut tuner, &mut random, &second, 0.8, noise);
-                truth.map(|_| ran.push(trial.configuration));
+                if truth.is_some() {
+                    ran.push(trial.configuration);
+                }
             }
             let frozen = Policy { operation: Operation::Freeze, ..policy };
             assert!(!tuner.set_policy(frozen).expect("valid"));

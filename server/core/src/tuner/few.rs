@@ -62,7 +62,7 @@ pub(super) fn next_of_race(
         let deviations = libm::log(record.mean_cost / best.mean_cost) / (noise * parts.sqrt());
         let is_near = record.measurements == 1 && record.mean_cost <= NEAR * best.mean_cost;
         record.measurements < ENOUGH
-            && (is_near || !(deviations >= CLEAR))
+            && (is_near || deviations.is_nan() || deviations < CLEAR)
             && !is_running(&record.configuration)
     };
     results.ranked().filter(is_open).min_by_key(|record| record.measurements)
