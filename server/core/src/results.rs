@@ -8,7 +8,6 @@
 //! (see [`crate::robust`]). Where the measurements of one configuration are found to have changed for good (the
 //! machine's clock, another program), the costs of the others are scaled by the same factor until they are measured again.
 
-use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
@@ -19,6 +18,7 @@ use crate::fnv;
 use crate::ids::{MachineId, StateId};
 use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX, RECORDS_PER_STATE_MAX};
 use crate::pace::Pace;
+use crate::rank::Rank;
 use crate::robust::{Deviation, Evidence, MAD_TO_DEVIATION, Moment, REACH_AFTER, is_torn, median, reach_of};
 use crate::search::Verdict;
 use crate::space::Space;
@@ -94,27 +94,6 @@ impl Record {
     fn rank(&self, index: usize) -> Option<Rank> {
         let usable = self.measurements > 0 && !self.infeasible;
         usable.then_some(Rank { cost: self.mean_cost, index })
-    }
-}
-
-/// Place in the ranking: by cost, then by age.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Rank {
-    cost: f64,
-    index: usize,
-}
-
-impl Eq for Rank {}
-
-impl Ord for Rank {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.cost.total_cmp(&other.cost).then(self.index.cmp(&other.index))
-    }
-}
-
-impl PartialOrd for Rank {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
     }
 }
 
