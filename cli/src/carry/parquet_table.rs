@@ -142,7 +142,10 @@ fn text(cell: TrialCell) -> Option<ByteArray> {
 pub(crate) fn read(path: &Path) -> Result<(Option<Header>, Vec<CarriedTrial>), Failure> {
     let file = File::open(path).map_err(|error| Failure::file(path, error.to_string()))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    parse(file, &name).map_err(|problem| Failure::file(path, problem))
+    // The library asserts what a damaged file may deny.
+    let parsed = std::panic::catch_unwind(|| parse(file, &name));
+    let parsed = parsed.unwrap_or_else(|_| Err("the file is damaged".to_owned()));
+    parsed.map_err(|problem| Failure::file(path, problem))
 }
 
 fn parse(file: File, name: &str) -> Result<(Option<Header>, Vec<CarriedTrial>), String> {

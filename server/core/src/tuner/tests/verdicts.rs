@@ -85,10 +85,9 @@ const WORLDS: u64 = 60;
 
 #[test]
 fn what_is_told_in_disturbed_sessions_is_true() {
-    let worlds = WORLDS;
     let (mut holds, mut near, mut knowable) = (0_u64, 0_u64, 0_u64);
     let (mut proven, mut wrong, mut likely, mut gained, mut there) = (0, 0, 0, 0.0, 0.0);
-    for seed in 0..worlds {
+    for seed in 0..WORLDS {
         let Played { tuner, world, best, loads, quiet } = played(seed);
         let truth = world.truth(&best.configuration);
         let default = world.truth(tuner.spec().space.default_ref());
@@ -102,19 +101,6 @@ fn what_is_told_in_disturbed_sessions_is_true() {
         if quiet >= QUIET_LEAST {
             knowable += 1;
             near += u64::from((standing.cost / truth - 1.0).abs() <= 0.05);
-        }
-        if wide.is_some() {
-            let results = tuner.states.results(StateId(1));
-            println!(
-                "world {seed}: cost {:.3} of the truth, pace {:.3}, noise {} seen as {:?}, slows {:.2}, quiet in {:.2}, busy {:?}",
-                standing.cost / truth,
-                results.pace(),
-                world.noise,
-                results.noise(),
-                world.slows,
-                quiet,
-                loads
-            );
         }
         match standing.verdict() {
             StandingVerdict::Proven => {
@@ -134,14 +120,14 @@ fn what_is_told_in_disturbed_sessions_is_true() {
         there += 1.0 - world.truth(&tuner.spec().space.decode(&[0.5, 0.0, 0.35, 0.5])) / default;
     }
     println!(
-        "{worlds} worlds: told gains hold in {holds}, told costs are near in {near} of {knowable}, {proven} are proven, {wrong} of them \
+        "{WORLDS} worlds: told gains hold in {holds}, told costs are near in {near} of {knowable}, {proven} are proven, {wrong} of them \
          wrongly, {likely} are likely; {gained:.2} were gained of about {there:.2}"
     );
-    let share = |count: u64| count as f64 / worlds as f64;
-    let slack = if wide.is_some() { 0.0 } else { 0.04 };
-    assert!(share(holds) >= 0.93 - slack, "{holds} of {worlds}");
+    let share = |count: u64| count as f64 / WORLDS as f64;
+    // Of so few worlds that hold by 93 % each one more or less may.
+    assert!(share(holds) >= 0.93 - 0.04, "{holds} of {WORLDS}");
     assert!(near as f64 >= NEAR * knowable as f64, "{near} of {knowable}");
-    assert!(share(wrong) <= 0.01, "{wrong} of {worlds}");
+    assert!(share(wrong) <= 0.01, "{wrong} of {WORLDS}");
 }
 
 /// A study of states that are all flat: what did best in one is no winner in the others.
