@@ -5,7 +5,7 @@
 
 use std::io;
 use std::net::SocketAddr;
-use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, PermissionsExt as _};
+use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
 use listenfd::ListenFd;
@@ -14,38 +14,20 @@ use tokio::net::{TcpListener, UnixListener};
 /// Sockets on which connections are accepted.
 #[derive(Debug, Default)]
 pub struct Listeners {
-    /// Of sockets that were made here, whose files go at the end, before the sockets do.
-    files: Vec<SocketFile>,
     pub(crate) tcp: Vec<TcpListener>,
     pub(crate) unix: Vec<UnixListener>,
+    /// Of sockets that were made here, whose files go at the end.
+    files: Vec<SocketFile>,
 }
 
-/// The file of a Unix socket; removed when dropped, unless another has taken its place. To be dropped while the socket
-/// still listens: after that somebody who finds it deserted may replace it at any moment.
+/// The file of a Unix socket; removed when dropped.
 #[derive(Debug)]
-pub(crate) struct SocketFile {
-    path: PathBuf,
-    /// Device and number of the file.
-    file: (u64, u64),
-}
-
-impl SocketFile {
-    fn made(path: &Path) -> io::Result<Self> {
-        Ok(Self { path: path.to_owned(), file: identity(path)? })
-    }
-}
-
-fn identity(path: &Path) -> io::Result<(u64, u64)> {
-    let file = std::fs::symlink_metadata(path)?;
-    Ok((file.dev(), file.ino()))
-}
+pub(crate) struct SocketFile(PathBuf);
 
 impl Drop for SocketFile {
     fn drop(&mut self) {
         // Somebody may have removed it already.
-        if identity(&self.path).is_ok_and(|file| file == self.file) {
-            let _ = std::fs::remove_file(&self.path);
-        }
+        let _ = std::fs::remove_file(&self.0);
     }
 }
 
@@ -103,7 +85,7 @@ impl Listeners {
             std::fs::remove_file(path)?;
         }
         let listener = UnixListener::bind(path)?;
-        self.files.push(SocketFile::made(path)?);
+        self.files.push(SocketFile(path.to_owned()));
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600))?;
         self.unix.push(listener);
         Ok(())
@@ -138,8 +120,6 @@ impl Listeners {
 
 #[cfg(test)]
 mod tests {
-    use tokio::net::UnixStream;
-
     use super::*;
 
     #[tokio::test]
@@ -155,21 +135,6 @@ mod tests {
         assert_eq!(taken.kind(), io::ErrorKind::AddrInUse);
         drop(listeners);
         assert!(!path.exists());
-    }
-
-    #[tokio::test]
-    async fn an_ending_daemon_leaves_the_socket_of_its_successor() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("daemon.sock");
-        let mut ending = Listeners::default();
-        ending.bind_unix(&path).await.expect("a socket");
-        let files = ending.take_files();
-        drop(ending);
-        let mut next = Listeners::default();
-        next.bind_unix(&path).await.expect("a deserted one is replaced");
-        drop(files);
-        assert!(path.exists(), "it is the next one's");
-        UnixStream::connect(&path).await.expect("and it listens");
     }
 
     #[tokio::test]

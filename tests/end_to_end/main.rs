@@ -12,7 +12,6 @@ mod flood;
 mod guard;
 mod lifecycle;
 mod local;
-mod lockouts;
 mod locks;
 mod network;
 mod power;

@@ -1,13 +1,11 @@
 //! What happens on a connection, and until when something must.
 
-use std::future::poll_fn;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::task::{Context, Poll};
+use std::task::Context;
 
 use tokio::time::Instant;
 
 use super::slots::ConnectionSlot;
-use super::unfinished::Unfinished;
 use crate::limits;
 
 /// Bytes with which every HTTP/2 connection begins (RFC 9113, section 3.4).
@@ -18,7 +16,6 @@ const PREFACE_BYTES: u64 = 24;
 pub(crate) struct Activity {
     opened: Instant,
     slot: ConnectionSlot,
-    unfinished: Unfinished,
     state: Mutex<ActivityState>,
 }
 
@@ -37,16 +34,9 @@ pub(crate) struct UnderWay {
     activity: Arc<Activity>,
 }
 
-/// Bytes of a request or an answer that are unfinished, until dropped.
-#[derive(Debug)]
-pub(crate) struct HeldBytes {
-    activity: Arc<Activity>,
-    bytes: usize,
-}
-
 impl Activity {
-    pub(super) fn new(opened: Instant, slot: ConnectionSlot, unfinished: Unfinished) -> Self {
-        Self { opened, slot, unfinished, state: Mutex::default() }
+    pub(super) fn new(opened: Instant, slot: ConnectionSlot) -> Self {
+        Self { opened, slot, state: Mutex::default() }
     }
 
     /// More bytes have come.
@@ -56,18 +46,7 @@ impl Activity {
 
     /// Whether the connection has to make room for others.
     pub(super) fn has_to_go(&self, context: &Context<'_>) -> bool {
-        self.slot.notice().is_given(context)
-    }
-
-    /// Ends when the connection has to make room for others.
-    pub(super) async fn dismissed(&self) {
-        poll_fn(|context| if self.has_to_go(context) { Poll::Ready(()) } else { Poll::Pending }).await;
-    }
-
-    /// So many bytes are unfinished.
-    pub(crate) fn hold(self: &Arc<Self>, bytes: usize) -> HeldBytes {
-        self.unfinished.add(&self.slot, bytes);
-        HeldBytes { activity: Arc::clone(self), bytes }
+        self.slot.has_to_go(context)
     }
 
     /// A request on the connection was authorised: it has its slot for as long as it is used.
@@ -83,10 +62,7 @@ impl Activity {
 
     /// A request begins.
     pub(crate) fn begin(self: &Arc<Self>) -> UnderWay {
-        self.with(|state| {
-            state.under_way += 1;
-            self.slot.used(true);
-        });
+        self.with(|state| state.under_way += 1);
         UnderWay { activity: Arc::clone(self) }
     }
 
@@ -104,29 +80,10 @@ impl Activity {
 
 impl Drop for UnderWay {
     fn drop(&mut self) {
-        let activity = &self.activity;
-        activity.with(|state| {
+        self.activity.with(|state| {
             state.under_way -= 1;
             state.last = Some(Instant::now());
-            // While nobody can begin something: else what is under way could pass for idle.
-            activity.slot.used(state.under_way > 0);
         });
-    }
-}
-
-impl HeldBytes {
-    /// So many are unfinished now.
-    pub(crate) fn set(&mut self, bytes: usize) {
-        let before = std::mem::replace(&mut self.bytes, bytes);
-        let (unfinished, slot) = (&self.activity.unfinished, &self.activity.slot);
-        unfinished.add(slot, bytes.saturating_sub(before));
-        unfinished.remove(slot, before.saturating_sub(bytes));
-    }
-}
-
-impl Drop for HeldBytes {
-    fn drop(&mut self) {
-        self.set(0);
     }
 }
 
@@ -136,8 +93,8 @@ mod tests {
     use super::*;
 
     fn activity(opened: Instant) -> Arc<Activity> {
-        let slot = ConnectionSlots::new(ConnectionLimits::default()).take(None.into()).expect("room");
-        Arc::new(Activity::new(opened, slot, Unfinished::new(100)))
+        let slot = ConnectionSlots::new(ConnectionLimits::default()).take(None).expect("room");
+        Arc::new(Activity::new(opened, slot))
     }
 
     #[tokio::test(start_paused = true)]
@@ -156,20 +113,6 @@ mod tests {
         assert_eq!(activity.deadline(), Instant::now() + limits::IDLE);
         tokio::time::advance(limits::IDLE).await;
         assert!(activity.deadline() <= Instant::now());
-    }
-
-    #[tokio::test]
-    async fn what_is_held_counts_until_it_is_dropped() {
-        let activity = activity(Instant::now());
-        let mut held = activity.hold(40);
-        held.set(70);
-        let more = activity.hold(10);
-        held.set(20);
-        assert_eq!(activity.unfinished.bytes(), 30);
-        drop((held, more));
-        assert_eq!(activity.unfinished.bytes(), 0);
-        let _all = activity.hold(101);
-        activity.dismissed().await;
     }
 
     #[tokio::test(start_paused = true)]

@@ -22,19 +22,19 @@ use http::{HeaderMap, HeaderValue, Method, Request, Response, StatusCode, header
 use http_body_util::combinators::BoxBody;
 use http_body_util::{BodyExt, Full, Limited, StreamBody};
 use hyper::body::{Frame, Incoming};
-use tokio::sync::mpsc;
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::net::TcpListener;
+use tokio::sync::{Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
-use tracing::Instrument as _;
 use treewright_proto::v1;
 
 use crate::access::caller::Caller;
 use crate::access::rules::Need;
 use crate::access::{Access, Authorization};
-use crate::connections::Activity;
-use crate::connections::pages::Pages;
 use crate::error::Error;
-use crate::refusals::Refusals;
 use crate::tuning::Tuning;
 use crate::{limits, rpc, status};
 use pages::PageFrame;
@@ -55,7 +55,6 @@ pub(crate) struct Dashboard {
     pub(crate) tuning: Arc<Tuning>,
     /// Without it everybody may look.
     pub(crate) access: Option<Arc<Access>>,
-    pub(crate) refusals: Refusals,
 }
 
 /// Who looks at a page.
@@ -66,11 +65,7 @@ pub(super) struct Visitor<'a> {
 }
 
 impl Dashboard {
-    async fn respond(
-        self: &Arc<Self>,
-        request: Request<Incoming>,
-        activity: &Arc<Activity>,
-    ) -> Response<Body> {
+    async fn answer(self: &Arc<Self>, request: Request<Incoming>) -> Response<Body> {
         let (parts, body) = request.into_parts();
         if self.access.is_none() && !names_this_machine(&parts.headers) {
             // Else a page of the Internet could have its name lead here, and read what no token guards.
@@ -85,11 +80,11 @@ impl Dashboard {
                 asset("text/javascript; charset=utf-8", include_str!("../../assets/live.js"))
             }
             (&Method::GET | &Method::HEAD, "/login") => page(StatusCode::OK, pages::login(None)),
-            (&Method::POST, "/login") => self.log_in(body, activity).await,
+            (&Method::POST, "/login") => self.log_in(body).await,
             (&Method::POST, "/logout") => redirect("/login", Some(cookie("", true))),
             (&Method::GET | &Method::HEAD, _) => {
                 let query = Query::read(parts.uri.query().unwrap_or_default());
-                self.look(path, &query, &parts.headers, activity).await
+                self.look(path, &query, &parts.headers).await
             }
             _ => text(StatusCode::METHOD_NOT_ALLOWED, "only GET\n".to_owned()),
         }
@@ -103,67 +98,38 @@ impl Dashboard {
         }
     }
 
-    async fn log_in(&self, body: Incoming, activity: &Activity) -> Response<Body> {
-        let form = Limited::new(body, limits::DASHBOARD_FORM_BYTES).collect();
-        let body = match tokio::time::timeout(limits::WATCH, form).await {
-            Ok(Ok(body)) => body,
-            Ok(Err(_)) => return text(StatusCode::PAYLOAD_TOO_LARGE, "too much\n".to_owned()),
-            Err(_) => return text(StatusCode::REQUEST_TIMEOUT, "too slow\n".to_owned()),
+    async fn log_in(&self, body: Incoming) -> Response<Body> {
+        let Ok(body) = Limited::new(body, limits::DASHBOARD_FORM_BYTES).collect().await else {
+            return text(StatusCode::PAYLOAD_TOO_LARGE, "too much\n".to_owned());
         };
         let form = Query::read(&String::from_utf8_lossy(&body.to_bytes()));
         let token = form.text("token");
         match self.authorize(Authorization::Bearer(token.trim())).await {
-            Ok(_) => {
-                activity.settle();
-                redirect("/", Some(cookie(token.trim(), false)))
-            }
-            Err(error) => {
-                self.refusals.note(&error);
-                page(StatusCode::UNAUTHORIZED, pages::login(Some(error.to_string())))
-            }
+            Ok(_) => redirect("/", Some(cookie(token.trim(), false))),
+            Err(error) => page(StatusCode::UNAUTHORIZED, pages::login(Some(error.to_string()))),
         }
     }
 
-    /// Lets somebody in who asks for a page, which counts as a request.
-    async fn enter(&self, path: &str, headers: &HeaderMap) -> Result<Caller, Error> {
+    async fn look(self: &Arc<Self>, path: &str, query: &Query, headers: &HeaderMap) -> Response<Body> {
         let kept = token_of(headers);
         let authorization = match &kept {
             Some(token) => Authorization::Bearer(token),
             None => Authorization::of(headers),
         };
-        let caller = self.authorize(authorization).await.inspect_err(|error| {
-            // A browser without a token only has to be shown where to log in.
-            if !matches!(authorization, Authorization::Missing) {
-                self.refusals.note(error);
-            }
-        })?;
-        tracing::Span::current().record("token", caller.id());
-        caller.spend_request(path.len()).inspect_err(|error| self.refusals.note(error))?;
-        Ok(caller)
-    }
-
-    async fn look(
-        self: &Arc<Self>,
-        path: &str,
-        query: &Query,
-        headers: &HeaderMap,
-        activity: &Arc<Activity>,
-    ) -> Response<Body> {
-        let caller = match self.enter(path, headers).await {
+        let caller = match self.authorize(authorization).await {
             Ok(caller) => caller,
             Err(Error::Unauthenticated(_)) => return redirect("/login", None),
             Err(error) => return failure(PageFrame { has_token: true }, &error),
         };
-        activity.settle();
         let frame = PageFrame { has_token: self.access.is_some() };
         let visitor = Visitor { tuning: &self.tuning, caller: &caller, frame };
         let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
         let made = match *parts.as_slice() {
             [] => pages::studies(&visitor).await,
             ["compare"] => pages::compare(&visitor, query).await,
-            ["events"] => return self.events(caller, None, activity),
+            ["events"] => return self.events(caller, None),
             ["studies", id] => pages::study(&visitor, id, query).await,
-            ["studies", id, "events"] => return self.events(caller, Some(id.to_owned()), activity),
+            ["studies", id, "events"] => return self.events(caller, Some(id.to_owned())),
             ["studies", id, "map"] => pages::map(&visitor, id, query).await,
             ["studies", id, "parameters"] => pages::parameters(&visitor, id, query).await,
             ["studies", id, "policy"] => pages::policy(&visitor, id).await,
@@ -183,16 +149,10 @@ impl Dashboard {
     }
 
     /// An event for each change of a study, or of the list of studies, until the browser goes or the token ends.
-    fn events(
-        self: &Arc<Self>,
-        caller: Caller,
-        study: Option<String>,
-        activity: &Arc<Activity>,
-    ) -> Response<Body> {
+    fn events(self: &Arc<Self>, caller: Caller, study: Option<String>) -> Response<Body> {
         let (events, stream) = mpsc::channel(1);
-        let (dashboard, under_way) = (Arc::clone(self), activity.begin());
+        let dashboard = Arc::clone(self);
         tokio::spawn(async move {
-            let _under_way = under_way;
             let mut last = None;
             loop {
                 let Ok(now) = dashboard.moment(&caller, study.as_deref()).await else { break };
@@ -314,34 +274,40 @@ fn failure(frame: PageFrame, error: &Error) -> Response<Body> {
         Code::NotFound => (StatusCode::NOT_FOUND, "Not found"),
         Code::PermissionDenied => (StatusCode::FORBIDDEN, "Not allowed"),
         Code::InvalidArgument => (StatusCode::BAD_REQUEST, "Cannot be read"),
-        Code::ResourceExhausted if matches!(error, Error::Quota { .. }) => {
-            (StatusCode::TOO_MANY_REQUESTS, "Not now")
-        }
         Code::Unavailable | Code::ResourceExhausted => (StatusCode::SERVICE_UNAVAILABLE, "Not now"),
         _ => (StatusCode::INTERNAL_SERVER_ERROR, "Failed"),
     };
-    let mut answer = page(status, pages::problem(frame, title, &error.to_string()));
-    if let Some(wait) = status::retry_after(error) {
-        // In whole seconds, and never too soon.
-        let wait_s = wait.as_secs_f64().ceil().max(1.0) as u64;
-        answer.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(wait_s));
-    }
-    answer
+    page(status, pages::problem(frame, title, &error.to_string()))
 }
 
-impl Pages for Dashboard {
-    type Body = Body;
-
-    const KEEPS_ALIVE: bool = true;
-    const STAY: Duration = limits::DASHBOARD_STAY;
-
-    async fn answer(
-        self: &Arc<Self>,
-        request: Request<Incoming>,
-        activity: &Arc<Activity>,
-    ) -> Response<Body> {
-        let span = tracing::info_span!("request", rpc = "dashboard", token = tracing::field::Empty);
-        self.respond(request, activity).instrument(span).await
+/// Serves those who look until it is dropped.
+pub(crate) async fn serve(listener: TcpListener, dashboard: Dashboard) {
+    let dashboard = Arc::new(dashboard);
+    let places = Arc::new(Semaphore::new(limits::DASHBOARD_CONNECTIONS));
+    loop {
+        let stream = match listener.accept().await {
+            Ok((stream, _)) => stream,
+            Err(error) => {
+                tracing::warn!(%error, "a connection for the dashboard could not be accepted");
+                tokio::time::sleep(Duration::from_millis(50)).await;
+                continue;
+            }
+        };
+        // One too many is closed at once.
+        let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
+            continue;
+        };
+        let dashboard = Arc::clone(&dashboard);
+        tokio::spawn(async move {
+            let service = service_fn(async |request| Ok::<_, Infallible>(dashboard.answer(request).await));
+            let served = http1::Builder::new()
+                .timer(TokioTimer::new())
+                .header_read_timeout(limits::WATCH)
+                .serve_connection(TokioIo::new(stream), service);
+            // Whatever went wrong is the browser's affair.
+            let _ = tokio::time::timeout(limits::DASHBOARD_STAY, served).await;
+            drop(place);
+        });
     }
 }
 
