@@ -20,7 +20,6 @@ use crate::listeners::Listeners;
 use crate::metrics::Metrics;
 use crate::serve::{self, Options, ServeError};
 use crate::tls::{Tls, TlsError};
-use crate::{limits, maintenance};
 
 /// Stands for a daemon that is reached from this machine alone.
 const LOCAL: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 0);

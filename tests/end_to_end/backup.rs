@@ -104,7 +104,16 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     assert!(missing.is_empty(), "acknowledged before the backup and gone: {missing:?}");
     // It goes on from there.
     let mut client = wire::connect(daemon.url()).await;
-    let trial = client.suggest(wire::suggestion(&study, "later", 0.5)).await.expect("a trial").into_inner();
+    let trial = loop {
+        match client.suggest(wire::suggestion(&study, "later", 0.5)).await {
+            Ok(trial) => break trial.into_inner(),
+            // The study is read for as long as that takes.
+            Err(status) if status.code() == tonic::Code::Unavailable => {
+                tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+            }
+            Err(status) => panic!("a trial: {status}"),
+        }
+    };
     client.report(wire::report(&trial)).await.expect("taken");
     assert!(daemon.terminate().success());
 

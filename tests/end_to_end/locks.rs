@@ -238,7 +238,15 @@ async fn frames(mut client: Caller, study: String, number: u32, is_over: Arc<Ato
         }
         let near = f64::from(number) / 8.0 + f64::from(step / 30 % 3) / 40.0;
         let asked = client.suggest(wire::suggestion(&study, &format!("client-{number}"), near)).await;
-        let trial = asked.expect("a trial, whoever reads beside").into_inner();
+        let trial = match asked {
+            Ok(trial) => trial.into_inner(),
+            // The study is read for as long as that takes.
+            Err(status) if status.message().contains("is being loaded") => {
+                tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+                continue;
+            }
+            Err(status) => panic!("a trial, whoever reads beside: {status}"),
+        };
         client.report(wire::report(&trial)).await.expect("stored, whoever reads beside");
         acknowledged.push(trial.name);
     }

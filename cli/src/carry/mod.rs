@@ -237,13 +237,11 @@ impl<'a> Importer<'a> {
             Some(held) => held,
             None => self.read_held()?,
         };
-        // A table does not tell the time.
-        let at_once =
-            |own: &CarriedTrial| trial.complete_time.is_none() || trial.complete_time == own.complete_time;
         let whole = |trial: &CarriedTrial| self.spec.space.complete(&trial.configuration).ok();
-        let is_held = held.get(&number).is_some_and(|own| {
-            at_once(own) && own.measurements == trial.measurements && whole(own) == whole(trial)
-        });
+        // Not the time: a table does not tell it, and what comes home from another site has that of its import there.
+        let is_held = held
+            .get(&number)
+            .is_some_and(|own| own.measurements == trial.measurements && whole(own) == whole(trial));
         self.held = Some(held);
         Ok(is_held)
     }
