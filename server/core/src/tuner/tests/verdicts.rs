@@ -48,8 +48,7 @@ struct Played {
     tuner: Tuner,
     world: World,
     best: Best,
-    /// How many programs were busy, spell by spell, and the share of frames in which none was.
-    loads: Vec<u32>,
+    /// The share of frames in which no other program was busy.
     quiet: f64,
 }
 
@@ -59,12 +58,11 @@ fn played(seed: u64) -> Played {
     let spec = StudySpec { seed, ..spec(Policy { epsilon: 1.0, trials_per_state: 40, ..Policy::default() }) };
     let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
     let (mut busy, mut until) = (random.random_range(0..=world.busy_max), 0);
-    let (mut loads, mut quiet, mut frames) = (Vec::new(), 0.0, 0.0);
+    let (mut quiet, mut frames) = (0.0, 0.0);
     for frame in 0..400 {
         if frame == until {
             busy = random.random_range(0..=world.busy_max);
             until += random.random_range(8..50);
-            loads.push(busy);
         }
         let trial = suggest(&mut tuner, "a", 0.5, 0.5);
         if trial.reason().explanation.rule == Some(Rule::Finished) {
@@ -77,7 +75,7 @@ fn played(seed: u64) -> Played {
         assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
     }
     let best = tuner.best(None, None).expect("valid").expect("measured");
-    Played { tuner, world, best, loads, quiet: quiet / frames }
+    Played { tuner, world, best, quiet: quiet / frames }
 }
 
 /// Simulated sessions on disturbed machines.
@@ -88,7 +86,7 @@ fn what_is_told_in_disturbed_sessions_is_true() {
     let (mut holds, mut near, mut knowable) = (0_u64, 0_u64, 0_u64);
     let (mut proven, mut wrong, mut likely, mut gained, mut there) = (0, 0, 0, 0.0, 0.0);
     for seed in 0..WORLDS {
-        let Played { tuner, world, best, loads, quiet } = played(seed);
+        let Played { tuner, world, best, quiet } = played(seed);
         let truth = world.truth(&best.configuration);
         let default = world.truth(tuner.spec().space.default_ref());
         let (gain, standing) = (1.0 - truth / default, best.standing);
