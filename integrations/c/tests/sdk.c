@@ -152,7 +152,7 @@ static void trials(const tw_client *client) {
       continue;
     }
     CHECK(tw_suggestion_source(suggestion) == TW_DAEMON && !tw_suggestion_problem(suggestion));
-    CHECK(strstr(tw_suggestion_trial(suggestion), "studies/from-c/trials/") && tw_suggestion_reason(suggestion)[0]);
+    CHECK(strstr(tw_suggestion_trial(suggestion), "studies/from-c@") && tw_suggestion_reason(suggestion)[0]);
     const tw_configuration *configuration = tw_suggestion_configuration(suggestion);
     const char *split = tw_configuration_text(configuration, "split", &error);
     succeed(error);
