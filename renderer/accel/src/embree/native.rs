@@ -393,6 +393,10 @@ pub(super) mod tests {
     #[test]
     fn a_hit_carries_distance_and_weights() {
         let hit = triangle().closest(&ray()).expect("hits");
-        assert_eq!((hit.t, hit.u, hit.v, hit.triangle), (1.0, 0.25, 0.25, 0));
+        assert_eq!(hit.triangle, 0);
+        // Embree divides by way of an approximate reciprocal, whose last bit differs between processors.
+        for (told, exact) in [(hit.t, 1.0), (hit.u, 0.25), (hit.v, 0.25)] {
+            assert!((told - exact).abs() <= 4.0 * f32::EPSILON * exact, "{told} in place of {exact}");
+        }
     }
 }
