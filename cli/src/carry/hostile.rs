@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use sqlx::ConnectOptions as _;
-use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 #[cfg(feature = "parquet")]
 use treewright_client::{Indicators, Measurements, Mode, OpenEnum, Outcome, Reason, TrialRecord, TrialState};
 
@@ -127,7 +127,9 @@ fn damaged_parquet_files_are_refused() {
 fn execute(path: &Path, statements: &[String]) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     runtime.block_on(async {
+        // Nothing waits for the disk: these files need not outlive a crash.
         let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
+        let options = options.synchronous(SqliteSynchronous::Off).journal_mode(SqliteJournalMode::Memory);
         let mut database = options.connect().await.expect("a database");
         for statement in statements {
             let asserted = sqlx::AssertSqlSafe(statement.clone());
