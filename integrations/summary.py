@@ -1,5 +1,9 @@
 #!/usr/bin/env python3
-"""Tables of what the examples measured: `summary.py FILE.jsonl ...`, lines as the examples print them with --rounds.
+"""Tables of what the examples measured, from lines as the examples print them with --rounds.
+
+    summary.py FILE.jsonl ...    print every state of the files
+    summary.py --page            write the table by use in docs/measurements/integrations.md, from recorded/
+    summary.py --check           say whether that table is what the records give; a test asks
 
 Of each state (mesh and use) the ratio of the default's cost to the tuned one's, and of the one fixed configuration that is best over all
 states of the files together: medians over rounds in which all ran in turns, with the interval between order statistics that
@@ -11,7 +15,19 @@ than the default would have.
 
 import json
 import math
+import pathlib
 import sys
+
+HERE = pathlib.Path(__file__).resolve().parent
+PAGE = HERE.parent / "docs" / "measurements" / "integrations.md"
+BEGIN, END = "<!-- integrations: made by integrations/summary.py -->", "<!-- end of integrations -->"
+CASES = {
+    "embree.jsonl": "C++ on Embree",
+    "builders.jsonl": "Rust builders",
+    "embreex.jsonl": "Python, embreex",
+    "embree_caster.jsonl": "Python, Embree by ctypes",
+    "three_mesh_bvh.jsonl": "Node, three-mesh-bvh",
+}
 
 
 def name(configuration):
@@ -54,40 +70,82 @@ def repaid(trials, default, tuned):
     return str(len(trials) + math.ceil(spent / (default - tuned))) if tuned < default else "never"
 
 
-def main():
-    lines = [json.loads(line) for path in sys.argv[1:] for line in open(path, encoding="utf-8")]
-    lines = [line for line in lines if line.get("fixed")]
-    if not lines:
-        sys.exit(__doc__)
-    rows = [{name(one["configuration"]): one for one in line["fixed"]} for line in lines]
+class Case:
+    """The states of some files, and the costs of what ran in turns in each."""
 
-    def ratios(number, fixed):
-        return [other / tuned for other, tuned in zip(rows[number][fixed]["costs"], lines[number]["tuned_costs"])]
+    def __init__(self, paths):
+        lines = [json.loads(line) for path in paths for line in open(path, encoding="utf-8")]
+        self.lines = [line for line in lines if line.get("fixed")]
+        if not self.lines:
+            sys.exit(__doc__)
+        self.rows = [{name(one["configuration"]): one for one in line["fixed"]} for line in self.lines]
+        self.states = range(len(self.lines))
+        self.default = name(self.lines[0]["fixed"][0]["configuration"])
+        self.best = self.best_of(self.states)
 
-    def middle(number, fixed):
-        return median(ratios(number, fixed))
+    def ratios(self, state, fixed):
+        return [other / tuned for other, tuned in zip(self.rows[state][fixed]["costs"], self.lines[state]["tuned_costs"])]
 
-    states = range(len(lines))
-    default = name(lines[0]["fixed"][0]["configuration"])
+    def middle(self, state, fixed):
+        return median(self.ratios(state, fixed))
 
-    def best_of(some):
-        return min(rows[0], key=lambda one: mean([middle(state, one) for state in some]))
+    def best_of(self, states):
+        return min(self.rows[0], key=lambda one: mean([self.middle(state, one) for state in states]))
 
-    best = best_of(states)
+    def mean_over(self, states, pick):
+        """The geometric mean over some states of each round, and its median with its interval."""
+        rounds = range(min(len(self.lines[state]["tuned_costs"]) for state in states))
+        return interval([mean([self.ratios(state, pick(state))[each] for state in states]) for each in rounds])
+
+
+def every_state(case):
+    lines, rows, states, default, best = case.lines, case.rows, case.states, case.default, case.best
     others = [[other for other in states if lines[other]["scene"] != line["scene"]] for line in lines]
-    unseen = [best_of(some or states) for some in others]
-    hindsight = [min(rows[state], key=lambda one: middle(state, one)) for state in states]
+    unseen = [case.best_of(some or states) for some in others]
+    hindsight = [min(rows[state], key=lambda one: case.middle(state, one)) for state in states]
     print(f"| mesh | use | tuned | default ({default}) | best fixed ({best}) | best in hindsight | repaid | differs |\n|---|---|---|---|---|---|---|---|")
     for state, line in enumerate(lines):
         paid = repaid(line["trial_costs"], median(rows[state][default]["costs"]), median(line["tuned_costs"]))
-        cells = [line["scene"].removesuffix(".ply"), line["use"], name(line["tuned"]), interval(ratios(state, default)), interval(ratios(state, best))]
-        cells += [f"{middle(state, hindsight[state]):.2f} {hindsight[state]}", paid, str(rows[state][default]["differs"])]
+        cells = [line["scene"].removesuffix(".ply"), line["use"], name(line["tuned"]),
+                 interval(case.ratios(state, default)), interval(case.ratios(state, best))]
+        cells += [f"{case.middle(state, hindsight[state]):.2f} {hindsight[state]}", paid, str(rows[state][default]["differs"])]
         print(f"| {' | '.join(cells)} |")
-    rounds = range(min(len(line["tuned_costs"]) for line in lines))
-    picks = (lambda state: default, lambda state: best, lambda state: hindsight[state], lambda state: unseen[state])
-    means = [interval([mean([ratios(state, pick(state))[each] for state in states]) for each in rounds]) for pick in picks]
+    picks = (lambda _: default, lambda _: best, hindsight.__getitem__, unseen.__getitem__)
+    means = [case.mean_over(states, pick) for pick in picks]
     print(f"| geometric mean | | | {' | '.join(means[:3])} | | |")
     print(f"\nOver the fixed configuration that is best on the other meshes: {means[3]}.")
+
+
+def by_use():
+    lines = ["| case: default; best fixed | use | meshes | over the default | over the best fixed |", "|---|---|--:|---|---|"]
+    for file, title in CASES.items():
+        case = Case([HERE / "recorded" / file])
+        uses = {}
+        for state in case.states:
+            uses.setdefault(case.lines[state]["use"], []).append(state)
+        for use, states in [("all", list(case.states)), *uses.items()]:
+            meshes = len({case.lines[state]["scene"] for state in states})
+            over = [case.mean_over(states, lambda _: one) for one in (case.default, case.best)]
+            lines.append(f"| {f'{title}: {case.default}; {case.best}' if use == 'all' else ''} | {use} | {meshes} | {' | '.join(over)} |")
+    return "\n".join(lines)
+
+
+def page():
+    before, _, rest = PAGE.read_text().partition(BEGIN)
+    _, _, after = rest.partition(END)
+    if not after:
+        sys.exit(f"summary: {PAGE} has no place for the table; write the lines {BEGIN} and {END} where it belongs")
+    return f"{before}{BEGIN}\n{by_use()}\n{END}{after}"
+
+
+def main():
+    if sys.argv[1:] == ["--page"]:
+        PAGE.write_text(page())
+    elif sys.argv[1:] == ["--check"]:
+        if PAGE.read_text() != page():
+            sys.exit("summary: docs/measurements/integrations.md is not what the records give; run integrations/summary.py --page")
+    else:
+        every_state(Case(sys.argv[1:]))
 
 
 if __name__ == "__main__":
