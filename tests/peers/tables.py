@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes the tables in README.md from the runs in `results/`, so that no figure there is older than its runs.
+"""Makes the tables of docs/measurements/peers-*.md from the runs in `results/`, so that no figure there is older than its runs.
 
     tests/peers/tables.py            write them
     tests/peers/tables.py --check    say whether they are what the runs give; a test asks
@@ -17,22 +17,15 @@ import statistics
 import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
-PAGE, RESULTS = HERE / "README.md", HERE / "results"
+PAGES, RESULTS = HERE.parent.parent / "docs" / "measurements", HERE / "results"
 BEGIN, END = "<!-- peers: made by tests/peers/tables.py -->", "<!-- end of peers -->"
 CHECKPOINTS = (20, 40, 80)
 # COCO's own precision: what is closer is not told apart.
 LEAST_GAP = 1e-8
 # The same search taken another way: ranked in the place of the method named, and not counted when others are ranked.
 VARIANTS = {"treewright-best-measured": "treewright"}
-TITLES = {
-    "floor-held-out": "**Held out, and as a run time behaves**: eight functions of bbob on which no constant of the search was chosen, d = 2, 5 and 10, "
-                      "another instance for each seed. A tenth of a random point's cost is always left, and 10 % of log-normal noise on the whole, "
-                      "so that the noise does not vanish at the optimum",
-    "bbob-held-out": "**Held out, noise that vanishes**: the same functions and instances with 10 % of noise on the distance to the optimum alone",
-    "grid-held-out": "**Held-out instances** of integer grids most of which cannot be run; instances of the same kind were looked at while the search was made",
-    "bbob": "**In-sample**: twelve functions of bbob that were looked at while the search was made (one step of its beginning was chosen on eleven of "
-            "them); noise that vanishes",
-}
+# Which page has the tables of a suite: `peers-NAME.md`.
+SUITES = {"floor-held-out": "lasting-noise", "bbob-held-out": "vanishing-noise", "grid-held-out": "grids"}
 
 
 def rows(path):
@@ -74,8 +67,8 @@ def spread(cases, of):
     return 1.96 * statistics.stdev(means) / math.sqrt(len(means)) if len(means) > 2 else math.nan
 
 
-def table(found, suite, methods=None):
-    """Mean ranks over problems and seeds, and mean qualities, at each checkpoint."""
+def table(found, suite, methods=None, shown=None):
+    """Mean ranks among the methods over problems and seeds, and mean qualities, at each checkpoint; of some methods only, or of all."""
     found = [row for row in found if row["suite"] == suite]
     methods = methods or sorted({row["method"] for row in found})
     cases = complete(found, methods)
@@ -85,7 +78,7 @@ def table(found, suite, methods=None):
     label = "optimum / cost" if relative else "log10 gap"
     mean = lambda of: statistics.fmean(of(runs) for runs in cases.values())
     problems, seeds = {index for index, _ in cases}, {seed for _, seed in cases}
-    lines = [f"{len(cases)} cases: {len(problems)} problems, {len(seeds)} seed{'s' if len(seeds) > 1 else ''}.", "",
+    lines = [f"{len(cases)} cases: {len(problems)} problems, {len(seeds)} seed{'s' if len(seeds) > 1 else ''}, {len(methods)} methods.", "",
              "| method | " + " | ".join(f"rank at {trial}" for trial in CHECKPOINTS) + " | "
              + " | ".join(f"{label} at {trial}" for trial in CHECKPOINTS) + " | ms a trial |",
              "|---|" + "---|" * (2 * len(CHECKPOINTS) + 1)]
@@ -94,6 +87,8 @@ def table(found, suite, methods=None):
         def quality(trial):
             gap = lambda runs: runs[method]["gap"][str(trial)]
             return mean(lambda runs: 1 / gap(runs) if relative else math.log10(max(gap(runs), LEAST_GAP)))
+        if shown and method not in shown:
+            continue
         ranks = [f"{mean(lambda runs: rank(runs, method, trial)):.2f}" for trial in CHECKPOINTS]
         ranks[-1] += f" ± {spread(cases, lambda runs: rank(runs, method, last)):.2f}"
         spent = statistics.median(runs[method]["ms_per_trial"] for runs in cases.values())
@@ -103,28 +98,38 @@ def table(found, suite, methods=None):
 
 
 def made():
+    """Each page with its tables, by its path."""
     about = json.loads((RESULTS / "README.json").read_text())
-    found = [row for path in sorted(RESULTS.glob("*.jsonl.xz")) for row in rows(path)]
-    parts = [f"{about['machine']}, {about['date']}, version {about['version']}; {about['peers']}. {about['remark']}"]
-    for suite, title in TITLES.items():
-        for methods in about["tables"].get(suite, []):
-            slow = sorted(set(methods).intersection(about["slow"]))
-            parts.append(f"{title}{'; with ' + ', '.join(slow) + ' beside them' if slow else ''}. {table(found, suite, methods)}")
-    before, _, rest = PAGE.read_text().partition(BEGIN)
+    pages = {}
+    for suite, name in SUITES.items():
+        found = rows(RESULTS / f"{suite}.jsonl.xz")
+        parts = [f"{about['machine']}, {about['date']}, version {about['version']}; {about['peers']}. {about['remark']}"]
+        earlier = set()
+        for methods in about["tables"][suite]:
+            # A table with a method that few cases could afford shows that method and ours.
+            parts.append(table(found, suite, methods, set(methods) - earlier | {"treewright"}))
+            earlier |= set(methods)
+        pages[PAGES / f"peers-{name}.md"] = filled(PAGES / f"peers-{name}.md", parts)
+    return pages
+
+
+def filled(page, parts):
+    before, _, rest = page.read_text().partition(BEGIN)
     _, _, after = rest.partition(END)
     if not after:
-        sys.exit(f"tables: {PAGE} has no place for them; write the lines {BEGIN} and {END} where they belong")
+        sys.exit(f"tables: {page} has no place for them; write the lines {BEGIN} and {END} where it belongs")
     return f"{before}{BEGIN}\n" + "\n\n".join(parts) + f"\n{END}{after}"
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="write nothing; fail where something is older than the runs")
-    is_check, text = parser.parse_args().check, made()
-    if not is_check:
-        PAGE.write_text(text)
-    elif PAGE.read_text() != text:
-        sys.exit("tables: tests/peers/README.md is not what the runs give; run tests/peers/tables.py")
+    is_check = parser.parse_args().check
+    for page, text in made().items():
+        if not is_check:
+            page.write_text(text)
+        elif page.read_text() != text:
+            sys.exit(f"tables: docs/measurements/{page.name} is not what the runs give; run tests/peers/tables.py")
 
 
 if __name__ == "__main__":
