@@ -1,5 +1,5 @@
-//! Stiff and extreme geometry and rays, over every back end. `docs/numerics.md` tells what happens in each case
-//! and names these tests.
+//! Stiff and extreme geometry and rays, over every back end. `docs/measurements/extreme-geometry.md` says
+//! what happens in each case.
 
 use std::sync::Arc;
 
