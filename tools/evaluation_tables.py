@@ -15,6 +15,7 @@ import math
 import pathlib
 import statistics
 import sys
+import textwrap
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PAGES, RECORD = ROOT / "docs" / "measurements", ROOT / "lab" / "record" / "evaluation"
@@ -202,7 +203,7 @@ def made():
                   f"{under['bounces']} bounces, {under['threads']} render threads, searches of {under['iterations']} iterations in the "
                   f"{under['space']} space, by the clock on the wall. {searches} searches; cameras of each scene: {cameras}.")
     return {PAGES / f"paper-{name}.md": filled(PAGES / f"paper-{name}.md", parts) for name, parts in {
-        "goals": [conditions, goals(record, standings)],
+        "goals": [textwrap.fill(conditions, 110), goals(record, standings)],
         "predictors": [everybody(standings, objective, split) for objective in ROOFLINE for split in SPLITS],
         "parameters": splitting(record) + alone(record) + needles(record),
     }.items()}

@@ -15,6 +15,7 @@ import math
 import pathlib
 import statistics
 import sys
+import textwrap
 
 HERE = pathlib.Path(__file__).resolve().parent
 PAGES, RESULTS = HERE.parent.parent / "docs" / "measurements", HERE / "results"
@@ -103,7 +104,8 @@ def made():
     pages = {}
     for suite, name in SUITES.items():
         found = rows(RESULTS / f"{suite}.jsonl.xz")
-        parts = [f"{about['machine']}, {about['date']}, version {about['version']}; {about['peers']}. {about['remark']}"]
+        conditions = f"{about['machine']}, {about['date']}, version {about['version']}; {about['peers']}. {about['remark']}"
+        parts = [textwrap.fill(conditions, 110)]
         earlier = set()
         for methods in about["tables"][suite]:
             # A table with a method that few cases could afford shows that method and ours.
