@@ -5,23 +5,31 @@
 """
 
 import json
+import posixpath
 import re
 import sys
 
 # [words](../path/to/file#part)
-OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./([^)#]+)(?:#[^)]*)?\)")
+UPWARDS = re.compile(r"\[([^\]]+)\]\((\.\./[^)#]+)(?:#[^)]*)?\)")
 
 
-def named(match):
-    words, path = match.groups()
-    return words if path in words else f"{words} (`{path}`)"
+def named(folder):
+    """How a link upwards from a folder of the book is replaced: one that stays in the book is not."""
+    def replaced(match):
+        words, path = match.group(1), posixpath.normpath(posixpath.join(folder, match.group(2)))
+        if not path.startswith("../"):
+            return match.group(0)
+        path = path.removeprefix("../")
+        return words if path in words else f"{words} (`{path}`)"
+    return replaced
 
 
 def walk(items):
     for item in items:
         chapter = item.get("Chapter") if isinstance(item, dict) else None
         if chapter:
-            chapter["content"] = OUTSIDE.sub(named, chapter["content"])
+            folder = posixpath.dirname(chapter.get("path") or "")
+            chapter["content"] = UPWARDS.sub(named(folder), chapter["content"])
             walk(chapter["sub_items"])
 
 

@@ -124,7 +124,9 @@ fn every_link_leads_somewhere() {
 
 #[test]
 fn links_out_of_the_book_become_names_of_files() {
-    let book = r#"[{}, {"items": [{"Chapter": {"content": "[a](../X.md#b), [`Y`](../Y), [c](d.md)", "sub_items": []}}]}]"#;
+    let book = r#"[{}, {"items": [
+        {"Chapter": {"content": "[a](../X.md#b), [`Y`](../Y), [c](d.md)", "sub_items": []}},
+        {"Chapter": {"content": "[e](../f.md#g), [h](../../i/J.md)", "path": "k/l.md", "sub_items": []}}]}]"#;
     let mut script = Command::new("python3")
         .arg(workspace().join("tools/book_links.py"))
         .stdin(Stdio::piped())
@@ -135,6 +137,7 @@ fn links_out_of_the_book_become_names_of_files() {
     let output = script.wait_with_output().expect("it ends");
     let text = String::from_utf8_lossy(&output.stdout);
     assert!(text.contains(r#""a (`X.md`), `Y`, [c](d.md)""#), "{text}");
+    assert!(text.contains(r#""[e](../f.md#g), h (`i/J.md`)""#), "{text}");
 }
 
 /// The lines of a page's shell blocks, continued ones joined.
