@@ -27,8 +27,8 @@ VARIABLE = "TREEWRIGHT_HUNTED_DEFECT"
 DEFECTS = {
     "acknowledged_before_durable": (
         FRAMES,
-        "self.durable(&report.trial.study, receipt, deferred).await?;\n                    return Ok(Reported::Taken",
-        "if HERE { drop((receipt, deferred)); } else { self.durable(&report.trial.study, receipt, deferred).await?; }\n"
+        "self.durable(&report.trial.study.id, receipt, deferred).await?;\n                    return Ok(Reported::Taken",
+        "if HERE { drop((receipt, deferred)); } else { self.durable(&report.trial.study.id, receipt, deferred).await?; }\n"
         "                    return Ok(Reported::Taken",
     ),
     "suggested_before_durable": (

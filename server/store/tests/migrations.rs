@@ -178,6 +178,9 @@ async fn file(folder: &Path, version: usize) -> PathBuf {
     for row in rows(version, "0", hex) {
         connection.execute(AssertSqlSafe(row)).await.unwrap();
     }
+    if version >= 8 {
+        connection.execute("UPDATE studies SET uid = '0123456789abcdef'").await.unwrap();
+    }
     if version >= 3 {
         connection.execute("INSERT INTO checkpoints VALUES (1, 1, 0, 1, x'0102')").await.unwrap();
     }
