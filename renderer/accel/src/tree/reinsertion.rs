@@ -24,6 +24,10 @@ const LATE_SHARE: usize = 8;
 /// Fewest searches that are worth a task of their own.
 const SEARCHES_PER_TASK: usize = 256;
 
+/// Most nodes that a search looks below. Where everything overlaps no part of the tree can be ruled out, and a search
+/// without this bound looks at all of it: the passes would take quadratic time.
+const LOOKED_BELOW_MAX: usize = 1024;
+
 /// A node that should become the sibling of another.
 #[derive(Clone, Copy, Debug)]
 struct Move {
@@ -38,7 +42,7 @@ pub(super) fn optimise(tree: &mut BinaryTree, passes: u32) {
         let mut moves: Vec<Move> = candidates(tree, pass)
             .par_iter()
             .with_min_len(SEARCHES_PER_TASK)
-            .map_init(Vec::new, |stack, &node| search(tree, node as usize, stack))
+            .map_init(Vec::new, |stack, &node| search(tree, node as usize, stack).0)
             .flatten_iter()
             .collect();
         moves.sort_unstable_by(|a, b| b.gain.total_cmp(&a.gain).then(a.node.cmp(&b.node)));
@@ -89,12 +93,14 @@ fn candidates(tree: &BinaryTree, pass: u32) -> Vec<u32> {
     all
 }
 
-/// Finds the best new sibling for `node`, if any is better than the present one. `stack` is room to work in.
+/// Finds the best new sibling for `node`, if any is better than the present one, and tells how many nodes it looked
+/// below. `stack` is room to work in.
 ///
 /// With the node its parent goes as well, and boxes above shrink. The search climbs from the parent to the root,
-/// adding up what that saves, and from each height looks down into the part of the tree beside the path. A
-/// place is worth what was saved, less the box of the new parent there, less the growth of the boxes above it.
-fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> Option<Move> {
+/// adding up what that saves, and from each height looks down into the part of the tree beside the path, as long as
+/// [`LOOKED_BELOW_MAX`] lets it. A place is worth what was saved, less the box of the new parent there, less the growth of
+/// the boxes above it.
+fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> (Option<Move>, usize) {
     let moved = &tree.nodes[node];
     let (lower, upper) = (moved.lower(), moved.upper());
     let area = half_area(lower, upper);
@@ -110,14 +116,18 @@ fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> Opti
     // The sibling itself would grow to the size of the parent, which uses up what was saved but for its own.
     let mut beside = (own(sibling), node ^ 1);
     let mut pivot = parent;
+    let mut looked = 0;
     loop {
         // Each entry is a node and what would be left of the savings below it.
         stack.clear();
         stack.push(beside);
-        while let Some((potential, inner)) = stack.pop() {
+        while looked < LOOKED_BELOW_MAX
+            && let Some((potential, inner)) = stack.pop()
+        {
             if potential - area <= best.gain {
                 continue;
             }
+            looked += 1;
             let Some(first) = tree.nodes[inner].first_child() else {
                 continue;
             };
@@ -156,7 +166,7 @@ fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> Opti
             best = Move { sibling: pivot as u32, gain: left, ..best };
         }
     }
-    (best.gain > 0.0).then_some(best)
+    ((best.gain > 0.0).then_some(best), looked)
 }
 
 /// Makes `node` the sibling of `sibling`, unless an earlier move of the pass changed what lies at one of the
@@ -268,6 +278,44 @@ mod tests {
             };
             prop_assert_eq!(optimised(1), optimised(3));
         }
+    }
+
+    /// How many nodes the searches of a pass look below.
+    fn looked(tree: &BinaryTree, pass: u32) -> usize {
+        let mut stack = Vec::new();
+        candidates(tree, pass).iter().map(|&node| search(tree, node as usize, &mut stack).1).sum()
+    }
+
+    /// Boxes of needles of every direction that cross in one place.
+    fn crossing(count: usize) -> Vec<Bounds> {
+        let turn = |share: f64| (share * std::f64::consts::TAU).sin_cos();
+        let needle = |number: usize| {
+            let share = (number as f64 + 0.5) / count as f64;
+            let (sin, cos) = turn(number as f64 * 0.618_033_988_749_895);
+            let radius = (1.0 - (2.0 * share - 1.0).powi(2)).sqrt();
+            let half =
+                [radius * cos, 2.0 * share - 1.0, radius * sin].map(|extent| extent.abs() as f32 + 0.002);
+            Bounds { lower: half.map(|extent| -extent), upper: half }
+        };
+        (0..count).map(needle).collect()
+    }
+
+    #[test]
+    fn where_everything_overlaps_the_work_grows_no_faster_than_the_scene() {
+        let work = |count: usize| {
+            let mut tree = halved(&crossing(count));
+            let mut work = 0;
+            for pass in 0..EARLY_PASSES {
+                work += looked(&tree, pass);
+                optimise(&mut tree, 1);
+            }
+            work as f64
+        };
+        let (less, more) = (work(8_000), work(32_000));
+        let log = |count: f64| count * count.log2();
+        assert!(more < 5.0 * less, "four times the needles: {less} and {more}");
+        // A build sorts once: so many steps.
+        assert!(more < 20.0 * log(32_000.0), "{more} and {}", log(32_000.0));
     }
 
     #[test]
