@@ -11,7 +11,7 @@ use image::{DynamicImage, ImageBuffer, ImageFormat, Rgb, RgbImage};
 
 use crate::film::Picture;
 use crate::integrator::sampling::luminance;
-use crate::tone::displayed;
+use crate::tone::{displayed, encoded_plainly};
 
 /// Why a picture was not written.
 #[derive(Debug, thiserror::Error)]
@@ -50,6 +50,31 @@ pub enum Exposure {
     Stops(f32),
 }
 
+/// How exposed radiance becomes colours of a PNG.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Tone {
+    /// By the [tone curve](crate::tone), in which nothing burns out.
+    #[default]
+    Film,
+    /// As it is, in sRGB; what is above white is cut off.
+    Plain,
+}
+
+/// Exposure and tone of a PNG.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Look {
+    /// How bright it is.
+    pub exposure: Exposure,
+    /// How radiance becomes colours.
+    pub tone: Tone,
+}
+
+impl From<Exposure> for Look {
+    fn from(exposure: Exposure) -> Self {
+        Self { exposure, tone: Tone::Film }
+    }
+}
+
 /// Middle grey: the reflectance that looks half as bright as white.
 const MIDDLE_GREY: f32 = 0.18;
 
@@ -68,19 +93,19 @@ pub fn check_path(path: &Path) -> Result<(), ImageFileError> {
 }
 
 /// Writes a picture; the extension says how.
-pub fn write(picture: &Picture, exposure: Exposure, path: &Path) -> Result<(), ImageFileError> {
+pub fn write(picture: &Picture, look: impl Into<Look>, path: &Path) -> Result<(), ImageFileError> {
     check_path(path)?;
     let format = format_of(path)?;
     let image = match format {
         ImageFormat::OpenExr => DynamicImage::ImageRgb32F(linear(picture)),
-        _ => DynamicImage::ImageRgb8(developed(picture, exposure)),
+        _ => DynamicImage::ImageRgb8(developed(picture, look.into())),
     };
     image.save_with_format(path, format).map_err(|source| ImageFileError::Write { path: path.into(), source })
 }
 
 /// The bytes of a PNG file, for pictures inside other files.
 pub fn png_bytes(picture: &Picture, exposure: Exposure) -> Result<Vec<u8>, ImageFileError> {
-    encoded(developed(picture, exposure))
+    encoded(developed(picture, exposure.into()))
 }
 
 /// The bytes of a PNG file of finished colours, row by row from the top left.
@@ -145,12 +170,14 @@ fn linear(picture: &Picture) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
     ImageBuffer::from_fn(picture.width, picture.height, |x, y| Rgb(pixel(picture, x, y).to_array()))
 }
 
-fn developed(picture: &Picture, exposure: Exposure) -> RgbImage {
-    let factor = exposure_factor(picture, exposure);
+fn developed(picture: &Picture, look: Look) -> RgbImage {
+    let factor = exposure_factor(picture, look.exposure);
+    let toned = match look.tone {
+        Tone::Film => displayed,
+        Tone::Plain => encoded_plainly,
+    };
     ImageBuffer::from_fn(picture.width, picture.height, |x, y| {
-        Rgb(displayed(pixel(picture, x, y) * factor)
-            .to_array()
-            .map(|channel| (channel * 255.0).round() as u8))
+        Rgb(toned(pixel(picture, x, y) * factor).to_array().map(|channel| (channel * 255.0).round() as u8))
     })
 }
 
@@ -205,6 +232,19 @@ mod tests {
         assert_eq!(linear.get_pixel(0, 0).0, [0.25; 3]);
         let bytes = png_bytes(&picture, Exposure::Auto).expect("a PNG in memory");
         assert_eq!(bytes, std::fs::read(&png).expect("it exists"));
+    }
+
+    #[test]
+    fn a_plain_picture_is_its_radiance_in_srgb() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join("plain.png");
+        let mut picture = grey(0.5);
+        picture.pixels[0] = Vec3::new(7.0, 0.0, f32::NAN);
+        let look = Look { exposure: Exposure::Stops(0.0), tone: Tone::Plain };
+        write(&picture, look, &path).expect("it is written");
+        let read = image::open(&path).expect("it is read").to_rgb8();
+        // IEC 61966-2-1: a half is 188.
+        assert_eq!((read.get_pixel(1, 0).0, read.get_pixel(0, 0).0), ([188; 3], [255, 0, 0]));
     }
 
     #[test]

@@ -2,11 +2,14 @@
 //!
 //! AgX of Troy Sobotka, the view that Blender takes since 4.0: colours are drawn towards grey a little, which makes
 //! them run into white instead of into the nearest pure colour, and pass a film-like curve over 16.5 stops of their
-//! logarithm. The curve is the polynomial that Benjamin Wrensch fitted ("Minimal AgX Implementation", 2023), the
+//! logarithm. The curve is the polynomial that Benjamin Wrensch fitted ("Minimal AgX Implementation", 2023), with his
+//! look of more contrast and colour ("punchy"), without which paint and roofs are pale; the
 //! primaries are those of Blender's version (ITU-R BT.2020). The result goes through the transfer function of sRGB
 //! (IEC 61966-2-1).
 
 use glam::{Mat3, Vec3};
+
+use crate::integrator::sampling::luminance;
 
 /// Linear sRGB in the primaries of BT.2020, and back.
 const TO_BT2020: Mat3 = Mat3::from_cols(
@@ -36,6 +39,13 @@ const OUTSET: Mat3 = Mat3::from_cols(
 const DARKEST: f32 = -12.473_93;
 const BRIGHTEST: f32 = 4.026_069;
 
+/// The look: an exponent on what comes out of the curve, and how far it then goes away from grey.
+const LOOK_POWER: f32 = 1.35;
+const LOOK_SATURATION: f32 = 1.4;
+
+/// Radiance is multiplied by this, so that with the look middle grey is shown as middle grey.
+const LOOK_GAIN: f32 = 1.43;
+
 /// The curve on a share of those stops; its results are encoded with an exponent of 2.2.
 fn contrast(x: f32) -> f32 {
     const COEFFICIENTS: [f32; 7] = [15.5, -40.14, 31.96, -6.868, 0.4298, 0.1191, -0.00232];
@@ -46,13 +56,20 @@ fn contrast(x: f32) -> f32 {
 /// number is black.
 pub fn displayed(radiance: Vec3) -> Vec3 {
     let sound = radiance.map(|channel| if channel.is_nan() { 0.0 } else { channel.clamp(0.0, 1e9) });
-    let share = (INSET * (TO_BT2020 * sound)).map(|channel| {
+    let share = (INSET * (TO_BT2020 * sound * LOOK_GAIN)).map(|channel| {
         let stops = channel.max(1e-10).log2();
         ((stops - DARKEST) / (BRIGHTEST - DARKEST)).clamp(0.0, 1.0)
     });
-    let curved = OUTSET * share.map(contrast);
+    let looked = share.map(|share| contrast(share).max(0.0).powf(LOOK_POWER));
+    let grey = Vec3::splat(luminance(looked));
+    let curved = OUTSET * (grey + (looked - grey) * LOOK_SATURATION);
     let linear = FROM_BT2020 * curved.map(|channel| channel.max(0.0).powf(2.2));
     linear.map(|channel| srgb(channel.clamp(0.0, 1.0)))
+}
+
+/// A colour as it is, cut off at white and encoded by the transfer function of sRGB. What is no number is black.
+pub fn encoded_plainly(radiance: Vec3) -> Vec3 {
+    radiance.map(|channel| srgb(if channel.is_nan() { 0.0 } else { channel.clamp(0.0, 1.0) }))
 }
 
 /// The sRGB transfer function.
@@ -76,8 +93,18 @@ mod tests {
         assert!(greens[0] < 0.01 && displayed(Vec3::ZERO).max_element() < 0.01);
         assert!(greens[199] > 0.99);
         // Middle grey, 18 % of white, is shown in the middle.
-        assert!((displayed(Vec3::splat(0.18)).y - 0.46).abs() < 0.05, "{}", displayed(Vec3::splat(0.18)));
+        assert!((displayed(Vec3::splat(0.18)).y - 0.4614).abs() < 5e-3, "{}", displayed(Vec3::splat(0.18)));
         assert!((srgb(0.5) - 0.735_357).abs() < 1e-5, "IEC 61966-2-1");
+    }
+
+    #[test]
+    fn paint_is_not_pale() {
+        // The saturation of a red that is as bright as middle grey is about what plain sRGB shows.
+        let red = Vec3::new(0.6, 0.06, 0.05);
+        let red = red * (0.18 / luminance(red));
+        let saturation = |colour: Vec3| 1.0 - colour.min_element() / colour.max_element();
+        let (film, plain) = (displayed(red), encoded_plainly(red));
+        assert!(saturation(film) > 0.9 * saturation(plain), "{film} {plain}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use indicatif::ProgressBar;
 use serde::Serialize;
 
@@ -11,7 +11,7 @@ use crate::error::CliError;
 use crate::interrupt::Interrupt;
 use crate::output;
 use treewright_renderer::film::Film;
-use treewright_renderer::image_file::{self, Exposure};
+use treewright_renderer::image_file::{self, Exposure, Look, Tone};
 use treewright_renderer::integrator::{Counts, Omission};
 use treewright_renderer::limits::SAMPLES_MAX;
 use treewright_renderer::space::Choice;
@@ -41,6 +41,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true)]
     exposure: Option<f32>,
 
+    /// How radiance becomes the colours of a PNG.
+    #[arg(long, value_enum, default_value_t = ToneArgument::Film)]
+    tone: ToneArgument,
+
     /// Output file, .png or .exr.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
@@ -48,6 +52,15 @@ pub(crate) struct Arguments {
     /// Print the times and counts as JSON.
     #[arg(long)]
     json: bool,
+}
+
+/// Ways from radiance to colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ToneArgument {
+    /// A film-like curve (AgX), in which nothing burns out.
+    Film,
+    /// Plain sRGB: what is above white is cut off.
+    Plain,
 }
 
 /// What `image --json` prints.
@@ -95,7 +108,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     bar.finish_and_clear();
     let picture = film.picture();
     let exposure = arguments.exposure.map_or(Exposure::Auto, Exposure::Stops);
-    image_file::write(&picture, exposure, &arguments.out)?;
+    let tone = match arguments.tone {
+        ToneArgument::Film => Tone::Film,
+        ToneArgument::Plain => Tone::Plain,
+    };
+    image_file::write(&picture, Look { exposure, tone }, &arguments.out)?;
     let outcome = Outcome {
         scene: scene.name.clone(),
         triangles: scene.triangles.len(),
