@@ -11,12 +11,12 @@ use treewright_accel::{GeometryError, Triangles};
 use super::bounds::Bounds;
 use super::framing::{self, CameraPose};
 use super::images::Pixels;
-use super::limits::{CAMERAS_MAX, MESHES_MAX, VERTICES_MAX};
+use super::limits::{CAMERAS_MAX, FOV_RANGE_DEG, MESHES_MAX, PUNCTUAL_LIGHTS_MAX, VERTICES_MAX};
 use super::objects::Objects;
 use super::part::Part;
 use super::texture::{Encoding, Wrap};
 use super::textures::{Textures, cut_out};
-use super::{Camera, Material, Mesh, Placed, Scene, SceneError, Sky};
+use super::{Camera, Material, Mesh, Placed, Punctual, Scene, SceneError, Sky, Up, scale};
 
 /// Marks a vertex that no kept triangle names.
 const UNUSED: u32 = u32::MAX;
@@ -25,6 +25,7 @@ const UNUSED: u32 = u32::MAX;
 pub struct Assembler {
     name: String,
     origin: PathBuf,
+    up: Up,
     positions: Vec<Vec3A>,
     normals: Vec<Vec3>,
     /// Parallel to the positions, zero where a mesh has none.
@@ -37,6 +38,7 @@ pub struct Assembler {
     flat: Vec<bool>,
     materials: Vec<Material>,
     textures: Textures,
+    lights: Vec<Punctual>,
     notes: Vec<String>,
     dropped: usize,
     objects: Objects,
@@ -49,15 +51,15 @@ pub struct Assembler {
 pub enum Lighting {
     /// As given.
     Given(Sky),
-    /// Black when a mesh shines, daylight (and a note) when none does.
+    /// Black when a mesh shines or there is a light without size, daylight (and a note) when none does.
     Automatic,
 }
 
 impl Assembler {
-    /// An empty scene of a file, named by the file's stem.
-    pub fn of_file(path: &Path) -> Self {
+    /// An empty scene of a file, named by the file's stem. What is added is turned so that this axis points up.
+    pub fn of_file(path: &Path, up: Up) -> Self {
         let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
-        Self::new(stem.unwrap_or_else(|| "scene".to_owned()), path)
+        Self { up, ..Self::new(stem.unwrap_or_else(|| "scene".to_owned()), path) }
     }
 
     /// The scene's name.
@@ -70,6 +72,7 @@ impl Assembler {
         Self {
             name: name.into(),
             origin: origin.to_owned(),
+            up: Up::Y,
             positions: Vec::new(),
             normals: Vec::new(),
             uvs: Vec::new(),
@@ -79,6 +82,7 @@ impl Assembler {
             flat: Vec::new(),
             materials: Vec::new(),
             textures: Textures::default(),
+            lights: Vec::new(),
             notes: Vec::new(),
             dropped: 0,
             objects: Objects::default(),
@@ -120,6 +124,24 @@ impl Assembler {
         self.notes.push(note.into());
     }
 
+    /// Adds lights without size. Left out with a note are those that give no light or have numbers that are not finite, and
+    /// those beyond the limit.
+    pub fn lights(&mut self, mut lights: Vec<Punctual>) {
+        let all = lights.len();
+        lights.retain(Punctual::is_sound);
+        let dark = all - lights.len();
+        if dark > 0 {
+            self.note(format!(
+                "Left out {dark} lights that give no light or have numbers that are not finite."
+            ));
+        }
+        if lights.len() > PUNCTUAL_LIGHTS_MAX {
+            self.note(format!("Took the first {PUNCTUAL_LIGHTS_MAX} of {} lights.", lights.len()));
+            lights.truncate(PUNCTUAL_LIGHTS_MAX);
+        }
+        self.lights.extend(lights.into_iter().map(|light| light.turned(self.up)));
+    }
+
     /// Begins an object that is placed by [`Assembler::place`]: meshes added from here on are in its space and
     /// part of it, until [`Assembler::end_object`].
     pub fn begin_object(&mut self) {
@@ -134,7 +156,7 @@ impl Assembler {
     /// Places an object in the world. Transformations that cannot be inverted or lead too far out are left
     /// out and counted.
     pub fn place(&mut self, object: u32, to_world: Affine3A) {
-        self.objects.place(object, to_world);
+        self.objects.place(object, Affine3A::from_mat3(self.up.matrix()) * to_world);
     }
 
     /// Adds a mesh in world space or, inside an object, in the object's. Triangles whose winding contradicts their normals are turned round: front
@@ -152,6 +174,8 @@ impl Assembler {
         }
         let first_triangle = self.indices.len() as u32;
         let mut renumbered = vec![UNUSED; vertices];
+        // What is in an object is turned where the object is placed.
+        let up = if self.objects.is_open() { Up::Y } else { self.up };
         let has_normals = part.normals.len() == vertices && vertices > 0;
         let has_uvs = part.uvs.len() == vertices && vertices > 0;
         self.has_uvs |= has_uvs;
@@ -172,20 +196,21 @@ impl Assembler {
                 let vertex = *vertex as usize;
                 if renumbered[vertex] == UNUSED {
                     renumbered[vertex] = self.positions.len() as u32;
-                    self.positions.push(part.positions[vertex].into());
+                    let position = up.turned(part.positions[vertex]);
+                    self.positions.push(position.into());
                     let uv = if has_uvs { part.uvs[vertex] } else { Vec2::ZERO };
                     self.uvs.push(if uv.is_finite() { uv } else { Vec2::ZERO });
                     if !self.objects.is_open() {
-                        let at = part.positions[vertex];
-                        self.world = self.world.union(&Bounds { min: at, max: at });
+                        self.world = self.world.union(&Bounds { min: position, max: position });
                     }
                     let normal =
                         if has_normals { part.normals[vertex].normalize_or_zero() } else { Vec3::ZERO };
-                    self.normals.push(if has_normals && normal == Vec3::ZERO {
+                    let normal = if has_normals && normal == Vec3::ZERO {
                         fallback.get_or_insert_with(|| part.smooth_normals())[vertex]
                     } else {
                         normal
-                    });
+                    };
+                    self.normals.push(up.turned(normal));
                 }
                 kept[corner] = renumbered[vertex];
             }
@@ -230,6 +255,7 @@ impl Assembler {
         if self.materials.is_empty() {
             self.materials.push(Material::default());
         }
+        self.settle_scale(&mut views);
         self.settle_normals();
         let sky = self.settle_sky(lighting);
         let refuse =
@@ -254,7 +280,20 @@ impl Assembler {
             self.notes.push(format!("Took the first {CAMERAS_MAX} of {} cameras.", views.len()));
             views.truncate(CAMERAS_MAX);
         }
-        let mut cameras: Vec<Camera> = views.iter().filter_map(|view| view.aim(&bounds)).collect();
+        let strange = views.iter().filter(|view| !FOV_RANGE_DEG.contains(&view.vertical_fov_deg)).count();
+        if strange > 0 {
+            let (least, most) = (FOV_RANGE_DEG.start(), FOV_RANGE_DEG.end());
+            self.notes.push(format!(
+                "Moved the angle of view of {strange} cameras to between {least} and {most} degrees."
+            ));
+        }
+        let turned = |view: &CameraPose| CameraPose {
+            position: self.up.turned(view.position),
+            forward: self.up.turned(view.forward),
+            up: self.up.turned(view.up),
+            ..*view
+        };
+        let mut cameras: Vec<Camera> = views.iter().filter_map(|view| turned(view).aim(&bounds)).collect();
         if cameras.is_empty() {
             let (camera, what) = framing::made_up(&placed, &bounds);
             cameras.push(camera);
@@ -270,11 +309,26 @@ impl Assembler {
             meshes: self.meshes,
             materials: self.materials,
             sky,
+            lights: self.lights,
             environment: None,
             cameras,
             path_keys: Vec::new(),
             notes: self.notes,
         })
+    }
+
+    /// Brings lengths into the range of single precision.
+    fn settle_scale(&mut self, views: &mut [CameraPose]) {
+        // Squares of small lengths would be zero in single precision.
+        let diagonal = self.bounds().size().as_dvec3().length() as f32;
+        let Some(factor) = scale::factor(diagonal) else {
+            return;
+        };
+        self.note(format!(
+            "The scene is {diagonal:e} across, which single precision is not enough for: all lengths are multiplied by {factor:e}."
+        ));
+        let Self { positions, objects, lights, materials, .. } = self;
+        scale::Lengths { positions, objects, lights, materials, views }.multiply(factor);
     }
 
     /// Leaves no normals when every mesh is flat; otherwise gives the flat ones vertices of their own, three
@@ -308,8 +362,8 @@ impl Assembler {
     fn settle_sky(&mut self, lighting: Lighting) -> Sky {
         let shines = |mesh: &Mesh| self.materials[mesh.material as usize].emission.max_element() > 0.0;
         match lighting {
-            Lighting::Given(sky) => sky,
-            Lighting::Automatic if self.meshes.iter().any(shines) => Sky::BLACK,
+            Lighting::Given(sky) => sky.turned(self.up),
+            Lighting::Automatic if !self.lights.is_empty() || self.meshes.iter().any(shines) => Sky::BLACK,
             Lighting::Automatic => {
                 self.notes.push("The scene has no light; a daylight sky was added.".to_owned());
                 Sky::daylight()

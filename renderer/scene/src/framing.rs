@@ -6,6 +6,7 @@
 use glam::Vec3;
 
 use super::bounds::Bounds;
+use super::limits::FOV_RANGE_DEG;
 use super::{Camera, Placed, probe};
 
 /// Angle of view of a camera that looks at an object.
@@ -59,7 +60,7 @@ impl CameraPose {
             position: self.position,
             target: self.position + forward * distance,
             up,
-            vertical_fov_deg: self.vertical_fov_deg.clamp(1.0, 170.0),
+            vertical_fov_deg: self.vertical_fov_deg.clamp(*FOV_RANGE_DEG.start(), *FOV_RANGE_DEG.end()),
             framed_aspect: self.framed_aspect.filter(|aspect| (0.01..=100.0).contains(aspect)),
         })
     }

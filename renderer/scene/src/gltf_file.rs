@@ -7,7 +7,7 @@ use std::path::Path;
 
 use glam::{Affine3A, Mat4, Vec3};
 use gltf::camera::Projection;
-use gltf::khr_lights_punctual::Kind;
+use gltf::khr_lights_punctual::{Kind, Light};
 use gltf::{Document, Mesh, Node};
 
 use super::assemble::{Assembler, Lighting};
@@ -19,11 +19,10 @@ use super::gltf_instances::{self, Copies};
 use super::gltf_json::{self, Refusal};
 use super::gltf_material::{self, Materials};
 use super::limits::{INSTANCING_SAVES_MIN, NODE_DEPTH_MAX};
-use super::shapes::Shapes;
-use super::{Material, Scene, SceneError, Sky, Sun};
+use super::{Cone, Punctual, Scene, SceneError, Up};
 
 /// Reads one file. See [`super::load`].
-pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
+pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {
     let malformed = |cause: String| SceneError::Malformed {
         path: path.to_owned(),
         format: "glTF",
@@ -58,7 +57,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
     let document = Document::from_json(json).map_err(|error| malformed(told(&error)))?;
     let base = path.parent();
     let buffers = gltf_geometry::buffers(&document, base, prepared.blob).map_err(malformed)?;
-    let mut assembler = Assembler::of_file(path);
+    let mut assembler = Assembler::of_file(path, up);
     prepared.notes.into_iter().for_each(|note| assembler.note(note));
     let materials = gltf_material::read(&document, base, &buffers, &mut assembler);
     let copies = gltf_instances::read(&prepared.json, &document, &buffers, &mut assembler);
@@ -67,8 +66,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         materials,
         assembler,
         views: Vec::new(),
-        sky: None,
-        glows: Vec::new(),
+        lights: Vec::new(),
         ignored_primitives: 0,
         orthographic: 0,
         instanced: shared_meshes(&document, &copies),
@@ -114,20 +112,12 @@ fn shared_meshes(document: &Document, copies: &Copies) -> Vec<Option<Vec<Affine3
     uses.into_iter().map(|uses| (uses > 1 && saved > INSTANCING_SAVES_MIN).then(Vec::new)).collect()
 }
 
-/// A point or spot light, to become a small glowing sphere once the scene's size is known.
-struct Glow {
-    position: Vec3,
-    /// Radiant intensity.
-    intensity: Vec3,
-}
-
 struct Walk<'a> {
     buffers: &'a Buffers,
     materials: Materials,
     assembler: Assembler,
     views: Vec<CameraPose>,
-    sky: Option<Sky>,
-    glows: Vec<Glow>,
+    lights: Vec<Punctual>,
     ignored_primitives: usize,
     /// Cameras that are left out.
     orthographic: usize,
@@ -182,20 +172,7 @@ impl Walk<'_> {
             }
         }
         if let Some(light) = node.light() {
-            let intensity = Vec3::from_array(light.color()) * light.intensity();
-            match light.kind() {
-                // Light shines along the node's negative z axis.
-                Kind::Directional => {
-                    let sun = Sun::towards(to_world.z_axis.truncate(), intensity);
-                    let sky = self.sky.get_or_insert(Sky::BLACK);
-                    if sky.sun.replace(sun).is_some() {
-                        self.assembler.note("Of several directional lights the last is used.");
-                    }
-                }
-                Kind::Point | Kind::Spot { .. } => {
-                    self.glows.push(Glow { position: to_world.w_axis.truncate(), intensity });
-                }
-            }
+            self.light(&light, to_world);
         }
         let Some(mesh) = node.mesh() else {
             return Ok(());
@@ -208,6 +185,21 @@ impl Walk<'_> {
         }
         self.copies = copies;
         Ok(())
+    }
+
+    /// Light shines along the node's negative z axis.
+    fn light(&mut self, light: &Light, to_world: &Mat4) {
+        let strength = Vec3::from_array(light.color()) * light.intensity();
+        let (position, backward) = (to_world.w_axis.truncate(), to_world.z_axis.truncate());
+        let cone = match light.kind() {
+            Kind::Directional => return self.lights.push(Punctual::towards(backward, strength)),
+            Kind::Point => None,
+            Kind::Spot { inner_cone_angle, outer_cone_angle } => {
+                Some(Cone::new(-backward, inner_cone_angle, outer_cone_angle))
+            }
+        };
+        let range = light.range().unwrap_or(f32::INFINITY);
+        self.lights.push(Punctual::Point { position, intensity: strength, cone, range });
     }
 
     /// Adds a mesh where it stands, or sets the place aside for its object.
@@ -273,33 +265,16 @@ impl Walk<'_> {
             .default_scene()
             .or_else(|| document.scenes().next())
             .and_then(|scene| scene.extras().as_ref().map(|raw| gltf_extras::parse(raw.get())));
+        let mut sky = None;
         if let Some(extras) = extras {
             self.views.extend(extras.views);
-            self.sky = self.sky.or(extras.sky);
+            // A sun of glTF's own stands for that of the extras.
+            let has_sun = self.lights.iter().any(|light| matches!(light, Punctual::Directional { .. }));
+            sky = extras.sky.filter(|_| !has_sun);
             extras.notes.into_iter().for_each(|note| self.assembler.note(note));
         }
-        self.add_glows()?;
-        let lighting = self.sky.map_or(Lighting::Automatic, Lighting::Given);
+        self.assembler.lights(self.lights);
+        let lighting = sky.map_or(Lighting::Automatic, Lighting::Given);
         self.assembler.finish(lighting, self.views)
-    }
-
-    /// Light sources here are surfaces and skies, so a point light becomes a sphere of a 400th of the
-    /// diagonal that sends out the same intensity.
-    fn add_glows(&mut self) -> Result<(), SceneError> {
-        let radius = self.assembler.bounds().diagonal() / 400.0;
-        if self.glows.is_empty() || radius <= 0.0 {
-            return Ok(());
-        }
-        self.assembler
-            .note(format!("Made {} point or spot lights into small glowing spheres.", self.glows.len()));
-        for glow in std::mem::take(&mut self.glows) {
-            let emission = glow.intensity / (std::f32::consts::PI * radius * radius);
-            let material =
-                self.assembler.material(Material { base_color: Vec3::ZERO, emission, ..Material::default() });
-            let mut shapes = Shapes::new();
-            shapes.sphere(glow.position, radius, 12, 6);
-            self.assembler.mesh("light", material, &shapes.part)?;
-        }
-        Ok(())
     }
 }

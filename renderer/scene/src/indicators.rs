@@ -34,7 +34,8 @@ impl SceneIndicators {
         }
         let sky = &scene.sky;
         let has_gradient = sky.zenith.max_element() > 0.0 || sky.horizon.max_element() > 0.0;
-        Self(all.finish(u32::from(has_gradient) + u32::from(sky.sun.is_some())))
+        let lights = u32::from(has_gradient) + u32::from(sky.sun.is_some()) + scene.lights.len() as u32;
+        Self(all.finish(lights))
     }
 
     /// Adds a camera. Numbers of the camera that are not finite count as 0.

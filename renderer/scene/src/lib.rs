@@ -41,11 +41,14 @@ mod ply_file;
 mod ply_text;
 mod polygon;
 mod probe;
+mod punctual;
+mod scale;
 pub mod shapes;
 mod sky;
 mod text;
 pub mod texture;
 mod textures;
+mod up;
 
 use std::sync::Arc;
 
@@ -55,9 +58,11 @@ use treewright_accel::{Instances, Triangles};
 pub use bounds::Bounds;
 pub use environment::Environment;
 pub use error::SceneError;
-pub use load::load;
+pub use load::{load, load_upright};
 pub use placed::Placed;
+pub use punctual::{Arrival, Cone, Punctual};
 pub use texture::{Texture, Wrap};
+pub use up::Up;
 
 /// A scene ready to be rendered.
 #[derive(Clone, Debug)]
@@ -82,6 +87,8 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// What shines besides emissive triangles.
     pub sky: Sky,
+    /// Lights without size.
+    pub lights: Vec<Punctual>,
     /// Light from outside as a picture, in place of the sky.
     pub environment: Option<Arc<Environment>>,
     /// Cameras of the file, or one framing camera. At least one.
@@ -93,11 +100,12 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Whether there are lights that shadow rays are sent to: a sun, or surfaces that shine.
+    /// Whether there are lights that shadow rays are sent to: a sun, lights without size, or surfaces that shine.
     pub fn has_sampled_lights(&self) -> bool {
         let shines = |light: Vec3| light.max_element() > 0.0;
         let sun = self.sky.sun.is_some_and(|sun| shines(sun.irradiance));
         sun || self.environment.is_some()
+            || !self.lights.is_empty()
             || self.meshes.iter().any(|mesh| shines(self.materials[mesh.material as usize].emission))
     }
 }
@@ -254,7 +262,7 @@ pub struct Camera {
 impl Camera {
     /// Tangent of half the vertical angle in a picture of `aspect`, its width over its height.
     pub fn half_height(&self, aspect: f32) -> f32 {
-        let half = (self.vertical_fov_deg.clamp(0.1, 179.0).to_radians() * 0.5).tan();
+        let half = (self.vertical_fov_deg.clamp(0.001, 179.0).to_radians() * 0.5).tan();
         match self.framed_aspect {
             Some(framed) if framed > aspect => half * framed / aspect,
             _ => half,

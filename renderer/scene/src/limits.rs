@@ -42,3 +42,12 @@ pub const DETAIL_RANGE: std::ops::RangeInclusive<f32> = 0.001..=8.0;
 
 /// Most positions sampled along a camera path at once.
 pub const PATH_POSITIONS_MAX: usize = 1 << 20;
+
+/// Most lights without size taken from a file.
+pub const PUNCTUAL_LIGHTS_MAX: usize = 1 << 16;
+
+/// Diagonals of scenes that are drawn in the lengths of their files.
+pub const DIAGONAL_RANGE: std::ops::RangeInclusive<f32> = 1e-6..=1e7;
+
+/// Angles of view of a camera in degrees: below, neighbouring rays would be the same in single precision.
+pub const FOV_RANGE_DEG: std::ops::RangeInclusive<f32> = 0.01..=170.0;

@@ -5,7 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use super::limits::FILE_BYTES_MAX;
-use super::{Scene, SceneError, gltf_file, obj_file, ply_file};
+use super::{Scene, SceneError, Up, gltf_file, obj_file, ply_file};
 
 /// Reads a scene file: glTF (`.gltf`, `.glb`), Wavefront OBJ with its MTL (`.obj`), or PLY (`.ply`).
 ///
@@ -17,6 +17,14 @@ use super::{Scene, SceneError, gltf_file, obj_file, ply_file};
 /// [`SceneError`], naming the file, the cause and the remedy, for anything that cannot be read. Bad single
 /// triangles are no error: they are dropped and counted in the notes.
 pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
+    load_upright(path, Up::Y)
+}
+
+/// The same for a file in which another axis points up: the whole scene is turned so that y does.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_upright(path: impl AsRef<Path>, up: Up) -> Result<Scene, SceneError> {
     let path = path.as_ref();
     let read_error = |source| SceneError::Read { path: path.to_owned(), source };
     let metadata = std::fs::metadata(path).map_err(read_error)?;
@@ -34,9 +42,9 @@ pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
     // The readers below check what they know of; a parsing crate that still gives up half-way on a file
     // made to break it must not take the program along.
     catch_unwind(AssertUnwindSafe(|| match format {
-        Format::Gltf => gltf_file::read(path, &bytes),
-        Format::Obj => obj_file::read(path, &bytes),
-        Format::Ply => ply_file::read(path, &bytes),
+        Format::Gltf => gltf_file::read(path, &bytes, up),
+        Format::Obj => obj_file::read(path, &bytes, up),
+        Format::Ply => ply_file::read(path, &bytes, up),
     }))
     .unwrap_or_else(|_| {
         Err(SceneError::Malformed {

@@ -4,8 +4,9 @@
 use glam::Vec3;
 use serde_json::{Value, json};
 
-use super::Scene;
+use super::limits::PUNCTUAL_LIGHTS_MAX;
 use super::load_tests::{glb, load_bytes, triangle_document};
+use super::{Cone, Punctual, Scene, Sky, Up, load_upright};
 
 fn loaded(document: &Value) -> Scene {
     load_bytes("a.glb", &glb(document, &triangle_document().1)).unwrap()
@@ -212,6 +213,161 @@ fn copies_of_a_mesh_stand_where_they_are_put() {
     document["accessors"][0]["count"] = json!(2);
     let odd = load_bytes("odd.glb", &glb(&document, &data));
     assert!(odd.is_err() || odd.unwrap().notes.iter().any(|note| note.contains("1 nodes have copies")));
+}
+
+#[test]
+fn punctual_lights_are_what_they_are_in_the_file() {
+    let scene = loaded(&changed(&[
+        (
+            "/extensions",
+            json!({"KHR_lights_punctual": {"lights": [
+            {"type": "directional", "intensity": 2, "color": [1, 0, 0]}, {"type": "directional", "color": [0, 1, 0]},
+            {"type": "point", "intensity": 40, "range": 9},
+            {"type": "spot", "intensity": 100, "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.3}},
+            {"type": "spot"}, {"type": "point", "intensity": 0}]}}),
+        ),
+        (
+            "/nodes",
+            json!([{"mesh": 0, "children": [1, 2, 3, 4, 5, 6], "scale": [3, 3, 3]},
+            {"extensions": {"KHR_lights_punctual": {"light": 0}}},
+            {"extensions": {"KHR_lights_punctual": {"light": 1}}},
+            {"translation": [0, 1, 0], "extensions": {"KHR_lights_punctual": {"light": 2}}},
+            {"translation": [0, 2, 0], "extensions": {"KHR_lights_punctual": {"light": 3}}},
+            {"extensions": {"KHR_lights_punctual": {"light": 4}}},
+            {"extensions": {"KHR_lights_punctual": {"light": 5}}}]),
+        ),
+    ]));
+    let position = Vec3::Y * 6.0;
+    let cone = Some(Cone::new(Vec3::NEG_Z, 0.2, 0.3));
+    let range = f32::INFINITY;
+    assert_eq!(
+        scene.lights[..4],
+        [
+            Punctual::towards(Vec3::Z, Vec3::X * 2.0),
+            Punctual::towards(Vec3::Z, Vec3::Y),
+            Punctual::Point { position: Vec3::Y * 3.0, intensity: Vec3::splat(40.0), cone: None, range: 9.0 },
+            Punctual::Point { position, intensity: Vec3::splat(100.0), cone, range },
+        ]
+    );
+    assert_eq!((scene.lights.len(), scene.triangles.len(), scene.sky), (5, 1, Sky::BLACK));
+    assert!(scene.notes.iter().any(|note| note.contains("Left out 1 lights")), "{:?}", scene.notes);
+}
+
+#[test]
+fn angles_of_view_are_kept_or_told() {
+    let camera = |yfov: f64| {
+        loaded(&changed(&[
+            ("/cameras", json!([{"type": "perspective", "perspective": {"yfov": yfov, "znear": 0.1}}])),
+            ("/nodes", json!([{"mesh": 0, "children": [1]}, {"camera": 0}])),
+        ]))
+    };
+    for degrees in [0.02_f64, 0.5, 1.0, 169.0] {
+        let scene = camera(degrees.to_radians());
+        assert!((f64::from(scene.cameras[0].vertical_fov_deg) / degrees - 1.0).abs() < 1e-5);
+        assert!(!scene.notes.iter().any(|note| note.contains("angle")), "{:?}", scene.notes);
+    }
+    for (radians, kept) in [(1e-6, 0.01), (3.1, 170.0)] {
+        let scene = camera(radians);
+        assert_eq!(scene.cameras[0].vertical_fov_deg, kept);
+        assert!(
+            scene.notes.iter().any(|note| note.contains("the angle of view of 1 cameras")),
+            "{:?}",
+            scene.notes
+        );
+    }
+}
+
+/// A triangle of such a size, once or many times, with a camera, a light and a volume.
+fn of_size(size: f32, copies: usize) -> Scene {
+    let (mut document, _) = triangle_document();
+    let mut data: Vec<u8> =
+        [0.0_f32, 0.0, 0.0, size, 0.0, 0.0, 0.0, size, 0.0].map(f32::to_le_bytes).concat();
+    data.extend([0_u16, 1, 2].iter().flat_map(|index| index.to_le_bytes()));
+    document["accessors"][0]["max"] = json!([size, size, 0.0]);
+    let at = |shares: [f32; 3]| json!(shares.map(|share| share * size));
+    let mut nodes = vec![
+        json!({"camera": 0, "translation": at([0.0, 0.0, 2.0])}),
+        json!({"translation": at([0.0, 4.0, 0.0]), "extensions": {"KHR_lights_punctual": {"light": 0}}}),
+    ];
+    nodes.extend((0..copies).map(|copy| json!({"mesh": 0, "translation": at([copy as f32, 0.0, 0.0])})));
+    document["scenes"] = json!([{"nodes": (0..nodes.len()).collect::<Vec<_>>()}]);
+    document["nodes"] = json!(nodes);
+    document["cameras"] = json!([{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}}]);
+    document["materials"] = json!([{"extensions": {"KHR_materials_transmission": {"transmissionFactor": 1},
+        "KHR_materials_volume": {"thicknessFactor": 1, "attenuationDistance": size, "attenuationColor": [0.5, 0.5, 0.5]}}}]);
+    document["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let light = json!({"type": "point", "intensity": 32.0 * size * size, "range": 8.0 * size});
+    document["extensions"] = json!({"KHR_lights_punctual": {"lights": [light]}});
+    load_bytes("a.glb", &glb(&document, &data)).unwrap()
+}
+
+#[test]
+fn scenes_out_of_the_range_of_single_precision_are_drawn_within_it() {
+    let usual = of_size(1.0, 3);
+    let told = |scene: &Scene| scene.notes.iter().any(|note| note.contains("all lengths are multiplied by"));
+    assert!(!told(&usual) && !told(&of_size(1e-6, 3)) && !told(&of_size(1e6, 3)));
+    for size in [1e-10, 1e-15, 1e9, 3e11_f32] {
+        let scene = of_size(size, 3);
+        assert!(told(&scene), "{size}: {:?}", scene.notes);
+        let unit = scene.bounds().size().y;
+        assert!((0.1..=1e7).contains(&unit), "{size}: {unit}");
+        let close = |found: f32, expected: f32| (found / expected - 1.0).abs() < 1e-4;
+        assert!(close(scene.bounds().size().x / unit, usual.bounds().size().x));
+        let (camera, expected) = (scene.cameras[0], usual.cameras[0]);
+        assert!(close(camera.position.z / unit, expected.position.z));
+        let light = scene.lights[0].arrival(Vec3::ZERO);
+        assert!(close(light.distance / unit, 4.0) && close(light.irradiance.x, 2.0 * (1.0 - 0.0625)));
+        let absorption = scene.materials[0].volume.unwrap().absorption.x;
+        assert!(close(absorption * unit, usual.materials[0].volume.unwrap().absorption.x));
+    }
+}
+
+#[test]
+fn lights_beyond_the_limit_are_told() {
+    let light = json!({"extensions": {"KHR_lights_punctual": {"light": 0}}});
+    let mut nodes = vec![light; PUNCTUAL_LIGHTS_MAX + 3];
+    nodes.push(json!({"mesh": 0, "children": (0..nodes.len()).collect::<Vec<_>>()}));
+    let scene = loaded(&changed(&[
+        ("/extensions", json!({"KHR_lights_punctual": {"lights": [{"type": "point"}]}})),
+        ("/scenes", json!([{"nodes": [nodes.len() - 1]}])),
+        ("/nodes", json!(nodes)),
+    ]));
+    assert_eq!(scene.lights.len(), PUNCTUAL_LIGHTS_MAX);
+    assert!(
+        scene.notes.iter().any(|note| note == "Took the first 65536 of 65539 lights."),
+        "{:?}",
+        scene.notes
+    );
+}
+
+#[test]
+fn a_file_on_another_axis_is_turned_as_a_whole() {
+    let document = |nodes: Value| {
+        changed(&[
+            (
+                "/extensions",
+                json!({"KHR_lights_punctual": {"lights": [{"type": "spot"}, {"type": "directional"}]}}),
+            ),
+            ("/cameras", json!([{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}}])),
+            ("/nodes", nodes),
+        ])
+    };
+    let nodes = json!([{"mesh": 0, "children": [1, 2, 3]}, {"camera": 0, "translation": [1, 2, 3]},
+        {"extensions": {"KHR_lights_punctual": {"light": 0}}, "translation": [4, 5, 6]},
+        {"extensions": {"KHR_lights_punctual": {"light": 1}}}]);
+    let bytes = glb(&document(nodes), &triangle_document().1);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.glb");
+    std::fs::write(&path, bytes).unwrap();
+    let scene = load_upright(&path, Up::Z).unwrap();
+    // What points up in the file, z, points up in the scene; what was up points away from the viewer.
+    assert_eq!((scene.bounds().min, scene.bounds().max), (Vec3::new(0.0, 0.0, -1.0), Vec3::X));
+    let camera = scene.cameras[0];
+    assert_eq!((camera.position, camera.up), (Vec3::new(1.0, 3.0, -2.0), Vec3::NEG_Z));
+    assert!((camera.target - camera.position).normalize().y < -0.999);
+    let spot = scene.lights[0].arrival(Vec3::new(4.0, 5.0, -5.0));
+    assert_eq!((spot.direction, spot.irradiance), (Vec3::Y, Vec3::ONE));
+    assert_eq!(scene.lights[1], Punctual::towards(Vec3::Y, Vec3::ONE));
 }
 
 #[test]

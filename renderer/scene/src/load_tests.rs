@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use serde_json::{Value, json};
 
-use super::{Scene, SceneError, Sky, load};
+use super::{Punctual, Scene, SceneError, Sky, load};
 
 /// Writes a file into a folder of its own and loads it.
 pub(super) fn load_bytes(name: &str, bytes: &[u8]) -> Result<Scene, SceneError> {
@@ -151,13 +151,12 @@ fn gltf_materials_cameras_and_lights() {
     let camera = scene.cameras[0];
     assert_eq!((camera.position, camera.up), (Vec3::new(0.0, 0.0, 5.0), Vec3::Y));
     assert!((camera.vertical_fov_deg - 57.2958).abs() < 1e-3 && camera.target.z < 1.0);
-    let sun = scene.sky.sun.unwrap();
-    assert_eq!((sun.direction, sun.irradiance), (Vec3::Z, Vec3::new(2.0, 2.0, 1.0)));
-    // The point light became a sphere with the same intensity.
-    let glow = scene.meshes.last().unwrap();
-    let radius = Vec3::from(scene.triangles.corners(glow.first_triangle as usize)[0]).distance(Vec3::Y * 2.0);
-    let emission = scene.materials[glow.material as usize].emission;
-    assert!((emission.x * std::f32::consts::PI * radius * radius - 3.0).abs() < 1e-2);
+    assert_eq!(scene.sky, Sky::BLACK);
+    let lights = [
+        Punctual::towards(Vec3::Z, Vec3::new(2.0, 2.0, 1.0)),
+        Punctual::point(Vec3::Y * 2.0, Vec3::splat(3.0)),
+    ];
+    assert_eq!((scene.lights, scene.meshes.len()), (lights.to_vec(), 1));
 }
 
 #[test]

@@ -14,10 +14,10 @@ use tobj::{LoadError, LoadOptions};
 use super::assemble::{Assembler, Lighting};
 use super::obj_text::{self, Checked};
 use super::part::Part;
-use super::{Material, Scene, SceneError, mtl_text, obj_maps, text};
+use super::{Material, Scene, SceneError, Up, mtl_text, obj_maps, text};
 
 /// Reads one file. See [`super::load`].
-pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
+pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {
     let malformed = |cause: String| SceneError::Malformed {
         path: path.to_owned(),
         format: "OBJ",
@@ -29,7 +29,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
     let libraries = Libraries::read(&text, folder);
     let with_textures = libraries.all().any(obj_maps::has_maps);
     let checked = obj_text::check(&text, with_textures, libraries.loaded.len()).map_err(malformed)?;
-    let mut assembler = Assembler::of_file(path);
+    let mut assembler = Assembler::of_file(path, up);
     note_what_is_left_out(&checked, &libraries, &mut assembler);
     if checked.faces == 0 {
         assembler.note("no faces");

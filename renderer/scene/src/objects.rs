@@ -63,6 +63,16 @@ impl Objects {
         self.placed.iter().map(|(object, to_world)| self.boxes[*object as usize].transformed(to_world))
     }
 
+    /// Multiplies all lengths by a factor: the objects' own and how far they are moved.
+    pub(super) fn multiply(&mut self, factor: f32) {
+        for (_, to_world) in &mut self.placed {
+            to_world.translation *= factor;
+        }
+        for one in &mut self.boxes {
+            *one = Bounds { min: one.min * factor, max: one.max * factor };
+        }
+    }
+
     /// The instances of a scene with so many triangles, or nothing for a scene without objects. What lies outside
     /// objects is placed where it is, first.
     ///

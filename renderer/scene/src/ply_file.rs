@@ -14,10 +14,10 @@ use ply_rs_bw::ply::{
 use super::assemble::{Assembler, Lighting};
 use super::error::one_line;
 use super::part::Part;
-use super::{Material, Scene, SceneError, ply_text, text};
+use super::{Material, Scene, SceneError, Up, ply_text, text};
 
 /// Reads one file. See [`super::load`].
-pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
+pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneError> {
     let malformed = |cause: String| SceneError::Malformed {
         path: path.to_owned(),
         format: "PLY",
@@ -44,7 +44,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
     };
     let mut reader = Reader::new(Cursor::new(&bytes[..]));
     Parser::<Vertex>::new().read_header(&mut reader).map_err(told)?;
-    let mut assembler = Assembler::of_file(path);
+    let mut assembler = Assembler::of_file(path, up);
     let content = Content::read(&mut reader, &header).map_err(told)?;
     for note in &content.notes {
         assembler.note(note.clone());

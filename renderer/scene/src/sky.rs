@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::up::Up;
 use super::{Sky, Sun};
 
 /// Half of the sun's angular diameter. The real one is 0.0047; a slightly hazy sun gives softer shadows.
@@ -19,6 +20,12 @@ impl Sky {
             horizon: Vec3::new(0.72, 0.80, 0.90),
             sun: Some(Sun::towards(Vec3::new(0.45, 0.80, 0.40), Vec3::new(2.9, 2.6, 2.1))),
         }
+    }
+
+    /// The same in a scene that is turned. The gradient always stands upright.
+    pub(crate) fn turned(self, up: Up) -> Self {
+        let turned = |sun: Sun| Sun { direction: up.turned(sun.direction), ..sun };
+        Self { sun: self.sun.map(turned), ..self }
     }
 
     /// Whether it gives no light at all.

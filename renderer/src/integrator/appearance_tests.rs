@@ -284,6 +284,35 @@ fn an_even_environment_is_an_even_sky() {
     }
 }
 
+/// A box without a lid, in which light is reflected more often than paths bounce.
+#[test]
+fn a_sky_is_as_bright_as_a_picture_of_it() {
+    let sky = Sky { zenith: Vec3::new(0.2, 0.4, 0.9), horizon: Vec3::new(0.9, 0.8, 0.6), sun: None };
+    let (width, height) = (256, 128);
+    let pixels = (0..width * height).map(|pixel| {
+        let up = ((pixel / width) as f32 + 0.5) / height as f32 * PI;
+        sky.horizon + (sky.zenith - sky.horizon) * up.cos().clamp(0.0, 1.0)
+    });
+    let map = Environment::new(width, pixels.collect()).expect("it is sound");
+    let mut walls = Shapes::new();
+    walls.cuboid(Vec3::NEG_ONE, Vec3::ONE);
+    let mut open = walls.part;
+    // Inside out, and without what lies on top.
+    open.indices.retain(|triangle| triangle.iter().any(|corner| open.positions[*corner as usize].y < 0.0));
+    open.indices.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+    open.normals.iter_mut().for_each(|normal| *normal = -*normal);
+    open.uvs.clear();
+    let white = Material { base_color: Vec3::splat(0.8), ..matt() };
+    let light = |environment: Option<Environment>| {
+        let sky = if environment.is_some() { Sky::BLACK } else { sky };
+        let mut scene = scene(&open, white, vec![], sky);
+        scene.environment = environment.map(Arc::new);
+        render(scene, Vec3::new(0.0, 3.0, 1.0), 30.0, 64).mean_luminance()
+    };
+    let (gradient, picture) = (light(None), light(Some(map)));
+    assert!((picture / gradient - 1.0).abs() < 0.01, "{picture} and {gradient}");
+}
+
 #[test]
 fn a_bright_spot_in_the_sky_is_found_at_once() {
     // One pixel of 64 × 32 straight ahead of the square.

@@ -7,11 +7,11 @@ use glam::Vec3;
 pub struct LightSample {
     /// Unit vector towards the light.
     pub direction: Vec3,
-    /// How far it is; infinity for the sun.
+    /// How far it is; infinity for the sun and other parallel light.
     pub distance: f32,
     /// Radiance that arrives if nothing is in between.
     pub radiance: Vec3,
-    /// Solid angle density.
+    /// Solid angle density. That of a light without size stands for one without bound.
     pub pdf: f32,
 }
 

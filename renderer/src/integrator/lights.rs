@@ -7,7 +7,7 @@
 //!
 //! Emissive triangles shine to both sides, because the winding in scene files cannot be relied on. The sky's
 //! gradient is smooth and is left to the surfaces' own sampling; triangles, sun and environment maps are also sampled
-//! directly.
+//! directly. Lights without size are found in no other way.
 
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -16,6 +16,7 @@ use glam::{Vec2, Vec3, Vec4Swizzles};
 
 use super::environment::SkyTable;
 use super::light_sample::LightSample;
+use super::punctual::PunctualLights;
 use super::sampling::{AliasTable, Basis, luminance, uniform_cone, uniform_triangle};
 use crate::scene::{Material, Scene, Sky, Texture};
 
@@ -37,6 +38,9 @@ pub struct Lights {
     environment: Option<SkyTable>,
     /// Probability that [`Lights::sample`] turns to the environment map.
     environment_share: f32,
+    punctual: Option<PunctualLights>,
+    /// Probability that [`Lights::sample`] turns to a light without size where it does not turn to the environment map.
+    punctual_share: f32,
 }
 
 /// The texture of an emissive triangle.
@@ -175,18 +179,19 @@ impl Lights {
         }
         let table = AliasTable::new(&weights);
         let sun = scene.sky.sun.filter(|sun| luminance(sun.irradiance) > 0.0);
-        let sun_share = match (sun, &table) {
-            (None, _) => 0.0,
-            (Some(_), None) => 1.0,
-            (Some(_), Some(_)) => 0.5,
-        };
         let environment = scene.environment.as_ref().map(SkyTable::new);
-        let environment_share = match (&environment, sun.is_some() || table.is_some()) {
-            (None, _) => 0.0,
-            (Some(_), false) => 1.0,
-            (Some(_), true) => 0.5,
+        let punctual = PunctualLights::of(scene);
+        // Half for each kind, as long as there are others.
+        let share = |is_there: bool, others: bool| match (is_there, others) {
+            (false, _) => 0.0,
+            (true, false) => 1.0,
+            (true, true) => 0.5,
         };
-        let others = 1.0 - environment_share;
+        let sun_share = share(sun.is_some(), table.is_some());
+        let has_surfaces = sun.is_some() || table.is_some();
+        let punctual_share = share(punctual.is_some(), has_surfaces);
+        let environment_share = share(environment.is_some(), punctual.is_some() || has_surfaces);
+        let others = (1.0 - environment_share) * (1.0 - punctual_share);
         let power: f64 = weights.iter().sum();
         let share = f64::from(others * (1.0 - sun_share));
         let density = if table.is_some() { (share / power) as f32 } else { 0.0 };
@@ -222,6 +227,8 @@ impl Lights {
             sky: scene.sky,
             environment,
             environment_share,
+            punctual,
+            punctual_share,
         }
     }
 
@@ -240,14 +247,49 @@ impl Lights {
         self.sun.is_some()
     }
 
+    /// Whether there are lights without size.
+    pub fn has_punctual(&self) -> bool {
+        self.punctual.is_some()
+    }
+
     /// Whether there is an environment map, which is sampled unless it is black.
     pub fn has_environment(&self) -> bool {
         self.environment.is_some()
     }
 
-    /// For a position on a surface with this geometric normal, draws a direction towards the sun, a bright place of the environment or a point on an emissive triangle. `None`
-    /// where there is no such light or the triangle is seen edge on. `LAMPS` and `SUN` are false where the scene has
-    /// none; with an environment both must be true.
+    /// For a position on a surface with this geometric normal, draws a direction towards any of the lights: besides those
+    /// of [`Lights::sample`] a bright place of the environment or a light without size. After the `last` bounce the
+    /// environment brings nothing, no more than the sky's gradient, which only a further bounce would find: the same sky
+    /// gives the same picture either way.
+    pub(super) fn sample_all(
+        &self,
+        position: Vec3,
+        normal: Vec3,
+        [mut choice, pick]: [f32; 2],
+        u: [f32; 2],
+        last: bool,
+    ) -> Option<LightSample> {
+        if let Some(environment) = &self.environment {
+            if choice < self.environment_share {
+                let light = environment.sample(pick, u);
+                let light = LightSample { pdf: light.pdf * self.environment_share, ..light };
+                return (!last && light.is_sound()).then_some(light);
+            }
+            choice = (choice - self.environment_share) / (1.0 - self.environment_share);
+        }
+        if let Some(punctual) = &self.punctual {
+            if choice < self.punctual_share {
+                let share = (1.0 - self.environment_share) * self.punctual_share;
+                return punctual.sample(position, normal, [choice / self.punctual_share, pick], share);
+            }
+            choice = (choice - self.punctual_share) / (1.0 - self.punctual_share);
+        }
+        self.sample::<true, true>(position, normal, [choice, pick], u)
+    }
+
+    /// For a position on a surface with this geometric normal, draws a direction towards the sun or a point on an emissive
+    /// triangle. `None` where there is no such light or the triangle is seen edge on. `LAMPS` and `SUN` are false where
+    /// the scene has none.
     #[inline(always)]
     pub fn sample<const LAMPS: bool, const SUN: bool>(
         &self,
@@ -256,18 +298,6 @@ impl Lights {
         [choice, pick]: [f32; 2],
         u: [f32; 2],
     ) -> Option<LightSample> {
-        let mut choice = choice;
-        if LAMPS
-            && SUN
-            && let Some(environment) = &self.environment
-        {
-            if choice < self.environment_share {
-                let light = environment.sample(pick, u);
-                let light = LightSample { pdf: light.pdf * self.environment_share, ..light };
-                return light.is_sound().then_some(light);
-            }
-            choice = (choice - self.environment_share) / (1.0 - self.environment_share);
-        }
         if SUN
             && let Some(sun) = &self.sun
             && (!LAMPS || choice < self.sun_share)

@@ -21,6 +21,7 @@ pub(crate) mod morton;
 mod needs;
 mod path;
 mod prepared;
+mod punctual;
 pub mod random;
 mod render;
 pub mod sampling;

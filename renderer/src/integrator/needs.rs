@@ -29,6 +29,8 @@ pub struct Needs {
     pub solids: bool,
     /// An environment map, which is sampled as a light.
     pub environment: bool,
+    /// Lights without size.
+    pub punctual: bool,
 }
 
 /// Something that a scene does not need.
@@ -56,6 +58,7 @@ impl Needs {
         textures: true,
         solids: true,
         environment: true,
+        punctual: true,
     };
 
     /// Number of sets that have kernels: those of the first six needs alone, and everything.
@@ -73,6 +76,7 @@ impl Needs {
             | (self.textures as usize) << 7
             | (self.solids as usize) << 8
             | (self.environment as usize) << 9
+            | (self.punctual as usize) << 10
     }
 
     /// The set of a number.
@@ -88,12 +92,13 @@ impl Needs {
             textures: bits & 128 != 0,
             solids: bits & 256 != 0,
             environment: bits & 512 != 0,
+            punctual: bits & 1024 != 0,
         }
     }
 
     /// With what comes along: sheets reflect as well, and what has no kernels of its own comes with everything.
     pub(super) const fn closed(self) -> Self {
-        if self.instances || self.textures || self.solids || self.environment {
+        if self.instances || self.textures || self.solids || self.environment || self.punctual {
             Self::ALL
         } else {
             Self { layers: self.layers || self.sheets, ..self }
@@ -107,7 +112,7 @@ impl Needs {
 
     /// Whether some light is sampled, which takes shadow rays.
     pub const fn shadows(self) -> bool {
-        self.lamps || self.sun || self.environment
+        self.lamps || self.sun || self.environment || self.punctual
     }
 
     /// Whether a ray after the last bounce must know what it meets. Where nothing it meets can shine or be lit
@@ -181,6 +186,12 @@ impl Needs {
                 "there is no environment map",
                 Self { environment: true, ..self }.closed(),
             ),
+            (
+                self.punctual,
+                "lights without size",
+                "there are none",
+                Self { punctual: true, ..self }.closed(),
+            ),
         ];
         all.into_iter()
             .filter(|(needed, ..)| !needed)
@@ -195,7 +206,7 @@ mod tests {
 
     #[test]
     fn every_set_has_its_number() {
-        for bits in 0..1024 {
+        for bits in 0..2048 {
             let needs = Needs::from_bits(bits);
             assert_eq!(needs.bits(), bits);
             assert!(Needs::ALL.covers(needs) && needs.covers(needs));
@@ -207,7 +218,7 @@ mod tests {
     fn what_is_put_back_is_more_and_what_is_needed_is_not_listed() {
         assert!(Needs::ALL.omissions().is_empty());
         let least = Needs::from_bits(0);
-        assert_eq!(least.omissions().len(), 12);
+        assert_eq!(least.omissions().len(), 13);
         for omission in least.omissions() {
             assert!(omission.put_back.covers(least) && omission.put_back != least, "{}", omission.what);
         }

@@ -13,7 +13,7 @@ use super::{Counts, Needs, Prepared, View, render_sample};
 use crate::film::{Film, Picture};
 use crate::render_options::{RenderOptions, Sort, TileOrder};
 use crate::scene::builtin::{self, Options};
-use crate::scene::{Environment, Material, Scene, Sky, Sun, Volume};
+use crate::scene::{Cone, Environment, Material, Punctual, Scene, Sky, Sun, Volume};
 
 /// Two samples of a picture.
 struct Render<'a> {
@@ -75,6 +75,15 @@ fn scenes() -> Vec<Arc<Scene>> {
     let pixels = (0..32).map(|pixel| Vec3::splat(if pixel == 11 { 30.0 } else { 0.4 }));
     solid.environment = Some(Arc::new(Environment::new(8, pixels.collect()).expect("it is sound")));
     scenes.push(solid);
+    // Lights without size beside a sun and lamps.
+    let mut points = scenes[1].clone();
+    points.name = "points".into();
+    points.sky.sun = Some(Sun::towards(Vec3::new(0.3, 1.0, 0.2), Vec3::splat(2.0)));
+    let place = points.cameras[0].position;
+    points.lights = vec![Punctual::point(place, Vec3::splat(5.0)), Punctual::towards(Vec3::Y, Vec3::ONE)];
+    let cone = Some(Cone::new(points.cameras[0].target - place, 0.2, 0.4));
+    points.lights.push(Punctual::Point { position: place, intensity: Vec3::X, cone, range: 9.0 });
+    scenes.push(points);
     scenes.into_iter().map(Arc::new).collect()
 }
 

@@ -66,6 +66,7 @@ impl Prepared {
             textures: surfaces.iter().any(|surface| surface.textured),
             solids: surfaces.iter().any(|surface| surface.solid),
             environment: lights.has_environment(),
+            punctual: lights.has_punctual(),
         }
         .closed();
         let thin = |mesh: &Mesh| {

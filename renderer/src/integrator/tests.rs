@@ -14,7 +14,7 @@ use crate::scene::{Material, Mesh, Scene, Sky, Sun};
 const NIGHT: Sky = Sky { zenith: Vec3::ZERO, horizon: Vec3::ZERO, sun: None };
 
 /// A scene of meshes given as (corners, material).
-fn scene(parts: &[(Vec<[Vec3; 3]>, Material)], sky: Sky) -> Arc<Scene> {
+pub(super) fn scene(parts: &[(Vec<[Vec3; 3]>, Material)], sky: Sky) -> Arc<Scene> {
     let (mut positions, mut indices, mut meshes) = (Vec::new(), Vec::new(), Vec::new());
     for (number, (triangles, _)) in parts.iter().enumerate() {
         meshes.push(Mesh {
@@ -37,6 +37,7 @@ fn scene(parts: &[(Vec<[Vec3; 3]>, Material)], sky: Sky) -> Arc<Scene> {
         uvs: Vec::new(),
         textures: Vec::new(),
         environment: None,
+        lights: Vec::new(),
         meshes,
         materials: parts.iter().map(|(_, material)| *material).collect(),
         sky,
@@ -51,7 +52,7 @@ fn camera(position: Vec3, target: Vec3) -> Camera {
 }
 
 /// A quad over two edges.
-fn quad(corner: Vec3, a: Vec3, b: Vec3) -> Vec<[Vec3; 3]> {
+pub(super) fn quad(corner: Vec3, a: Vec3, b: Vec3) -> Vec<[Vec3; 3]> {
     vec![[corner, corner + a, corner + a + b], [corner, corner + a + b, corner + b]]
 }
 

@@ -251,11 +251,13 @@ impl Context<'_> {
         let lights = &self.prepared.lights;
         let (position, normal) = (self.surface.position, self.surface.geometric_normal);
         let u = path.random.pair(self.place + 1);
-        let light = match (needs.lamps, needs.sun) {
-            (false, false) => None,
-            (false, true) => lights.sample::<false, true>(position, normal, [0.0; 2], u),
-            (true, false) => lights.sample::<true, false>(position, normal, path.random.pair(self.place), u),
-            (true, true) => lights.sample::<true, true>(position, normal, path.random.pair(self.place), u),
+        let pick = || path.random.pair(self.place);
+        let light = match (needs.environment || needs.punctual, needs.lamps, needs.sun) {
+            (true, ..) => lights.sample_all(position, normal, pick(), u, self.last),
+            (false, false, false) => None,
+            (false, false, true) => lights.sample::<false, true>(position, normal, [0.0; 2], u),
+            (false, true, false) => lights.sample::<true, false>(position, normal, pick(), u),
+            (false, true, true) => lights.sample::<true, true>(position, normal, pick(), u),
         };
         let Some(light) = light.filter(|light| light.direction.dot(self.surface.geometric_normal) > 0.0)
         else {

@@ -102,7 +102,7 @@ fn numbers(columns: &mut Columns, needs: Needs, lanes: Range<usize>) {
 /// Samples a light for each hit, as [`Lights::sample`] does.
 #[inline(always)]
 fn light(columns: &mut Columns, lights: &Lights, needs: Needs, lanes: Range<usize>) {
-    if needs.environment && lights.has_environment() {
+    if (needs.environment && lights.has_environment()) || (needs.punctual && lights.has_punctual()) {
         return light_one_by_one(columns, lights, lanes);
     }
     let has_lamps = needs.lamps && lights.has_lamps();
@@ -147,15 +147,16 @@ fn pick_lamps(columns: &mut Columns, lights: &Lights, sun_share: f32, lanes: Ran
     }
 }
 
-/// The same where a table of the whole sky is asked.
+/// The same where a table of the whole sky or lights without size are asked.
 #[inline(always)]
 fn light_one_by_one(columns: &mut Columns, lights: &Lights, lanes: Range<usize>) {
-    let Columns { numbers, surfaces, sampled, lit, .. } = columns;
+    let Columns { arrivals, numbers, surfaces, sampled, lit, .. } = columns;
     for lane in lanes {
         let pick = [numbers.pick[0][lane], numbers.pick[1][lane]];
         let u = [numbers.light[0][lane], numbers.light[1][lane]];
         let normal = surfaces.geometric_normal.get(lane);
-        let light = lights.sample::<true, true>(surfaces.position.get(lane), normal, pick, u);
+        let last = arrivals.last[lane] != 0;
+        let light = lights.sample_all(surfaces.position.get(lane), normal, pick, u, last);
         let light = light.filter(|light| light.direction.dot(normal) > 0.0);
         lit[lane] = light.is_some().into();
         if let Some(light) = light {
