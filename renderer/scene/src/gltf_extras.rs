@@ -12,7 +12,7 @@
 //!
 //! Camera space has z forward and y up. A `lookat` belongs to the camera after it. The angle of a
 //! `world_to_camera` camera is across the shorter side of the picture, that of a `to_world` camera across
-//! the width unless `fovAxis` is y; pictures whose size is not said are taken to be 16:9. Area lights are meshes with an emissive
+//! the width unless `fovAxis` is y; then pictures whose size is not said are taken to be 16:9. Area lights are meshes with an emissive
 //! material already. Numbers may stand as numbers or text, alone or in a list; what has another form is
 //! ignored.
 
@@ -40,13 +40,19 @@ pub(super) fn parse(json: &str) -> Extras {
         return extras;
     };
     let list = |key: &str| value.get(key).and_then(Value::as_array).cloned().unwrap_or_default();
-    let mut look_at = None;
+    let (mut look_at, mut shapeless) = (None, 0);
     for camera in list("cameras") {
         if let Some(&[ex, ey, ez, tx, ty, tz, ux, uy, uz]) = camera.get("lookat").map(numbers).as_deref() {
             look_at = Some((Vec3::new(ex, ey, ez), Vec3::new(tx, ty, tz), Vec3::new(ux, uy, uz)));
         } else if let Some(view) = view(&camera, look_at.take()) {
+            shapeless += usize::from(view.framed_aspect == Some(ASPECT) && shape(&camera).is_none());
             extras.views.push(view);
         }
+    }
+    if shapeless > 0 {
+        extras.notes.push(format!(
+            "{shapeless} cameras say the angle across the width of a picture, but not its shape; it is taken for 16:9."
+        ));
     }
     for light in list("lights") {
         match light.get("type").and_then(Value::as_str) {
@@ -86,15 +92,12 @@ fn view(camera: &Value, look_at: Option<(Vec3, Vec3, Vec3)>) -> Option<CameraPos
     let fov_deg = fov.map(numbers).and_then(|fov| fov.first().copied()).unwrap_or(50.0);
     let axis = camera.get("fovAxis").and_then(|axis| axis.get(0).or(Some(axis))).and_then(Value::as_str);
     let is_shorter = camera.get("world_to_camera").is_some();
-    let number = |key: &str| camera.get(key).map(numbers).and_then(|found| found.first().copied());
-    let aspect = match (number("width"), number("height")) {
-        (Some(width), Some(height)) if width > 0.0 && height > 0.0 => width / height,
-        _ => ASPECT,
-    };
+    let shape = shape(camera);
+    let aspect = shape.unwrap_or(ASPECT);
     // Across the shorter side is vertical in a square picture, and horizontal in a narrower one.
     let (vertical_fov_deg, framed_aspect) = match (is_shorter, axis) {
         (true, _) => (fov_deg, Some(1.0)),
-        (false, Some("y")) => (fov_deg, Some(aspect)),
+        (false, Some("y")) => (fov_deg, shape),
         _ => (2.0 * ((fov_deg.to_radians() * 0.5).tan() / aspect).atan().to_degrees(), Some(aspect)),
     };
     let (position, forward, up) =
@@ -113,6 +116,13 @@ fn view(camera: &Value, look_at: Option<(Vec3, Vec3, Vec3)>) -> Option<CameraPos
         }
         None => CameraPose { position, forward, up, vertical_fov_deg, framed_aspect, distance: None },
     })
+}
+
+/// Width over height of a camera's picture, where it says it.
+fn shape(camera: &Value) -> Option<f32> {
+    let number = |key: &str| camera.get(key).map(numbers).and_then(|found| found.first().copied());
+    let shape = number("width")? / number("height")?;
+    (shape.is_finite() && shape > 0.0).then_some(shape)
 }
 
 /// A matrix written row by row.
@@ -177,7 +187,23 @@ mod tests {
         assert!((upright.half_height(0.75) - 4.0 / 3.0).abs() < 1e-5);
         // A wider picture shows as much of the height and more at the sides.
         assert!((upright.half_height(2.0) - 4.0 / 3.0).abs() < 1e-5);
-        assert!((camera(", \"fovAxis\": \"y\"").half_height(2.0) - 1.0).abs() < 1e-5);
+        // An angle across the height holds for every picture, unless it was made for a wider one.
+        for aspect in [0.5, 1.0, 2.0] {
+            assert!((camera(", \"fovAxis\": \"y\"").half_height(aspect) - 1.0).abs() < 1e-5);
+        }
+        let wide = camera(", \"fovAxis\": \"y\", \"width\": 800, \"height\": 400");
+        assert!((wide.half_height(1.0) - 2.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_guessed_shape_is_told() {
+        let notes = |more: &str| {
+            let matrix = "\"to_world\": [\"-1 0 0 7 0 1 0 8 0 0 -1 9 0 0 0 1\"], \"fov\": 35";
+            parse(&format!("{{\"cameras\": [{{{matrix}{more}}}]}}")).notes
+        };
+        assert!(notes("").iter().any(|note| note.starts_with("1 cameras") && note.contains("16:9")));
+        assert_eq!(notes(", \"width\": 720, \"height\": 1280"), Vec::<String>::new());
+        assert_eq!(notes(", \"fovAxis\": \"y\""), Vec::<String>::new());
     }
 
     #[test]
