@@ -51,15 +51,7 @@ pub(crate) fn built_in() -> Vec<Entry> {
 impl Entry {
     pub(crate) fn load(&self) -> Result<Arc<Scene>, CliError> {
         let Self { path, detail, seed, time, .. } = self;
-        SceneArguments {
-            scene: path.clone(),
-            detail: *detail,
-            scene_seed: *seed,
-            time: *time,
-            environment: None,
-            flatten: false,
-        }
-        .load()
+        SceneArguments::plain(path.clone(), *detail, *seed, *time).load()
     }
 }
 

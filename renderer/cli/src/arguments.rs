@@ -10,6 +10,7 @@ use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Update};
 use treewright_client::{Configuration, Indicators};
 
 use crate::error::CliError;
+pub use crate::scene_arguments::{SceneArguments, UpAxis};
 use treewright_renderer::frame::{Renderer, RendererError};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
@@ -18,78 +19,8 @@ use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
-use treewright_scene::{Camera, Environment, Scene, Sky, builtin, load};
-
-/// Prefix of the names of built-in scenes.
-const BUILTIN: &str = "builtin:";
-
-/// Which scene.
-#[derive(Args, Clone, Debug)]
-pub struct SceneArguments {
-    /// A glTF, GLB, OBJ or PLY file, or `builtin:NAME` (see `treewright-render scenes`).
-    #[arg(long, value_name = "PATH|builtin:NAME")]
-    pub scene: String,
-
-    /// Factor for the number of triangles of built-in scenes, 0.001 to 8.
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
-    pub detail: f32,
-
-    /// Seed of a built-in scene; each seed gives another scene of the same kind.
-    #[arg(long, value_name = "N")]
-    pub scene_seed: Option<u64>,
-
-    /// Time in an animated built-in scene; 0 to 1 is one cycle.
-    #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
-    pub time: f32,
-
-    /// Equirectangular environment map, .hdr or .exr; replaces the scene's own sky and sun.
-    #[arg(long, value_name = "FILE")]
-    pub environment: Option<PathBuf>,
-
-    /// Copy instanced geometry instead of tracing rays through instances.
-    #[arg(long)]
-    pub flatten: bool,
-}
-
-impl SceneArguments {
-    /// The scene at another time, for a built-in one that is animated.
-    pub fn at(&self, time: f32) -> Result<Arc<Scene>, CliError> {
-        Self { time, ..self.clone() }.load()
-    }
-
-    /// Refuses a scene in which nothing moves.
-    pub fn check_animated(&self) -> Result<(), CliError> {
-        let animated = || builtin::names().filter(|name| builtin::is_animated(name));
-        if self.scene.strip_prefix(BUILTIN).is_some_and(builtin::is_animated) {
-            return Ok(());
-        }
-        let known: Vec<String> = animated().map(|name| format!("{BUILTIN}{name}")).collect();
-        Err(CliError::Usage(format!(
-            "nothing moves in {}; animated scenes are {}",
-            self.scene,
-            known.join(", ")
-        )))
-    }
-
-    /// Loads or generates the scene.
-    pub fn load(&self) -> Result<Arc<Scene>, CliError> {
-        let scene = match self.scene.strip_prefix(BUILTIN) {
-            Some(name) => {
-                let default = builtin::Options::default();
-                let seed = self.scene_seed.unwrap_or(default.seed);
-                let options = builtin::Options { detail: self.detail, time: self.time, seed };
-                builtin::build(name, &options)?
-            }
-            None => load(&self.scene)?,
-        };
-        let mut scene = if self.flatten { scene.flattened()? } else { scene };
-        if let Some(path) = &self.environment {
-            scene.environment = Some(Arc::new(Environment::load(path)?));
-            scene.sky = Sky::BLACK;
-        }
-        Ok(Arc::new(scene))
-    }
-}
+use treewright_scene::limits::FOV_RANGE_DEG;
+use treewright_scene::{Camera, Scene};
 
 /// Which camera of the scene, or one of one's own.
 #[derive(Args, Clone, Debug)]
@@ -114,7 +45,7 @@ pub struct CameraArguments {
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     pub up: Option<Vec3>,
 
-    /// Vertical field of view in degrees, 1 to 170.
+    /// Vertical field of view in degrees, 0.01 to 170.
     #[arg(long, value_name = "DEG", value_parser = fov)]
     pub fov: Option<f32>,
 }
@@ -511,8 +442,8 @@ fn vector(text: &str) -> Result<Vec3, String> {
 
 fn fov(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
-        Ok(degrees) if (1.0..=170.0).contains(&degrees) => Ok(degrees),
-        _ => Err("it must be an angle from 1 to 170 degrees".to_owned()),
+        Ok(degrees) if FOV_RANGE_DEG.contains(&degrees) => Ok(degrees),
+        _ => Err("it must be an angle from 0.01 to 170 degrees".to_owned()),
     }
 }
 

@@ -16,6 +16,7 @@ mod laboratory;
 pub mod narrowing;
 pub mod output;
 pub mod report;
+mod scene_arguments;
 pub mod server;
 
 use std::process::ExitCode;

@@ -57,6 +57,16 @@ impl Environment {
         Ok(Self { width, height: height as u32, pixels })
     }
 
+    /// The same sky brighter by a factor, and turned by an angle: what was ahead (along the negative z axis) is then so far
+    /// to the right. The angle is rounded to the map's pixels.
+    pub fn changed(mut self, factor: f32, turn_deg: f32) -> Self {
+        self.pixels.iter_mut().for_each(|pixel| *pixel = (*pixel * factor).min(Vec3::splat(f32::MAX)));
+        let columns = (turn_deg / 360.0).rem_euclid(1.0) * self.width as f32;
+        let columns = columns.round() as usize % self.width as usize;
+        self.pixels.chunks_exact_mut(self.width as usize).for_each(|row| row.rotate_right(columns));
+        self
+    }
+
     /// Pixels across.
     pub fn width(&self) -> u32 {
         self.width
@@ -135,6 +145,21 @@ mod tests {
             }
         }
         assert!(map.radiance(Vec3::NAN).is_nan() || map.radiance(Vec3::NAN).is_finite());
+    }
+
+    #[test]
+    fn a_turned_sky_shines_from_the_side_and_a_brighter_one_more() {
+        let mut pixels = vec![Vec3::ZERO; 32];
+        // Ahead, a little to the right.
+        pixels[8 + 4] = Vec3::ONE;
+        let map = Environment::new(8, pixels).unwrap();
+        let ahead = Environment::direction(0.5625, 0.3);
+        let right = Environment::direction(0.8125, 0.3);
+        assert_eq!((map.pixels()[map.pixel(ahead)], map.pixels()[map.pixel(right)]), (Vec3::ONE, Vec3::ZERO));
+        for (turn, place) in [(90.0, right), (-270.0, right), (360.0, ahead), (0.0, ahead)] {
+            let turned = map.clone().changed(2.5, turn);
+            assert_eq!(turned.pixels()[turned.pixel(place)], Vec3::splat(2.5), "{turn}");
+        }
     }
 
     #[test]

@@ -68,6 +68,8 @@ struct SceneInfo {
     cameras: usize,
     emissive_triangles: usize,
     sun: bool,
+    /// Lights without size.
+    punctual_lights: usize,
     bounds_min: [f32; 3],
     bounds_max: [f32; 3],
     /// What shading leaves out, and why the scene can do without.
@@ -93,6 +95,7 @@ pub(crate) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
         emissive_triangles: prepared.lights.triangle_count(),
         left_out: prepared.needs.omissions(),
         sun: scene.sky.sun.is_some(),
+        punctual_lights: scene.lights.len(),
         bounds_min: bounds.min.into(),
         bounds_max: bounds.max.into(),
         indicators: indicators(&scene, &camera),
@@ -115,6 +118,9 @@ pub(crate) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
     row("materials", info.materials.to_string());
     row("cameras", info.cameras.to_string());
     row("emissive triangles", info.emissive_triangles.to_string());
+    if info.punctual_lights > 0 {
+        row("lights without size", info.punctual_lights.to_string());
+    }
     row("sun", if info.sun { "yes" } else { "no" }.to_owned());
     row("lowest corner", corner(info.bounds_min));
     row("highest corner", corner(info.bounds_max));

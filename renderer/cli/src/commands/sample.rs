@@ -112,15 +112,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let mut places = Vec::new();
     let mut study: Option<String> = None;
     for scene in &arguments.scene {
-        let scene = SceneArguments {
-            scene: scene.clone(),
-            detail: arguments.detail,
-            scene_seed: arguments.scene_seed,
-            time: 0.0,
-            environment: None,
-            flatten: false,
-        }
-        .load()?;
+        let scene =
+            SceneArguments::plain(scene.clone(), arguments.detail, arguments.scene_seed, 0.0).load()?;
         let whole = arguments.space.of(&scene, Objective::Render, arguments.frame.threads)?;
         let id = arguments.server.study.clone().unwrap_or_else(|| format!("sample-{}", whole.name()));
         if study.as_ref() != Some(&id) {

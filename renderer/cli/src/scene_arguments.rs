@@ -1,0 +1,148 @@
+//! The arguments that say which scene, and how it stands and is lit.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use treewright_scene::{Environment, Scene, Sky, Up, builtin, load_upright};
+
+use crate::error::CliError;
+
+/// Prefix of the names of built-in scenes.
+const BUILTIN: &str = "builtin:";
+
+/// Which scene.
+#[derive(Args, Clone, Debug)]
+pub struct SceneArguments {
+    /// A glTF, GLB, OBJ or PLY file, or `builtin:NAME` (see `treewright-render scenes`).
+    #[arg(long, value_name = "PATH|builtin:NAME")]
+    pub scene: String,
+
+    /// Factor for the number of triangles of built-in scenes, 0.001 to 8.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    pub detail: f32,
+
+    /// Seed of a built-in scene; each seed gives another scene of the same kind.
+    #[arg(long, value_name = "N")]
+    pub scene_seed: Option<u64>,
+
+    /// Time in an animated built-in scene; 0 to 1 is one cycle.
+    #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub time: f32,
+
+    /// Axis of the file that points up.
+    #[arg(long, value_enum, default_value_t = UpAxis::Y)]
+    pub up_axis: UpAxis,
+
+    /// Equirectangular environment map, .hdr or .exr; replaces the scene's own sky and sun.
+    #[arg(long, value_name = "FILE")]
+    pub environment: Option<PathBuf>,
+
+    /// Turn the environment map to the right, by degrees about the upright axis.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = finite, allow_negative_numbers = true, requires = "environment")]
+    pub environment_rotation: f32,
+
+    /// Factor on the radiance of the environment map, 0 to 1e6.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = brightness, requires = "environment")]
+    pub environment_scale: f32,
+
+    /// Copy instanced geometry instead of tracing rays through instances.
+    #[arg(long)]
+    pub flatten: bool,
+}
+
+/// Axes that may point up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum UpAxis {
+    /// As in glTF.
+    #[default]
+    Y,
+    /// As in most files from construction and for printing.
+    Z,
+    /// Some of the same.
+    X,
+}
+
+impl From<UpAxis> for Up {
+    fn from(axis: UpAxis) -> Self {
+        match axis {
+            UpAxis::X => Self::X,
+            UpAxis::Y => Self::Y,
+            UpAxis::Z => Self::Z,
+        }
+    }
+}
+
+impl SceneArguments {
+    /// A scene by its name alone, as it is.
+    pub fn plain(scene: String, detail: f32, scene_seed: Option<u64>, time: f32) -> Self {
+        Self {
+            scene,
+            detail,
+            scene_seed,
+            time,
+            up_axis: UpAxis::Y,
+            environment: None,
+            environment_rotation: 0.0,
+            environment_scale: 1.0,
+            flatten: false,
+        }
+    }
+
+    /// The scene at another time, for a built-in one that is animated.
+    pub fn at(&self, time: f32) -> Result<Arc<Scene>, CliError> {
+        Self { time, ..self.clone() }.load()
+    }
+
+    /// Refuses a scene in which nothing moves.
+    pub fn check_animated(&self) -> Result<(), CliError> {
+        let animated = || builtin::names().filter(|name| builtin::is_animated(name));
+        if self.scene.strip_prefix(BUILTIN).is_some_and(builtin::is_animated) {
+            return Ok(());
+        }
+        let known: Vec<String> = animated().map(|name| format!("{BUILTIN}{name}")).collect();
+        Err(CliError::Usage(format!(
+            "nothing moves in {}; animated scenes are {}",
+            self.scene,
+            known.join(", ")
+        )))
+    }
+
+    /// Loads or generates the scene.
+    pub fn load(&self) -> Result<Arc<Scene>, CliError> {
+        let scene = match self.scene.strip_prefix(BUILTIN) {
+            Some(_) if self.up_axis != UpAxis::Y => {
+                return Err(CliError::Usage("--up-axis is for files; built-in scenes stand on y".to_owned()));
+            }
+            Some(name) => {
+                let default = builtin::Options::default();
+                let seed = self.scene_seed.unwrap_or(default.seed);
+                let options = builtin::Options { detail: self.detail, time: self.time, seed };
+                builtin::build(name, &options)?
+            }
+            None => load_upright(&self.scene, self.up_axis.into())?,
+        };
+        let mut scene = if self.flatten { scene.flattened()? } else { scene };
+        if let Some(path) = &self.environment {
+            let map = Environment::load(path)?;
+            let map = map.changed(self.environment_scale, self.environment_rotation);
+            scene.environment = Some(Arc::new(map));
+            scene.sky = Sky::BLACK;
+        }
+        Ok(Arc::new(scene))
+    }
+}
+
+fn finite(text: &str) -> Result<f32, String> {
+    text.parse::<f32>()
+        .ok()
+        .filter(|number| number.is_finite())
+        .ok_or("it must be a finite number".to_owned())
+}
+
+fn brightness(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(factor) if (0.0..=1e6).contains(&factor) => Ok(factor),
+        _ => Err("it must be a number from 0 to 1e6".to_owned()),
+    }
+}
