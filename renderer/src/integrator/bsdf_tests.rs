@@ -46,6 +46,66 @@ fn perfect_mirrors_and_clear_sheets_lose_nothing() {
     }
 }
 
+/// The mean over all directions by their cosine.
+fn mean_albedo(bsdf: &Bsdf) -> f32 {
+    let steps = 40;
+    let of = |step: i32| albedo(bsdf, view_at(((step as f32 + 0.5) / steps as f32).sqrt()), 4_000);
+    (0..steps).map(of).sum::<f32>() / steps as f32
+}
+
+#[test]
+fn a_white_surface_keeps_its_light_whatever_it_is_made_of() {
+    for metallic in [0.0, 0.3, 0.5, 0.9, 1.0] {
+        for roughness in [0.0, 0.1, 0.3, 0.5, 0.7, 0.85, 1.0] {
+            let bsdf = Bsdf::new(&material(1.0, metallic, roughness, 0.0, 1.5));
+            let found = mean_albedo(&bsdf);
+            assert!((found - 1.0).abs() < 0.015, "metallic {metallic}, roughness {roughness}: {found}");
+        }
+    }
+    for ior in [1.0, 1.1, 1.33, 1.8, 2.4] {
+        let found = mean_albedo(&Bsdf::new(&material(1.0, 0.0, 0.6, 0.0, ior)));
+        assert!((found - 1.0).abs() < 0.015, "index of refraction {ior}: {found}");
+    }
+}
+
+#[test]
+fn a_white_rough_metal_keeps_its_light_from_every_side() {
+    for roughness in [0.1, 0.3, 0.5, 0.7, 0.85, 1.0] {
+        let white = Bsdf::new(&material(1.0, 1.0, roughness, 0.0, 1.5));
+        for cosine in [0.1, 0.3, 0.6, 1.0] {
+            let found = albedo(&white, view_at(cosine), 40_000);
+            assert!((found - 1.0).abs() < 0.02, "roughness {roughness}, cosine {cosine}: {found}");
+        }
+    }
+}
+
+/// Beside its gloss it is what a body of that albedo is under a layer that lets 96 % through each way.
+#[test]
+fn middle_grey_is_as_bright_as_its_colour_says() {
+    for roughness in [0.5, 0.8, 1.0] {
+        let bsdf = Bsdf::new(&material(0.5, 0.0, roughness, 0.0, 1.5));
+        let diffuse = seen(&bsdf, Vec3::Z).rough(Vec3::new(0.3, 0.0, 0.953_939)).0.y;
+        let lobe = Bsdf::new(&material(0.0, 0.0, roughness, 0.0, 1.5));
+        let lobe = seen(&lobe, Vec3::Z).rough(Vec3::new(0.3, 0.0, 0.953_939)).0.y;
+        let plain = 0.5 * 0.96 * 0.96 * 0.953_939 * FRAC_1_PI;
+        assert!(((diffuse - lobe) / plain - 1.0).abs() < 0.03, "{roughness}: {diffuse} {lobe} {plain}");
+    }
+}
+
+/// The sum over reflections: what the lobe loses meets another microfacet, or leaves.
+#[test]
+fn a_coloured_rough_metal_is_darker_by_each_further_reflection() {
+    for roughness in [0.5, 0.7, 1.0] {
+        let mean_loss = losses(roughness).1;
+        for base in [0.2, 0.5, 0.9_f32] {
+            let once = base + (1.0 - base) / 21.0;
+            let expected = once * (1.0 - mean_loss) / (1.0 - once * mean_loss);
+            let found = mean_albedo(&Bsdf::new(&material(base, 1.0, roughness, 0.0, 1.5)));
+            assert!((found - expected).abs() < 0.04, "{roughness} {base}: {found} and {expected}");
+        }
+    }
+}
+
 #[test]
 fn no_material_makes_light() {
     for base in [0.5, 1.0] {
@@ -171,7 +231,12 @@ fn the_rearranged_lobe_is_the_one_in_the_books() {
             (0.05, Vec3::new(-1.0, 0.0, 0.06)),
         ] {
             let (view, light) = (view_at(cosine), light.normalize());
-            let (value, pdf) = seen(&bsdf, view).rough(light);
+            let seen = seen(&bsdf, view);
+            let (value, pdf) = seen.rough(light);
+            // Without the wide lobe, and without the share of draws that it takes.
+            let multiple = bsdf.multiple.expect("it is a rough metal");
+            let value = value - multiple.value(seen.loss, light.z, roughness * roughness);
+            let pdf = (pdf - seen.shares.diffuse * light.z * FRAC_1_PI) / seen.shares.reflect;
             let half = (view.as_dvec3() + light.as_dvec3()).normalize();
             let spread = half.z * half.z * (alpha * alpha - 1.0) + 1.0;
             let density = alpha * alpha / (std::f64::consts::PI * spread * spread);

@@ -18,6 +18,7 @@ mod lens;
 mod light_sample;
 mod lights;
 pub(crate) mod morton;
+mod multiple;
 mod needs;
 mod path;
 mod prepared;

@@ -31,6 +31,9 @@ pub struct Needs {
     pub environment: bool,
     /// Lights without size.
     pub punctual: bool,
+    /// Rough metals, whose microfacets reflect light to each other. Kernels that shade one hit know it from the material;
+    /// those that shade many at once are told here.
+    pub metals: bool,
 }
 
 /// Something that a scene does not need.
@@ -59,10 +62,20 @@ impl Needs {
         solids: true,
         environment: true,
         punctual: true,
+        metals: true,
     };
 
+    /// The needs of which each set has a kernel.
+    const OWN: usize = 63;
+
     /// Number of sets that have kernels: those of the first six needs alone, and everything.
-    pub(super) const SETS: usize = 65;
+    pub(super) const SETS: usize = Self::OWN + 2;
+
+    /// Number of the kernel.
+    pub(super) const fn kernel(self) -> usize {
+        let closed = self.closed();
+        if closed.bits() == Self::ALL.bits() { Self::OWN + 1 } else { closed.bits() & Self::OWN }
+    }
 
     /// As a number.
     pub(super) const fn bits(self) -> usize {
@@ -77,6 +90,7 @@ impl Needs {
             | (self.solids as usize) << 8
             | (self.environment as usize) << 9
             | (self.punctual as usize) << 10
+            | (self.metals as usize) << 11
     }
 
     /// The set of a number.
@@ -93,6 +107,7 @@ impl Needs {
             solids: bits & 256 != 0,
             environment: bits & 512 != 0,
             punctual: bits & 1024 != 0,
+            metals: bits & 2048 != 0,
         }
     }
 
@@ -101,7 +116,7 @@ impl Needs {
         if self.instances || self.textures || self.solids || self.environment || self.punctual {
             Self::ALL
         } else {
-            Self { layers: self.layers || self.sheets, ..self }
+            Self { layers: self.layers || self.sheets || self.metals, ..self }
         }
     }
 
@@ -192,6 +207,12 @@ impl Needs {
                 "there are none",
                 Self { punctual: true, ..self }.closed(),
             ),
+            (
+                self.metals,
+                "reflection between the microfacets of rough metals",
+                "no material is one",
+                Self { metals: true, layers: true, ..self },
+            ),
         ];
         all.into_iter()
             .filter(|(needed, ..)| !needed)
@@ -206,7 +227,7 @@ mod tests {
 
     #[test]
     fn every_set_has_its_number() {
-        for bits in 0..2048 {
+        for bits in 0..4096 {
             let needs = Needs::from_bits(bits);
             assert_eq!(needs.bits(), bits);
             assert!(Needs::ALL.covers(needs) && needs.covers(needs));
@@ -218,7 +239,7 @@ mod tests {
     fn what_is_put_back_is_more_and_what_is_needed_is_not_listed() {
         assert!(Needs::ALL.omissions().is_empty());
         let least = Needs::from_bits(0);
-        assert_eq!(least.omissions().len(), 13);
+        assert_eq!(least.omissions().len(), 14);
         for omission in least.omissions() {
             assert!(omission.put_back.covers(least) && omission.put_back != least, "{}", omission.what);
         }

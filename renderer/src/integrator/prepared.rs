@@ -67,6 +67,7 @@ impl Prepared {
             solids: surfaces.iter().any(|surface| surface.solid),
             environment: lights.has_environment(),
             punctual: lights.has_punctual(),
+            metals: surfaces.iter().any(|surface| surface.bsdf.is_rough_metal()),
         }
         .closed();
         let thin = |mesh: &Mesh| {

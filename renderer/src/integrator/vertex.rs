@@ -151,7 +151,7 @@ impl Kernel {
     /// The kernel of a set of needs.
     pub(super) fn of(needs: Needs) -> Self {
         let needs = needs.closed();
-        Self { needs, vertex: VERTICES[needs.bits().min(Needs::SETS - 1)] }
+        Self { needs, vertex: VERTICES[needs.kernel()] }
     }
 }
 

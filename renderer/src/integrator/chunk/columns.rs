@@ -7,6 +7,7 @@ use glam::Vec3;
 use crate::integrator::LightSample;
 use crate::integrator::bsdf::Gloss;
 use crate::integrator::lights::Lamp;
+use crate::integrator::multiple::{Losses, Multiple};
 use crate::integrator::random::PathRandom;
 use crate::integrator::surface::{Surface, WorldFacet};
 
@@ -128,42 +129,68 @@ impl Surfaces {
     }
 }
 
-/// What surfaces are made of. Matt ones have the first column only.
+/// What surfaces are made of. Matt ones have the first column only, and the last ones are set where there are metals.
 #[derive(Clone, Debug)]
 pub(super) struct Materials {
     pub(super) diffuse: Vectors,
+    outward: Vectors,
     f0: Vectors,
     f90: Column,
     layer_f90: Vectors,
     alpha: Column,
+    multiple: Vectors,
+    multiple_scale: Column,
+    losses: [Column; 4],
 }
 
 impl Materials {
     pub(super) const ZERO: Self = Self {
         diffuse: Vectors::ZERO,
+        outward: Vectors::ZERO,
         f0: Vectors::ZERO,
         f90: [0.0; LANES],
         layer_f90: Vectors::ZERO,
         alpha: [0.0; LANES],
+        multiple: Vectors::ZERO,
+        multiple_scale: [0.0; LANES],
+        losses: [[0.0; LANES]; 4],
     };
 
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, gloss: &Gloss) {
         self.diffuse.set(lane, gloss.diffuse);
+        self.outward.set(lane, gloss.outward);
         self.f0.set(lane, gloss.f0);
         self.f90[lane] = gloss.f90;
         self.layer_f90.set(lane, gloss.layer_f90);
         self.alpha[lane] = gloss.alpha;
     }
 
+    /// What rough metals add, nothing for any other surface.
     #[inline(always)]
-    pub(super) fn get(&self, lane: usize) -> Gloss {
+    pub(super) fn set_multiple(&mut self, lane: usize, multiple: Option<Multiple>) {
+        let Multiple { albedo, scale, losses } = multiple.unwrap_or(Multiple::NONE);
+        self.multiple.set(lane, albedo);
+        self.multiple_scale[lane] = scale;
+        for (column, coefficient) in self.losses.iter_mut().zip(losses.0) {
+            column[lane] = coefficient;
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn get<const METALS: bool>(&self, lane: usize) -> Gloss {
         Gloss {
             diffuse: self.diffuse.get(lane),
+            outward: self.outward.get(lane),
             f0: self.f0.get(lane),
             f90: self.f90[lane],
             layer_f90: self.layer_f90.get(lane),
             alpha: self.alpha[lane],
+            multiple: METALS.then(|| Multiple {
+                albedo: self.multiple.get(lane),
+                scale: self.multiple_scale[lane],
+                losses: Losses([0, 1, 2, 3].map(|power: usize| self.losses[power][lane])),
+            }),
         }
     }
 }

@@ -98,6 +98,9 @@ impl Chunk {
             self.glossy += 1;
             let lane = LANES - self.glossy;
             self.columns.materials.set(lane, &gloss);
+            if needs.metals {
+                self.columns.materials.set_multiple(lane, gloss.multiple);
+            }
             lane
         };
         let Columns { arrivals, facets, .. } = &mut *self.columns;

@@ -42,7 +42,11 @@ impl Work for Passes<'_> {
             light(columns, lights, needs, lanes);
         }
         scatter_matt(columns, matt);
-        scatter_glossy(columns, glossy);
+        if needs.metals {
+            scatter_glossy::<true>(columns, glossy);
+        } else {
+            scatter_glossy::<false>(columns, glossy);
+        }
     }
 }
 
@@ -250,11 +254,12 @@ fn scatter_matt(columns: &mut Columns, lanes: Range<usize>) {
     }
 }
 
+/// `METALS` is false where no material is a rough metal.
 #[inline(always)]
-fn scatter_glossy(columns: &mut Columns, lanes: Range<usize>) {
+fn scatter_glossy<const METALS: bool>(columns: &mut Columns, lanes: Range<usize>) {
     for lane in lanes {
         let surface = columns.surfaces.get(lane);
-        let bsdf = Bsdf::from(columns.materials.get(lane));
+        let bsdf = Bsdf::from(columns.materials.get::<METALS>(lane));
         let frame = Basis::new(surface.shading_normal);
         let view = frame.to_local(-columns.arrivals.direction.get(lane));
         let seen = bsdf.see::<false>(view);
