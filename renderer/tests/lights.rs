@@ -218,7 +218,7 @@ fn every_sun_of_a_file_shines() {
     let slanted =
         json!({"rotation": [-(std::f64::consts::PI / 8.0).sin(), 0, 0, (std::f64::consts::PI / 8.0).cos()]});
     let picture =
-        ground(above(20.0), 0.3, vec![(down(1.0), sun(1, 0)), (slanted.clone(), sun(0, 1))]).picture(8, 64);
+        ground(above(20.0), 0.3, vec![(down(1.0), sun(1, 0)), (slanted.clone(), sun(0, 1))]).picture(8, 16);
     let light = middle(&picture);
     assert!((light.x - 0.47).abs() < 0.02 && (light.y - 0.33).abs() < 0.02, "{light}");
     // Three, and one of them from below.

@@ -1,7 +1,9 @@
 //! Lights without size: one is chosen by how much of it reaches the surface if nothing is in between.
 //!
-//! Few are all looked at. Of many, a few candidates are drawn by power and one of them is taken by what it would bring
-//! (resampled importance sampling, as for emissive triangles in [`lights`](super::lights)).
+//! Few are all looked at, and chosen by sixteenths: random numbers fill those evenly, so that every sixteen samples of a
+//! pixel look at each light as often as they should, and how they were chosen leaves no noise. Of many, a few candidates
+//! are drawn by power and one of them is taken by what it would bring (resampled importance sampling, as for emissive
+//! triangles in [`lights`](super::lights)).
 
 use std::sync::Arc;
 
@@ -13,6 +15,9 @@ use crate::scene::{Arrival, Punctual, Scene};
 
 /// Most lights that are all looked at, and how many candidates are drawn of more.
 const CANDIDATES: usize = 8;
+
+/// Parts of the probability that few lights share. At least twice as many as lights.
+const SHARES: u32 = 16;
 
 /// The density of a direction without width: so high that the weight of any other technique rounds to nothing. A power
 /// of two, which costs no digits when it cancels.
@@ -59,20 +64,58 @@ impl PunctualLights {
         [choice, pick]: [f32; 2],
         share: f32,
     ) -> Option<LightSample> {
-        let count = self.lights.len().min(CANDIDATES);
+        let (Arrival { direction, distance, irradiance }, scale) = match &self.table {
+            None => self.one_of_few(position, normal, choice)?,
+            Some((table, shares)) => self.one_of_many(position, normal, [choice, pick], table, shares)?,
+        };
+        let radiance = irradiance * scale * NO_WIDTH;
+        let light = LightSample { direction, distance, radiance, pdf: share * NO_WIDTH };
+        light.is_sound().then_some(light)
+    }
+
+    /// What arrives of the chosen light, and one over the probability that it was chosen.
+    fn one_of_few(&self, position: Vec3, normal: Vec3, choice: f32) -> Option<(Arrival, f32)> {
+        let arrivals = self.lights.iter().map(|light| light.arrival(position));
+        let mut worths = [0.0; CANDIDATES];
+        for (worth, arrival) in worths.iter_mut().zip(arrivals) {
+            *worth = worth_of(&arrival, normal);
+        }
+        let sum: f32 = worths.iter().sum();
+        if !(sum > 0.0 && sum.is_finite()) {
+            return None;
+        }
+        // One that brings anything has a share, and the brightest has what that leaves: at least one.
+        let part = |worth: f32| if worth > 0.0 { ((worth / sum * SHARES as f32) as u32).max(1) } else { 0 };
+        let mut parts = worths.map(part);
+        let brightest =
+            (1..CANDIDATES).fold(0, |best, number| if worths[number] > worths[best] { number } else { best });
+        let others = parts.iter().sum::<u32>() - parts[brightest];
+        parts[brightest] = SHARES - others;
+        let mut slot = (choice * SHARES as f32) as u32;
+        let number = parts.iter().position(|&part| {
+            let here = slot < part;
+            slot = slot.saturating_sub(part);
+            here
+        })?;
+        Some((self.lights[number].arrival(position), SHARES as f32 / parts[number] as f32))
+    }
+
+    /// The same of a few candidates, which are drawn by power; the second number weighs it against the others.
+    fn one_of_many(
+        &self,
+        position: Vec3,
+        normal: Vec3,
+        [choice, pick]: [f32; 2],
+        table: &AliasTable,
+        shares: &[f32],
+    ) -> Option<(Arrival, f32)> {
         let (mut rest, mut sum, mut taken) = (choice, 0.0, None);
-        for candidate in 0..count {
-            let (number, drawn) = match &self.table {
-                None => (candidate, 1.0 / count as f32),
-                Some((table, shares)) => {
-                    let moved = pick + candidate as f32 / count as f32;
-                    let number = table.sample(if moved >= 1.0 { moved - 1.0 } else { moved });
-                    (number, shares[number])
-                }
-            };
+        for candidate in 0..CANDIDATES {
+            let moved = pick + candidate as f32 / CANDIDATES as f32;
+            let number = table.sample(if moved >= 1.0 { moved - 1.0 } else { moved });
             let arrival = self.lights[number].arrival(position);
-            let worth = luminance(arrival.irradiance) * arrival.direction.dot(normal).max(0.0);
-            let weight = worth / drawn;
+            let worth = worth_of(&arrival, normal);
+            let weight = worth / shares[number];
             sum += weight;
             let probability = if sum > 0.0 { weight / sum } else { 0.0 };
             if rest < probability {
@@ -82,16 +125,14 @@ impl PunctualLights {
                 rest = (rest - probability) / (1.0 - probability);
             }
         }
-        let (Arrival { direction, distance, irradiance }, worth) = taken?;
-        let scale = sum / (worth * count as f32);
-        let light = LightSample {
-            direction,
-            distance,
-            radiance: irradiance * scale * NO_WIDTH,
-            pdf: share * NO_WIDTH,
-        };
-        light.is_sound().then_some(light)
+        let (arrival, worth) = taken?;
+        Some((arrival, sum / (worth * CANDIDATES as f32)))
     }
+}
+
+/// How much light a surface gets if nothing is in between. All colours count alike, so that none is noisier.
+fn worth_of(arrival: &Arrival, normal: Vec3) -> f32 {
+    arrival.irradiance.element_sum() * arrival.direction.dot(normal).max(0.0)
 }
 
 #[cfg(test)]
@@ -133,6 +174,52 @@ mod tests {
             // They are asked in all cases here, so each brings twice its light.
             let ratio = drawn / draws as f32 / (2.0 * expected);
             assert!((ratio - 1.0).abs() < 0.02, "{count}: {ratio}");
+        }
+    }
+
+    #[test]
+    fn sixteen_samples_look_at_few_lights_as_often_as_they_should() {
+        let lights = [
+            Punctual::towards(Vec3::Y, Vec3::X),
+            Punctual::towards(Vec3::new(0.0, 1.0, 1.0), Vec3::Y),
+            Punctual::towards(Vec3::new(1.0, 1.0, 0.0), Vec3::splat(1e-4)),
+            Punctual::towards(Vec3::NEG_Y, Vec3::Z),
+        ];
+        for count in 1..=lights.len() {
+            let all = PunctualLights { lights: lights[..count].into(), table: None };
+            for pixel in 0..20 {
+                let draws = (0..16).filter_map(|sample| {
+                    let numbers = PathRandom::new(5, pixel, sample).pair(3);
+                    all.sample(Vec3::ZERO, Vec3::Y, numbers, 1.0)
+                });
+                let light = |sample: LightSample| sample.radiance / sample.pdf * sample.direction.y;
+                let drawn: Vec3 = draws.map(light).sum::<Vec3>() / 16.0;
+                let arrivals = lights[..count].iter().map(|light| light.arrival(Vec3::ZERO));
+                let expected: Vec3 =
+                    arrivals.map(|arrival| arrival.irradiance * arrival.direction.y.max(0.0)).sum();
+                assert!((drawn - expected).length() < 1e-5, "{count} lights: {drawn} and {expected}");
+            }
+        }
+    }
+
+    /// Whatever lights there are, the brightest keeps a share.
+    #[test]
+    fn shares_add_up() {
+        for bright in 1..=CANDIDATES {
+            for dim in [0.0, 1e-6, 0.01, 0.3] {
+                let light = |number: usize| {
+                    let strength = if number < bright { 1.0 + 1e-3 * number as f32 } else { dim };
+                    Punctual::towards(Vec3::Y, Vec3::splat(strength))
+                };
+                let all = PunctualLights { lights: (0..CANDIDATES).map(light).collect(), table: None };
+                let chosen = |slot: u32| {
+                    let choice = (slot as f32 + 0.5) / SHARES as f32;
+                    all.one_of_few(Vec3::ZERO, Vec3::Y, choice).expect("there is light")
+                };
+                let sum: f32 = (0..SHARES).map(chosen).map(|(light, scale)| light.irradiance.x * scale).sum();
+                let expected: f32 = all.lights.iter().map(|light| light.strength().x).sum();
+                assert!((sum / SHARES as f32 / expected - 1.0).abs() < 1e-5, "{bright} {dim}");
+            }
         }
     }
 
