@@ -1,11 +1,11 @@
 //! From radiance to colours on a screen: a tone curve that keeps what is bright from burning out.
 //!
-//! AgX of Troy Sobotka, the view that Blender takes since 4.0: colours are drawn towards grey a little, which makes
-//! them run into white instead of into the nearest pure colour, and pass a film-like curve over 16.5 stops of their
-//! logarithm. The curve is the polynomial that Benjamin Wrensch fitted ("Minimal AgX Implementation", 2023), with his
-//! look of more contrast and colour ("punchy"), without which paint and roofs are pale; the
-//! primaries are those of Blender's version (ITU-R BT.2020). The result goes through the transfer function of sRGB
-//! (IEC 61966-2-1).
+//! AgX of Troy Sobotka, the view that Blender takes since 4.0: colours are drawn towards grey a little, which
+//! makes them run into white instead of into the nearest pure colour, and pass a film-like curve over 16.5
+//! stops of their logarithm. The curve is the polynomial that Benjamin Wrensch fitted ("Minimal AgX
+//! Implementation", 2023), with his look of more contrast and colour ("punchy"), without which paint and
+//! roofs are pale; the primaries are those of Blender's version (ITU-R BT.2020). The result goes through the
+//! transfer function of sRGB (IEC 61966-2-1).
 
 use glam::{Mat3, Vec3};
 
@@ -67,7 +67,8 @@ pub fn displayed(radiance: Vec3) -> Vec3 {
     linear.map(|channel| srgb(channel.clamp(0.0, 1.0)))
 }
 
-/// A colour as it is, cut off at white and encoded by the transfer function of sRGB. What is no number is black.
+/// A colour as it is, cut off at white and encoded by the transfer function of sRGB. What is no number is
+/// black.
 pub fn encoded_plainly(radiance: Vec3) -> Vec3 {
     radiance.map(|channel| srgb(if channel.is_nan() { 0.0 } else { channel.clamp(0.0, 1.0) }))
 }

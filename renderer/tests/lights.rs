@@ -1,5 +1,5 @@
-//! Lights without size, from a glTF file to the picture: as much light as the extension KHR_lights_punctual specifies,
-//! and only where it says.
+//! Lights without size, from a glTF file to the picture: as much light as the extension KHR_lights_punctual
+//! specifies, and only where it says.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,8 +13,8 @@ use treewright_renderer::integrator::View;
 use treewright_renderer::render_options::RenderOptions;
 use treewright_scene::{Scene, load};
 
-/// A file of triangles of one grey material, with a camera at a place that looks along the negative z axis as it is
-/// turned, and lights at their nodes.
+/// A file of triangles of one grey material, with a camera at a place that looks along the negative z axis as
+/// it is turned, and lights at their nodes.
 struct File {
     corners: Vec<Vec3>,
     triangles: Vec<[u16; 3]>,
@@ -200,7 +200,8 @@ fn a_spot_lights_nothing_outside_its_cone() {
     let picture = ground(above(20.0), 0.761, vec![(down(3.0), spot)]).picture(64, 16);
     let centre = middle(&picture).x;
     assert!((centre / (1.5 / 10.0 * 100.0 / 9.0) - 1.0).abs() < 0.03, "{centre}");
-    // The ground's edge of 0.93 on either side is at 3 tan 0.3; light from the ground itself reaches the rest.
+    // The ground's edge of 0.93 on either side is at 3 tan 0.3; light from the ground itself reaches the
+    // rest.
     for x in 0..64_u32 {
         let place = (x as f32 + 0.5) / 32.0 - 1.0;
         let off = (place * 20.0 * 0.380_5_f32.tan()).abs();

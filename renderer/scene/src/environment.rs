@@ -57,8 +57,8 @@ impl Environment {
         Ok(Self { width, height: height as u32, pixels })
     }
 
-    /// The same sky brighter by a factor, and turned by an angle: what was ahead (along the negative z axis) is then so far
-    /// to the right. The angle is rounded to the map's pixels.
+    /// The same sky brighter by a factor, and turned by an angle: what was ahead (along the negative z axis)
+    /// is then so far to the right. The angle is rounded to the map's pixels.
     pub fn changed(mut self, factor: f32, turn_deg: f32) -> Self {
         self.pixels.iter_mut().for_each(|pixel| *pixel = (*pixel * factor).min(Vec3::splat(f32::MAX)));
         let columns = (turn_deg / 360.0).rem_euclid(1.0) * self.width as f32;

@@ -11,10 +11,10 @@
 //! ```
 //!
 //! Camera space has z forward and y up. A `lookat` belongs to the camera after it. The angle of a
-//! `world_to_camera` camera is across the shorter side of the picture, that of a `to_world` camera across
-//! the width unless `fovAxis` is y; then pictures whose size is not said are taken to be 16:9. Area lights are meshes with an emissive
-//! material already. Numbers may stand as numbers or text, alone or in a list; what has another form is
-//! ignored.
+//! `world_to_camera` camera is across the shorter side of the picture, that of a `to_world` camera across the
+//! width unless `fovAxis` is y; then pictures whose size is not said are taken to be 16:9. Area lights are
+//! meshes with an emissive material already. Numbers may stand as numbers or text, alone or in a list; what
+//! has another form is ignored.
 
 use glam::{Mat4, Vec3};
 use serde_json::Value;

@@ -100,7 +100,8 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Whether there are lights that shadow rays are sent to: a sun, lights without size, or surfaces that shine.
+    /// Whether there are lights that shadow rays are sent to: a sun, lights without size, or surfaces that
+    /// shine.
     pub fn has_sampled_lights(&self) -> bool {
         let shines = |light: Vec3| light.max_element() > 0.0;
         let sun = self.sky.sun.is_some_and(|sun| shines(sun.irradiance));

@@ -1,5 +1,5 @@
-//! Lights without size, as the glTF extension KHR_lights_punctual specifies them: nothing ever meets one, and their
-//! shadows are sharp.
+//! Lights without size, as the glTF extension KHR_lights_punctual specifies them: nothing ever meets one, and
+//! their shadows are sharp.
 
 use std::f32::consts::FRAC_PI_2;
 
@@ -30,8 +30,8 @@ pub enum Punctual {
     },
 }
 
-/// The cone of a spot: full intensity up to the inner angle, none from the outer one on, and between them the square of how
-/// far the cosine is on its way.
+/// The cone of a spot: full intensity up to the inner angle, none from the outer one on, and between them the
+/// square of how far the cosine is on its way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cone {
     /// Unit vector in which it shines.
@@ -54,8 +54,8 @@ pub struct Arrival {
 }
 
 impl Cone {
-    /// A cone around an axis of any length but zero, with half its inner and outer opening angle in radians. Angles out of
-    /// their range (0 to the outer one; to a right angle) are moved into it.
+    /// A cone around an axis of any length but zero, with half its inner and outer opening angle in radians.
+    /// Angles out of their range (0 to the outer one; to a right angle) are moved into it.
     pub fn new(axis: Vec3, inner_rad: f32, outer_rad: f32) -> Self {
         let outer = outer_rad.clamp(0.0, FRAC_PI_2);
         let inner = inner_rad.clamp(0.0, outer);
@@ -177,7 +177,8 @@ mod tests {
 
     #[test]
     fn cones_end_where_they_should() {
-        // The last ones are narrower than the 0.001 between cosines that the extension's own code divides by at least.
+        // The last ones are narrower than the 0.001 between cosines that the extension's own code divides by
+        // at least.
         for (inner, outer) in [(0.2, 0.3), (0.0, 0.785_398_2), (0.5, FRAC_PI_2), (0.0, 0.03), (0.002, 0.004)]
         {
             let cone = Some(Cone::new(Vec3::NEG_Y * 7.0, inner, outer));

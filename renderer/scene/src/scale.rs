@@ -1,5 +1,5 @@
-//! Scenes so small or large that squares and fourth powers of their lengths leave the range of single precision: they are
-//! drawn larger or smaller, which changes nothing in the picture.
+//! Scenes so small or large that squares and fourth powers of their lengths leave the range of single
+//! precision: they are drawn larger or smaller, which changes nothing in the picture.
 
 use glam::Vec3A;
 
@@ -8,8 +8,9 @@ use super::limits::DIAGONAL_RANGE;
 use super::objects::Objects;
 use super::{Material, Punctual};
 
-/// What the lengths of a scene with such a diagonal are multiplied by, a power of two; `None` for one that is right as it
-/// is, and for one without size. A large one is left as large as it may be, for there is something small in it.
+/// What the lengths of a scene with such a diagonal are multiplied by, a power of two; `None` for one that is
+/// right as it is, and for one without size. A large one is left as large as it may be, for there is
+/// something small in it.
 pub(super) fn factor(diagonal: f32) -> Option<f32> {
     if diagonal <= 0.0 || DIAGONAL_RANGE.contains(&diagonal) {
         return None;

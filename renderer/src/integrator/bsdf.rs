@@ -3,11 +3,11 @@
 //! One model covers the metallic-roughness materials of glTF. A share `F` (Schlick's Fresnel term) of the
 //! light is reflected by a GGX microfacet layer, or by a perfect mirror where the surface is very smooth. Of
 //! the rest, a share `transmission` passes straight through, as through a thin sheet, and what remains is
-//! scattered diffusely if the surface is not a metal. What a rough metal reflects several times comes back in a wide
-//! lobe, see [`multiple`](super::multiple). Sources: Walter et al., Microfacet Models for
-//! Refraction, EGSR 2007 (GGX); Heitz, Understanding the Masking-Shadowing Function, JCGT 2014; Dupuy and
-//! Benyoub, Sampling Visible GGX Normals with Spherical Caps, HPG 2023; Ashikhmin and Shirley, An
-//! Anisotropic Phong BRDF Model, 2000 (the diffuse part that leaves room for the layer above it).
+//! scattered diffusely if the surface is not a metal. What a rough metal reflects several times comes back in
+//! a wide lobe, see [`multiple`](super::multiple). Sources: Walter et al., Microfacet Models for Refraction,
+//! EGSR 2007 (GGX); Heitz, Understanding the Masking-Shadowing Function, JCGT 2014; Dupuy and Benyoub,
+//! Sampling Visible GGX Normals with Spherical Caps, HPG 2023; Ashikhmin and Shirley, An Anisotropic Phong
+//! BRDF Model, 2000 (the diffuse part that leaves room for the layer above it).
 //!
 //! Directions are local: z is the shading normal, and both point away from the surface.
 
@@ -331,9 +331,10 @@ struct Coat {
 }
 
 impl Coat {
-    /// What the albedo of a body under it is multiplied by, so that no light is lost on the way in and out: a white body
-    /// reflects what the coat does not. Light that the coat reflects back into the body is scattered there again: from
-    /// within more than from outside, taken as half as much again, with which middle grey is as bright as without all this.
+    /// What the albedo of a body under it is multiplied by, so that no light is lost on the way in and out: a
+    /// white body reflects what the coat does not. Light that the coat reflects back into the body is
+    /// scattered there again: from within more than from outside, taken as half as much again, with which
+    /// middle grey is as bright as without all this.
     fn kept(&self, base: Vec3) -> Vec3 {
         let outside = mean_of_schlick(Vec3::splat(self.f0), Vec3::splat(self.f90)).x;
         let within = (1.5 * outside).min(0.95);
@@ -347,8 +348,8 @@ impl Coat {
     }
 }
 
-/// Share of Fresnel's rise towards grazing angles that a rough layer shows: microfacets seen at grazing angles are
-/// turned to the viewer. Within 0.05 of the mean over samples of visible normals.
+/// Share of Fresnel's rise towards grazing angles that a rough layer shows: microfacets seen at grazing
+/// angles are turned to the viewer. Within 0.05 of the mean over samples of visible normals.
 fn rise_seen(alpha: Option<f32>) -> f32 {
     alpha.map_or(1.0, |alpha| 1.0 / (1.0 + alpha * (4.0 + 2.0 * alpha)))
 }

@@ -39,7 +39,8 @@ pub struct Lights {
     /// Probability that [`Lights::sample`] turns to the environment map.
     environment_share: f32,
     punctual: Option<PunctualLights>,
-    /// Probability that [`Lights::sample`] turns to a light without size where it does not turn to the environment map.
+    /// Probability that [`Lights::sample`] turns to a light without size where it does not turn to the
+    /// environment map.
     punctual_share: f32,
 }
 
@@ -257,10 +258,10 @@ impl Lights {
         self.environment.is_some()
     }
 
-    /// For a position on a surface with this geometric normal, draws a direction towards any of the lights: besides those
-    /// of [`Lights::sample`] a bright place of the environment or a light without size. After the `last` bounce the
-    /// environment brings nothing, no more than the sky's gradient, which only a further bounce would find: the same sky
-    /// gives the same picture either way.
+    /// For a position on a surface with this geometric normal, draws a direction towards any of the lights:
+    /// besides those of [`Lights::sample`] a bright place of the environment or a light without size. After
+    /// the `last` bounce the environment brings nothing, no more than the sky's gradient, which only a
+    /// further bounce would find: the same sky gives the same picture either way.
     pub(super) fn sample_all(
         &self,
         position: Vec3,
@@ -287,9 +288,9 @@ impl Lights {
         self.sample::<true, true>(position, normal, [choice, pick], u)
     }
 
-    /// For a position on a surface with this geometric normal, draws a direction towards the sun or a point on an emissive
-    /// triangle. `None` where there is no such light or the triangle is seen edge on. `LAMPS` and `SUN` are false where
-    /// the scene has none.
+    /// For a position on a surface with this geometric normal, draws a direction towards the sun or a point
+    /// on an emissive triangle. `None` where there is no such light or the triangle is seen edge on. `LAMPS`
+    /// and `SUN` are false where the scene has none.
     #[inline(always)]
     pub fn sample<const LAMPS: bool, const SUN: bool>(
         &self,

@@ -1,10 +1,10 @@
 //! What light keeps that is reflected by several microfacets of a rough metal in turn.
 //!
-//! The lobe of a rough layer counts light that meets one microfacet and then leaves. What meets another is lost, up to
-//! 60 % of it, although much of it leaves later. A second, wide lobe gives it back (Kulla and Conty, Revisiting
-//! Physically Based Shading at Imageworks, SIGGRAPH course 2017; the share of a coloured metal after Hill, A
-//! Multi-Faceted Exploration, 2018). The light lost by the first lobe is a polynomial, so that shading many hits at once
-//! stays a loop without tables.
+//! The lobe of a rough layer counts light that meets one microfacet and then leaves. What meets another is
+//! lost, up to 60 % of it, although much of it leaves later. A second, wide lobe gives it back (Kulla and
+//! Conty, Revisiting Physically Based Shading at Imageworks, SIGGRAPH course 2017; the share of a coloured
+//! metal after Hill, A Multi-Faceted Exploration, 2018). The light lost by the first lobe is a polynomial, so
+//! that shading many hits at once stays a loop without tables.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -21,8 +21,8 @@ pub(super) struct Multiple {
     pub(super) losses: Losses,
 }
 
-/// What the first lobe loses where all microfacets reflect all light: by powers of `cosine / (cosine + alpha)` from the
-/// first on.
+/// What the first lobe loses where all microfacets reflect all light: by powers of `cosine / (cosine +
+/// alpha)` from the first on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Losses(pub(super) [f32; 4]);
 
@@ -50,7 +50,8 @@ impl Multiple {
     /// Nothing.
     pub(super) const NONE: Self = Self { albedo: Vec3::ZERO, scale: 0.0, losses: Losses([0.0; 4]) };
 
-    /// Of a metal with this mean reflectance of a microfacet over all directions, which is this share of the surface.
+    /// Of a metal with this mean reflectance of a microfacet over all directions, which is this share of the
+    /// surface.
     pub(super) fn new(roughness: f32, mean: Vec3, metallic: f32) -> Self {
         let (losses, mean_loss) = losses(roughness);
         let mean_loss = mean_loss.max(1e-4);
@@ -65,9 +66,10 @@ impl Multiple {
     }
 }
 
-/// The loss of a GGX layer with height-correlated shadowing, for a roughness of 0 to 1 in steps of a sixteenth:
-/// coefficients as in [`Losses`], and the mean over all directions by their cosine. Fitted by least squares to 60 cosines
-/// of 19,600 visible normals each; the largest error is 0.014, at grazing angles of the roughest layer.
+/// The loss of a GGX layer with height-correlated shadowing, for a roughness of 0 to 1 in steps of a
+/// sixteenth: coefficients as in [`Losses`], and the mean over all directions by their cosine. Fitted by
+/// least squares to 60 cosines of 19,600 visible normals each; the largest error is 0.014, at grazing angles
+/// of the roughest layer.
 const LOSSES: [([f32; 4], f32); 17] = [
     ([0.04235, 1.68903, -3.59980, 1.86916], 0.0000),
     ([0.04235, 1.68903, -3.59980, 1.86916], 0.0002),

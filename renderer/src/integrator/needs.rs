@@ -31,8 +31,8 @@ pub struct Needs {
     pub environment: bool,
     /// Lights without size.
     pub punctual: bool,
-    /// Rough metals, whose microfacets reflect light to each other. Kernels that shade one hit know it from the material;
-    /// those that shade many at once are told here.
+    /// Rough metals, whose microfacets reflect light to each other. Kernels that shade one hit know it from
+    /// the material; those that shade many at once are told here.
     pub metals: bool,
 }
 

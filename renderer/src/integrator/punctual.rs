@@ -1,9 +1,9 @@
 //! Lights without size: one is chosen by how much of it reaches the surface if nothing is in between.
 //!
-//! Few are all looked at, and chosen by sixteenths: random numbers fill those evenly, so that every sixteen samples of a
-//! pixel look at each light as often as they should, and how they were chosen leaves no noise. Of many, a few candidates
-//! are drawn by power and one of them is taken by what it would bring (resampled importance sampling, as for emissive
-//! triangles in [`lights`](super::lights)).
+//! Few are all looked at, and chosen by sixteenths: random numbers fill those evenly, so that every sixteen
+//! samples of a pixel look at each light as often as they should, and how they were chosen leaves no noise.
+//! Of many, a few candidates are drawn by power and one of them is taken by what it would bring (resampled
+//! importance sampling, as for emissive triangles in [`lights`](super::lights)).
 
 use std::sync::Arc;
 
@@ -19,8 +19,8 @@ const CANDIDATES: usize = 8;
 /// Parts of the probability that few lights share. At least twice as many as lights.
 const SHARES: u32 = 16;
 
-/// The density of a direction without width: so high that the weight of any other technique rounds to nothing. A power
-/// of two, which costs no digits when it cancels.
+/// The density of a direction without width: so high that the weight of any other technique rounds to
+/// nothing. A power of two, which costs no digits when it cancels.
 const NO_WIDTH: f32 = (1_u64 << 40) as f32;
 
 /// The lights without size of a scene, ready to be sampled.
@@ -55,8 +55,8 @@ impl PunctualLights {
         Some(Self { lights, table: Some((table, shares)) })
     }
 
-    /// Chooses a light for a surface, by two numbers in [0, 1). `None` where none of the candidates reaches it. `share` is
-    /// the probability that lights without size are asked at all.
+    /// Chooses a light for a surface, by two numbers in [0, 1). `None` where none of the candidates reaches
+    /// it. `share` is the probability that lights without size are asked at all.
     pub(super) fn sample(
         &self,
         position: Vec3,
@@ -100,7 +100,8 @@ impl PunctualLights {
         Some((self.lights[number].arrival(position), SHARES as f32 / parts[number] as f32))
     }
 
-    /// The same of a few candidates, which are drawn by power; the second number weighs it against the others.
+    /// The same of a few candidates, which are drawn by power; the second number weighs it against the
+    /// others.
     fn one_of_many(
         &self,
         position: Vec3,

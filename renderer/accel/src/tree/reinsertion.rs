@@ -24,8 +24,8 @@ const LATE_SHARE: usize = 8;
 /// Fewest searches that are worth a task of their own.
 const SEARCHES_PER_TASK: usize = 256;
 
-/// Most nodes that a search looks below. Where everything overlaps no part of the tree can be ruled out, and a search
-/// without this bound looks at all of it: the passes would take quadratic time.
+/// Most nodes that a search looks below. Where everything overlaps no part of the tree can be ruled out, and
+/// a search without this bound looks at all of it: the passes would take quadratic time.
 const LOOKED_BELOW_MAX: usize = 1024;
 
 /// A node that should become the sibling of another.
@@ -93,13 +93,13 @@ fn candidates(tree: &BinaryTree, pass: u32) -> Vec<u32> {
     all
 }
 
-/// Finds the best new sibling for `node`, if any is better than the present one, and tells how many nodes it looked
-/// below. `stack` is room to work in.
+/// Finds the best new sibling for `node`, if any is better than the present one, and tells how many nodes it
+/// looked below. `stack` is room to work in.
 ///
-/// With the node its parent goes as well, and boxes above shrink. The search climbs from the parent to the root,
-/// adding up what that saves, and from each height looks down into the part of the tree beside the path, as long as
-/// [`LOOKED_BELOW_MAX`] lets it. A place is worth what was saved, less the box of the new parent there, less the growth of
-/// the boxes above it.
+/// With the node its parent goes as well, and boxes above shrink. The search climbs from the parent to the
+/// root, adding up what that saves, and from each height looks down into the part of the tree beside the
+/// path, as long as [`LOOKED_BELOW_MAX`] lets it. A place is worth what was saved, less the box of the new
+/// parent there, less the growth of the boxes above it.
 fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> (Option<Move>, usize) {
     let moved = &tree.nodes[node];
     let (lower, upper) = (moved.lower(), moved.upper());

@@ -129,7 +129,8 @@ impl Surfaces {
     }
 }
 
-/// What surfaces are made of. Matt ones have the first column only, and the last ones are set where there are metals.
+/// What surfaces are made of. Matt ones have the first column only, and the last ones are set where there are
+/// metals.
 #[derive(Clone, Debug)]
 pub(super) struct Materials {
     pub(super) diffuse: Vectors,
