@@ -162,6 +162,8 @@ impl Punctual {
 
 #[cfg(test)]
 mod tests {
+    use std::f32::consts::FRAC_PI_4;
+
     use super::*;
 
     #[test]
@@ -179,8 +181,7 @@ mod tests {
     fn cones_end_where_they_should() {
         // The last ones are narrower than the 0.001 between cosines that the extension's own code divides by
         // at least.
-        for (inner, outer) in [(0.2, 0.3), (0.0, 0.785_398_2), (0.5, FRAC_PI_2), (0.0, 0.03), (0.002, 0.004)]
-        {
+        for (inner, outer) in [(0.2, 0.3), (0.0, FRAC_PI_4), (0.5, FRAC_PI_2), (0.0, 0.03), (0.002, 0.004)] {
             let cone = Some(Cone::new(Vec3::NEG_Y * 7.0, inner, outer));
             let spot =
                 Punctual::Point { position: Vec3::Y, intensity: Vec3::ONE, cone, range: f32::INFINITY };
