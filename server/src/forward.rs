@@ -14,6 +14,7 @@ use http::request::Parts;
 use http::{Request, Response};
 use http_body_util::{BodyExt as _, Full, Limited};
 use tonic::body::Body;
+use tonic::transport::Channel;
 use tonic::{Code, Status};
 use tower::{Layer, Service, ServiceExt as _};
 
@@ -139,7 +140,7 @@ where
     async fn there(&self, study: &str, address: &str) -> Result<Option<Response<Body>>, Status> {
         let mut request = self.request();
         let channel = self.peers.pass_on(address, request.headers_mut())?;
-        let Some(answer) = self.peers.while_held(study, address, channel.oneshot(request)).await else {
+        let Some(answer) = self.peers.while_held(study, address, whole(channel, request)).await else {
             return Ok(None);
         };
         match answer {
@@ -161,6 +162,14 @@ where
     fn gave_up(&self, study: &str) {
         self.peers.gave_up(study);
     }
+}
+
+/// A replica's answer with its message and its trailers. One that is killed in between has not answered: passed on as it comes,
+/// its end would be an INTERNAL error of a replica that is well.
+async fn whole(channel: Channel, request: Request<Body>) -> Result<Response<Body>, Status> {
+    let answer = channel.oneshot(request).await.map_err(|error| Status::from_error(error.into()))?;
+    let (parts, body) = answer.into_parts();
+    Ok(Response::from_parts(parts, Body::new(body.collect().await?)))
 }
 
 /// An error without a message stands in the headers.

@@ -2,13 +2,22 @@
 
 mod common;
 
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
+use bytes::Bytes;
 use common::{Client, Server, ask, assert_refused, create, done, get, report, suggest};
+use http_body_util::StreamBody;
+use hyper::body::{Frame, Incoming};
+use hyper::server::conn::http2;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioExecutor, TokioIo};
 use prost::Message as _;
+use sqlx::Connection as _;
+use tokio::net::TcpListener;
 use tonic::{Code, Request};
 use treewright_proto::v1 as wire;
 use treewright_server::access::Access;
@@ -32,6 +41,14 @@ async fn replica_key(database: &Database) -> String {
     let found = sqlx::query_scalar("SELECT key FROM replica_key");
     let key: Vec<u8> = found.fetch_one(&mut database.connect().await).await.expect("there is a key");
     format!("tw1_replicas_{}", URL_SAFE_NO_PAD.encode(key))
+}
+
+/// Says in the database that a replica is reached at another address.
+async fn move_replica(url: String, from: String, to: String) {
+    let mut connection = sqlx::PgConnection::connect(&url).await.expect("the server lets us in");
+    let update = sqlx::query("UPDATE replicas SET address = $2 WHERE address = $1").bind(from).bind(to);
+    let updated = update.execute(&mut connection).await.expect("updated");
+    assert_eq!(updated.rows_affected(), 1);
 }
 
 async fn frame(
@@ -122,6 +139,39 @@ async fn a_replica_that_drains_leaves_its_studies_to_the_others() {
     suggest(&mut other, "a", 10.0).await;
     second.stop().await;
     third.stop().await;
+}
+
+/// A replica that is killed between the head of its answer and its message has not answered.
+#[tokio::test]
+async fn an_answer_that_breaks_off_is_sought_again() {
+    let database = Database::create().await;
+    let (holder, other) = (Server::replica(&database).await, Server::replica(&database).await);
+    let (mut first, mut second) = (holder.client().await, other.client().await);
+    create(&mut first, "hall").await;
+    let trial = suggest(&mut first, "a", 10.0).await;
+    // Something that breaks off stands in the holder's place until it is asked.
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let broken = format!("http://{}", listener.local_addr().expect("an address"));
+    let held = format!("http://{}", holder.address);
+    let url = database.url().to_owned();
+    move_replica(url.clone(), held.clone(), broken.clone()).await;
+    let breaking = tokio::spawn(async move {
+        let (stream, _) = listener.accept().await.expect("it is asked");
+        let head = service_fn(move |_: http::Request<Incoming>| {
+            let moved = move_replica(url.clone(), broken.clone(), held.clone());
+            async move {
+                moved.await;
+                let never = tokio_stream::pending::<Result<Frame<Bytes>, Infallible>>();
+                Ok::<_, Infallible>(http::Response::new(StreamBody::new(never)))
+            }
+        });
+        let served = http2::Builder::new(TokioExecutor::new()).serve_connection(TokioIo::new(stream), head);
+        tokio::time::timeout(Duration::from_millis(500), served).await.expect_err("it is cut");
+    });
+    assert!(!done(&mut second, &trial.name, 3.0).await.duplicate);
+    breaking.await.expect("it was asked");
+    holder.stop().await;
+    other.stop().await;
 }
 
 #[tokio::test]
