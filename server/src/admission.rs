@@ -92,6 +92,12 @@ impl Admission {
         *self.draining.borrow()
     }
 
+    /// How much may be worked on at once.
+    #[must_use]
+    pub fn limits(&self) -> AdmissionLimits {
+        self.limits
+    }
+
     /// Requests and streams that are worked on.
     #[must_use]
     pub fn in_progress(&self) -> (usize, usize) {

@@ -15,11 +15,13 @@ use treewright_store::{PostgresStore, PostgresTokens};
 use crate::access::Access;
 use crate::clock::{SteadyClock, SystemClock};
 use crate::config::{Database, ServeConfig};
+use crate::descriptors::{self, DescriptorShares};
 use crate::idle::idle_for;
 use crate::listeners::Listeners;
 use crate::metrics::Metrics;
 use crate::serve::{self, Options, ServeError};
 use crate::tls::{Tls, TlsError};
+use crate::{limits, maintenance};
 
 /// Stands for a daemon that is reached from this machine alone.
 const LOCAL: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
@@ -137,6 +139,7 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     let mut interrupt = signal(SignalKind::interrupt())?;
     // Without certificates to read again it is ignored: who closes a terminal does not mean to end the daemon.
     let hang_up = signal(SignalKind::hangup())?;
+    let shares = shares(&config)?;
     let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };
     let tls = config.peers.tls_files(&config.guard).map(Tls::load).transpose()?.map(Arc::new);
     let mut listeners = Listeners::inherited()?;
@@ -193,7 +196,12 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
         }
     };
     let (studies_shown, keep_trials) = (config.metrics_studies, config.keep_trials);
-    let (connections, admission) = (config.capacity.connections(), config.capacity.admission());
+    let (connections, admission) = (config.capacity.connections(&shares), config.capacity.admission());
+    let backup_mark = match &database {
+        Database::File(path) => Some(maintenance::backup_mark(path)),
+        #[cfg(feature = "postgres")]
+        Database::Postgres(_) => None,
+    };
     let options = Options {
         drain: config.drain(),
         access,
@@ -203,6 +211,8 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
         studies_shown,
         keep_trials,
         connections,
+        pages: Some(shares.pages),
+        backup_mark,
         admission,
         metrics,
     };
@@ -211,6 +221,23 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
         reloading.abort();
     }
     Ok(served?)
+}
+
+/// Raises the limit of descriptors and shares them out.
+fn shares(config: &ServeConfig) -> std::io::Result<DescriptorShares> {
+    let (descriptors, before) = descriptors::raise()?;
+    let shares = DescriptorShares::of(descriptors);
+    let connections = config.capacity.connections(&shares).total;
+    tracing::info!(descriptors, raised_from = before, connections, "open files and connections are limited");
+    let asked = config.capacity.max_connections.map_or(limits::CONNECTIONS, |asked| asked as usize);
+    if connections < asked {
+        tracing::warn!(
+            descriptors,
+            connections,
+            "fewer connections than the {asked} that should be possible; raise `ulimit -Hn`, or LimitNOFILE of the unit"
+        );
+    }
+    Ok(shares)
 }
 
 /// Says what is served, in the log and, in one line, on standard output.

@@ -12,12 +12,14 @@
 pub mod access;
 pub mod administration;
 pub mod admission;
+mod certificate;
 pub mod clock;
 pub mod config;
 pub mod connections;
 pub mod convert;
 pub mod daemon;
 mod dashboard;
+pub mod descriptors;
 pub mod error;
 pub mod forward;
 mod idle;

@@ -13,17 +13,34 @@ pub const REQUEST_BYTES: usize = 1 << 20;
 /// clients refuse messages above 4 MiB unless told otherwise.
 pub const PAGE_BYTES: usize = 3 << 20;
 
-/// Connections at once, unless told otherwise.
-pub const CONNECTIONS: usize = 4096;
+/// Connections at once, unless told otherwise or held down by the descriptors that the process may open.
+pub const CONNECTIONS: usize = 16_384;
 
 /// Most connections that can be asked for.
 pub const CONNECTIONS_MAX: usize = 65_536;
 
-/// Connections at once from one address, unless told otherwise.
-pub const CONNECTIONS_PER_ADDRESS: usize = 2048;
+/// So long a new connection waits for the one that was told to make room, which closes as soon as its task is run.
+pub const LEAVING: Duration = Duration::from_secs(1);
 
-/// Connections that were told to make room and have not closed yet.
-pub const CONNECTIONS_LEAVING: usize = 64;
+/// Descriptors that are not connections of clients: the database, its write-ahead log and its readers, connections to other
+/// replicas or to PostgreSQL, listeners, certificates while they are read.
+pub const DESCRIPTORS_OWN: usize = 96;
+
+/// Fewest connections that a daemon starts with.
+pub const CONNECTIONS_MIN: usize = 16;
+
+/// Bytes of requests that have not come as a whole and of answers that were not read, on all connections together.
+pub const UNFINISHED_BYTES: usize = 128 << 20;
+
+/// What a request takes up besides its headers and its message, in bytes: its stream, its task, its span.
+pub const REQUEST_HEAD_BYTES: usize = 4 << 10;
+
+/// A message up to this size, in bytes, leaves no room behind that is worth counting.
+pub const MESSAGE_BYTES_SMALL: usize = 16 << 10;
+
+/// Bytes that a client may send on one stream, and on one connection, before the daemon has looked at them. The least
+/// that HTTP/2 knows for a connection (RFC 9113, section 6.9.2).
+pub const WINDOW_BYTES: u32 = 65_535;
 
 /// Connections that wait for the HTTP server to take them.
 pub const CONNECTIONS_READY: usize = 64;
@@ -115,7 +132,7 @@ pub const PEER_PAUSE_LONGEST: Duration = Duration::from_millis(100);
 const _: () = assert!(PEER_PATIENCE.as_millis() > treewright_store::limits::REPLICA_LAPSE.as_millis());
 
 /// Tune streams open at once, unless told otherwise.
-pub const TUNE_STREAMS: usize = 4096;
+pub const TUNE_STREAMS: usize = 16_384;
 
 /// Most Tune streams that can be asked for.
 pub const TUNE_STREAMS_MAX: usize = 65_536;
@@ -195,11 +212,9 @@ pub const READY: Duration = Duration::from_secs(2);
 /// Most studies whose figures are shown with their names. Each has about 25 series.
 pub const STUDIES_SHOWN: u16 = 64;
 
-/// Connections at once of those who ask for metrics.
-pub const WATCHERS: usize = 16;
-
-/// Connections at once of browsers that show the dashboard. Each page that is open keeps one for its events.
-pub const DASHBOARD_CONNECTIONS: usize = 64;
+/// Connections at once of those who ask for metrics, and of browsers that show the dashboard, where there are descriptors
+/// enough. Each page that is open in a browser keeps one for its events.
+pub const PAGES_CONNECTIONS: usize = 64;
 
 /// A browser's connection ends after so long, and begins anew by itself.
 pub const DASHBOARD_STAY: Duration = Duration::from_secs(600);
@@ -210,5 +225,8 @@ pub const DASHBOARD_LOOK: Duration = Duration::from_secs(1);
 /// Largest form that a browser may send, in bytes: a token.
 pub const DASHBOARD_FORM_BYTES: usize = 8 << 10;
 
-/// The head of a question for metrics must be there within this time.
+/// The head of a question for metrics or for a page must be there within this time, and a form within as long again.
 pub const WATCH: Duration = Duration::from_secs(5);
+
+/// An orderly end waits so long for answers to be read, once everything is answered.
+pub const DRAIN_UNREAD: Duration = Duration::from_secs(1);

@@ -5,7 +5,7 @@
 
 use std::io;
 use std::net::SocketAddr;
-use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _};
+use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
 use listenfd::ListenFd;
@@ -14,20 +14,38 @@ use tokio::net::{TcpListener, UnixListener};
 /// Sockets on which connections are accepted.
 #[derive(Debug, Default)]
 pub struct Listeners {
+    /// Of sockets that were made here, whose files go at the end, before the sockets do.
+    files: Vec<SocketFile>,
     pub(crate) tcp: Vec<TcpListener>,
     pub(crate) unix: Vec<UnixListener>,
-    /// Of sockets that were made here, whose files go at the end.
-    files: Vec<SocketFile>,
 }
 
-/// The file of a Unix socket; removed when dropped.
+/// The file of a Unix socket; removed when dropped, unless another has taken its place. To be dropped while the socket
+/// still listens: after that somebody who finds it deserted may replace it at any moment.
 #[derive(Debug)]
-pub(crate) struct SocketFile(PathBuf);
+pub(crate) struct SocketFile {
+    path: PathBuf,
+    /// Device and number of the file.
+    file: (u64, u64),
+}
+
+impl SocketFile {
+    fn made(path: &Path) -> io::Result<Self> {
+        Ok(Self { path: path.to_owned(), file: identity(path)? })
+    }
+}
+
+fn identity(path: &Path) -> io::Result<(u64, u64)> {
+    let file = std::fs::symlink_metadata(path)?;
+    Ok((file.dev(), file.ino()))
+}
 
 impl Drop for SocketFile {
     fn drop(&mut self) {
         // Somebody may have removed it already.
-        let _ = std::fs::remove_file(&self.0);
+        if identity(&self.path).is_ok_and(|file| file == self.file) {
+            let _ = std::fs::remove_file(&self.path);
+        }
     }
 }
 
@@ -85,7 +103,7 @@ impl Listeners {
             std::fs::remove_file(path)?;
         }
         let listener = UnixListener::bind(path)?;
-        self.files.push(SocketFile(path.to_owned()));
+        self.files.push(SocketFile::made(path)?);
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600))?;
         self.unix.push(listener);
         Ok(())
@@ -120,6 +138,8 @@ impl Listeners {
 
 #[cfg(test)]
 mod tests {
+    use tokio::net::UnixStream;
+
     use super::*;
 
     #[tokio::test]
@@ -135,6 +155,22 @@ mod tests {
         assert_eq!(taken.kind(), io::ErrorKind::AddrInUse);
         drop(listeners);
         assert!(!path.exists());
+    }
+
+    #[tokio::test]
+    async fn an_ending_daemon_leaves_the_socket_of_its_successor() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("daemon.sock");
+        let mut ending = Listeners::default();
+        ending.bind_unix(&path).await.expect("a socket");
+        let files = ending.take_files();
+        // While the first still listens, somebody clears its file away and the next one comes.
+        std::fs::remove_file(&path).expect("its file");
+        let mut next = Listeners::default();
+        next.bind_unix(&path).await.expect("a socket");
+        drop(files);
+        assert!(path.exists(), "it is the next one's");
+        UnixStream::connect(&path).await.expect("and it listens");
     }
 
     #[tokio::test]

@@ -1,6 +1,7 @@
 //! `treewrightd backup`, `restore` and `check`: what a database file needs over the years.
 
-use std::time::Instant;
+use std::path::{Path, PathBuf};
+use std::time::{Instant, UNIX_EPOCH};
 
 use treewright_store::maintenance::{self, Inventory, MaintenanceError};
 
@@ -27,7 +28,30 @@ pub async fn back_up(config: &BackupConfig) -> Result<CommandOutput, Maintenance
     let begun = Instant::now();
     let inventory = maintenance::back_up(&config.database.database, &config.to, config.replace).await?;
     let seconds = begun.elapsed().as_secs_f64();
-    Ok(said(format!("backed up to {}: {} in {seconds:.1} s", config.to.display(), shown(inventory))))
+    // A daemon that cannot say when the last copy was made is no reason to call this one a failure.
+    let mark = backup_mark(&config.database.database);
+    let note = match std::fs::write(&mark, "The date of this file says when the database was last copied.\n")
+    {
+        Ok(()) => String::new(),
+        Err(problem) => format!("the date of the backup cannot be noted in {}: {problem}", mark.display()),
+    };
+    let copied =
+        said(format!("backed up to {}: {} in {seconds:.1} s", config.to.display(), shown(inventory)));
+    Ok(CommandOutput { note, ..copied })
+}
+
+/// The file beside a database whose date says when it was last copied.
+#[must_use]
+pub fn backup_mark(database: &Path) -> PathBuf {
+    let mut name = database.as_os_str().to_owned();
+    name.push("-last-backup");
+    name.into()
+}
+
+/// The date of such a file, in seconds since 1970; none where there is none.
+pub(crate) fn last_backup_s(mark: &Path) -> Option<i64> {
+    let date = std::fs::metadata(mark).ok()?.modified().ok()?;
+    date.duration_since(UNIX_EPOCH).ok()?.as_secs().try_into().ok()
 }
 
 /// Puts a copy back.

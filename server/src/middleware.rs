@@ -20,7 +20,7 @@ use tracing::Instrument as _;
 use crate::access::caller::Caller;
 use crate::access::rules::{AccessRule, Need, rule_for};
 use crate::access::{Access, Authorization};
-use crate::connections::Activity;
+use crate::connections::{Activity, answer_body, request_body};
 use crate::error::Error;
 use crate::peers::key::{self, ReplicaKey};
 use crate::refusals::Refusals;
@@ -107,6 +107,9 @@ where
         request.headers_mut().insert(REQUEST_ID, id.clone());
         key::check(shared.replica_key.as_ref(), &mut request);
         let activity = request.extensions().get::<Arc<Activity>>().cloned();
+        if let Some(activity) = &activity {
+            request = request_body(activity, request);
+        }
         let under_way = activity.as_ref().map(Activity::begin).map(Arc::new);
         if let Some(under_way) = &under_way {
             request.extensions_mut().insert(Arc::clone(under_way));
@@ -126,7 +129,10 @@ where
             shared.refusals.metrics().answered(rule.rpc, code, since.elapsed());
             response.headers_mut().insert(REQUEST_ID, id);
             drop(under_way);
-            Ok(response)
+            Ok(match &activity {
+                Some(activity) => response.map(|body| answer_body(activity, body)),
+                None => response,
+            })
         };
         Box::pin(work.instrument(span))
     }

@@ -1,5 +1,6 @@
 //! The life of the server: serve until told to stop, drain, close.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,8 +16,8 @@ use treewright_store::Store;
 use crate::access::Access;
 use crate::admission::{Admission, AdmissionLimits};
 use crate::clock::Clock;
-use crate::connections::{self, ConnectionLimits, ConnectionSlots};
-use crate::dashboard::{self, Dashboard};
+use crate::connections::{self, ConnectionLimits, ConnectionSlots, Unfinished};
+use crate::dashboard::Dashboard;
 use crate::forward::ForwardLayer;
 use crate::limits;
 use crate::listeners::Listeners;
@@ -27,7 +28,7 @@ use crate::refusals::Refusals;
 use crate::rpc::Service;
 use crate::tls::Tls;
 use crate::tuning::Tuning;
-use crate::watch::{self, Watched};
+use crate::watch::Watched;
 
 /// Time for answers that have been given to leave the house, once nobody works on a request.
 const FLUSH: Duration = Duration::from_millis(200);
@@ -59,6 +60,11 @@ pub struct Options {
     pub keep_trials: Option<u64>,
     /// How many connections there may be.
     pub connections: ConnectionLimits,
+    /// How many connections each of those who watch and the dashboard may have; none in particular is
+    /// [`limits::PAGES_CONNECTIONS`].
+    pub pages: Option<usize>,
+    /// The file whose date says when the database was last copied.
+    pub backup_mark: Option<PathBuf>,
     /// How much may be worked on at once.
     pub admission: AdmissionLimits,
     /// Where everything is counted.
@@ -94,16 +100,20 @@ pub async fn run(
         studies_shown,
         keep_trials,
         connections,
+        pages,
+        backup_mark,
         admission,
         metrics,
     } = options.into();
     let mut listeners = listeners.into();
-    let _files = listeners.take_files();
+    let socket_files = listeners.take_files();
     let tuning = Arc::new(Tuning::new(Arc::clone(&store), clock).with_metrics(Arc::clone(&metrics)));
     let refusals = Refusals::new(Arc::clone(&metrics));
     let peers = Peers::of(&store, tls.clone(), refusals.clone());
     let admission = Admission::new(admission);
     let connection_slots = ConnectionSlots::new(connections);
+    let unfinished = Unfinished::new(limits::UNFINISHED_BYTES);
+    let pages = pages.unwrap_or(limits::PAGES_CONNECTIONS);
     let mut health = HealthReporter::new();
     set_health(&health, ServingStatus::Serving).await;
 
@@ -122,12 +132,14 @@ pub async fn run(
     };
     let defect = |error: tonic_reflection::server::Error| ServeError::Server(error.to_string());
     let replica_key = peers.as_ref().map(|peers| peers.key().clone());
-    let middleware = MiddlewareLayer::new(access.clone(), replica_key, refusals)
+    let middleware = MiddlewareLayer::new(access.clone(), replica_key, refusals.clone())
         .map_err(|error| ServeError::Server(error.to_string()))?;
     let stop = Admission::draining(&admission);
     let server = Server::builder()
         .layer(middleware)
         .max_concurrent_streams(limits::CALLS_PER_CONNECTION)
+        .initial_stream_window_size(limits::WINDOW_BYTES)
+        .initial_connection_window_size(limits::WINDOW_BYTES)
         .http2_max_pending_accept_reset_streams(Some(limits::RESETS_PER_CONNECTION))
         .http2_max_header_list_size(limits::HEADER_BYTES)
         .http2_keepalive_interval(Some(limits::KEEPALIVE))
@@ -138,7 +150,13 @@ pub async fn run(
         .add_service(reflection().build_v1alpha().map_err(defect)?)
         .add_service(service)
         .serve_with_incoming_shutdown(
-            connections::accept(listeners, tls, connection_slots.clone(), Arc::clone(&metrics)),
+            connections::accept(
+                listeners,
+                tls.clone(),
+                connection_slots.clone(),
+                unfinished.clone(),
+                Arc::clone(&metrics),
+            ),
             stop,
         );
     tokio::pin!(server);
@@ -149,14 +167,17 @@ pub async fn run(
             store: Arc::clone(&store),
             admission: admission.clone(),
             connection_slots,
+            unfinished,
+            tls,
+            backup_mark,
             metrics,
             studies_shown: studies_shown.into(),
         };
-        tokio::spawn(watch::serve(listener, watched))
+        tokio::spawn(connections::pages::serve(listener, watched, pages))
     });
     let showing = dashboard_listener.map(|listener| {
-        let dashboard = Dashboard { tuning: Arc::clone(&tuning), access: access.clone() };
-        tokio::spawn(dashboard::serve(listener, dashboard))
+        let dashboard = Dashboard { tuning: Arc::clone(&tuning), access: access.clone(), refusals };
+        tokio::spawn(connections::pages::serve(listener, dashboard, pages))
     });
     let sweeper = tokio::spawn(sweep(Arc::clone(&tuning)));
     let checkpointer = tokio::spawn(save_checkpoints(Arc::clone(&tuning)));
@@ -171,6 +192,9 @@ pub async fn run(
         None => {
             tracing::info!(drain_s = drain.as_secs(), "draining");
             set_health(&health, ServingStatus::NotServing).await;
+            // While the socket still listens: who finds its file gone makes a new one, and who finds somebody listening
+            // waits. Later the file could be the next daemon's.
+            drop(socket_files);
             admission.drain();
             // The server must go on while those inside finish.
             let finish = async {
@@ -186,7 +210,9 @@ pub async fn run(
                 for service in ["", SERVICE_NAME] {
                     health.clear_service_status(service).await;
                 }
-                std::future::pending::<()>().await;
+                // Everybody was answered. Who does not read, a client that is frozen or gone, must not hold up the end.
+                sleep(limits::DRAIN_UNREAD).await;
+                tracing::info!("not every client reads its last answer; connections are cut");
             };
             let drained = timeout(drain, async {
                 tokio::select! {

@@ -82,7 +82,29 @@ pub fn corrected(status: Status) -> Status {
     status
 }
 
-/// The kind of an error in one word, for counting.
+/// Every word that [`reason`] says, and `elsewhere`, which no error is.
+pub const REASONS: [&str; 17] = [
+    "invalid",
+    "token",
+    "scope",
+    "quota",
+    "busy",
+    "draining",
+    "deadline",
+    "loading",
+    "reloading",
+    "nothing_measured",
+    "replaced",
+    "not_found",
+    "exists",
+    "tuner",
+    "store",
+    "elsewhere",
+    "defect",
+];
+
+/// The kind of an error in one word, for counting. `store` is a database that does not do what it should, and nothing that
+/// a client can bring about.
 #[must_use]
 pub fn reason(error: &Error) -> &'static str {
     match error {
@@ -160,6 +182,25 @@ impl From<Error> for TuneError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_clients_bring_about_is_no_failure_of_the_database() {
+        let study = "hall".to_owned();
+        let kinds = [
+            (StoreError::StudyNotFound { study: study.clone() }, "not_found"),
+            (StoreError::TrialNotFound { study: study.clone(), number: 1 }, "not_found"),
+            (StoreError::StudyExists { study: study.clone(), difference: String::new() }, "exists"),
+            (StoreError::TooManyStudies { limit: 1 }, "quota"),
+            (StoreError::QueueFull { limit: 1 }, "busy"),
+            (StoreError::Unavailable { problem: String::new() }, "store"),
+            (StoreError::Closed, "store"),
+        ];
+        for (error, expected) in kinds {
+            let found = reason(&Error::Store(error));
+            assert_eq!(found, expected);
+            assert!(REASONS.contains(&found));
+        }
+    }
 
     #[test]
     fn what_passes_says_when() {

@@ -17,7 +17,7 @@ use tokio_rustls::rustls::server::WebPkiClientVerifier;
 use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
 use tonic::transport::{Certificate, ClientTlsConfig, Identity};
 
-use crate::limits;
+use crate::{certificate, limits};
 
 /// Where certificates lie, as PEM.
 #[derive(Clone, Debug, Default)]
@@ -80,6 +80,8 @@ struct Made {
     server: Arc<ServerConfig>,
     /// For connections to other replicas. The daemon shows its own certificate there.
     client: ClientTlsConfig,
+    /// When the first of the certificates that it shows ends, in seconds since 1970.
+    expiry_s: i64,
     /// Counts up, so that who made connections can tell that they are of yesterday.
     number: u64,
 }
@@ -114,6 +116,12 @@ impl Tls {
     pub fn outgoing(&self) -> (u64, ClientTlsConfig) {
         let made = self.current.read().unwrap_or_else(PoisonError::into_inner);
         (made.number, made.client.clone())
+    }
+
+    /// When the first of the certificates in force ends, in seconds since 1970.
+    #[must_use]
+    pub fn expiry_s(&self) -> i64 {
+        self.current.read().unwrap_or_else(PoisonError::into_inner).expiry_s
     }
 
     /// Looks at the files again. True when new certificates are in force.
@@ -187,7 +195,11 @@ impl TlsFiles {
             Some(name) => client.domain_name(name),
             None => client,
         };
-        Ok(Made { server, client, number })
+        let chain = certificates(&self.certificate, &contents.certificate)?;
+        let expiries: Option<Vec<_>> = chain.iter().map(|one| certificate::expiry_s(one)).collect();
+        let unread = || content(&self.certificate, "a certificate that does not say when it ends".to_owned());
+        let expiry_s = expiries.and_then(|all| all.into_iter().min()).ok_or_else(unread)?;
+        Ok(Made { server, client, expiry_s, number })
     }
 
     fn config(&self, contents: &Contents) -> Result<ServerConfig, TlsError> {
@@ -294,6 +306,26 @@ mod tests {
         std::fs::remove_file(&files.certificate).unwrap();
         assert!(matches!(tls.reload(), Err(TlsError::Read { .. })));
         assert!(Arc::ptr_eq(&second, &tls.current()));
+    }
+
+    #[test]
+    fn the_first_end_among_the_certificates_is_known_and_follows_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = write(folder.path(), "one.example");
+        let pem = |year| {
+            let mut parameters = rcgen::CertificateParams::new(vec!["one.example".to_owned()]).unwrap();
+            parameters.not_after = rcgen::date_time_ymd(year, 1, 1);
+            let key = rcgen::KeyPair::generate().unwrap();
+            (parameters.self_signed(&key).unwrap().pem(), key.serialize_pem())
+        };
+        let ((leaf, key), (above, _)) = (pem(2030), pem(2029));
+        std::fs::write(&files.certificate, format!("{leaf}{above}")).unwrap();
+        std::fs::write(&files.key, key).unwrap();
+        let tls = Tls::load(files.clone()).unwrap();
+        assert_eq!(tls.expiry_s(), 1_861_920_000, "2029 began");
+        std::fs::write(&files.certificate, leaf).unwrap();
+        assert!(tls.reload().unwrap());
+        assert_eq!(tls.expiry_s(), 1_893_456_000, "2030 began");
     }
 
     #[test]

@@ -4,23 +4,21 @@
 //! database answers. The two are apart because a restart mends the one and not the other. Plain HTTP/1.1, which is
 //! what the askers speak; nobody outside the machine sees it unless told so.
 
-use std::convert::Infallible;
+use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use http::{HeaderValue, Method, Request, Response, StatusCode, header};
 use hyper::body::Incoming;
-use hyper::server::conn::http1;
-use hyper::service::service_fn;
-use hyper_util::rt::{TokioIo, TokioTimer};
-use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
 use treewright_store::{Store, StoreError};
 
-use crate::admission::Admission;
-use crate::connections::ConnectionSlots;
-use crate::limits;
+use crate::admission::{Admission, AdmissionLimits};
+use crate::connections::pages::Pages;
+use crate::connections::{ConnectionSlot, ConnectionSlots, Unfinished};
 use crate::metrics::{Metrics, Moment};
+use crate::tls::Tls;
 use crate::tuning::Tuning;
+use crate::{limits, maintenance};
 
 /// The media type of OpenMetrics' text form.
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -32,6 +30,11 @@ pub(crate) struct Watched {
     pub(crate) store: Arc<dyn Store>,
     pub(crate) admission: Admission,
     pub(crate) connection_slots: ConnectionSlots,
+    pub(crate) unfinished: Unfinished,
+    /// The certificates in force.
+    pub(crate) tls: Option<Arc<Tls>>,
+    /// The file whose date says when the database was last copied.
+    pub(crate) backup_mark: Option<PathBuf>,
     pub(crate) metrics: Arc<Metrics>,
     /// How many studies are shown with their names.
     pub(crate) studies_shown: usize,
@@ -55,7 +58,9 @@ impl Watched {
         let (in_flight, streams) = self.admission.in_progress();
         let (studies_in_memory, open_leases) = self.tuning.in_use();
         let (connections, newcomers) = self.connection_slots.counts();
+        let AdmissionLimits { requests, streams: most_streams } = self.admission.limits();
         Moment {
+            limits: (self.connection_slots.limit(), requests, most_streams),
             connections,
             newcomers,
             in_flight,
@@ -69,11 +74,14 @@ impl Watched {
                 .flatten()
                 .unwrap_or_default(),
             draining: self.admission.is_draining(),
+            unfinished: self.unfinished.bytes(),
+            certificate_expiry_s: self.tls.as_ref().map(|tls| tls.expiry_s()),
+            last_backup_s: self.backup_mark.as_deref().and_then(maintenance::last_backup_s),
             studies: self.tuning.figures(self.studies_shown),
         }
     }
 
-    async fn answer(&self, request: &Request<Incoming>) -> Response<String> {
+    async fn respond(&self, request: &Request<Incoming>) -> Response<String> {
         let of = |status, kind, text| {
             let mut response = Response::new(text);
             *response.status_mut() = status;
@@ -98,34 +106,14 @@ impl Watched {
     }
 }
 
-/// Serves those who watch until it is dropped.
-pub(crate) async fn serve(listener: TcpListener, watched: Watched) {
-    let watched = Arc::new(watched);
-    let connection_slots = Arc::new(Semaphore::new(limits::WATCHERS));
-    loop {
-        let stream = match listener.accept().await {
-            Ok((stream, _)) => stream,
-            Err(error) => {
-                tracing::warn!(%error, "a connection for metrics could not be accepted");
-                tokio::time::sleep(std::time::Duration::from_millis(50)).await;
-                continue;
-            }
-        };
-        // One too many is closed at once.
-        let Ok(place) = Arc::clone(&connection_slots).try_acquire_owned() else {
-            continue;
-        };
-        let watched = Arc::clone(&watched);
-        tokio::spawn(async move {
-            let service = service_fn(async |request| Ok::<_, Infallible>(watched.answer(&request).await));
-            let served = http1::Builder::new()
-                .timer(TokioTimer::new())
-                .header_read_timeout(limits::WATCH)
-                .keep_alive(false)
-                .serve_connection(TokioIo::new(stream), service);
-            // Whatever went wrong is the asker's affair.
-            let _ = tokio::time::timeout(2 * limits::WATCH, served).await;
-            drop(place);
-        });
+impl Pages for Watched {
+    type Body = String;
+
+    const KEEPS_ALIVE: bool = false;
+    const STAY: Duration = Duration::from_secs(2 * limits::WATCH.as_secs());
+
+    async fn answer(self: &Arc<Self>, request: Request<Incoming>, slot: &ConnectionSlot) -> Response<String> {
+        slot.settle();
+        self.respond(&request).await
     }
 }

@@ -4,24 +4,25 @@ use clap::Args;
 
 use crate::admission::AdmissionLimits;
 use crate::connections::ConnectionLimits;
+use crate::descriptors::DescriptorShares;
 use crate::limits::{
-    CONNECTIONS, CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS, REQUESTS_IN_FLIGHT, REQUESTS_IN_FLIGHT_MAX,
-    TUNE_STREAMS, TUNE_STREAMS_MAX,
+    CONNECTIONS_MAX, REQUESTS_IN_FLIGHT, REQUESTS_IN_FLIGHT_MAX, TUNE_STREAMS, TUNE_STREAMS_MAX,
 };
 
 /// What is above a limit is refused with RESOURCE_EXHAUSTED, or the connection is closed.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Capacity")]
 pub struct CapacityConfig {
-    /// Maximum number of connections. At most half of them may be ones without an authorised request; the
-    /// oldest of these makes room for the next. Each connection needs a file descriptor: raise `ulimit -n` as
-    /// well.
-    #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS", default_value_t = CONNECTIONS as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
-    pub max_connections: u32,
+    /// Maximum number of connections; 16384 unless told otherwise. Each needs a file descriptor, so `ulimit -Hn` limits them
+    /// too. At most half of them may be ones without an authorised request. When all are taken, one of these makes room for
+    /// the next, or else one that is idle; of the address that has most of them the oldest.
+    #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS", value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
+    pub max_connections: Option<u32>,
 
-    /// Maximum number of connections from one address. Clients behind one gateway share an address.
-    #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS_PER_ADDRESS", default_value_t = CONNECTIONS_PER_ADDRESS as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
-    pub max_connections_per_address: u32,
+    /// Maximum number of connections from one address; half of all unless told otherwise. Clients behind one gateway share
+    /// an address.
+    #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS_PER_ADDRESS", value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
+    pub max_connections_per_address: Option<u32>,
 
     /// Maximum number of open Tune streams.
     #[arg(long, env = "TREEWRIGHT_MAX_STREAMS", default_value_t = TUNE_STREAMS as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=TUNE_STREAMS_MAX as i64))]
@@ -33,10 +34,11 @@ pub struct CapacityConfig {
 }
 
 impl CapacityConfig {
-    /// How many connections there may be.
+    /// How many connections there may be, with so many descriptors.
     #[must_use]
-    pub fn connections(&self) -> ConnectionLimits {
-        ConnectionLimits::new(self.max_connections as usize, self.max_connections_per_address as usize)
+    pub fn connections(&self, shares: &DescriptorShares) -> ConnectionLimits {
+        let count = |asked: Option<u32>| asked.map(|asked| asked as usize);
+        shares.limits(count(self.max_connections), count(self.max_connections_per_address))
     }
 
     /// How much may be worked on at once.

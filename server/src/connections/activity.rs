@@ -6,6 +6,7 @@ use std::task::Context;
 use tokio::time::Instant;
 
 use super::slots::ConnectionSlot;
+use super::unfinished::Unfinished;
 use crate::limits;
 
 /// Bytes with which every HTTP/2 connection begins (RFC 9113, section 3.4).
@@ -16,6 +17,7 @@ const PREFACE_BYTES: u64 = 24;
 pub(crate) struct Activity {
     opened: Instant,
     slot: ConnectionSlot,
+    unfinished: Unfinished,
     state: Mutex<ActivityState>,
 }
 
@@ -34,9 +36,16 @@ pub(crate) struct UnderWay {
     activity: Arc<Activity>,
 }
 
+/// Bytes of a request or an answer that are unfinished, until dropped.
+#[derive(Debug)]
+pub(crate) struct HeldBytes {
+    activity: Arc<Activity>,
+    bytes: usize,
+}
+
 impl Activity {
-    pub(super) fn new(opened: Instant, slot: ConnectionSlot) -> Self {
-        Self { opened, slot, state: Mutex::default() }
+    pub(super) fn new(opened: Instant, slot: ConnectionSlot, unfinished: Unfinished) -> Self {
+        Self { opened, slot, unfinished, state: Mutex::default() }
     }
 
     /// More bytes have come.
@@ -46,7 +55,18 @@ impl Activity {
 
     /// Whether the connection has to make room for others.
     pub(super) fn has_to_go(&self, context: &Context<'_>) -> bool {
-        self.slot.has_to_go(context)
+        self.slot.notice().is_given(context)
+    }
+
+    /// Ends when the connection has to make room for others.
+    pub(super) async fn dismissed(&self) {
+        self.slot.dismissed().await;
+    }
+
+    /// So many bytes are unfinished.
+    pub(crate) fn hold(self: &Arc<Self>, bytes: usize) -> HeldBytes {
+        self.unfinished.add(&self.slot, bytes);
+        HeldBytes { activity: Arc::clone(self), bytes }
     }
 
     /// A request on the connection was authorised: it has its slot for as long as it is used.
@@ -62,7 +82,10 @@ impl Activity {
 
     /// A request begins.
     pub(crate) fn begin(self: &Arc<Self>) -> UnderWay {
-        self.with(|state| state.under_way += 1);
+        self.with(|state| {
+            state.under_way += 1;
+            self.slot.used(true);
+        });
         UnderWay { activity: Arc::clone(self) }
     }
 
@@ -80,10 +103,29 @@ impl Activity {
 
 impl Drop for UnderWay {
     fn drop(&mut self) {
-        self.activity.with(|state| {
+        let activity = &self.activity;
+        activity.with(|state| {
             state.under_way -= 1;
             state.last = Some(Instant::now());
+            // While nobody can begin something: else what is under way could pass for idle.
+            activity.slot.used(state.under_way > 0);
         });
+    }
+}
+
+impl HeldBytes {
+    /// So many are unfinished now.
+    pub(crate) fn set(&mut self, bytes: usize) {
+        let before = std::mem::replace(&mut self.bytes, bytes);
+        let (unfinished, slot) = (&self.activity.unfinished, &self.activity.slot);
+        unfinished.add(slot, bytes.saturating_sub(before));
+        unfinished.remove(slot, before.saturating_sub(bytes));
+    }
+}
+
+impl Drop for HeldBytes {
+    fn drop(&mut self) {
+        self.set(0);
     }
 }
 
@@ -92,15 +134,16 @@ mod tests {
     use super::super::slots::{ConnectionLimits, ConnectionSlots};
     use super::*;
 
-    fn activity(opened: Instant) -> Arc<Activity> {
-        let slot = ConnectionSlots::new(ConnectionLimits::default()).take(None).expect("room");
-        Arc::new(Activity::new(opened, slot))
+    async fn activity(opened: Instant) -> Arc<Activity> {
+        let slots = ConnectionSlots::new(ConnectionLimits::default());
+        let slot = slots.take(None.into()).await.expect("room");
+        Arc::new(Activity::new(opened, slot, Unfinished::new(100)))
     }
 
     #[tokio::test(start_paused = true)]
     async fn a_connection_must_get_on() {
         let opened = Instant::now();
-        let activity = activity(opened);
+        let activity = activity(opened).await;
         assert_eq!(activity.deadline(), opened + limits::PREFACE);
         activity.read(PREFACE_BYTES);
         assert_eq!(activity.deadline(), opened + limits::FIRST_REQUEST);
@@ -115,10 +158,24 @@ mod tests {
         assert!(activity.deadline() <= Instant::now());
     }
 
+    #[tokio::test]
+    async fn what_is_held_counts_until_it_is_dropped() {
+        let activity = activity(Instant::now()).await;
+        let mut held = activity.hold(40);
+        held.set(70);
+        let more = activity.hold(10);
+        held.set(20);
+        assert_eq!(activity.unfinished.bytes(), 30);
+        drop((held, more));
+        assert_eq!(activity.unfinished.bytes(), 0);
+        let _all = activity.hold(101);
+        activity.dismissed().await;
+    }
+
     #[tokio::test(start_paused = true)]
     async fn requests_that_were_not_authorised_win_no_time() {
         let opened = Instant::now();
-        let activity = activity(opened);
+        let activity = activity(opened).await;
         activity.read(PREFACE_BYTES);
         for _ in 0..3 {
             drop(activity.begin());

@@ -3,11 +3,16 @@
 //! A connection must get on: its TLS handshake, the first bytes of HTTP/2 and its first authorised request each have a
 //! time limit, and one on which nothing is under way for long is closed. So whoever opens many and says little or
 //! nothing ("slow loris") cannot hold slots that others need. `activity` keeps that time, `slots` counts connections
-//! and decides who makes room. What happens once a request has begun is limited in
-//! [`middleware`](crate::middleware).
+//! and decides who makes room, `unfinished` does the same for the bytes of what is not finished, and `body` counts them.
+//! `pages` serves the listeners for browsers and for those who watch by the same rules. What happens once a request has begun
+//! is limited in [`middleware`](crate::middleware).
 
 mod activity;
+mod authority;
+mod body;
+pub(crate) mod pages;
 mod slots;
+mod unfinished;
 
 use std::io;
 use std::net::{IpAddr, SocketAddr};
@@ -31,15 +36,19 @@ use crate::metrics::Metrics;
 use crate::tls::Tls;
 
 pub(crate) use activity::{Activity, UnderWay};
+use authority::LocalStream;
+pub(crate) use body::{answer_body, request_body};
 pub use slots::ConnectionLimits;
-pub(crate) use slots::ConnectionSlots;
+pub(crate) use slots::{ConnectionSlot, ConnectionSlots};
+pub(crate) use unfinished::Unfinished;
 
 /// A connection that counts until it is dropped.
 pub(crate) struct Connection {
     transport: Box<dyn Transport>,
     activity: Arc<Activity>,
     deadline: Pin<Box<Sleep>>,
-    metrics: Arc<Metrics>,
+    /// Where it is counted once when it is lost.
+    metrics: Option<Arc<Metrics>>,
 }
 
 /// What carries the bytes: TCP, TLS over it, or a Unix socket.
@@ -53,19 +62,21 @@ struct Acceptor {
     ready: mpsc::Sender<io::Result<Connection>>,
     tls: Option<Arc<Tls>>,
     slots: ConnectionSlots,
+    unfinished: Unfinished,
     metrics: Arc<Metrics>,
 }
 
-/// The connections of all listeners. One above the limit is closed at once, which its client sees as
+/// The connections of all listeners. One that nobody makes room for is closed at once, which its client sees as
 /// UNAVAILABLE. Handshakes run side by side, so that a slow one holds up nobody.
 pub(crate) fn accept(
     listeners: Listeners,
     tls: Option<Arc<Tls>>,
     slots: ConnectionSlots,
+    unfinished: Unfinished,
     metrics: Arc<Metrics>,
 ) -> impl Stream<Item = io::Result<Connection>> {
     let (ready, connections) = mpsc::channel(limits::CONNECTIONS_READY);
-    let acceptor = Acceptor { ready, tls, slots, metrics };
+    let acceptor = Acceptor { ready, tls, slots, unfinished, metrics };
     for listener in listeners.tcp {
         tokio::spawn(acceptor.clone().run(async move |acceptor| {
             let (stream, address) = listener.accept().await?;
@@ -92,15 +103,13 @@ impl Acceptor {
                 accepted = next(&self) => accepted,
             };
             if let Err(error) = accepted {
-                // Too many open files, chiefly: there is no use in asking again at once.
-                tracing::warn!(%error, "a connection could not be accepted");
-                tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+                pause(&error).await;
             }
         }
     }
 
     async fn take_tcp(&self, stream: TcpStream, address: SocketAddr) {
-        let Some(activity) = self.slot(Some(address.ip().to_canonical())) else {
+        let Some(activity) = self.slot(Some(address.ip())).await else {
             return;
         };
         if let Err(error) = stream.set_nodelay(true) {
@@ -111,7 +120,14 @@ impl Acceptor {
         };
         let (this, tls) = (self.clone(), Arc::clone(tls));
         tokio::spawn(async move {
-            if let Some(stream) = handshake(stream, address, &tls, &this.metrics).await {
+            let shaken = tokio::select! {
+                shaken = handshake(stream, address, &tls, &this.metrics) => shaken,
+                () = activity.dismissed() => {
+                    this.metrics.connection_lost("made_room");
+                    None
+                }
+            };
+            if let Some(stream) = shaken {
                 this.hand_over(Box::new(stream), activity).await;
             }
         });
@@ -119,14 +135,14 @@ impl Acceptor {
 
     /// A Unix socket needs no encryption: nobody but its two ends reads it.
     async fn take_local(&self, stream: UnixStream) {
-        if let Some(activity) = self.slot(None) {
-            self.hand_over(Box::new(stream), activity).await;
+        if let Some(activity) = self.slot(None).await {
+            self.hand_over(Box::new(LocalStream::new(stream)), activity).await;
         }
     }
 
-    fn slot(&self, address: Option<IpAddr>) -> Option<Arc<Activity>> {
-        match self.slots.take(address) {
-            Ok(slot) => Some(Arc::new(Activity::new(Instant::now(), slot))),
+    async fn slot(&self, address: Option<IpAddr>) -> Option<Arc<Activity>> {
+        match self.slots.take(address.into()).await {
+            Ok(slot) => Some(Arc::new(Activity::new(Instant::now(), slot, self.unfinished.clone()))),
             Err(reason) => {
                 self.metrics.connection_lost(reason);
                 tracing::debug!(?address, reason, "connection refused: too many are open");
@@ -137,10 +153,17 @@ impl Acceptor {
 
     async fn hand_over(&self, transport: Box<dyn Transport>, activity: Arc<Activity>) {
         let deadline = Box::pin(sleep_until(activity.deadline()));
-        let connection = Connection { transport, activity, deadline, metrics: Arc::clone(&self.metrics) };
+        let metrics = Some(Arc::clone(&self.metrics));
+        let connection = Connection { transport, activity, deadline, metrics };
         // The server may just have ended.
         drop(self.ready.send(Ok(connection)).await);
     }
+}
+
+/// Waits a moment after a connection could not be accepted: there is no use in asking again at once.
+async fn pause(error: &io::Error) {
+    tracing::warn!(%error, "a connection could not be accepted");
+    tokio::time::sleep(std::time::Duration::from_millis(50)).await;
 }
 
 async fn handshake(
@@ -166,6 +189,30 @@ async fn handshake(
 }
 
 impl Connection {
+    /// Whether the connection has to make room for others, which is counted.
+    fn check_dismissed(&mut self, context: &Context<'_>) -> io::Result<()> {
+        if !self.activity.has_to_go(context) {
+            return Ok(());
+        }
+        self.count_lost("made_room");
+        Err(io::ErrorKind::ConnectionAborted.into())
+    }
+
+    fn count_lost(&mut self, reason: &'static str) {
+        // Once: reading and writing both find out.
+        if let Some(metrics) = self.metrics.take() {
+            metrics.connection_lost(reason);
+        }
+    }
+
+    /// What writing came to. Also one whose other side reads nothing has to go when it is told to.
+    fn written<T>(&mut self, context: &Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
+        if written.is_pending() {
+            self.check_dismissed(context)?;
+        }
+        written
+    }
+
     /// Whether the connection has not got on in time.
     fn poll_overdue(&mut self, context: &mut Context<'_>) -> Poll<()> {
         loop {
@@ -193,16 +240,14 @@ impl AsyncRead for Connection {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
+        self.check_dismissed(context)?;
         let before = buffer.filled().len();
         let read = Pin::new(&mut self.transport).poll_read(context, buffer);
         if read.is_ready() {
             let more = (buffer.filled().len() - before) as u64;
             self.activity.read(more);
-        } else if self.activity.has_to_go(context) {
-            self.metrics.connection_lost("made_room");
-            return Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into()));
         } else if self.poll_overdue(context).is_ready() {
-            self.metrics.connection_lost("overdue");
+            self.count_lost("overdue");
             tracing::debug!("a connection on which nothing happened in time is closed");
             return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
         }
@@ -216,7 +261,8 @@ impl AsyncWrite for Connection {
         context: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.transport).poll_write(context, bytes)
+        let written = Pin::new(&mut self.transport).poll_write(context, bytes);
+        self.written(context, written)
     }
 
     fn poll_write_vectored(
@@ -224,7 +270,8 @@ impl AsyncWrite for Connection {
         context: &mut Context<'_>,
         slices: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.transport).poll_write_vectored(context, slices)
+        let written = Pin::new(&mut self.transport).poll_write_vectored(context, slices);
+        self.written(context, written)
     }
 
     fn is_write_vectored(&self) -> bool {
@@ -232,10 +279,12 @@ impl AsyncWrite for Connection {
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.transport).poll_flush(context)
+        let flushed = Pin::new(&mut self.transport).poll_flush(context);
+        self.written(context, flushed)
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.transport).poll_shutdown(context)
+        let shut = Pin::new(&mut self.transport).poll_shutdown(context);
+        self.written(context, shut)
     }
 }

@@ -1,14 +1,22 @@
 //! How many connections there may be, and who has to leave when there are too many.
 //!
-//! A connection is a *newcomer* until a request on it was authorised. Newcomers have a share of the slots and no more:
-//! when it is used up, the one that has been a newcomer for longest is closed to make room. So whoever opens
-//! connections without a token, however many, shuts nobody out who has one: a client only has to send its first
-//! request before its turn to leave comes. Each address has a limit of its own besides.
+//! A connection is a *newcomer* until a request on it was authorised. Newcomers have a share of the slots and no more.
+//! Nobody is turned away as long as somebody can be asked to leave: of the address with the most newcomers the one
+//! that came first, and where there are none, of the address with the most connections the one that was not used for
+//! longest. So whoever opens connections without a token, however many, shuts nobody out who has one: a client only has
+//! to send its first request before its turn to leave comes, and an idle client that had to leave connects again with
+//! its next request. Connections on which something is under way stay. Who comes waits for the moment until the other has
+//! left, so that there are never more than there may be.
 
-use std::collections::{BTreeMap, HashMap};
-use std::net::IpAddr;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::future::poll_fn;
+use std::net::{IpAddr, Ipv6Addr};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::task::{Context, Waker};
+use std::task::{Context, Poll, Waker};
+
+use tokio::sync::Notify;
+use tokio::time::timeout;
 
 use crate::limits;
 
@@ -19,7 +27,7 @@ pub struct ConnectionLimits {
     pub total: usize,
     /// On which no request was authorised yet.
     pub newcomers: usize,
-    /// From one address.
+    /// From one address; of IPv6, from one network of 64 bits.
     pub per_address: usize,
 }
 
@@ -33,7 +41,21 @@ impl ConnectionLimits {
 
 impl Default for ConnectionLimits {
     fn default() -> Self {
-        Self::new(limits::CONNECTIONS, limits::CONNECTIONS_PER_ADDRESS)
+        Self::new(limits::CONNECTIONS, limits::CONNECTIONS / 2)
+    }
+}
+
+/// From where a connection comes: an address, or none for local sockets. Of IPv6 the network counts, of which one machine
+/// has as many addresses as it likes (RFC 4291, section 2.5.4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Origin(Option<IpAddr>);
+
+impl From<Option<IpAddr>> for Origin {
+    fn from(address: Option<IpAddr>) -> Self {
+        Self(address.map(|address| match address.to_canonical() {
+            IpAddr::V6(long) => Ipv6Addr::from_bits(long.to_bits() >> 64 << 64).into(),
+            short => short,
+        }))
     }
 }
 
@@ -42,84 +64,237 @@ impl Default for ConnectionLimits {
 pub(crate) struct ConnectionSlots {
     limits: ConnectionLimits,
     taken: Arc<Mutex<OpenConnections>>,
+    /// Told when one has left.
+    left: Arc<Notify>,
 }
 
 #[derive(Debug, Default)]
 struct OpenConnections {
-    open: usize,
-    by_address: HashMap<IpAddr, usize>,
-    /// The newcomers in the order in which they came.
-    newcomers: BTreeMap<u64, Arc<Notice>>,
+    /// By number, and so in the order in which they came.
+    open: BTreeMap<u64, OpenConnection>,
+    crowds: HashMap<Origin, Crowd>,
+    newcomers: usize,
+    /// Were told to leave and have not closed yet.
+    leaving: usize,
     last_number: u64,
+}
+
+#[derive(Debug)]
+struct OpenConnection {
+    origin: Origin,
+    notice: Arc<Notice>,
+    is_leaving: bool,
+}
+
+/// The connections from one place.
+#[derive(Debug, Default)]
+struct Crowd {
+    open: usize,
+    leaving: usize,
+    /// In the order in which they came.
+    newcomers: BTreeSet<u64>,
 }
 
 /// The slot of one connection, until dropped.
 #[derive(Debug)]
-pub(super) struct ConnectionSlot {
+pub(crate) struct ConnectionSlot {
     slots: ConnectionSlots,
     number: u64,
-    address: Option<IpAddr>,
+    origin: Origin,
     notice: Arc<Notice>,
 }
 
-/// Tells a connection that it has to go.
+/// Tells a connection that it has to go, and is told when it is used.
 #[derive(Debug, Default)]
-struct Notice(Mutex<(bool, Option<Waker>)>);
+pub(super) struct Notice {
+    told: Mutex<(bool, Option<Waker>)>,
+    /// The counted use after which nothing was under way any more; [`BUSY`] while something is.
+    last_use: AtomicU64,
+}
+
+/// Stands for a connection on which something is under way.
+const BUSY: u64 = u64::MAX;
+
+/// Counts uses of connections, so that they can be put in order without a clock.
+static USES: AtomicU64 = AtomicU64::new(0);
 
 impl ConnectionSlots {
     pub(crate) fn new(limits: ConnectionLimits) -> Self {
-        Self { limits, taken: Arc::default() }
+        Self { limits, taken: Arc::default(), left: Arc::default() }
     }
 
     fn lock(&self) -> MutexGuard<'_, OpenConnections> {
         self.taken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A slot for a connection from `address`, which is none for local sockets.
+    /// A slot for a connection from there, once whoever makes room for it has left.
     ///
     /// # Errors
     /// Which limit is reached, in one word for counting.
-    pub(super) fn take(&self, address: Option<IpAddr>) -> Result<ConnectionSlot, &'static str> {
+    pub(super) async fn take(&self, origin: Origin) -> Result<ConnectionSlot, &'static str> {
+        let taking = async {
+            loop {
+                // Hears of who leaves from here on.
+                let left = self.left.notified();
+                if let Some(slot) = self.try_take(origin)? {
+                    return Ok(slot);
+                }
+                left.await;
+            }
+        };
+        timeout(limits::LEAVING, taking).await.unwrap_or(Err("limit"))
+    }
+
+    /// None while somebody who was told to leave has not left.
+    fn try_take(&self, origin: Origin) -> Result<Option<ConnectionSlot>, &'static str> {
         let mut taken = self.lock();
-        let from_there = address.and_then(|address| taken.by_address.get(&address));
-        if from_there.is_some_and(|count| *count >= self.limits.per_address) {
-            return Err("address");
-        }
-        if taken.newcomers.len() >= self.limits.newcomers || taken.open >= self.limits.total {
-            // Its slot becomes free a moment later, when its task has seen the notice.
-            let oldest = taken.newcomers.pop_first();
-            oldest.ok_or("limit")?.1.give();
-        }
-        if taken.open >= self.limits.total + limits::CONNECTIONS_LEAVING {
+        let from_there = taken.crowds.get(&origin).map_or(0, |crowd| crowd.open - crowd.leaving);
+        let staying = taken.open.len() - taken.leaving;
+        if origin.0.is_some() && from_there >= self.limits.per_address {
+            if !taken.dismiss(Some(origin)) {
+                return Err("address");
+            }
+        } else if (staying >= self.limits.total || taken.newcomers >= self.limits.newcomers)
+            && !taken.dismiss(None)
+        {
             return Err("limit");
         }
-        taken.open += 1;
-        taken.last_number += 1;
-        if let Some(address) = address {
-            *taken.by_address.entry(address).or_default() += 1;
+        if taken.open.len() >= self.limits.total {
+            return Ok(None);
         }
+        taken.last_number += 1;
         let (number, notice) = (taken.last_number, Arc::<Notice>::default());
-        taken.newcomers.insert(number, Arc::clone(&notice));
-        Ok(ConnectionSlot { slots: self.clone(), number, address, notice })
+        let crowd = taken.crowds.entry(origin).or_default();
+        crowd.open += 1;
+        crowd.newcomers.insert(number);
+        taken.newcomers += 1;
+        taken.open.insert(number, OpenConnection { origin, notice: Arc::clone(&notice), is_leaving: false });
+        Ok(Some(ConnectionSlot { slots: self.clone(), number, origin, notice }))
+    }
+
+    /// Most connections.
+    pub(crate) fn limit(&self) -> usize {
+        self.limits.total
     }
 
     /// Connections that are open, and those of them that are newcomers.
     pub(crate) fn counts(&self) -> (usize, usize) {
         let taken = self.lock();
-        (taken.open, taken.newcomers.len())
+        (taken.open.len(), taken.newcomers)
+    }
+}
+
+impl OpenConnections {
+    /// Tells one to leave, from there or from anywhere; false where none can.
+    fn dismiss(&mut self, of: Option<Origin>) -> bool {
+        let Some(number) = self.first_newcomer(of).or_else(|| self.longest_idle(of)) else { return false };
+        let Some(one) = self.open.get_mut(&number) else { return false };
+        one.is_leaving = true;
+        one.notice.give();
+        let origin = one.origin;
+        self.leaving += 1;
+        if let Some(crowd) = self.crowds.get_mut(&origin) {
+            crowd.leaving += 1;
+        }
+        self.settle(number, origin);
+        true
+    }
+
+    /// The newcomer that came first of all from there, or of the address with most of them.
+    fn first_newcomer(&self, of: Option<Origin>) -> Option<u64> {
+        let crowd = match of {
+            Some(origin) => self.crowds.get(&origin),
+            None => self.crowds.values().max_by_key(|crowd| crowd.newcomers.len()),
+        };
+        crowd?.newcomers.first().copied()
+    }
+
+    /// The known one that was not used for longest of all from there, or of the address with most connections that has
+    /// an idle one.
+    fn longest_idle(&self, of: Option<Origin>) -> Option<u64> {
+        let heaviest = self.crowds.iter().max_by_key(|(_, crowd)| crowd.open - crowd.leaving);
+        let heaviest = heaviest.map(|(origin, _)| *origin);
+        let there = self.open.iter().filter(|(_, one)| of.is_none_or(|of| one.origin == of));
+        let idle = there.filter_map(|(number, one)| {
+            let last_use = one.notice.last_use.load(Ordering::Relaxed);
+            let is_idle = !one.is_leaving && last_use != BUSY;
+            is_idle.then_some((Some(one.origin) != heaviest, last_use, *number))
+        });
+        idle.min().map(|(.., number)| number)
+    }
+
+    /// Takes one from the newcomers, if it is one.
+    fn settle(&mut self, number: u64, origin: Origin) {
+        let was = self.crowds.get_mut(&origin).is_some_and(|crowd| crowd.newcomers.remove(&number));
+        self.newcomers -= usize::from(was);
     }
 }
 
 impl ConnectionSlot {
+    /// From where the connection comes.
+    pub(super) fn origin(&self) -> Origin {
+        self.origin
+    }
+
+    /// Tells the connection to leave.
+    pub(super) fn notice(&self) -> &Arc<Notice> {
+        &self.notice
+    }
+
+    /// Its number, in the order in which connections came.
+    pub(super) fn number(&self) -> u64 {
+        self.number
+    }
+
     /// A request on the connection was authorised.
-    pub(super) fn settle(&self) {
-        self.slots.lock().newcomers.remove(&self.number);
+    pub(crate) fn settle(&self) {
+        self.slots.lock().settle(self.number, self.origin);
+    }
+
+    /// Something is under way on the connection, or nothing any more.
+    pub(super) fn used(&self, is_busy: bool) {
+        let now = if is_busy { BUSY } else { USES.fetch_add(1, Ordering::Relaxed) };
+        self.notice.last_use.store(now, Ordering::Relaxed);
+    }
+
+    /// Ends when the connection has to make room for others.
+    pub(super) async fn dismissed(&self) {
+        let told = |context: &mut Context<'_>| self.notice.is_given(context);
+        poll_fn(|context| if told(context) { Poll::Ready(()) } else { Poll::Pending }).await;
+    }
+}
+
+impl Drop for ConnectionSlot {
+    fn drop(&mut self) {
+        let mut taken = self.slots.lock();
+        taken.settle(self.number, self.origin);
+        let was_leaving = taken.open.remove(&self.number).is_some_and(|one| one.is_leaving);
+        taken.leaving -= usize::from(was_leaving);
+        if let Some(crowd) = taken.crowds.get_mut(&self.origin) {
+            crowd.open -= 1;
+            crowd.leaving -= usize::from(was_leaving);
+            if crowd.open == 0 {
+                taken.crowds.remove(&self.origin);
+            }
+        }
+        drop(taken);
+        self.slots.left.notify_waiters();
+    }
+}
+
+impl Notice {
+    pub(super) fn give(&self) {
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        told.0 = true;
+        if let Some(waker) = told.1.take() {
+            waker.wake();
+        }
     }
 
     /// Whether the connection has to go; otherwise its task is woken as soon as it has to.
-    pub(super) fn has_to_go(&self, context: &Context<'_>) -> bool {
-        let mut notice = self.notice.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let (is_given, waker) = &mut *notice;
+    pub(super) fn is_given(&self, context: &Context<'_>) -> bool {
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        let (is_given, waker) = &mut *told;
         if !waker.as_ref().is_some_and(|waker| waker.will_wake(context.waker())) {
             *waker = Some(context.waker().clone());
         }
@@ -127,79 +302,158 @@ impl ConnectionSlot {
     }
 }
 
-impl Drop for ConnectionSlot {
-    fn drop(&mut self) {
-        let mut taken = self.slots.lock();
-        taken.open -= 1;
-        taken.newcomers.remove(&self.number);
-        if let Some(address) = self.address
-            && let Some(count) = taken.by_address.get_mut(&address)
-        {
-            *count -= 1;
-            if *count == 0 {
-                taken.by_address.remove(&address);
-            }
-        }
-    }
-}
-
-impl Notice {
-    fn give(&self) {
-        let mut notice = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        notice.0 = true;
-        if let Some(waker) = notice.1.take() {
-            waker.wake();
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const HERE: Option<IpAddr> = Some(IpAddr::V4(std::net::Ipv4Addr::LOCALHOST));
-    const THERE: Option<IpAddr> = Some(IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 7)));
+    fn from(last: u8) -> Origin {
+        Some(IpAddr::from([10, 0, 0, last])).into()
+    }
 
     fn must_go(slot: &ConnectionSlot) -> bool {
-        slot.has_to_go(&Context::from_waker(Waker::noop()))
+        slot.notice.is_given(&Context::from_waker(Waker::noop()))
+    }
+
+    fn slots(total: usize, newcomers: usize, per_address: usize) -> ConnectionSlots {
+        ConnectionSlots::new(ConnectionLimits { newcomers, ..ConnectionLimits::new(total, per_address) })
+    }
+
+    /// A slot that there is room for at once.
+    fn room(slots: &ConnectionSlots, origin: Origin) -> ConnectionSlot {
+        slots.try_take(origin).expect("within the limits").expect("room")
+    }
+
+    fn busy(slots: &ConnectionSlots, origin: Origin) -> ConnectionSlot {
+        let slot = room(slots, origin);
+        slot.settle();
+        slot.used(true);
+        slot
     }
 
     #[test]
-    fn the_oldest_newcomer_makes_room_and_who_is_known_stays() {
-        let slots = ConnectionSlots::new(ConnectionLimits { total: 4, newcomers: 2, per_address: 9 });
-        let known = slots.take(HERE).expect("room");
-        known.settle();
-        let first = slots.take(HERE).expect("room");
-        let second = slots.take(HERE).expect("room");
+    fn the_oldest_newcomer_makes_room_and_who_is_at_work_stays() {
+        let slots = slots(4, 2, 9);
+        let known = busy(&slots, from(1));
+        let first = room(&slots, from(1));
+        let second = room(&slots, from(1));
         assert_eq!(slots.counts(), (3, 2));
-        let third = slots.take(HERE).expect("the first makes room");
+        let third = room(&slots, from(1));
         assert!(must_go(&first) && !must_go(&second) && !must_go(&third) && !must_go(&known));
         drop(first);
         assert_eq!(slots.counts(), (3, 2));
-        second.settle();
-        third.settle();
-        let fourth = slots.take(HERE).expect("a slot is left");
-        fourth.settle();
-        assert_eq!(slots.take(HERE).expect_err("all are taken by known ones"), "limit");
+        for slot in [&second, &third] {
+            slot.settle();
+            slot.used(true);
+        }
+        let _fourth = busy(&slots, from(1));
+        assert_eq!(slots.try_take(from(1)).expect_err("all are at work"), "limit");
         assert!(!must_go(&known));
+        // Who has not been used for longest goes, and comes again with its next request.
+        for slot in [&third, &known] {
+            slot.used(false);
+        }
+        assert!(slots.try_take(from(1)).expect("an idle one makes room").is_none());
+        assert!(must_go(&third) && !must_go(&known));
+        drop(third);
+        room(&slots, from(1));
     }
 
     #[test]
-    fn an_address_has_a_limit_of_its_own() {
-        let slots = ConnectionSlots::new(ConnectionLimits { total: 9, newcomers: 9, per_address: 2 });
-        let (one, _two) = (slots.take(HERE).expect("room"), slots.take(HERE).expect("room"));
-        assert_eq!(slots.take(HERE).expect_err("a third"), "address");
-        slots.take(THERE).expect("another address");
-        slots.take(None).expect("a local socket");
+    fn the_address_with_most_makes_room_for_another() {
+        let slots = slots(12, 10, 100);
+        let stranger = room(&slots, from(2));
+        let mut flood: Vec<_> = (0..9).map(|_| room(&slots, from(1))).collect();
+        let next = room(&slots, from(3));
+        assert!(must_go(&flood[0]) && !must_go(&flood[1]));
+        assert!(!must_go(&stranger) && !must_go(&next), "those who are few stay");
+        // The same among those who are known and idle.
+        drop(flood.remove(0));
+        for slot in flood.iter().rev().chain([&stranger, &next]) {
+            slot.settle();
+            slot.used(false);
+        }
+        let _others = [busy(&slots, from(4)), busy(&slots, from(5))];
+        assert!(slots.try_take(from(6)).expect("one makes room").is_none());
+        assert!(must_go(&flood[7]) && !must_go(&stranger) && !must_go(&next));
+    }
+
+    #[test]
+    fn an_address_has_a_limit_of_its_own_within_which_its_oldest_make_room() {
+        let slots = slots(9, 9, 2);
+        let (one, two) = (room(&slots, from(1)), room(&slots, from(1)));
+        let other = room(&slots, from(2));
+        let three = room(&slots, from(1));
+        assert!(must_go(&one) && !must_go(&two) && !must_go(&three) && !must_go(&other));
+        room(&slots, None.into());
+        for slot in [&two, &three] {
+            slot.settle();
+            slot.used(true);
+        }
+        assert_eq!(slots.try_take(from(1)).expect_err("both are at work"), "address");
         drop(one);
-        slots.take(HERE).expect("room again");
-        assert_eq!(slots.counts().0, 1);
+        two.used(false);
+        room(&slots, from(1));
+        assert!(must_go(&two));
     }
 
     #[test]
-    fn who_makes_room_and_does_not_leave_keeps_others_out_at_some_point() {
-        let slots = ConnectionSlots::new(ConnectionLimits { total: 1, newcomers: 1, per_address: 10_000 });
-        let open: Vec<_> = std::iter::from_fn(|| slots.take(HERE).ok()).take(10_000).collect();
-        assert_eq!(open.len(), 1 + limits::CONNECTIONS_LEAVING);
+    fn a_network_of_ipv6_is_one_address() {
+        let slots = slots(9, 9, 1);
+        let of = |text: &str| Origin::from(Some(text.parse::<IpAddr>().expect("an address")));
+        let first = room(&slots, of("2001:db8::1"));
+        let _second = room(&slots, of("2001:db8::ffff:1"));
+        assert!(must_go(&first));
+        let other = room(&slots, of("2001:db8:0:1::1"));
+        assert!(!must_go(&other));
+        assert_eq!(of("::ffff:10.0.0.1"), from(1));
+    }
+
+    #[tokio::test]
+    async fn however_many_come_at_once_each_is_taken_once_another_has_left() {
+        let slots = slots(4, 4, 4);
+        let mut tasks = tokio::task::JoinSet::new();
+        for _ in 0..1000 {
+            let slot = slots.take(from(1)).await.expect("the oldest makes room");
+            assert!(slots.counts().0 <= 4);
+            tasks.spawn(async move { slot.dismissed().await });
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_does_not_leave_keeps_others_out() {
+        let slots = slots(1, 1, 9);
+        let _stays = room(&slots, from(1));
+        assert_eq!(slots.take(from(1)).await.expect_err("it does not leave"), "limit");
+    }
+
+    /// Whatever comes and goes in whatever order, the counts are those of the slots that are held.
+    #[test]
+    fn counts_are_those_of_what_is_held() {
+        let slots = slots(8, 4, 5);
+        let mut held: Vec<ConnectionSlot> = Vec::new();
+        let mut seed = 7_u64;
+        let mut random = |below: usize| {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 33) as usize % below
+        };
+        for _ in 0..20_000 {
+            match random(4) {
+                0 | 1 => held.extend(slots.try_take(from(random(4) as u8)).ok().flatten()),
+                2 if !held.is_empty() => drop(held.swap_remove(random(held.len()))),
+                _ if !held.is_empty() => {
+                    let one = &held[random(held.len())];
+                    one.settle();
+                    one.used(random(2) == 0);
+                }
+                _ => {}
+            }
+            let leaving = held.iter().filter(|slot| must_go(slot)).count();
+            let taken = slots.lock();
+            assert_eq!((taken.open.len(), taken.leaving), (held.len(), leaving));
+            assert!(held.len() <= 8 && taken.newcomers <= 4, "{taken:?}");
+            let newcomers: usize = taken.crowds.values().map(|crowd| crowd.newcomers.len()).sum();
+            let open: usize = taken.crowds.values().map(|crowd| crowd.open).sum();
+            assert_eq!((newcomers, open), (taken.newcomers, held.len()));
+        }
     }
 }

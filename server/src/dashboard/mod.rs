@@ -22,19 +22,19 @@ use http::{HeaderMap, HeaderValue, Method, Request, Response, StatusCode, header
 use http_body_util::combinators::BoxBody;
 use http_body_util::{BodyExt, Full, Limited, StreamBody};
 use hyper::body::{Frame, Incoming};
-use hyper::server::conn::http1;
-use hyper::service::service_fn;
-use hyper_util::rt::{TokioIo, TokioTimer};
-use tokio::net::TcpListener;
-use tokio::sync::{Semaphore, mpsc};
+use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
+use tracing::Instrument as _;
 use treewright_proto::v1;
 
 use crate::access::caller::Caller;
 use crate::access::rules::Need;
 use crate::access::{Access, Authorization};
+use crate::connections::ConnectionSlot;
+use crate::connections::pages::Pages;
 use crate::error::Error;
+use crate::refusals::Refusals;
 use crate::tuning::Tuning;
 use crate::{limits, rpc, status};
 use pages::PageFrame;
@@ -55,6 +55,7 @@ pub(crate) struct Dashboard {
     pub(crate) tuning: Arc<Tuning>,
     /// Without it everybody may look.
     pub(crate) access: Option<Arc<Access>>,
+    pub(crate) refusals: Refusals,
 }
 
 /// Who looks at a page.
@@ -65,7 +66,7 @@ pub(super) struct Visitor<'a> {
 }
 
 impl Dashboard {
-    async fn answer(self: &Arc<Self>, request: Request<Incoming>) -> Response<Body> {
+    async fn respond(self: &Arc<Self>, request: Request<Incoming>, slot: &ConnectionSlot) -> Response<Body> {
         let (parts, body) = request.into_parts();
         if self.access.is_none() && !names_this_machine(&parts.headers) {
             // Else a page of the Internet could have its name lead here, and read what no token guards.
@@ -80,11 +81,11 @@ impl Dashboard {
                 asset("text/javascript; charset=utf-8", include_str!("../../assets/live.js"))
             }
             (&Method::GET | &Method::HEAD, "/login") => page(StatusCode::OK, pages::login(None)),
-            (&Method::POST, "/login") => self.log_in(body).await,
+            (&Method::POST, "/login") => self.log_in(body, slot).await,
             (&Method::POST, "/logout") => redirect("/login", Some(cookie("", true))),
             (&Method::GET | &Method::HEAD, _) => {
                 let query = Query::read(parts.uri.query().unwrap_or_default());
-                self.look(path, &query, &parts.headers).await
+                self.look(path, &query, &parts.headers, slot).await
             }
             _ => text(StatusCode::METHOD_NOT_ALLOWED, "only GET\n".to_owned()),
         }
@@ -98,29 +99,58 @@ impl Dashboard {
         }
     }
 
-    async fn log_in(&self, body: Incoming) -> Response<Body> {
-        let Ok(body) = Limited::new(body, limits::DASHBOARD_FORM_BYTES).collect().await else {
-            return text(StatusCode::PAYLOAD_TOO_LARGE, "too much\n".to_owned());
+    async fn log_in(&self, body: Incoming, slot: &ConnectionSlot) -> Response<Body> {
+        let form = Limited::new(body, limits::DASHBOARD_FORM_BYTES).collect();
+        let body = match tokio::time::timeout(limits::WATCH, form).await {
+            Ok(Ok(body)) => body,
+            Ok(Err(_)) => return text(StatusCode::PAYLOAD_TOO_LARGE, "too much\n".to_owned()),
+            Err(_) => return text(StatusCode::REQUEST_TIMEOUT, "too slow\n".to_owned()),
         };
         let form = Query::read(&String::from_utf8_lossy(&body.to_bytes()));
         let token = form.text("token");
         match self.authorize(Authorization::Bearer(token.trim())).await {
-            Ok(_) => redirect("/", Some(cookie(token.trim(), false))),
-            Err(error) => page(StatusCode::UNAUTHORIZED, pages::login(Some(error.to_string()))),
+            Ok(_) => {
+                slot.settle();
+                redirect("/", Some(cookie(token.trim(), false)))
+            }
+            Err(error) => {
+                self.refusals.note(&error);
+                page(StatusCode::UNAUTHORIZED, pages::login(Some(error.to_string())))
+            }
         }
     }
 
-    async fn look(self: &Arc<Self>, path: &str, query: &Query, headers: &HeaderMap) -> Response<Body> {
+    /// Lets somebody in who asks for a page, which counts as a request.
+    async fn enter(&self, path: &str, headers: &HeaderMap) -> Result<Caller, Error> {
         let kept = token_of(headers);
         let authorization = match &kept {
             Some(token) => Authorization::Bearer(token),
             None => Authorization::of(headers),
         };
-        let caller = match self.authorize(authorization).await {
+        let caller = self.authorize(authorization).await.inspect_err(|error| {
+            // A browser without a token only has to be shown where to log in.
+            if !matches!(authorization, Authorization::Missing) {
+                self.refusals.note(error);
+            }
+        })?;
+        tracing::Span::current().record("token", caller.id());
+        caller.spend_request(path.len()).inspect_err(|error| self.refusals.note(error))?;
+        Ok(caller)
+    }
+
+    async fn look(
+        self: &Arc<Self>,
+        path: &str,
+        query: &Query,
+        headers: &HeaderMap,
+        slot: &ConnectionSlot,
+    ) -> Response<Body> {
+        let caller = match self.enter(path, headers).await {
             Ok(caller) => caller,
             Err(Error::Unauthenticated(_)) => return redirect("/login", None),
             Err(error) => return failure(PageFrame { has_token: true }, &error),
         };
+        slot.settle();
         let frame = PageFrame { has_token: self.access.is_some() };
         let visitor = Visitor { tuning: &self.tuning, caller: &caller, frame };
         let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
@@ -274,40 +304,30 @@ fn failure(frame: PageFrame, error: &Error) -> Response<Body> {
         Code::NotFound => (StatusCode::NOT_FOUND, "Not found"),
         Code::PermissionDenied => (StatusCode::FORBIDDEN, "Not allowed"),
         Code::InvalidArgument => (StatusCode::BAD_REQUEST, "Cannot be read"),
+        Code::ResourceExhausted if matches!(error, Error::Quota { .. }) => {
+            (StatusCode::TOO_MANY_REQUESTS, "Not now")
+        }
         Code::Unavailable | Code::ResourceExhausted => (StatusCode::SERVICE_UNAVAILABLE, "Not now"),
         _ => (StatusCode::INTERNAL_SERVER_ERROR, "Failed"),
     };
-    page(status, pages::problem(frame, title, &error.to_string()))
+    let mut answer = page(status, pages::problem(frame, title, &error.to_string()));
+    if let Some(wait) = status::retry_after(error) {
+        // In whole seconds, and never too soon.
+        let wait_s = wait.as_secs_f64().ceil().max(1.0) as u64;
+        answer.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(wait_s));
+    }
+    answer
 }
 
-/// Serves those who look until it is dropped.
-pub(crate) async fn serve(listener: TcpListener, dashboard: Dashboard) {
-    let dashboard = Arc::new(dashboard);
-    let places = Arc::new(Semaphore::new(limits::DASHBOARD_CONNECTIONS));
-    loop {
-        let stream = match listener.accept().await {
-            Ok((stream, _)) => stream,
-            Err(error) => {
-                tracing::warn!(%error, "a connection for the dashboard could not be accepted");
-                tokio::time::sleep(Duration::from_millis(50)).await;
-                continue;
-            }
-        };
-        // One too many is closed at once.
-        let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
-            continue;
-        };
-        let dashboard = Arc::clone(&dashboard);
-        tokio::spawn(async move {
-            let service = service_fn(async |request| Ok::<_, Infallible>(dashboard.answer(request).await));
-            let served = http1::Builder::new()
-                .timer(TokioTimer::new())
-                .header_read_timeout(limits::WATCH)
-                .serve_connection(TokioIo::new(stream), service);
-            // Whatever went wrong is the browser's affair.
-            let _ = tokio::time::timeout(limits::DASHBOARD_STAY, served).await;
-            drop(place);
-        });
+impl Pages for Dashboard {
+    type Body = Body;
+
+    const KEEPS_ALIVE: bool = true;
+    const STAY: Duration = limits::DASHBOARD_STAY;
+
+    async fn answer(self: &Arc<Self>, request: Request<Incoming>, slot: &ConnectionSlot) -> Response<Body> {
+        let span = tracing::info_span!("request", rpc = "dashboard", token = tracing::field::Empty);
+        self.respond(request, slot).instrument(span).await
     }
 }
 

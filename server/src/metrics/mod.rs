@@ -4,6 +4,7 @@
 //! from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in `status`, and of studies only some
 //! are shown (`studies`). The names and units follow OpenMetrics 1.0.
 
+mod process;
 mod studies;
 mod study;
 
@@ -22,12 +23,10 @@ use treewright_core::trial::TrialState;
 use treewright_core::tuner::Change;
 use treewright_store::{Receipt, StoreError, StoreSize};
 
+use crate::access::rules::{RULES, rule_for};
+use crate::status;
 use studies::StudyFamilies;
 pub(crate) use study::{FrameCounts, StudyFigures};
-
-/// What `sysconf(_SC_CLK_TCK)` says on every Linux that Rust runs on: user space is told ticks of 10 ms, whatever the
-/// kernel's own are.
-const TICKS_PER_S: f64 = 100.0;
 
 /// An RPC.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
@@ -100,6 +99,14 @@ struct MomentGauges {
     database_log: Gauge,
     since_durable: Gauge<f64, AtomicU64>,
     draining: Gauge,
+    connections_limit: Gauge,
+    in_flight_limit: Gauge,
+    streams_limit: Gauge,
+    unfinished: Gauge,
+    descriptors: Gauge,
+    descriptors_limit: Gauge,
+    certificate_expiry: Gauge,
+    last_backup: Gauge,
 }
 
 /// What [`Metrics::text`] is told about this moment.
@@ -119,8 +126,16 @@ pub(crate) struct Moment {
     pub(crate) open_leases: u64,
     /// What the database takes up.
     pub(crate) size: StoreSize,
+    /// Most connections, requests and streams.
+    pub(crate) limits: (usize, usize, usize),
     /// Whether the daemon is ending.
     pub(crate) draining: bool,
+    /// Bytes of requests that have not come as a whole, and of answers that were not read.
+    pub(crate) unfinished: usize,
+    /// When the certificate that is shown ends, in seconds since 1970; none without one.
+    pub(crate) certificate_expiry_s: Option<i64>,
+    /// When the database was last copied, in seconds since 1970; none where nobody knows.
+    pub(crate) last_backup_s: Option<i64>,
     /// The studies that are shown.
     pub(crate) studies: Vec<StudyFigures>,
 }
@@ -168,8 +183,8 @@ impl Metrics {
     }
 
     fn register(&self) {
-        let mut registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
-        let r = &mut *registry;
+        let mut guard = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
+        let r = &mut *guard;
         r.register(
             "requests",
             "Requests, and frames of Tune streams, by RPC and gRPC code",
@@ -237,6 +252,29 @@ impl Metrics {
         r.register("studies_in_memory", "Studies whose tuner is in memory", now.studies_in_memory.clone());
         r.register("open_leases", "Trials under a lease, of studies in memory", now.open_leases.clone());
         r.register("draining", "1 while the daemon is ending", now.draining.clone());
+        r.register_with_unit(
+            "unfinished",
+            "Requests that have not come as a whole, and answers that were not read",
+            Unit::Bytes,
+            now.unfinished.clone(),
+        );
+        r.register("connections_limit", "Most connections", now.connections_limit.clone());
+        r.register("requests_in_flight_limit", "Most requests being worked on", now.in_flight_limit.clone());
+        r.register("tune_streams_limit", "Most Tune streams", now.streams_limit.clone());
+        r.register("descriptors", "Open files and sockets", now.descriptors.clone());
+        r.register("descriptors_limit", "Most files and sockets", now.descriptors_limit.clone());
+        r.register_with_unit(
+            "certificate_expiry",
+            "When the certificate ends, in Unix time; 0 without one",
+            Unit::Seconds,
+            now.certificate_expiry.clone(),
+        );
+        r.register_with_unit(
+            "last_backup",
+            "When `treewrightd backup` last copied the database, in Unix time; 0 if it never did",
+            Unit::Seconds,
+            now.last_backup.clone(),
+        );
         r.register_with_unit("resident_memory", "Memory of the process", Unit::Bytes, now.memory.clone());
         r.register_with_unit(
             "processor",
@@ -258,12 +296,27 @@ impl Metrics {
             now.since_durable.clone(),
         );
         self.studies.register(r);
-        // What must be noticed when it first happens is shown before it does.
+        drop(guard);
+        self.begin_at_zero();
+    }
+
+    /// Makes every counter with every label, so that the first time that something happens is seen as an increase.
+    fn begin_at_zero(&self) {
         for reason in ["limit", "address", "made_room", "tls", "overdue"] {
             drop(self.connections_lost.get_or_create(&ReasonLabel { reason }));
         }
+        for reason in status::REASONS {
+            drop(self.refusals.get_or_create(&ReasonLabel { reason }));
+        }
         for outcome in ["answered", "silent"] {
             drop(self.forwarded.get_or_create(&OutcomeLabel { outcome }));
+        }
+        let rpcs = RULES.iter().map(|rule| rule.rpc).chain(["Tune.frame", rule_for("").rpc]);
+        for rpc in rpcs {
+            drop(self.request_seconds.get_or_create(&RpcLabel { rpc }));
+            for code in (0..=16).map(Code::from_i32) {
+                drop(self.requests.get_or_create(&EndingLabel { rpc, code: code_name(code) }));
+            }
         }
     }
 
@@ -347,6 +400,7 @@ impl Metrics {
         let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
         self.studies.show(&moment.studies);
         let now = &self.now;
+        let (descriptors, descriptors_limit) = process::descriptors().unwrap_or((0, 0));
         for (gauge, value) in [
             (&now.connections, moment.connections as u64),
             (&now.newcomers, moment.newcomers as u64),
@@ -355,13 +409,21 @@ impl Metrics {
             (&now.studies_in_memory, moment.studies_in_memory as u64),
             (&now.open_leases, moment.open_leases),
             (&now.draining, u64::from(moment.draining)),
-            (&now.memory, resident_bytes().unwrap_or(0)),
+            (&now.connections_limit, moment.limits.0 as u64),
+            (&now.in_flight_limit, moment.limits.1 as u64),
+            (&now.streams_limit, moment.limits.2 as u64),
+            (&now.unfinished, moment.unfinished as u64),
+            (&now.descriptors, descriptors),
+            (&now.descriptors_limit, descriptors_limit),
+            (&now.memory, process::resident_bytes().unwrap_or(0)),
             (&now.database, moment.size.database_bytes),
             (&now.database_log, moment.size.log_bytes),
         ] {
             gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
         }
-        now.processor_seconds.set(processor_seconds().unwrap_or(0.0));
+        now.certificate_expiry.set(moment.certificate_expiry_s.unwrap_or(0));
+        now.last_backup.set(moment.last_backup_s.unwrap_or(0));
+        now.processor_seconds.set(process::processor_seconds().unwrap_or(0.0));
         let last_durable = *self.last_durable.lock().unwrap_or_else(PoisonError::into_inner);
         now.since_durable.set(last_durable.elapsed().as_secs_f64());
         let mut text = String::new();
@@ -405,23 +467,6 @@ fn code_name(code: Code) -> &'static str {
     }
 }
 
-/// Processor time of this process, user and system, as Linux counts it.
-fn processor_seconds() -> Option<f64> {
-    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
-    // The name before may hold anything, and ends with the last bracket (proc_pid_stat(5)).
-    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
-    let mut ticks = || fields.next()?.parse::<f64>().ok();
-    Some((ticks()? + ticks()?) / TICKS_PER_S)
-}
-
-/// Memory of this process, as Linux counts it.
-fn resident_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
-    let kilobytes: u64 = line.split_whitespace().next()?.parse().ok()?;
-    Some(kilobytes * 1024)
-}
-
 #[cfg(test)]
 mod tests {
     use treewright_core::tuner::StudyCounts;
@@ -457,7 +502,21 @@ mod tests {
         ] {
             assert!(text.contains(line), "{line} is not in\n{text}");
         }
-        assert!(resident_bytes().is_some_and(|bytes| bytes > 1 << 20));
+    }
+
+    #[test]
+    fn whatever_can_happen_is_counted_from_zero() {
+        let text = Metrics::new().text(&Moment::default()).unwrap();
+        for line in [
+            "treewright_refusals_total{reason=\"defect\"} 0",
+            "treewright_refusals_total{reason=\"store\"} 0",
+            "treewright_refusals_total{reason=\"token\"} 0",
+            "treewright_requests_total{rpc=\"Suggest\",code=\"INTERNAL\"} 0",
+            "treewright_requests_total{rpc=\"Tune.frame\",code=\"OK\"} 0",
+            "treewright_request_seconds_count{rpc=\"Health.Check\"} 0",
+        ] {
+            assert!(text.contains(line), "{line} is not in\n{text}");
+        }
     }
 
     #[test]
@@ -515,20 +574,6 @@ mod tests {
         assert!(since(&metrics) > 99.0, "nor is this");
         ended(Ok(())).await.unwrap();
         assert!(since(&metrics) < 50.0);
-    }
-
-    #[test]
-    fn processor_time_is_counted() {
-        let before = processor_seconds().expect("Linux");
-        let mut sum = 0.0_f64;
-        // Other tests of this process may count a tick before this loop has begun: work comes first.
-        loop {
-            (0..1_000_000).for_each(|number| sum += std::hint::black_box(f64::from(number)).sqrt());
-            if processor_seconds().expect("Linux") > before {
-                break;
-            }
-        }
-        assert!(sum > 0.0);
     }
 
     #[tokio::test]

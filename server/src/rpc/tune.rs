@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use prost::Message as _;
 use tokio::sync::mpsc;
-use tokio::time::timeout;
+use tokio::time::{sleep, timeout};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Code, Status, Streaming};
 use tracing::Instrument as _;
@@ -74,7 +74,16 @@ impl TuneStream {
                 let last = answer.is_err();
                 // A client that no longer listens wants no more answers, and one that does not read them in time
                 // must not keep a place among the streams.
-                let sent = timeout(limits::TUNE_UNREAD, answers.send(answer)).await;
+                let patience = async {
+                    tokio::select! {
+                        () = sleep(limits::TUNE_UNREAD) => {}
+                        () = self.admission.draining() => sleep(limits::DRAIN_UNREAD).await,
+                    }
+                };
+                let sent = tokio::select! {
+                    sent = answers.send(answer) => Ok(sent),
+                    () = patience => Err(()),
+                };
                 if sent.is_err() {
                     tracing::info!("a Tune stream is ended: its client does not read the answers");
                 }

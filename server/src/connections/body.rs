@@ -1,0 +1,218 @@
+//! Bodies of requests and answers, of which the bytes count for as long as they are unfinished.
+//!
+//! Of a request its head counts, and then the message that is under way, as long as its beginning says that it is: so much
+//! memory is set aside for it (the frames of gRPC: a flag, a length in four bytes, the message). Of an answer each piece
+//! counts until the connection has written it.
+
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll, ready};
+
+use bytes::Bytes;
+use http::{HeaderMap, Request};
+use hyper::body::{Frame, SizeHint};
+use tonic::Status;
+use tonic::body::Body;
+
+use super::activity::{Activity, HeldBytes};
+use crate::limits;
+
+/// The flag and the length before each message.
+const PREFIX_BYTES: usize = 5;
+
+/// Follows the messages of a request.
+#[derive(Debug, Default)]
+struct Messages {
+    prefix: [u8; PREFIX_BYTES],
+    /// How many bytes of the prefix have come.
+    prefix_bytes: usize,
+    /// Bytes of the message that are to come.
+    missing: usize,
+    /// What the message under way takes up.
+    under_way: usize,
+    /// What the largest one took up, whose room the gRPC library keeps for those that follow.
+    kept: usize,
+}
+
+impl Messages {
+    fn read(&mut self, mut bytes: &[u8]) {
+        while !bytes.is_empty() {
+            if self.missing == 0 {
+                let taken = bytes.len().min(PREFIX_BYTES - self.prefix_bytes);
+                let (here, rest) = bytes.split_at(taken);
+                self.prefix[self.prefix_bytes..self.prefix_bytes + taken].copy_from_slice(here);
+                (self.prefix_bytes, bytes) = (self.prefix_bytes + taken, rest);
+                if self.prefix_bytes < PREFIX_BYTES {
+                    return;
+                }
+                let [flag, length @ ..] = self.prefix;
+                // A longer one is refused by the gRPC library as soon as it reads this.
+                self.missing = (u32::from_be_bytes(length) as usize).min(limits::REQUEST_BYTES);
+                // How large a compressed one becomes is not known before.
+                self.under_way = if flag == 0 { self.missing } else { limits::REQUEST_BYTES };
+            }
+            let taken = bytes.len().min(self.missing);
+            (self.missing, bytes) = (self.missing - taken, &bytes[taken..]);
+            if self.missing == 0 {
+                self.kept = self.kept.max(self.under_way);
+                (self.prefix_bytes, self.under_way) = (0, 0);
+            }
+        }
+    }
+
+    /// Bytes that are held for messages.
+    fn held(&self) -> usize {
+        let kept = if self.kept > limits::MESSAGE_BYTES_SMALL { self.kept } else { 0 };
+        self.under_way.max(kept)
+    }
+
+    fn is_between(&self) -> bool {
+        self.prefix_bytes == 0
+    }
+}
+
+/// The body of a request.
+struct RequestBody {
+    inner: Body,
+    messages: Messages,
+    held: HeldBytes,
+    /// What the head takes up, until the first message is there.
+    head: usize,
+}
+
+/// A request whose bytes count on its connection until they are a whole message.
+pub(crate) fn request_body(activity: &Arc<Activity>, request: Request<Body>) -> Request<Body> {
+    let head = limits::REQUEST_HEAD_BYTES + header_bytes(request.headers());
+    let held = activity.hold(head);
+    request.map(|inner| Body::new(RequestBody { inner, messages: Messages::default(), held, head }))
+}
+
+fn header_bytes(headers: &HeaderMap) -> usize {
+    headers.iter().map(|(name, value)| name.as_str().len() + value.len()).sum()
+}
+
+impl hyper::body::Body for RequestBody {
+    type Data = Bytes;
+    type Error = Status;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
+        let frame = ready!(Pin::new(&mut self.inner).poll_frame(context));
+        if let Some(Ok(frame)) = &frame
+            && let Some(data) = frame.data_ref()
+        {
+            let this = &mut *self;
+            this.messages.read(data);
+            if this.messages.is_between() {
+                this.head = 0;
+            }
+            this.held.set(this.head + this.messages.held());
+        }
+        Poll::Ready(frame)
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.inner.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.inner.size_hint()
+    }
+}
+
+/// The body of an answer.
+struct AnswerBody {
+    inner: Body,
+    activity: Arc<Activity>,
+}
+
+/// A piece of an answer that counts until its last owner has dropped it: until it is written.
+struct Piece {
+    bytes: Bytes,
+    _held: HeldBytes,
+}
+
+impl AsRef<[u8]> for Piece {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// An answer whose bytes count on its connection until they are written.
+pub(crate) fn answer_body(activity: &Arc<Activity>, inner: Body) -> Body {
+    Body::new(AnswerBody { inner, activity: Arc::clone(activity) })
+}
+
+impl hyper::body::Body for AnswerBody {
+    type Data = Bytes;
+    type Error = Status;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
+        let frame = ready!(Pin::new(&mut self.inner).poll_frame(context));
+        let counted = |bytes: Bytes| {
+            let held = self.activity.hold(bytes.len());
+            Bytes::from_owner(Piece { bytes, _held: held })
+        };
+        Poll::Ready(frame.map(|frame| frame.map(|frame| frame.map_data(counted))))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.inner.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.inner.size_hint()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message(flag: u8, length: u32) -> Vec<u8> {
+        [&[flag][..], &length.to_be_bytes(), &vec![7; length as usize]].concat()
+    }
+
+    #[test]
+    fn messages_are_followed_however_they_are_cut() {
+        let all = [message(0, 3), message(0, 0), message(0, 100)].concat();
+        for size in 1..=all.len() {
+            let mut messages = Messages::default();
+            let mut most = 0;
+            for piece in all.chunks(size) {
+                messages.read(piece);
+                most = most.max(messages.held());
+            }
+            assert!(messages.is_between() && messages.held() == 0, "{size}: {messages:?}");
+            // Of messages that come as a whole nothing is held.
+            assert_eq!(most, if size < all.len() { 100 } else { 0 }, "{size}");
+        }
+    }
+
+    #[test]
+    fn a_beginning_counts_as_much_as_it_announces() {
+        let mut messages = Messages::default();
+        messages.read(&message(0, 1 << 19)[..5]);
+        assert_eq!(messages.held(), 1 << 19);
+        let mut messages = Messages::default();
+        messages.read(&message(1, 100)[..50]);
+        assert_eq!(messages.held(), limits::REQUEST_BYTES, "it may become as large when it is unpacked");
+        let mut messages = Messages::default();
+        messages.read(&[0, 255, 255, 255, 255]);
+        assert_eq!(messages.held(), limits::REQUEST_BYTES, "more is refused");
+    }
+
+    #[test]
+    fn the_room_of_a_large_message_stays_with_its_stream() {
+        let mut messages = Messages::default();
+        messages.read(&message(0, 1 << 19));
+        assert_eq!(messages.held(), 1 << 19);
+        messages.read(&message(0, 10));
+        assert_eq!(messages.held(), 1 << 19);
+    }
+}

@@ -1,0 +1,75 @@
+//! Listeners for browsers and for those who watch: HTTP/1.1, a few connections, and whoever comes last is served.
+//!
+//! Where all are taken, one makes room by the [rule](super::slots) of all connections, with one difference: nothing that is
+//! under way keeps it, as those who ask here come again by themselves. So neither connections that say nothing nor ones that
+//! never end their question keep an orchestrator from asking whether the daemon lives.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+use http::{Request, Response};
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::net::TcpListener;
+use tokio::time::timeout;
+
+use super::pause;
+use super::slots::{ConnectionLimits, ConnectionSlot, ConnectionSlots};
+use crate::limits;
+
+/// What answers on such a listener.
+pub(crate) trait Pages: Send + Sync + 'static {
+    /// The body of an answer.
+    type Body: hyper::body::Body<Data = Bytes, Error = Infallible> + Send + 'static;
+
+    /// Whether a connection may ask several times.
+    const KEEPS_ALIVE: bool;
+
+    /// After so long a connection ends.
+    const STAY: Duration;
+
+    /// Answers one request. It calls [`ConnectionSlot::settle`] once it knows that whoever asks may.
+    fn answer(
+        self: &Arc<Self>,
+        request: Request<Incoming>,
+        slot: &ConnectionSlot,
+    ) -> impl Future<Output = Response<Self::Body>> + Send;
+}
+
+/// Serves at most so many at once until it is dropped.
+pub(crate) async fn serve<P: Pages>(listener: TcpListener, pages: P, connections: usize) {
+    let pages = Arc::new(pages);
+    let most = ConnectionLimits { total: connections, newcomers: connections, per_address: connections };
+    let slots = ConnectionSlots::new(most);
+    loop {
+        let (stream, address) = match listener.accept().await {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                pause(&error).await;
+                continue;
+            }
+        };
+        let Ok(slot) = slots.take(Some(address.ip()).into()).await else { continue };
+        let pages = Arc::clone(&pages);
+        tokio::spawn(async move {
+            let service = service_fn(async |request| {
+                slot.used(false);
+                Ok::<_, Infallible>(pages.answer(request, &slot).await)
+            });
+            let served = http1::Builder::new()
+                .timer(TokioTimer::new())
+                .header_read_timeout(limits::WATCH)
+                .keep_alive(P::KEEPS_ALIVE)
+                .serve_connection(TokioIo::new(stream), service);
+            tokio::select! {
+                // Whatever went wrong is the asker's affair.
+                _ = timeout(P::STAY, served) => {}
+                () = slot.dismissed() => {}
+            }
+        });
+    }
+}
