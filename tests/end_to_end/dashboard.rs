@@ -159,6 +159,48 @@ fn what_changes_is_told() {
 }
 
 #[test]
+fn wrong_logins_are_counted_and_pages_use_up_a_quota() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let database = folder.path().join("tuning.db");
+    let slow = {
+        let database = database.to_str().expect("text");
+        let make = || token(database, &["--scope", "read", "--requests-per-s", "2"]);
+        // The database is made by the first daemon.
+        drop(start(folder.path(), &["--tokens"]));
+        make()
+    };
+    let (daemon, address) = start(folder.path(), &["--tokens", "--metrics", "127.0.0.1:0"]);
+    let log = || std::fs::read_to_string(folder.path().join("daemon.log")).expect("the log");
+    let text = log();
+    let line = text.lines().find(|line| line.contains("metrics are served")).expect("it says where");
+    let metrics =
+        line.split("address=").nth(1).and_then(|rest| rest.split_whitespace().next()).expect("an address");
+    let counted = |reason: &str| {
+        let text = get(metrics, "/metrics", "").body;
+        let name = format!("treewright_refusals_total{{reason=\"{reason}\"}} ");
+        let line = text.lines().find_map(|line| line.strip_prefix(&name)).expect("it is counted");
+        line.parse::<u64>().expect("a number")
+    };
+    assert_eq!(counted("token"), 0);
+    let form = "token=tw1_wrong";
+    for _ in 0..3 {
+        let head = format!("POST /login HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n");
+        assert_eq!(ask(&address, &format!("{head}Content-Length: {}\r\n\r\n{form}", form.len())).status, 401);
+    }
+    assert_eq!(get(&address, "/", "Cookie: treewright_token=tw1_wrong\r\n").status, 303);
+    assert_eq!(counted("token"), 4);
+    assert!(log().contains("request refused"), "{}", log());
+
+    let cookie = format!("Cookie: treewright_token={slow}\r\n");
+    let answers: Vec<Answer> = (0..12).map(|_| get(&address, "/", &cookie)).collect();
+    let refused: Vec<&Answer> = answers.iter().filter(|answer| answer.status == 429).collect();
+    assert_eq!(answers[0].status, 200);
+    assert!(!refused.is_empty() && refused[0].head.contains("retry-after: 1"), "{}", answers[11].head);
+    assert!(counted("quota") >= refused.len() as u64);
+    assert!(daemon.terminate().success());
+}
+
+#[test]
 fn who_shows_no_token_sees_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let database = folder.path().join("tuning.db");

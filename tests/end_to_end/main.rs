@@ -12,6 +12,7 @@ mod flood;
 mod guard;
 mod lifecycle;
 mod local;
+mod lockouts;
 mod locks;
 mod network;
 mod power;

@@ -1,0 +1,321 @@
+//! What somebody without a token, or with too many connections, cannot do: shut others out, fill the memory, hold up the end.
+
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use tokio::time::timeout;
+use treewright_proto::v1 as pb;
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::program;
+
+use crate::{dashboard, wire};
+
+const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
+const DATA: u8 = 0;
+const HEADERS: u8 = 1;
+const SETTINGS: u8 = 4;
+const END_STREAM: u8 = 1;
+const END_HEADERS: u8 = 4;
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A frame of HTTP/2 (RFC 9113, section 4.1).
+fn frame(kind: u8, flags: u8, stream: u32, payload: &[u8]) -> Vec<u8> {
+    let length = u32::try_from(payload.len()).expect("a short frame").to_be_bytes();
+    [&length[1..], &[kind, flags], &stream.to_be_bytes(), payload].concat()
+}
+
+/// The fields of a call: POST, http, and the rest as literals of HPACK.
+fn fields(rpc: &str, authority: &str) -> Vec<u8> {
+    let text = |text: &str| [&[u8::try_from(text.len()).expect("short")][..], text.as_bytes()].concat();
+    let path = format!("/treewright.v1.TuningService/{rpc}");
+    let named = |name: &str, value: &str| [vec![0], text(name), text(value)].concat();
+    [
+        vec![0x83, 0x86, 0x04],
+        text(&path),
+        vec![0x01],
+        text(authority),
+        named("content-type", "application/grpc"),
+        named("te", "trailers"),
+    ]
+    .concat()
+}
+
+/// The beginning of a connection, and a call with this part of its message.
+fn call(rpc: &str, authority: &str, settings: &[u8], message: &[u8], flags: u8) -> Vec<u8> {
+    let mut bytes = [PREFACE, &frame(SETTINGS, 0, 0, settings)].concat();
+    bytes.extend(frame(HEADERS, END_HEADERS, 1, &fields(rpc, authority)));
+    for (index, piece) in message.chunks(16_000).enumerate() {
+        let is_last = (index + 1) * 16_000 >= message.len();
+        bytes.extend(frame(DATA, if is_last { flags } else { 0 }, 1, piece));
+    }
+    bytes
+}
+
+fn under_descriptors(descriptors: usize) -> Command {
+    let mut shell = Command::new("sh");
+    shell.args(["-c", &format!("ulimit -n {descriptors}; exec \"$0\" \"$@\"")]).arg(program("treewrightd"));
+    shell
+}
+
+/// Connections that are opened and say this, as many as can be had.
+fn hold(address: &str, count: usize, says: &[u8]) -> Vec<TcpStream> {
+    let open = |_| {
+        let mut stream = TcpStream::connect(address).ok()?;
+        // The daemon may have closed it already.
+        let _ = stream.write_all(says);
+        Some(stream)
+    };
+    (0..count).filter_map(open).collect()
+}
+
+async fn served(url: &str) -> bool {
+    let asked = timeout(PATIENCE, async {
+        let mut client =
+            pb::tuning_service_client::TuningServiceClient::connect(url.to_owned()).await.ok()?;
+        client.list_studies(pb::ListStudiesRequest::default()).await.ok()
+    });
+    asked.await.is_ok_and(|answer| answer.is_some())
+}
+
+#[tokio::test]
+async fn silent_connections_shut_nobody_out_whatever_the_limit_of_descriptors() {
+    for descriptors in [256, 1024] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let daemon = Daemon::start_by(under_descriptors(descriptors), &folder.path().join("tuning.db"));
+        // Who is connected before is served throughout.
+        let mut known = wire::connect(daemon.url()).await;
+        wire::create(&mut known, "calm").await;
+        let silent = hold(daemon.address(), 1400, b"");
+        for attempt in 0..8 {
+            assert!(served(daemon.url()).await, "{attempt} with {descriptors} descriptors");
+            let name = "studies/calm".to_owned();
+            known.get_study(pb::GetStudyRequest { name }).await.expect("it is known");
+        }
+        drop(silent);
+        assert!(daemon.terminate().success());
+    }
+}
+
+#[tokio::test]
+async fn more_idle_clients_than_connections_take_turns() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let log = folder.path().join("log");
+    let limits = ["--max-connections", "40", "--max-connections-per-address", "40"];
+    let daemon = Daemon::start_with(&folder.path().join("tuning.db"), &limits, &log);
+    let mut clients = Vec::new();
+    for _ in 0..100 {
+        clients.push(wire::connect(daemon.url()).await);
+        clients
+            .last_mut()
+            .expect("one")
+            .list_studies(pb::ListStudiesRequest::default())
+            .await
+            .expect("served");
+    }
+    for client in &mut clients {
+        // The first answer may be that the connection is gone; the client connects again by itself.
+        let mut answers = Vec::new();
+        for _ in 0..3 {
+            answers.push(client.list_studies(pb::ListStudiesRequest::default()).await.is_ok());
+        }
+        assert!(answers.contains(&true), "{answers:?}");
+    }
+}
+
+fn ask(address: &str, path: &str) -> Option<String> {
+    let mut stream = TcpStream::connect(address).ok()?;
+    stream.set_read_timeout(Some(PATIENCE)).ok()?;
+    stream
+        .write_all(format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").as_bytes())
+        .ok()?;
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).ok()?;
+    answer.split(' ').nth(1).map(str::to_owned)
+}
+
+#[test]
+fn slow_connections_keep_nobody_from_asking_whether_the_daemon_lives() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let log = folder.path().join("log");
+    let daemon = Daemon::start_with(&folder.path().join("tuning.db"), &["--metrics", "127.0.0.1:0"], &log);
+    let text = std::fs::read_to_string(&log).expect("the log");
+    let line = text.lines().find(|line| line.contains("metrics are served")).expect("it says where");
+    let address =
+        line.split("address=").nth(1).and_then(|rest| rest.split_whitespace().next()).expect("an address");
+    for says in [
+        &b""[..],
+        b"G",
+        b"GET /metrics HTTP/1.1\r\nHost: x\r\n",
+        b"POST /livez HTTP/1.1\r\nContent-Length: 9\r\n\r\n",
+    ] {
+        let slow = hold(address, 200, says);
+        for attempt in 0..30 {
+            assert_eq!(
+                ask(address, "/livez").as_deref(),
+                Some("200"),
+                "{attempt}: {:?}",
+                String::from_utf8_lossy(says)
+            );
+        }
+        drop(slow);
+    }
+    assert!(daemon.terminate().success());
+}
+
+#[test]
+fn slow_logins_keep_nobody_from_the_dashboard() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (daemon, address) = dashboard::start(folder.path(), &["--tokens"]);
+    let login = b"POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nt";
+    let slow = hold(&address, 200, login);
+    for attempt in 0..10 {
+        assert_eq!(ask(&address, "/login").as_deref(), Some("200"), "{attempt}");
+    }
+    // Nor do they stay.
+    let begin = Instant::now();
+    let mut last = slow.into_iter().next_back().expect("one");
+    last.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
+    let mut answer = String::new();
+    let _ = last.read_to_string(&mut answer);
+    assert!(answer.is_empty() || answer.contains("408"), "{answer}");
+    assert!(begin.elapsed() < Duration::from_secs(15), "{:?}", begin.elapsed());
+    assert!(daemon.terminate().success());
+}
+
+#[tokio::test]
+async fn messages_without_their_end_fill_no_memory_and_disturb_nobody() {
+    const CONNECTIONS: usize = 1000;
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let mut known = wire::connect(daemon.url()).await;
+    let name = wire::create(&mut known, "calm").await;
+    let before = daemon.memory_bytes();
+    // A megabyte is announced, and as much sent as the daemon lets one send.
+    let message = [&[0, 0, 0x0f, 0xff, 0x00][..], &vec![7; 900_000]].concat();
+    let bytes = call("CreateStudy", "x", &[], &message, 0);
+    let address = daemon.address().to_owned();
+    let hostile: Vec<_> = (0..CONNECTIONS)
+        .map(|_| {
+            let (address, bytes) = (address.clone(), bytes.clone());
+            tokio::spawn(async move {
+                use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+                let Ok(mut stream) = tokio::net::TcpStream::connect(address).await else { return };
+                let (mut read, mut write) = stream.split();
+                let reading = async {
+                    let mut buffer = [0; 4096];
+                    while read.read(&mut buffer).await.is_ok_and(|count| count > 0) {}
+                };
+                let writing = async {
+                    // No faster than windows are opened again.
+                    for piece in bytes.chunks(16_000) {
+                        if write.write_all(piece).await.is_err() {
+                            return;
+                        }
+                        tokio::time::sleep(Duration::from_millis(40)).await;
+                    }
+                    std::future::pending::<()>().await;
+                };
+                tokio::select! { () = reading => {}, () = writing => {} }
+            })
+        })
+        .collect();
+    let mut most = 0;
+    let begin = Instant::now();
+    while begin.elapsed() < Duration::from_secs(8) {
+        let trial = known.suggest(wire::suggestion(&name, "known", 0.5)).await.expect("a suggestion");
+        known.report(wire::report(trial.get_ref())).await.expect("a report");
+        most = most.max(daemon.memory_bytes());
+    }
+    let grown_mb = most.saturating_sub(before) / 1_000_000;
+    println!("{CONNECTIONS} connections: {grown_mb} MB more");
+    // The budget for what is unfinished, the least window of each connection, and the connections themselves.
+    assert!(grown_mb < 134 + CONNECTIONS as u64 / 8, "{grown_mb} MB more");
+    hostile.into_iter().for_each(|one| one.abort());
+    assert!(daemon.terminate().success());
+}
+
+/// A unary answer that cannot be sent, as its client's window is closed, and an unread stream.
+#[test]
+fn a_client_that_is_frozen_does_not_hold_up_the_end() {
+    const INITIAL_WINDOW_SIZE_0: [u8; 6] = [0, 4, 0, 0, 0, 0];
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let mut frozen = Vec::new();
+    for (rpc, flags) in [("ListStudies", END_STREAM), ("Tune", 0), ("Tune", 0)] {
+        let messages: Vec<u8> = [0; 5].repeat(if rpc == "Tune" { 20 } else { 1 });
+        let bytes = call(rpc, "x", &INITIAL_WINDOW_SIZE_0, &messages, flags);
+        frozen.extend(hold(daemon.address(), 1, &bytes));
+    }
+    std::thread::sleep(Duration::from_millis(500));
+    let begin = Instant::now();
+    assert!(daemon.terminate().success());
+    assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
+}
+
+fn answers_over(socket: &Path, authority: &str) -> bool {
+    let mut stream = UnixStream::connect(socket).expect("a connection");
+    stream.set_read_timeout(Some(PATIENCE)).expect("set");
+    stream.write_all(&call("ListStudies", authority, &[], &[0; 5], END_STREAM)).expect("sent");
+    let mut answer = Vec::new();
+    let mut buffer = [0; 4096];
+    // `grpc-status: 0` comes in the trailers, `application/grpc` in the head, both in Huffman code or not: a frame of data
+    // with a message tells it apart from a refusal.
+    while let Ok(count) = stream.read(&mut buffer) {
+        answer.extend_from_slice(&buffer[..count]);
+        if count == 0 || kinds(&answer).contains(&(DATA, 5)) {
+            break;
+        }
+    }
+    kinds(&answer).contains(&(DATA, 5))
+}
+
+/// The kinds and lengths of frames.
+fn kinds(mut bytes: &[u8]) -> Vec<(u8, usize)> {
+    let mut kinds = Vec::new();
+    while let [a, b, c, kind, ..] = *bytes {
+        let length = usize::from(a) << 16 | usize::from(b) << 8 | usize::from(c);
+        kinds.push((kind, length));
+        bytes = bytes.get(9 + length..).unwrap_or_default();
+    }
+    kinds
+}
+
+#[test]
+fn plain_grpc_over_a_unix_socket_may_name_any_authority() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (log, socket) = (folder.path().join("log"), folder.path().join("daemon.sock"));
+    let arguments = ["--socket", socket.to_str().expect("plain"), "--socket-only"];
+    let daemon = Daemon::start_with(&folder.path().join("tuning.db"), &arguments, &log);
+    for authority in
+        ["localhost", "%2Frun%2Ftreewright%2Fdaemon.sock", "/run/daemon.sock", "a b@:%", "daemon.sock"]
+    {
+        assert!(answers_over(&socket, authority), "{authority}");
+    }
+    assert!(daemon.terminate().success());
+}
+
+/// One daemon after the other on one socket, as a service manager restarts them.
+#[test]
+fn the_socket_of_a_successor_stays() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let socket = folder.path().join("daemon.sock");
+    let arguments = ["--socket", socket.to_str().expect("plain"), "--socket-only"];
+    for round in 0..12 {
+        let (one, other) = (folder.path().join("a.db"), folder.path().join("b.db"));
+        let first = Daemon::start_with(&one, &arguments, &folder.path().join("a.log"));
+        first.signal("TERM");
+        let begin = Instant::now();
+        // As soon as the first has given its socket up.
+        while socket.exists() && UnixStream::connect(&socket).is_ok() {
+            assert!(begin.elapsed() < PATIENCE);
+        }
+        let next = Daemon::start_with(&other, &arguments, &folder.path().join("b.log"));
+        assert!(first.terminate().success());
+        assert!(socket.exists() && answers_over(&socket, "localhost"), "round {round}");
+        assert!(next.terminate().success());
+    }
+}
