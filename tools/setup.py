@@ -86,7 +86,7 @@ def need_postgres():
 
 
 def want_fault_tools():
-    """Tests of faults (docs/durability.md), of the C++ headers and of the dashboard in a browser pass by what is not there, so
+    """Tests of faults (docs/durability.md), of alerting rules, of the C++ headers and of the dashboard in a browser pass by what is not there, so
     these are only installed where that is easy."""
     missing = [package for package, there in {
         "g++": shutil.which("c++"),
@@ -94,6 +94,8 @@ def want_fault_tools():
         "iproute2": shutil.which("ip"),
         "chromium": shutil.which("chromium"),
         "chromium-driver": shutil.which("chromedriver"),
+        # For promtool.
+        "prometheus": shutil.which("promtool"),
         "libfaketime": any(pathlib.Path("/usr/lib").glob("**/faketime/libfaketime.so.1")),
     }.items() if not there]
     if not missing or os.geteuid() != 0 or not shutil.which("apt-get"):
@@ -102,7 +104,7 @@ def want_fault_tools():
     environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
     for step in (["update", "-q"], ["install", "-y", "--no-install-recommends", *missing]):
         if subprocess.run(["apt-get", *step], env=environment, stdout=subprocess.DEVNULL).returncode != 0:
-            return say(f"without {' '.join(missing)} some tests of faults, of C++, or of the dashboard in a browser are passed by")
+            return say(f"without {' '.join(missing)} some tests of faults, of alerts, of C++, or of the dashboard in a browser are passed by")
 
 
 def need_pip():
