@@ -1,8 +1,9 @@
-//! `treewright`: tunes programs, and looks at and steers a tuning daemon, from the command line. A thin main: read the
-//! settings and the arguments, do one thing, print it, and say with the exit code how that went.
+//! `treewright`: tunes programs, and looks at and steers a tuning daemon, from the command line. A thin main:
+//! read the settings and the arguments, do one thing, print it, and say with the exit code how that went.
 //!
-//! `arguments` says what can be written, `commands` does it, `show` puts answers into words. `study_file` and `carry` read and
-//! write studies and their trials, `analysis` says what parameters do, `exec` runs other programs, `local` finds or starts a daemon of one's own.
+//! `arguments` says what can be written, `commands` does it, `show` puts answers into words. `study_file` and
+//! `carry` read and write studies and their trials, `analysis` says what parameters do, `exec` runs other
+//! programs, `local` finds or starts a daemon of one's own.
 
 mod analysis;
 mod arguments;

@@ -1,10 +1,10 @@
-//! What a program that is tuned printed, read for its measurements: the last JSON object (RFC 8259) of its output, on a line
-//! of its own or over several, as pretty printers write it.
+//! What a program that is tuned printed, read for its measurements: the last JSON object (RFC 8259) of its
+//! output, on a line of its own or over several, as pretty printers write it.
 //!
-//! The last object decides, and none but the last. Where it lacks what is minimised, or cannot be read, an earlier
-//! one would be the result of something else: of an epoch before, say. So such a run has no result, and the reason is told.
-//! Words that other languages print for numbers (`NaN`, `inf`, `None`, `-Infinity`, `1e999`) are no numbers, and do not make
-//! the object unreadable.
+//! The last object decides, and none but the last. Where it lacks what is minimised, or cannot be read, an
+//! earlier one would be the result of something else: of an epoch before, say. So such a run has no result,
+//! and the reason is told. Words that other languages print for numbers (`NaN`, `inf`, `None`, `-Infinity`,
+//! `1e999`) are no numbers, and do not make the object unreadable.
 
 use std::fmt;
 
@@ -21,7 +21,8 @@ const NAMES_TOLD: usize = 8;
 pub enum Printed {
     /// All that is minimised was measured.
     Measured {
-        /// What can be reported: finite numbers of at least 0 under names that the service takes, and not too many of them.
+        /// What can be reported: finite numbers of at least 0 under names that the service takes, and not too
+        /// many of them.
         measurements: Measurements,
         /// What else was printed and cannot be reported.
         left_out: Vec<LeftOut>,
@@ -68,8 +69,8 @@ impl fmt::Display for LeftOut {
     }
 }
 
-/// Reads an output for what is minimised by `terms`. `taken` is what was measured from outside; a number that the program
-/// prints under the same name counts in its place.
+/// Reads an output for what is minimised by `terms`. `taken` is what was measured from outside; a number that
+/// the program prints under the same name counts in its place.
 #[must_use]
 pub fn read(out: &str, terms: &[ObjectiveTerm], taken: &Measurements) -> Printed {
     let found = match last_object(out) {
@@ -170,7 +171,8 @@ fn further(found: &Map<String, Value>, taken: &Measurements, mut measurements: M
 /// Begins the text that stands for a word in place of a number. No program prints it.
 const NOT_A_NUMBER: char = '\u{1}';
 
-/// The last object; `None` where nothing that was printed looks like one. The error says why the last cannot be read.
+/// The last object; `None` where nothing that was printed looks like one. The error says why the last cannot
+/// be read.
 fn last_object(out: &str) -> Result<Option<Map<String, Value>>, String> {
     let lines: Vec<&str> = out.split(['\n', '\r']).map(|line| line.trim_start_matches('\u{feff}')).collect();
     for (index, line) in lines.iter().enumerate().rev() {
@@ -187,8 +189,8 @@ fn last_object(out: &str) -> Result<Option<Map<String, Value>>, String> {
     Ok(None)
 }
 
-/// Whether a line is meant as an object: what begins like one, even if it was cut off, and what is in braces and names
-/// something.
+/// Whether a line is meant as an object: what begins like one, even if it was cut off, and what is in braces
+/// and names something.
 fn looks_like_an_object(line: &str) -> bool {
     let Some(inner) = line.strip_prefix('{').map(str::trim_start) else { return false };
     inner.starts_with(['"', '\'', '}']) || (inner.contains(':') && inner.ends_with('}'))

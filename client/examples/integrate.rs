@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use treewright_client::blocking::Client;
 use treewright_client::{ClientError, Configuration, Indicators, Options, Outcome, Scale, Space, StudySpec};
 
-/// What can be tuned, with the values used so far as defaults; what describes the input; what is to become small.
+/// What can be tuned, with the values used so far as defaults; what describes the input; what is to become
+/// small.
 fn spec() -> Result<StudySpec, ClientError> {
     let space = Space::builder()
         .integer("max_leaf_size", 1..=32)

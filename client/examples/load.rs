@@ -2,9 +2,9 @@
 //!
 //! `cargo run --release -p treewright-client --example load -- URL CLIENT_ID SECONDS tune|calls [random|auto]`
 //!
-//! It creates the study `load` (six parameters, one state), says `ready`, waits for a line on standard input, works
-//! for SECONDS, and prints a JSON object with the time of each trial in microseconds: one round trip of the Tune stream,
-//! or a Suggest and a Report. `tests/peers/service/run.py` starts many of them at once.
+//! It creates the study `load` (six parameters, one state), says `ready`, waits for a line on standard input,
+//! works for SECONDS, and prints a JSON object with the time of each trial in microseconds: one round trip of
+//! the Tune stream, or a Suggest and a Report. `tests/peers/service/run.py` starts many of them at once.
 
 use std::collections::BTreeMap;
 use std::error::Error;

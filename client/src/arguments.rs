@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use crate::{ClientError, Credentials};
 
-/// The environment variable that holds a token. There is no argument for it: every user of a machine can read the
-/// arguments of every program.
+/// The environment variable that holds a token. There is no argument for it: every user of a machine can read
+/// the arguments of every program.
 const TOKEN_VARIABLE: &str = "TREEWRIGHT_TOKEN";
 
-/// Token and certificates. The heading stands at each argument: one for the whole would also hold for what a program
-/// lists after them.
+/// Token and certificates. The heading stands at each argument: one for the whole would also hold for what a
+/// program lists after them.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct CredentialArguments {
     /// File with the token. Default: the variable TREEWRIGHT_TOKEN
@@ -70,8 +70,8 @@ impl CredentialArguments {
     }
 }
 
-/// The same command, for which a variable that is set and empty is as one that is not set: `VARIABLE=` in a file of
-/// settings, or `${VARIABLE:-}` in one for containers, means just that.
+/// The same command, for which a variable that is set and empty is as one that is not set: `VARIABLE=` in a
+/// file of settings, or `${VARIABLE:-}` in one for containers, means just that.
 pub fn without_empty_variables(command: clap::Command) -> clap::Command {
     let command = command.mut_args(|argument| {
         let value = argument.get_env().and_then(std::env::var_os);

@@ -1,9 +1,9 @@
-//! Trials by name: ask and tell apart, for programs whose halves are processes of their own, such as lines of a shell
-//! script, and for what carries measurements over from elsewhere.
+//! Trials by name: ask and tell apart, for programs whose halves are processes of their own, such as lines of
+//! a shell script, and for what carries measurements over from elsewhere.
 //!
-//! Nothing here falls back and nothing is queued: each call is one question to the daemon, and its error is an error. A
-//! trial that is handed out stays with its client until it is told, given back, or its lease ends; dropping the
-//! record does nothing. Frame loops use [`crate::Study`].
+//! Nothing here falls back and nothing is queued: each call is one question to the daemon, and its error is
+//! an error. A trial that is handed out stays with its client until it is told, given back, or its lease
+//! ends; dropping the record does nothing. Frame loops use [`crate::Study`].
 
 use treewright_proto::convert::{
     configuration_to_wire, fingerprint_to_wire, outcome_to_wire, session_policy_to_wire,
@@ -34,14 +34,16 @@ pub struct Question {
     pub session_policy: SessionPolicy,
     /// The configuration to measure, where that is not left to the service.
     pub wanted: Option<Configuration>,
-    /// Where `wanted` was measured before, if its result is only carried over; at most 200 printable characters.
+    /// Where `wanted` was measured before, if its result is only carried over; at most 200 printable
+    /// characters.
     pub origin: Option<String>,
 }
 
 impl Client {
     /// Hands out a trial under a lease.
     ///
-    /// Errors: [`ClientError::Refused`], e.g. when there is no such study; [`ClientError::Away`], [`ClientError::Late`].
+    /// Errors: [`ClientError::Refused`], e.g. when there is no such study; [`ClientError::Away`],
+    /// [`ClientError::Late`].
     pub async fn ask(&self, study: &str, question: &Question) -> Result<TrialRecord, ClientError> {
         let core = &self.core;
         let fingerprint = question.fingerprint.as_ref().unwrap_or(&core.options.fingerprint);
@@ -62,10 +64,11 @@ impl Client {
         core.read_trial("Suggest", trial)
     }
 
-    /// Reports the result of a trial; `true` beside the stored trial when it was complete before and this changed nothing.
+    /// Reports the result of a trial; `true` beside the stored trial when it was complete before and this
+    /// changed nothing.
     ///
-    /// Errors: [`ClientError::Refused`], e.g. when a metric of the objective is missing; [`ClientError::Away`],
-    /// [`ClientError::Late`].
+    /// Errors: [`ClientError::Refused`], e.g. when a metric of the objective is missing;
+    /// [`ClientError::Away`], [`ClientError::Late`].
     pub async fn tell(
         &self,
         trial: &str,
@@ -115,8 +118,8 @@ impl Client {
         Ok(self.trials(study, query).take(1).await?.pop())
     }
 
-    /// The best configuration of a state, by its number; `None` when nothing was measured there. Errors: as for
-    /// [`Client::tell`].
+    /// The best configuration of a state, by its number; `None` when nothing was measured there. Errors: as
+    /// for [`Client::tell`].
     pub async fn best_of_state(&self, study: &str, state_id: i64) -> Result<Option<Best>, ClientError> {
         let Some(trial) = self.trial_in_state(study, state_id).await? else { return Ok(None) };
         let request = v1::GetBestRequest {

@@ -69,7 +69,8 @@ impl CircuitBreaker {
         hint.as_ref().map(|(_, problem)| Arc::clone(problem))
     }
 
-    /// Heeds what a refusal says about when to ask again. A daemon that cannot serve at all is looked for instead.
+    /// Heeds what a refusal says about when to ask again. A daemon that cannot serve at all is looked for
+    /// instead.
     pub(crate) fn note_hint(&self, problem: &ClientError) {
         if let Some(wait) = problem.retry_after().filter(|_| !problem.is_unreachable()) {
             let mut hint = self.hint.lock().unwrap_or_else(PoisonError::into_inner);

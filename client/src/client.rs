@@ -14,7 +14,8 @@ use crate::{
     TrialRecord, delivery, limits, wire,
 };
 
-/// A connection to the tuning service. Cheap to clone; clones share the connection, the outbox and the counts.
+/// A connection to the tuning service. Cheap to clone; clones share the connection, the outbox and the
+/// counts.
 ///
 /// Needs a tokio runtime; [`crate::blocking::Client`] does not. After the last handle is dropped, queued
 /// reports are still sent for two seconds, as long as the runtime lives.
@@ -40,11 +41,11 @@ impl Drop for LastHandle {
 }
 
 impl Client {
-    /// Makes a client of the daemon at `url`, e.g. `http://127.0.0.1:50611`, or `unix:/path/of/socket` on the same
-    /// machine. Where several daemons serve one database,
-    /// `url` may name them all, parted by commas: the client uses the first that serves, and goes over to another by
-    /// itself when that one goes. It begins to connect in the background and does not wait for that: an absent
-    /// daemon is no error but shows in [`Client::status`].
+    /// Makes a client of the daemon at `url`, e.g. `http://127.0.0.1:50611`, or `unix:/path/of/socket` on the
+    /// same machine. Where several daemons serve one database, `url` may name them all, parted by commas: the
+    /// client uses the first that serves, and goes over to another by itself when that one goes. It begins to
+    /// connect in the background and does not wait for that: an absent daemon is no error but shows in
+    /// [`Client::status`].
     ///
     /// Errors: [`ClientError::BadUrl`]; [`ClientError::Invalid`] for an option out of range;
     /// [`ClientError::NoRuntime`] outside a tokio runtime.
@@ -58,7 +59,8 @@ impl Client {
             let probe = || probing.look_for_daemon();
             tokio::select! {
                 () = probing.circuit_breaker.keep_probing(probing.looking_back_off(), probe) => {}
-                // Delivery ends at most so long after closing, and until then wants to know of the daemon's return.
+                // Delivery ends at most so long after closing, and until then wants to know of the daemon's
+                // return.
                 () = async {
                     probing.outbox.closing().await;
                     tokio::time::sleep(limits::FLUSH_ON_DROP).await;
@@ -75,8 +77,8 @@ impl Client {
     /// there, and suggestions are fallbacks until then. A hanging one is waited for once, for
     /// [`Options::call_deadline`].
     ///
-    /// Errors: [`ClientError::Refused`] when the daemon answers and will not have it, e.g. because the id is taken
-    /// by a different specification; [`ClientError::Malformed`].
+    /// Errors: [`ClientError::Refused`] when the daemon answers and will not have it, e.g. because the id is
+    /// taken by a different specification; [`ClientError::Malformed`].
     pub async fn study(&self, id: &str, spec: StudySpec) -> Result<Study, ClientError> {
         let name = study_name(id);
         let found = match self.core.create_study(&name, &spec).await {
@@ -133,7 +135,8 @@ impl Client {
         Ok(start.elapsed())
     }
 
-    /// All studies, by name. Errors: [`ClientError::Away`], [`ClientError::Late`], [`ClientError::Malformed`].
+    /// All studies, by name. Errors: [`ClientError::Away`], [`ClientError::Late`],
+    /// [`ClientError::Malformed`].
     pub async fn list_studies(&self) -> Result<Vec<StudyRecord>, ClientError> {
         let mut studies = Vec::new();
         let mut page_token = String::new();
@@ -151,14 +154,16 @@ impl Client {
         }
     }
 
-    /// A stored study. Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
+    /// A stored study. Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`],
+    /// [`ClientError::Late`].
     pub async fn get_study(&self, id: &str) -> Result<StudyRecord, ClientError> {
         self.core.study_record(&study_name(id)).await
     }
 
     /// Changes a stored study's policy, and nothing else.
     ///
-    /// Errors: [`ClientError::Invalid`] for a change of nothing or out of range; [`ClientError::Refused`]; [`ClientError::Away`], [`ClientError::Late`].
+    /// Errors: [`ClientError::Invalid`] for a change of nothing or out of range; [`ClientError::Refused`];
+    /// [`ClientError::Away`], [`ClientError::Late`].
     pub async fn update_policy(&self, id: &str, change: &PolicyChange) -> Result<StudyRecord, ClientError> {
         change.set.check()?;
         let paths = change.paths();
@@ -176,10 +181,11 @@ impl Client {
         self.core.read_study("UpdateStudy", study)
     }
 
-    /// Creates a study, or finds the equal one that is stored under this id, and asks the daemon at once: an absent one is an error.
+    /// Creates a study, or finds the equal one that is stored under this id, and asks the daemon at once: an
+    /// absent one is an error.
     ///
-    /// Errors: [`ClientError::Refused`] when the id is taken by a different specification; [`ClientError::Away`],
-    /// [`ClientError::Late`].
+    /// Errors: [`ClientError::Refused`] when the id is taken by a different specification;
+    /// [`ClientError::Away`], [`ClientError::Late`].
     pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<StudyRecord, ClientError> {
         self.core.create_study(&study_name(id), spec).await
     }
@@ -241,7 +247,8 @@ impl Core {
         self.call(name, self.options.call_deadline, rpc).await
     }
 
-    /// A call that only reads, and is repeated while the daemon is still loading the study. `rpc` begins it anew.
+    /// A call that only reads, and is repeated while the daemon is still loading the study. `rpc` begins it
+    /// anew.
     async fn read<T, F>(&self, name: &'static str, mut rpc: impl FnMut() -> F) -> Result<T, ClientError>
     where
         F: Future<Output = Result<tonic::Response<T>, tonic::Status>>,

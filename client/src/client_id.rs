@@ -1,7 +1,9 @@
-//! The id of a client that was given none: the same again after a restart, and nobody else's at the same time.
+//! The id of a client that was given none: the same again after a restart, and nobody else's at the same
+//! time.
 //!
-//! It names program, machine and user, and a slot that tells those apart that run side by side. Containers that share a
-//! machine's network share its slots as well; those with a network of their own have a host name of their own.
+//! It names program, machine and user, and a slot that tells those apart that run side by side. Containers
+//! that share a machine's network share its slots as well; those with a network of their own have a host name
+//! of their own.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -55,8 +57,8 @@ fn whoever() -> String {
     format!("{}@{}/{}", short(&program, 32), machine_name(), short(&user, 24))
 }
 
-/// The host's name, and a number by which hosts of one name are told apart: not what `machine-id(5)` says itself, which is nobody's
-/// business.
+/// The host's name, and a number by which hosts of one name are told apart: not what `machine-id(5)` says
+/// itself, which is nobody's business.
 pub(crate) fn machine_name() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = if name.trim().is_empty() { "machine" } else { name.trim() };

@@ -126,8 +126,9 @@ impl Core {
         result
     }
 
-    /// What `ask` brings; while the daemon says that it cannot serve yet and when it may, because it is still loading the study,
-    /// it is asked again within the time limit. At its end the daemon's own words come back.
+    /// What `ask` brings; while the daemon says that it cannot serve yet and when it may, because it is still
+    /// loading the study, it is asked again within the time limit. At its end the daemon's own words come
+    /// back.
     pub(crate) async fn until_ready<T, F>(
         &self,
         name: &'static str,
@@ -215,8 +216,8 @@ impl Core {
     }
 }
 
-/// A number that is new with every client: the time in nanoseconds, which with the process number below it differs
-/// even for two that start at once. Never 0.
+/// A number that is new with every client: the time in nanoseconds, which with the process number below it
+/// differs even for two that start at once. Never 0.
 fn new_session() -> u64 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     (now.as_nanos() as u64).wrapping_add(u64::from(std::process::id())).max(1)

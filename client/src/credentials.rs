@@ -1,7 +1,7 @@
 //! What a client shows to a daemon, and what it wants to be shown: tokens and certificates.
 //!
-//! None of it appears in debug output or in errors. A token is only sent where nobody can listen: over TLS, or to
-//! this machine.
+//! None of it appears in debug output or in errors. A token is only sent where nobody can listen: over TLS,
+//! or to this machine.
 
 use std::fmt;
 use std::io::Read as _;
@@ -16,8 +16,8 @@ use crate::{ClientError, limits};
 /// What a PEM file holds.
 type Pem = Arc<[u8]>;
 
-/// Token and certificates. The default has none: enough for a daemon on this machine, or for one whose certificate
-/// comes from an authority that the system trusts and that asks for no token.
+/// Token and certificates. The default has none: enough for a daemon on this machine, or for one whose
+/// certificate comes from an authority that the system trusts and that asks for no token.
 #[derive(Clone, Default)]
 pub struct Credentials {
     token: Option<MetadataValue<Ascii>>,

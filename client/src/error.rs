@@ -43,7 +43,8 @@ pub enum ClientError {
         url: String,
         /// What the network said.
         reason: String,
-        /// When it may be asked again, if it answered that it cannot serve yet: while it loads a study, or drains.
+        /// When it may be asked again, if it answered that it cannot serve yet: while it loads a study, or
+        /// drains.
         retry_after: Option<Duration>,
     },
 
@@ -167,8 +168,8 @@ impl ClientError {
         matches!(self, Self::Away { .. } | Self::NotNow { .. } | Self::Late { .. })
     }
 
-    /// Whether the same call may succeed later: the daemon could not be reached in time, has too much to do, or has a defect
-    /// that may pass.
+    /// Whether the same call may succeed later: the daemon could not be reached in time, has too much to do,
+    /// or has a defect that may pass.
     #[must_use]
     pub fn may_pass(&self) -> bool {
         use tonic::Code::{Aborted, Internal, ResourceExhausted, Unknown};

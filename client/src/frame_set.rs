@@ -1,5 +1,5 @@
-//! A trial of several frames: the first ones left out while caches and clocks warm up, the median of the others,
-//! and an early end for what is slower than it may be.
+//! A trial of several frames: the first ones left out while caches and clocks warm up, the median of the
+//! others, and an early end for what is slower than it may be.
 
 use crate::Suggestion;
 
@@ -44,8 +44,8 @@ pub enum FrameSetResult {
 }
 
 impl FrameSet {
-    /// A trial of so many frames (at least one) that ends early where the suggestion's cap says so. Costs of frames
-    /// are in the objective's units.
+    /// A trial of so many frames (at least one) that ends early where the suggestion's cap says so. Costs of
+    /// frames are in the objective's units.
     #[must_use]
     pub fn new(suggestion: &Suggestion, frames: usize) -> Self {
         Self::with_cap(suggestion.abort_above(), frames)
@@ -90,7 +90,8 @@ impl FrameSet {
         }
     }
 
-    /// Takes a frame that was left unfinished because it had cost more than the cap: it would have cost at least this.
+    /// Takes a frame that was left unfinished because it had cost more than the cap: it would have cost at
+    /// least this.
     pub fn push_stopped(&mut self, lower_bound: f64) {
         if self.warm_up == 0 {
             self.stopped_from = self.stopped_from.min(lower_bound);
@@ -104,8 +105,8 @@ impl FrameSet {
         self.costs.len() < self.planned && self.stopped_at().is_none()
     }
 
-    /// What the median must be at least, once that is above the cap: more than half of all planned frames have cost
-    /// as much, so whatever the others cost does not matter.
+    /// What the median must be at least, once that is above the cap: more than half of all planned frames
+    /// have cost as much, so whatever the others cost does not matter.
     fn stopped_at(&self) -> Option<f64> {
         let needed = self.planned / 2 + 1;
         let mut sorted = self.costs.clone();

@@ -42,7 +42,8 @@ pub struct StateInsight {
     pub visits: i64,
     /// How many frames were reported from it.
     pub frames: i64,
-    /// How much repeated measurements differ, relative to the cost; `None` before anything was measured twice.
+    /// How much repeated measurements differ, relative to the cost; `None` before anything was measured
+    /// twice.
     pub noise: Option<f64>,
     /// Measurements that were far from all others of their configuration.
     pub outliers: i64,
@@ -63,8 +64,8 @@ pub struct StateInsight {
 /// Something that is left out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Omission {
-    /// The parameter, or for [`Constant`](OmissionReason::Constant) and [`Redundant`](OmissionReason::Redundant) the
-    /// indicator; `None` for the state's whole search.
+    /// The parameter, or for [`Constant`](OmissionReason::Constant) and
+    /// [`Redundant`](OmissionReason::Redundant) the indicator; `None` for the state's whole search.
     pub parameter: Option<String>,
     /// Why.
     pub reason: Option<OpenEnum<OmissionReason>>,

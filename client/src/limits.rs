@@ -1,4 +1,5 @@
-//! Every limit of the client, in one place. What is said to the service has the limits of `treewright_model::limits`.
+//! Every limit of the client, in one place. What is said to the service has the limits of
+//! `treewright_model::limits`.
 
 use std::time::Duration;
 

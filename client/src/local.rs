@@ -1,12 +1,12 @@
-//! A daemon of one's own, for those who have none: started when it is needed, found again by its database, and
-//! ended by itself when nobody has asked it anything for a while.
+//! A daemon of one's own, for those who have none: started when it is needed, found again by its database,
+//! and ended by itself when nobody has asked it anything for a while.
 //!
-//! Its database is in the data folder of the user (XDG Base Directory Specification 0.8). It listens on a Unix socket in a folder
-//! beside the database, or below `/tmp` where that path is too long for a socket. So it is found by everybody who would use
-//! the same database, be it at a desk or in a job of cron: the folder for a session (`XDG_RUNTIME_DIR`) is there in the one and not
-//! in the other. Whoever can write to a folder can put another daemon or a link into it, so both folders
-//! have to be the user's alone. Several programs that look for the daemon at once take turns by a lock on a file, so that only
-//! one is started.
+//! Its database is in the data folder of the user (XDG Base Directory Specification 0.8). It listens on a
+//! Unix socket in a folder beside the database, or below `/tmp` where that path is too long for a socket. So
+//! it is found by everybody who would use the same database, be it at a desk or in a job of cron: the folder
+//! for a session (`XDG_RUNTIME_DIR`) is there in the one and not in the other. Whoever can write to a folder
+//! can put another daemon or a link into it, so both folders have to be the user's alone. Several programs
+//! that look for the daemon at once take turns by a lock on a file, so that only one is started.
 
 use std::fs::{DirBuilder, File, OpenOptions};
 use std::io::{BufRead as _, BufReader};
@@ -98,10 +98,11 @@ impl LocalDaemon {
         [(&self.data, true), (&self.runtime, false)]
     }
 
-    /// Its address. It is started where it is not running, and `note` is told so. Blocks until it answers, for some
-    /// seconds at most.
+    /// Its address. It is started where it is not running, and `note` is told so. Blocks until it answers,
+    /// for some seconds at most.
     ///
-    /// Errors: [`ClientError::NoLocalDaemon`] with what its log says, or with the folder that is not the user's alone.
+    /// Errors: [`ClientError::NoLocalDaemon`] with what its log says, or with the folder that is not the
+    /// user's alone.
     pub fn start(&self, note: impl FnOnce(&str)) -> Result<String, ClientError> {
         for (folder, may_be_link) in self.folders() {
             let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);
@@ -183,10 +184,11 @@ impl LocalDaemon {
 }
 
 impl crate::Client {
-    /// Makes a client of the user's own daemon, which is started where it is not running and ends by itself when nobody
-    /// has asked it anything for a while; see [`LocalDaemon`].
+    /// Makes a client of the user's own daemon, which is started where it is not running and ends by itself
+    /// when nobody has asked it anything for a while; see [`LocalDaemon`].
     ///
-    /// Errors: [`ClientError::NoLocalDaemon`] when there is none to be had; else as [`crate::Client::connect`].
+    /// Errors: [`ClientError::NoLocalDaemon`] when there is none to be had; else as
+    /// [`crate::Client::connect`].
     pub async fn local(options: Options) -> Result<Self, ClientError> {
         let started = tokio::task::spawn_blocking(|| LocalDaemon::of_user()?.start(|_| {})).await;
         let url = started.map_err(|error| ClientError::NoLocalDaemon { problem: error.to_string() })??;

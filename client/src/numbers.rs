@@ -84,7 +84,8 @@ impl Measurements {
     /// How many a report holds at most.
     pub const MOST: usize = treewright_model::limits::MEASUREMENTS_MAX;
 
-    /// Whether the service takes the name: 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a letter.
+    /// Whether the service takes the name: 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a
+    /// letter.
     #[must_use]
     pub fn is_name(name: &str) -> bool {
         treewright_model::names::is_name(name)

@@ -243,8 +243,8 @@ impl Outbox {
         self.change_perhaps(|state| (change(state), true))
     }
 
-    /// Changes the state, and wakes those who wait only where the second of what `change` returns says so: a renderer's
-    /// frame calls this, and waking a thread is a call of the system.
+    /// Changes the state, and wakes those who wait only where the second of what `change` returns says so: a
+    /// renderer's frame calls this, and waking a thread is a call of the system.
     fn change_perhaps<T>(&self, change: impl FnOnce(&mut OutboxState) -> (T, bool)) -> T {
         let mut result = None;
         self.state.send_if_modified(|state| {

@@ -60,8 +60,8 @@ impl TrialPages {
 
     /// The next trial; `None` after the last.
     ///
-    /// Errors: [`ClientError::Refused`] when the filter or the order cannot be parsed or the study does not exist;
-    /// [`ClientError::Away`], [`ClientError::Late`], [`ClientError::Malformed`].
+    /// Errors: [`ClientError::Refused`] when the filter or the order cannot be parsed or the study does not
+    /// exist; [`ClientError::Away`], [`ClientError::Late`], [`ClientError::Malformed`].
     pub async fn next(&mut self) -> Result<Option<TrialRecord>, ClientError> {
         while self.page.is_empty() && !self.last_page {
             let mut rpc = self.core.rpc();

@@ -1,7 +1,9 @@
-//! Paired trials: the incumbent and a challenger in turn, so that whatever disturbs the machine disturbs both.
+//! Paired trials: the incumbent and a challenger in turn, so that whatever disturbs the machine disturbs
+//! both.
 //!
-//! The ratio of two frames that run one after the other is steadier than their costs, which drift with the clock, the heat
-//! and the neighbours. Both are reported like any other trial, so the service's estimates rest on them, too.
+//! The ratio of two frames that run one after the other is steadier than their costs, which drift with the
+//! clock, the heat and the neighbours. Both are reported like any other trial, so the service's estimates
+//! rest on them, too.
 
 use crate::{ClientError, Configuration, Indicators, Study, Suggestion};
 

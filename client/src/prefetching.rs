@@ -1,7 +1,8 @@
-//! A per-frame loop that never waits: each call hands in the last result, asks for the next frame's suggestion, and returns
-//! at once with the one that was asked for a frame ago.
+//! A per-frame loop that never waits: each call hands in the last result, asks for the next frame's
+//! suggestion, and returns at once with the one that was asked for a frame ago.
 //!
-//! While a frame runs one trial the next is already asked for, so the loop has two workers, whose frames alternate.
+//! While a frame runs one trial the next is already asked for, so the loop has two workers, whose frames
+//! alternate.
 
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -17,10 +18,11 @@ use crate::{ClientError, Finished, Indicators, SharedError, Study, Suggestion, c
 
 /// A per-frame loop of one study whose calls return at once; see [`Study::prefetching_tuner`].
 ///
-/// What it answers was asked for a frame ago and rests on the results that were known then. It is a trial only
-/// where the state is still the same: when the indicators have moved further than the study's state tolerance,
-/// the trial is given back, and the frame runs its configuration as a fallback. A program that knows the next frame's
-/// indicators early says them ([`PrefetchingTuner::next_before`]), and then loses no frame to a moving camera.
+/// What it answers was asked for a frame ago and rests on the results that were known then. It is a trial
+/// only where the state is still the same: when the indicators have moved further than the study's state
+/// tolerance, the trial is given back, and the frame runs its configuration as a fallback. A program that
+/// knows the next frame's indicators early says them ([`PrefetchingTuner::next_before`]), and then loses no
+/// frame to a moving camera.
 ///
 /// ```no_run
 /// # use treewright_client::blocking::Study;
@@ -57,11 +59,11 @@ impl PrefetchingTuner {
         &self.study
     }
 
-    /// What to run in this frame. Hands in the previous frame's result, and asks for the next frame as if its indicators
-    /// were the same.
+    /// What to run in this frame. Hands in the previous frame's result, and asks for the next frame as if its
+    /// indicators were the same.
     ///
-    /// It never waits and never fails: where no answer is there yet it is a fallback, and [`Suggestion::problem`]
-    /// says why. So is the first frame.
+    /// It never waits and never fails: where no answer is there yet it is a fallback, and
+    /// [`Suggestion::problem`] says why. So is the first frame.
     pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
         self.next_before(indicators, indicators, previous)
     }
@@ -82,7 +84,8 @@ impl PrefetchingTuner {
         }
     }
 
-    /// Whether a suggestion for this state has come. What came instead of one is dropped, so that it is asked for again.
+    /// Whether a suggestion for this state has come. What came instead of one is dropped, so that it is asked
+    /// for again.
     fn has_answer(&mut self, indicators: &Indicators) -> bool {
         let spec = &self.study.shared.context.spec;
         let Some(mut question) = self.outstanding.take() else { return false };
@@ -103,9 +106,10 @@ impl PrefetchingTuner {
         }
     }
 
-    /// Waits until the next frame of this state can be answered, for at most so long, and asks for it where nothing is asked yet.
-    /// Says whether it can be. For programs that would rather wait for a slow daemon than run a frame that measures nothing
-    /// new; what has come by then is answered by [`PrefetchingTuner::next`].
+    /// Waits until the next frame of this state can be answered, for at most so long, and asks for it where
+    /// nothing is asked yet. Says whether it can be. For programs that would rather wait for a slow daemon
+    /// than run a frame that measures nothing new; what has come by then is answered by
+    /// [`PrefetchingTuner::next`].
     pub async fn wait(&mut self, indicators: &Indicators, patience: Duration) -> bool {
         let deadline = Instant::now() + patience;
         loop {
@@ -135,8 +139,8 @@ impl PrefetchingTuner {
         }
     }
 
-    /// The answer to the question before, if it is there and about this state. One that is about another is given back,
-    /// as soon as it comes.
+    /// The answer to the question before, if it is there and about this state. One that is about another is
+    /// given back, as soon as it comes.
     fn answered(&mut self, indicators: &Indicators) -> Result<Suggestion, SharedError> {
         let spec = &self.study.shared.context.spec;
         checks::state(spec, indicators)?;
@@ -174,7 +178,8 @@ impl PrefetchingTuner {
         let (reply, answer) = oneshot::channel();
         let due = shared.context.core.outbox.expect_answer(previous.is_some());
         let frame = Frame { finished: previous, indicators: upcoming.clone(), worker, reply, due };
-        // A frame that finds no room is dropped here: its result goes to the outbox, and the closed reply is a fallback.
+        // A frame that finds no room is dropped here: its result goes to the outbox, and the closed reply is
+        // a fallback.
         drop(self.frames.try_send(frame));
         self.outstanding = Some(Outstanding { indicators: upcoming.clone(), answer });
     }

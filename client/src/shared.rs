@@ -1,4 +1,5 @@
-//! What the handles and tuners of a study share: whether the daemon knows it, and how it is asked for suggestions.
+//! What the handles and tuners of a study share: whether the daemon knows it, and how it is asked for
+//! suggestions.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -45,8 +46,9 @@ enum Registration {
 }
 
 impl Shared {
-    /// For a study whose first handle is made. Where it is not `known` to the daemon it is created in the background. `ours`:
-    /// the program specified it. `differs` are the fields in which the stored policy is another.
+    /// For a study whose first handle is made. Where it is not `known` to the daemon it is created in the
+    /// background. `ours`: the program specified it. `differs` are the fields in which the stored policy is
+    /// another.
     pub(crate) fn new(context: StudyContext, known: bool, ours: bool, differs: Vec<String>) -> Arc<Self> {
         let registration = if known { Registration::Done } else { Registration::Pending };
         let shared = Arc::new(Self {
@@ -63,7 +65,8 @@ impl Shared {
         shared
     }
 
-    /// The same study for another client. What is the other's alone, such as what it is waiting for, stays there.
+    /// The same study for another client. What is the other's alone, such as what it is waiting for, stays
+    /// there.
     pub(crate) fn again(&self, core: &Arc<Core>) -> Arc<Self> {
         let context = self.context.again(core);
         // Whether it is created shows in the first question.

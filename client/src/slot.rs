@@ -1,6 +1,6 @@
-//! Names that one process of a machine has at a time. A name is held by a Unix socket in the abstract namespace (`unix(7)`),
-//! which the system gives back when its process ends, however it ends, and which leaves no file behind. Containers that
-//! share a machine's network share these names as well.
+//! Names that one process of a machine has at a time. A name is held by a Unix socket in the abstract
+//! namespace (`unix(7)`), which the system gives back when its process ends, however it ends, and which
+//! leaves no file behind. Containers that share a machine's network share these names as well.
 
 use std::os::linux::net::SocketAddrExt as _;
 use std::os::unix::net::{SocketAddr, UnixDatagram};

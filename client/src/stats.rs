@@ -1,4 +1,5 @@
-//! Counts of what became of suggestions and reports, declared where they are read and counted where it happens.
+//! Counts of what became of suggestions and reports, declared where they are read and counted where it
+//! happens.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};

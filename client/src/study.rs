@@ -12,8 +12,9 @@ use crate::{
     SessionPolicy, StudyRecord, StudySpec, Suggestion, Tuner, checks,
 };
 
-/// A study of a client. Cheap to clone; clones share everything. Threads and tasks may share it, too: each suggestion that is
-/// neither reported nor given back is a trial of its own, run by a worker of the client ([`crate::Options::client_id`]).
+/// A study of a client. Cheap to clone; clones share everything. Threads and tasks may share it, too: each
+/// suggestion that is neither reported nor given back is a trial of its own, run by a worker of the client
+/// ([`crate::Options::client_id`]).
 #[derive(Debug, Clone)]
 pub struct Study {
     /// Late answers to earlier questions. Not among what suggestions share, because they hold some.
@@ -59,9 +60,9 @@ impl Study {
         &self.shared.context.spec
     }
 
-    /// What this process wants for itself from now on, instead of what the study's policy says. It goes along with every
-    /// question of this study's handles and holds for their answers alone: other clients are not concerned, and when the
-    /// process ends, however it ends, nothing is left behind.
+    /// What this process wants for itself from now on, instead of what the study's policy says. It goes along
+    /// with every question of this study's handles and holds for their answers alone: other clients are not
+    /// concerned, and when the process ends, however it ends, nothing is left behind.
     ///
     /// Errors: [`ClientError::Invalid`] for a value out of its range.
     pub fn set_session_policy(&self, policy: SessionPolicy) -> Result<(), ClientError> {
@@ -70,16 +71,16 @@ impl Study {
         Ok(())
     }
 
-    /// The fields of the policy given to [`crate::Client::study`] that differ from the stored policy, which stays as it
-    /// is. Empty until the daemon has answered.
+    /// The fields of the policy given to [`crate::Client::study`] that differ from the stored policy, which
+    /// stays as it is. Empty until the daemon has answered.
     #[must_use]
     pub fn policy_differs(&self) -> Vec<String> {
         self.shared.policy_differs()
     }
 
-    /// What to run next for these indicators, within the client's deadline ([`crate::Options::deadline`]): from the
-    /// daemon; else the last good configuration; else the default. It never fails: what went wrong, be
-    /// it a wrong indicator or an absent daemon, is told by [`Suggestion::problem`].
+    /// What to run next for these indicators, within the client's deadline ([`crate::Options::deadline`]):
+    /// from the daemon; else the last good configuration; else the default. It never fails: what went wrong,
+    /// be it a wrong indicator or an absent daemon, is told by [`Suggestion::problem`].
     ///
     /// An answer that comes too late is kept for the next call with the same state, or given back.
     pub async fn suggest(&self, indicators: &Indicators) -> Suggestion {
@@ -107,12 +108,14 @@ impl Study {
         earliest
     }
 
-    /// A trial of a configuration of the program's own choice, e.g. to measure a winner once more or to try what
-    /// is known from elsewhere. What it finds is learnt like anything else; the search goes on as it was.
+    /// A trial of a configuration of the program's own choice, e.g. to measure a winner once more or to try
+    /// what is known from elsewhere. What it finds is learnt like anything else; the search goes on as it
+    /// was.
     ///
-    /// Unlike [`Study::suggest`] there is nothing to fall back on, so a daemon that answers that it cannot serve yet, because
-    /// it is still loading the study, is asked again until the client's deadline. Errors: [`ClientError::Refused`] when the
-    /// configuration does not fit the study's space, [`ClientError::Away`], [`ClientError::Late`].
+    /// Unlike [`Study::suggest`] there is nothing to fall back on, so a daemon that answers that it cannot
+    /// serve yet, because it is still loading the study, is asked again until the client's deadline. Errors:
+    /// [`ClientError::Refused`] when the configuration does not fit the study's space, [`ClientError::Away`],
+    /// [`ClientError::Late`].
     pub async fn trial_of(
         &self,
         indicators: &Indicators,
@@ -148,8 +151,8 @@ impl Study {
         PrefetchingTuner::new(self)
     }
 
-    /// What would be exploited for these indicators. Writes nothing. Here and in what follows, a daemon that is still loading
-    /// the study is asked again until [`crate::Options::call_deadline`] is over.
+    /// What would be exploited for these indicators. Writes nothing. Here and in what follows, a daemon that
+    /// is still loading the study is asked again until [`crate::Options::call_deadline`] is over.
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
@@ -158,7 +161,8 @@ impl Study {
 
     /// The best configuration of the state with these indicators, or of all states when there are none.
     ///
-    /// Errors: [`ClientError::Refused`] when nothing is measured there yet; [`ClientError::Away`], [`ClientError::Late`].
+    /// Errors: [`ClientError::Refused`] when nothing is measured there yet; [`ClientError::Away`],
+    /// [`ClientError::Late`].
     pub async fn best(&self, indicators: &Indicators) -> Result<Best, ClientError> {
         self.shared.context.core.best(&self.shared.context.asked_name(), indicators).await
     }

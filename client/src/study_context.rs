@@ -1,5 +1,5 @@
-//! What a suggestion keeps of the study that it came from: the connection, the name, the specification, and what is remembered
-//! to fall back on. All handles of the study share it.
+//! What a suggestion keeps of the study that it came from: the connection, the name, the specification, and
+//! what is remembered to fall back on. All handles of the study share it.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -25,8 +25,8 @@ impl StudyContext {
         Self { core: Arc::clone(core), name, identified, spec, memory: Mutex::default() }
     }
 
-    /// The same study for another client. A lock that another thread held when the process was forked stays locked: the
-    /// study then goes by its name alone.
+    /// The same study for another client. A lock that another thread held when the process was forked stays
+    /// locked: the study then goes by its name alone.
     pub(crate) fn again(&self, core: &Arc<Core>) -> Self {
         let mut again = Self::new(core, &self.name, self.spec.clone());
         if let Ok(identified) = self.identified.try_lock() {

@@ -18,7 +18,8 @@ use crate::{
 pub enum Source {
     /// The daemon, in time.
     Daemon,
-    /// The daemon did not answer; this is the last configuration that came from it and was not reported infeasible.
+    /// The daemon did not answer; this is the last configuration that came from it and was not reported
+    /// infeasible.
     LastGood,
     /// The daemon has never answered; these are the space's recommended values.
     Default,
@@ -27,8 +28,8 @@ pub enum Source {
 /// What to run next. If it came from the daemon it holds a trial: report the result with
 /// [`Suggestion::report`], or drop it, which gives the trial back. Neither ever blocks.
 ///
-/// A suggestion that did not come from the daemon ([`Suggestion::source`]) is used in the same way, but
-/// there is no trial that its result could be reported to; results are only counted ([`crate::Stats::unreported`]).
+/// A suggestion that did not come from the daemon ([`Suggestion::source`]) is used in the same way, but there
+/// is no trial that its result could be reported to; results are only counted ([`crate::Stats::unreported`]).
 #[derive(Debug)]
 #[must_use = "a dropped suggestion gives its trial back"]
 pub struct Suggestion {
@@ -112,9 +113,9 @@ impl Suggestion {
         self.predicted_cost
     }
 
-    /// Stop as soon as the objective exceeds this, and report [`Outcome::aborted`] with what it had reached by then:
-    /// the service learns from it that the configuration is at least so slow. `None`: never. See [`crate::FrameSet`]
-    /// for trials of several frames.
+    /// Stop as soon as the objective exceeds this, and report [`Outcome::aborted`] with what it had reached
+    /// by then: the service learns from it that the configuration is at least so slow. `None`: never. See
+    /// [`crate::FrameSet`] for trials of several frames.
     #[must_use]
     pub fn abort_above(&self) -> Option<f64> {
         self.abort_above
@@ -146,9 +147,9 @@ impl Suggestion {
 
     /// Joins the result to the trial, for [`crate::Tuner::next`]. Dropping what this returns reports it, too.
     ///
-    /// Errors: [`ClientError::Invalid`] when the service would refuse the result, e.g. a measurement
-    /// that is not finite; the trial is then given back. Also in the child of a fork, whose parent was given the trial and
-    /// goes on with it.
+    /// Errors: [`ClientError::Invalid`] when the service would refuse the result, e.g. a measurement that is
+    /// not finite; the trial is then given back. Also in the child of a fork, whose parent was given the
+    /// trial and goes on with it.
     pub fn finished(mut self, measurements: Measurements, outcome: Outcome) -> Result<Finished, ClientError> {
         self.is_ours()?;
         checks::result(&self.study.spec, &outcome, &measurements)?;
@@ -173,7 +174,8 @@ impl Suggestion {
 
     /// Renews the lease, counted from now, for work that takes longer. Does nothing for fallbacks.
     ///
-    /// Errors: [`ClientError::Refused`] when the trial is no longer open; [`ClientError::Away`], [`ClientError::Late`].
+    /// Errors: [`ClientError::Refused`] when the trial is no longer open; [`ClientError::Away`],
+    /// [`ClientError::Late`].
     pub async fn extend_lease(&mut self) -> Result<(), ClientError> {
         self.is_ours()?;
         if let Some(lease) = &self.lease {

@@ -57,8 +57,8 @@ impl Tuner {
                 Ok(worker) => {
                     let indicators = indicators.clone();
                     let frame = Frame { finished: previous, indicators, worker, reply, due };
-                    // A frame that finds no room is dropped here: its result goes to the outbox, and the closed
-                    // reply makes the caller fall back.
+                    // A frame that finds no room is dropped here: its result goes to the outbox, and the
+                    // closed reply makes the caller fall back.
                     drop(frames.try_send(frame));
                 }
                 // The receiver is still in this function, so that sending cannot fail.

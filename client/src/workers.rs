@@ -1,11 +1,12 @@
-//! The workers of a client. The service hands a client that holds an open trial for a state that trial again, so whoever runs
-//! trials side by side (threads, tasks, processes) needs several names. Nobody has to think of them: each suggestion takes a free
-//! worker of its client when it is asked for, and lets it go with its result, so that one loop is one worker and four
-//! threads are four.
+//! The workers of a client. The service hands a client that holds an open trial for a state that trial again,
+//! so whoever runs trials side by side (threads, tasks, processes) needs several names. Nobody has to think
+//! of them: each suggestion takes a free worker of its client when it is asked for, and lets it go with its
+//! result, so that one loop is one worker and four threads are four.
 //!
-//! Workers are called as their client, then `NAME#2`, `NAME#3` and so on; a process takes the lowest that no other
-//! process of the same client has. So a client that starts again with as many threads finds the trials that it left open.
-//! Among those that are free the one comes first that was last in the same state, so that loops in several states stay who they are.
+//! Workers are called as their client, then `NAME#2`, `NAME#3` and so on; a process takes the lowest that no
+//! other process of the same client has. So a client that starts again with as many threads finds the trials
+//! that it left open. Among those that are free the one comes first that was last in the same state, so that
+//! loops in several states stay who they are.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -63,7 +64,8 @@ impl Workers {
         Self { client_id, daemon, process: std::process::id(), state: Mutex::default() }
     }
 
-    /// A free worker for a trial in the state of `indicators`; `same` says whether two indicators are of one state.
+    /// A free worker for a trial in the state of `indicators`; `same` says whether two indicators are of one
+    /// state.
     ///
     /// Errors: [`ClientError::Busy`] when all are busy.
     pub(crate) fn take(
@@ -140,7 +142,8 @@ impl Drop for Worker {
     }
 }
 
-/// The id of a client's worker. Where there is no room behind the client's id, the id's end becomes a number that stands for it.
+/// The id of a client's worker. Where there is no room behind the client's id, the id's end becomes a number
+/// that stands for it.
 fn worker_name(client_id: &str, number: usize) -> String {
     if number == 1 {
         return client_id.to_owned();

@@ -11,8 +11,8 @@
 //! | `{"best": INDICATORS}` | `{"configuration": …, "cost": …}`, both null while nothing is known |
 //! | `{"predict": INDICATORS}` | what would be exploited there: as `ask`, without a trial |
 //!
-//! A request that is refused is answered by `{"error": "…"}`. `nanoseconds` in each answer is the time the core
-//! took, without reading and writing.
+//! A request that is refused is answered by `{"error": "…"}`. `nanoseconds` in each answer is the time the
+//! core took, without reading and writing.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};

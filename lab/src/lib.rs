@@ -8,8 +8,8 @@
 //! | `evaluation` | the paper's section 7: searches along camera paths are recorded, predictors judged by the record |
 //! | `commands` | the program `treewright-lab`: these, `verify` and `leave-out` |
 //!
-//! The examples of this crate measure the tuner without a renderer: searches, predictors, regret (`cargo run --release
-//! -p treewright-lab --example NAME`). Nothing of the product depends on this crate.
+//! The examples of this crate measure the tuner without a renderer: searches, predictors, regret
+//! (`cargo run --release -p treewright-lab --example NAME`). Nothing of the product depends on this crate.
 
 pub mod ablation;
 pub mod commands;

@@ -1,4 +1,5 @@
-//! The laboratory's program as a user meets it: what it finds out, and wrong input with its message and exit code.
+//! The laboratory's program as a user meets it: what it finds out, and wrong input with its message and exit
+//! code.
 
 #[path = "command_line/evaluation.rs"]
 mod evaluation;

@@ -1,8 +1,9 @@
-//! The regret budget: over simulated sessions with drifting noise and adversarial states it is kept in every one.
+//! The regret budget: over simulated sessions with drifting noise and adversarial states it is kept in every
+//! one.
 //!
-//! What is judged is the truth that the simulation knows and the tuner does not: at every frame, what the frame cost
-//! less what the default would have cost in its place, under the same speed of the machine. The example
-//! `regret_budget` runs ten thousand sessions of the same kind.
+//! What is judged is the truth that the simulation knows and the tuner does not: at every frame, what the
+//! frame cost less what the default would have cost in its place, under the same speed of the machine. The
+//! example `regret_budget` runs ten thousand sessions of the same kind.
 
 #[path = "../examples/regret_budget/session.rs"]
 mod session;

@@ -1,5 +1,5 @@
-//! Values of some or all parameters by name, as a program or a person gives and reads them: unchecked, with a getter for
-//! each kind of value.
+//! Values of some or all parameters by name, as a program or a person gives and reads them: unchecked, with a
+//! getter for each kind of value.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,7 +11,8 @@ use thiserror::Error;
 use crate::plain::Plain;
 use crate::value::{RawConfiguration, Value};
 
-/// A value for some or all parameters, ordered by name. Serialised it is a plain map: `{"quality":2,"split":"sah"}`.
+/// A value for some or all parameters, ordered by name. Serialised it is a plain map:
+/// `{"quality":2,"split":"sah"}`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Assignment(RawConfiguration);
 

@@ -1,5 +1,5 @@
-//! Configurations: a value for every active parameter of a space, in canonical form. What is not checked yet stands in
-//! `assignment`.
+//! Configurations: a value for every active parameter of a space, in canonical form. What is not checked yet
+//! stands in `assignment`.
 
 use std::fmt;
 use std::ops::Deref;
@@ -13,8 +13,9 @@ pub use crate::value::RawConfiguration;
 /// A value for every active parameter of a space, and for no other; every value inside its domain, every
 /// constraint fulfilled.
 ///
-/// It can only be made by a [`Space`](crate::space::Space), is read like an [`Assignment`], and serialises as a map of
-/// values with their kinds. There is on purpose no `Deserialize`: read a [`RawConfiguration`] and hand it to the space.
+/// It can only be made by a [`Space`](crate::space::Space), is read like an [`Assignment`], and serialises as
+/// a map of values with their kinds. There is on purpose no `Deserialize`: read a [`RawConfiguration`] and
+/// hand it to the space.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Configuration {
     /// Shared, since tables, trials and models all name the same few configurations.
@@ -86,7 +87,8 @@ impl Serialize for Configuration {
     }
 }
 
-/// For checkpoints alone, whose reader checks every configuration against its space before anyone else sees it.
+/// For checkpoints alone, whose reader checks every configuration against its space before anyone else sees
+/// it.
 pub mod unchecked {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 

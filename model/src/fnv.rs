@@ -1,5 +1,6 @@
-//! The FNV-1a hash (Fowler, Noll and Vo): a number for bytes that stays the same in every release and on every machine,
-//! which the standard library's hasher does not promise. It guards against mistakes and not against attackers.
+//! The FNV-1a hash (Fowler, Noll and Vo): a number for bytes that stays the same in every release and on
+//! every machine, which the standard library's hasher does not promise. It guards against mistakes and not
+//! against attackers.
 
 /// The hash of no bytes.
 pub const EMPTY: u64 = 0xcbf2_9ce4_8422_2325;

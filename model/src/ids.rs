@@ -1,4 +1,5 @@
-//! Numbers that name a study or something within it, each a type of its own, so that one is not taken for another.
+//! Numbers that name a study or something within it, each a type of its own, so that one is not taken for
+//! another.
 //!
 //! Those within a study are written as the bare number, in rows, on the wire and in messages.
 
@@ -8,8 +9,8 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// The identity of a study, drawn when it was created: another than that of every other study, also of one that had
-/// the same name before. Written as 16 hexadecimal digits.
+/// The identity of a study, drawn when it was created: another than that of every other study, also of one
+/// that had the same name before. Written as 16 hexadecimal digits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct StudyUid(pub u64);
 
@@ -84,7 +85,8 @@ ids! {
     StateId;
     /// A trial of a study: rises by one, from 1 where no study had the name before.
     TrialNumber;
-    /// A machine of a study, told by its fingerprint: rises by one from 0, in the order in which they founded states.
+    /// A machine of a study, told by its fingerprint: rises by one from 0, in the order in which they founded
+    /// states.
     MachineId;
 }
 

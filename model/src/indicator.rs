@@ -224,7 +224,8 @@ mod tests {
             a in finite(), b in finite(), low in finite(), high in finite(), log in any::<bool>(),
         ) {
             let (low, high) = (low.min(high), low.max(high));
-            // Such an indicator is refused. An assumption would end long runs, which may drop so many cases only.
+            // Such an indicator is refused. An assumption would end long runs, which may drop so many cases
+            // only.
             if low == high {
                 return Ok(());
             }

@@ -140,15 +140,15 @@ impl Objective {
         Ok(Objective { auxiliary, ..self })
     }
 
-    /// Metrics that reports may carry beside those of the terms, in the order in which they were given: quantities that
-    /// explain a cost, such as the processor time of a frame. What they tell of a cost's noise is taken out of it before
-    /// it is compared with others.
+    /// Metrics that reports may carry beside those of the terms, in the order in which they were given:
+    /// quantities that explain a cost, such as the processor time of a frame. What they tell of a cost's
+    /// noise is taken out of it before it is compared with others.
     pub fn auxiliary(&self) -> &[String] {
         &self.auxiliary
     }
 
-    /// The auxiliary measurements of a report, in the order of [`Objective::auxiliary`]; `None` where there are none, or
-    /// one is missing or 0.
+    /// The auxiliary measurements of a report, in the order of [`Objective::auxiliary`]; `None` where there
+    /// are none, or one is missing or 0.
     pub fn auxiliary_of(&self, measurements: &BTreeMap<String, f64>) -> Option<Vec<f64>> {
         let values = self.auxiliary.iter().map(|metric| measurements.get(metric).copied());
         let values: Vec<f64> = values.collect::<Option<_>>()?;

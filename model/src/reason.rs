@@ -1,5 +1,5 @@
-//! Why an answer was given, for clients and for people: its mode, its rule, what was weighed, and what was left out. Made
-//! from a [`Decision`](crate::decision::Decision), and never read back.
+//! Why an answer was given, for clients and for people: its mode, its rule, what was weighed, and what was
+//! left out. Made from a [`Decision`](crate::decision::Decision), and never read back.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,8 @@ use crate::words::words;
 words! {
     /// Why a client got a configuration.
     pub enum Mode {
-        /// The space's defaults: the first measurement in a state that is explored, or nothing better is known.
+        /// The space's defaults: the first measurement in a state that is explored, or nothing better is
+        /// known.
         Default = "DEFAULT",
         /// The next point of the state's search.
         Explore = "EXPLORE",
@@ -61,7 +62,8 @@ words! {
         Pinned = "PINNED",
         /// The client asked for the configuration.
         Wanted = "WANTED",
-        /// Explores, but the search waits for what others are measuring; the best that is known is run meanwhile.
+        /// Explores, but the search waits for what others are measuring; the best that is known is run
+        /// meanwhile.
         Waiting = "WAITING",
         /// The search is over, and its best few run against the incumbent.
         Confirming = "CONFIRMING",

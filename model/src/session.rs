@@ -1,16 +1,18 @@
 //! What a client's session wants for itself.
 //!
-//! A run such as a benchmark wants to explore more, or not at all, without changing how the study treats everybody else.
-//! It sends its wishes with every question. They hold for its own answers and nobody else's; nothing of them is kept in
-//! the study, so that a run that is killed leaves nothing behind.
+//! A run such as a benchmark wants to explore more, or not at all, without changing how the study treats
+//! everybody else. It sends its wishes with every question. They hold for its own answers and nobody else's;
+//! nothing of them is kept in the study, so that a run that is killed leaves nothing behind.
 
 use serde::{Deserialize, Serialize};
 
 use crate::policy::{PolicyError, PolicySettings};
 
-/// What replaces the study's [`Policy`](crate::policy::Policy) for one session. What is `None` is as the study has it.
+/// What replaces the study's [`Policy`](crate::policy::Policy) for one session. What is `None` is as the
+/// study has it.
 ///
-/// Pinned configurations, the operation and the regret budget belong to the study's operator and cannot be replaced.
+/// Pinned configurations, the operation and the regret budget belong to the study's operator and cannot be
+/// replaced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SessionPolicy {
     /// Probability of exploring when the client's state changes, 0 to 1, whatever the number of visits.
@@ -23,8 +25,8 @@ pub struct SessionPolicy {
     /// the study keeps a regret budget, its own factor holds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub abort_above: Option<f64>,
-    /// Until when the session explores, by the daemon's clock in milliseconds since 1970. From then on what is known to be
-    /// good is run, whatever `epsilon` says.
+    /// Until when the session explores, by the daemon's clock in milliseconds since 1970. From then on what
+    /// is known to be good is run, whatever `epsilon` says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub explore_until_ms: Option<i64>,
 }

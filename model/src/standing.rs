@@ -1,8 +1,8 @@
 //! How the answer of a state stands against its reference: what is proven, and what is only hoped for.
 //!
-//! The reference of a state is its incumbent: the study's default configuration, until another one is proven better. Costs
-//! and gains are estimates with 95 % intervals, drawn towards each other as far as the measurements are noisy, never the
-//! luckiest of many measurements.
+//! The reference of a state is its incumbent: the study's default configuration, until another one is proven
+//! better. Costs and gains are estimates with 95 % intervals, drawn towards each other as far as the
+//! measurements are noisy, never the luckiest of many measurements.
 
 use std::fmt;
 
@@ -12,16 +12,18 @@ use crate::words::words;
 
 /// The probability, by the paired rounds of a confirmation alone, of being better that counts as a proof.
 pub const PROVEN: f64 = 0.99;
-/// The probability, by all that was measured in a state, from which on something is called likely to be better.
+/// The probability, by all that was measured in a state, from which on something is called likely to be
+/// better.
 pub const LIKELY: f64 = 0.8;
 /// Whoever can gain no more than this share has nothing to win.
 pub const NOTHING_TO_WIN: f64 = 0.01;
 
 words! {
-    /// What is known of an answer beside the study's default configuration: the one list of what every surface says of it.
+    /// What is known of an answer beside the study's default configuration: the one list of what every
+    /// surface says of it.
     pub enum StandingVerdict {
-        /// Better, by the paired rounds of its confirmation alone, with a probability of at least [`PROVEN`]. The gain that is
-        /// told is that of the same rounds.
+        /// Better, by the paired rounds of its confirmation alone, with a probability of at least [`PROVEN`].
+        /// The gain that is told is that of the same rounds.
         Proven = "PROVEN",
         /// Better by all that was measured, with a probability of at least [`LIKELY`].
         Likely = "LIKELY",
@@ -67,8 +69,8 @@ words! {
         Searching = "SEARCHING",
         /// The best few run against the incumbent.
         Racing = "RACING",
-        /// A challenger is the answer in the incumbent's place: it was proven better in these rounds, or is likely to be by all
-        /// that was measured. The [`StandingVerdict`] says which.
+        /// A challenger is the answer in the incumbent's place: it was proven better in these rounds, or is
+        /// likely to be by all that was measured. The [`StandingVerdict`] says which.
         Better = "BETTER",
         /// None was shown to be better than the incumbent, which is the answer.
         NothingBetter = "NOTHING_BETTER",
@@ -88,7 +90,8 @@ pub struct Gain {
     pub probability_better: Option<f64>,
 }
 
-/// In percent with its interval, as in `12.3 % [10.1, 14.6]`; `?` stands for an end of which nothing is known.
+/// In percent with its interval, as in `12.3 % [10.1, 14.6]`; `?` stands for an end of which nothing is
+/// known.
 impl fmt::Display for Gain {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // Adding zero makes a negative zero positive.
@@ -102,8 +105,8 @@ impl fmt::Display for Gain {
     }
 }
 
-/// What came of running the best few configurations of a state against its incumbent, in rounds in which each is
-/// measured once.
+/// What came of running the best few configurations of a state against its incumbent, in rounds in which each
+/// is measured once.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Confirmation {
     /// How far it is.
@@ -114,8 +117,8 @@ pub struct Confirmation {
     pub rounds_max: u64,
     /// How many measurements there were in all.
     pub measurements: u64,
-    /// Of the answer over the default, by these rounds alone, or over the incumbent where the default did not run in them: its
-    /// interval holds at whichever moment one looks.
+    /// Of the answer over the default, by these rounds alone, or over the incumbent where the default did not
+    /// run in them: its interval holds at whichever moment one looks.
     pub gain: Option<Gain>,
 }
 
@@ -140,15 +143,15 @@ pub struct Standing {
     pub cost_high: f64,
     /// Its gain over the study's default configuration; `None` where that was not measured in the state.
     pub gain: Option<Gain>,
-    /// The answer is the incumbent: nothing is worth to be answered in its place while the state is searched, and nothing is
-    /// proven better once that has ended.
+    /// The answer is the incumbent: nothing is worth to be answered in its place while the state is searched,
+    /// and nothing is proven better once that has ended.
     pub nothing_better: bool,
     /// How far its confirmation is.
     pub confirmation: Confirmation,
     /// How often the speed of a client's machine was found to have jumped while the state was measured.
     pub disturbances: u64,
-    /// The most that any other configuration may gain over the answer, with a probability of 95 %, as a share; `None` where that is
-    /// not known.
+    /// The most that any other configuration may gain over the answer, with a probability of 95 %, as a
+    /// share; `None` where that is not known.
     pub gain_at_most: Option<f64>,
 }
 

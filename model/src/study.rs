@@ -251,8 +251,9 @@ impl StudyBuilder {
         self
     }
 
-    /// Names a metric that reports may carry beside those that are minimised and that explains a cost, such as the
-    /// processor time of a frame: what it tells of a cost's noise is taken out before costs are compared. At most 8.
+    /// Names a metric that reports may carry beside those that are minimised and that explains a cost, such
+    /// as the processor time of a frame: what it tells of a cost's noise is taken out before costs are
+    /// compared. At most 8.
     #[must_use]
     pub fn auxiliary(mut self, metric: &str) -> Self {
         self.auxiliary.push(metric.to_owned());

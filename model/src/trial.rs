@@ -76,7 +76,8 @@ impl Outcome {
         Self::Aborted { lower_bound }
     }
 
-    /// The client failed for a reason that says nothing about the configuration. A reason beyond 1000 characters is cut.
+    /// The client failed for a reason that says nothing about the configuration. A reason beyond 1000
+    /// characters is cut.
     #[must_use]
     pub fn failed(reason: impl Into<String>) -> Self {
         Self::Failed { reason: cut(reason.into()) }

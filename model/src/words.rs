@@ -4,8 +4,8 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-/// An enum each of whose values has one word: the one in filters, tables, command lines, messages and JSON for people.
-/// (Stored rows hold the values in snake case, see the types' `Serialize`.)
+/// An enum each of whose values has one word: the one in filters, tables, command lines, messages and JSON
+/// for people. (Stored rows hold the values in snake case, see the types' `Serialize`.)
 pub trait Word: Copy + PartialEq + fmt::Debug + 'static {
     /// Every value with its word, in the order of declaration.
     const WORDS: &'static [(Self, &'static str)];
@@ -51,8 +51,8 @@ macro_rules! words {
 
 pub(crate) use words;
 
-/// A value as another version of this software may say it (an "open enum" in the words of Protocol Buffers): one
-/// that is known here, or one that is not, which is carried along as it came and shown as such.
+/// A value as another version of this software may say it (an "open enum" in the words of Protocol Buffers):
+/// one that is known here, or one that is not, which is carried along as it came and shown as such.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum OpenEnum<T> {
     /// One of ours.

@@ -1,5 +1,5 @@
-//! Records what a released version says, for the tests that hold later versions to it (`proto/released/README.md`):
-//! the descriptors of its messages, and a conversation with its daemon.
+//! Records what a released version says, for the tests that hold later versions to it
+//! (`proto/released/README.md`): the descriptors of its messages, and a conversation with its daemon.
 //!
 //! ```sh
 //! treewrightd serve --listen 127.0.0.1:50700 --database /tmp/record.db &

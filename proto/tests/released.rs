@@ -1,5 +1,5 @@
-//! The contract grows and does not change: the present descriptors against those of every released version, by the
-//! rules of `buf breaking` (category WIRE_JSON; buf.build/docs/breaking/rules).
+//! The contract grows and does not change: the present descriptors against those of every released version,
+//! by the rules of `buf breaking` (category WIRE_JSON; buf.build/docs/breaking/rules).
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -5,8 +5,9 @@
 //! library by its own name (SONAME), which lies beside the real file. A build script can set a run path
 //! only for its own package, so the folder is handed on as `DEP_TREEWRIGHT_EMBREE_LIB_DIR`.
 //!
-//! `TREEWRIGHT_KERNELS=native` compiles the queries for this machine's instruction set alone, which takes a third of the
-//! time (`make demo`); they are the greatest part of the crate. Without it, they are compiled for each.
+//! `TREEWRIGHT_KERNELS=native` compiles the queries for this machine's instruction set alone, which takes a
+//! third of the time (`make demo`); they are the greatest part of the crate. Without it, they are compiled
+//! for each.
 
 use std::env;
 use std::path::{Path, PathBuf};
@@ -43,7 +44,8 @@ fn main() {
     println!("cargo::metadata=LIB_DIR={}", run_folder.display());
 }
 
-/// Sets `kernels_NAME` for each instruction set that queries are compiled for, and `native_kernels` where it is one alone.
+/// Sets `kernels_NAME` for each instruction set that queries are compiled for, and `native_kernels` where it
+/// is one alone.
 fn choose_kernels() {
     println!("cargo::rerun-if-env-changed=TREEWRIGHT_KERNELS");
     println!("cargo::rustc-check-cfg=cfg(native_kernels)");

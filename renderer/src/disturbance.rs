@@ -1,8 +1,9 @@
 //! Whether a machine had other work while something was measured.
 //!
-//! Ratios of pairs survive a machine that changes its speed, but not every disturbance, and a search does not measure in
-//! pairs. So whoever tells a figure tells also what else the processors did meanwhile, as far as the system says
-//! (`/proc/stat` on Linux, of the processors that this process may use), and how much one and the same frame varied.
+//! Ratios of pairs survive a machine that changes its speed, but not every disturbance, and a search does not
+//! measure in pairs. So whoever tells a figure tells also what else the processors did meanwhile, as far as
+//! the system says (`/proc/stat` on Linux, of the processors that this process may use), and how much one and
+//! the same frame varied.
 
 use std::time::Instant;
 
@@ -108,8 +109,8 @@ fn allowed_processors(status: &str) -> Option<Vec<usize>> {
     Some(allowed)
 }
 
-/// All that was not idle or waiting for a disk on these processors; what a hypervisor gave to others counts, too. The columns
-/// after these are contained in the first two.
+/// All that was not idle or waiting for a disk on these processors; what a hypervisor gave to others counts,
+/// too. The columns after these are contained in the first two.
 fn of_everybody(stat: &str, allowed: &[usize]) -> Option<f64> {
     let mut busy = 0.0;
     for line in stat.lines().filter_map(|line| line.strip_prefix("cpu")) {
@@ -125,8 +126,8 @@ fn of_everybody(stat: &str, allowed: &[usize]) -> Option<f64> {
     stat.starts_with("cpu").then_some(busy)
 }
 
-/// User and system time of a process with all its threads: columns 14 and 15. The second column is a name in brackets
-/// that may hold anything.
+/// User and system time of a process with all its threads: columns 14 and 15. The second column is a name in
+/// brackets that may hold anything.
 fn of_process(stat: &str) -> Option<f64> {
     let mut columns = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
     let mut next = || columns.next()?.parse::<f64>().ok();

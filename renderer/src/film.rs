@@ -11,9 +11,9 @@ const BLOCK: u32 = 64;
 
 const BLOCK_PIXELS: usize = (BLOCK * BLOCK) as usize;
 
-/// Accumulated samples. Pixels lie in blocks of 64 × 64, in each along Morton's curve: every square tile whose
-/// edge is a power of two up to 64 is one run of memory, which threads can be handed apart, and so is every
-/// square of 4 × 4 pixels, whose rays make the most coherent packets.
+/// Accumulated samples. Pixels lie in blocks of 64 × 64, in each along Morton's curve: every square tile
+/// whose edge is a power of two up to 64 is one run of memory, which threads can be handed apart, and so is
+/// every square of 4 × 4 pixels, whose rays make the most coherent packets.
 #[derive(Clone, Debug)]
 pub struct Film {
     width: u32,
@@ -86,8 +86,8 @@ impl Film {
         Picture { width: self.width, height: self.height, pixels }
     }
 
-    /// The tiles of the picture in the order they are to be begun. An edge that is none of 8, 16, 32 and 64 is
-    /// taken for the nearest one below.
+    /// The tiles of the picture in the order they are to be begun. An edge that is none of 8, 16, 32 and 64
+    /// is taken for the nearest one below.
     pub(crate) fn tiles(&mut self, edge: u32, order: TileOrder) -> Vec<Tile<'_>> {
         let edge = 1 << edge.clamp(8, BLOCK).ilog2();
         let (width, height, across) = (self.width, self.height, self.width.div_ceil(BLOCK));

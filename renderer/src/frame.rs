@@ -33,7 +33,8 @@ pub struct FrameTimes {
     /// Processor time of the render threads during the frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub render_cpu_ms: Option<f64>,
-    /// How long all threads together waited for a processor during the build; absent where the system does not tell.
+    /// How long all threads together waited for a processor during the build; absent where the system does
+    /// not tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build_delay_ms: Option<f64>,
     /// How long the render threads together waited for a processor during the frame.
@@ -67,8 +68,8 @@ impl FrameTimes {
         }
     }
 
-    /// What the clock on the wall would have shown if no thread had waited for a processor ([`undelayed_ms`]); what it did
-    /// show where that is not known.
+    /// What the clock on the wall would have shown if no thread had waited for a processor
+    /// ([`undelayed_ms`]); what it did show where that is not known.
     #[must_use]
     pub fn undelayed(self) -> Self {
         let undelayed = |wall_ms: f64, cpu_ms: Option<f64>, delay_ms: Option<f64>| {
@@ -203,9 +204,9 @@ impl Renderer {
         self.make_ready(choice, false).map(|ready| ready.build_ms)
     }
 
-    /// Makes ready for a trial: builds a structure and keeps it for the frames to come, like [`Self::rebuild`]. With
-    /// `reuse`, one that is there already serves again, a few times. If the build fails, the last good structure is
-    /// kept.
+    /// Makes ready for a trial: builds a structure and keeps it for the frames to come, like
+    /// [`Self::rebuild`]. With `reuse`, one that is there already serves again, a few times. If the build
+    /// fails, the last good structure is kept.
     pub fn make_ready(&mut self, choice: &BuildChoice, reuse: bool) -> Result<Ready, BuildError> {
         if reuse
             && let Some(current) = &mut self.current
@@ -230,8 +231,8 @@ impl Renderer {
         Ok(ready)
     }
 
-    /// Brings a structure that was built over another moment of the scene to this one; returns `build_ms`. It must
-    /// have as many triangles. After an error it can still be used, as it was or refitted.
+    /// Brings a structure that was built over another moment of the scene to this one; returns `build_ms`. It
+    /// must have as many triangles. After an error it can still be used, as it was or refitted.
     pub fn follow(&self, structure: &mut Structure, update: Update) -> Result<f64, BuildError> {
         let begin = Instant::now();
         let triangles = &self.prepared.scene.triangles;
@@ -239,10 +240,10 @@ impl Renderer {
         Ok(milliseconds(begin))
     }
 
-    /// Moves on to another moment of the scene and brings the kept structure along; returns `build_ms`, the time
-    /// that took the structure. One that was built by another choice, over another number of triangles or over
-    /// instances is built anew, whatever `update` says. If that fails, the structure is that of the moment before,
-    /// or there is none where it would not fit.
+    /// Moves on to another moment of the scene and brings the kept structure along; returns `build_ms`, the
+    /// time that took the structure. One that was built by another choice, over another number of triangles
+    /// or over instances is built anew, whatever `update` says. If that fails, the structure is that of the
+    /// moment before, or there is none where it would not fit.
     pub fn animate(
         &mut self,
         scene: Arc<Scene>,
@@ -309,8 +310,9 @@ impl Renderer {
         Some(self.render_with(self.structure()?, view, options, film))
     }
 
-    /// The same, but no tile is begun once so many milliseconds are over (`None`: all are). Returns how long it took,
-    /// and whether that is a whole frame; the film of one that is not is of no use until it is cleared.
+    /// The same, but no tile is begun once so many milliseconds are over (`None`: all are). Returns how long
+    /// it took, and whether that is a whole frame; the film of one that is not is of no use until it is
+    /// cleared.
     pub fn render_within(
         &self,
         limit_ms: Option<f64>,

@@ -1,8 +1,8 @@
 //! Pictures on disc: PNG for people, EXR for measuring.
 //!
-//! PNG files are exposed and go through the [tone curve](crate::tone). EXR files hold the linear radiance as it is.
-//! Source of the automatic exposure: Reinhard et al., Photographic Tone Reproduction for Digital Images, SIGGRAPH
-//! 2002.
+//! PNG files are exposed and go through the [tone curve](crate::tone). EXR files hold the linear radiance as
+//! it is. Source of the automatic exposure: Reinhard et al., Photographic Tone Reproduction for Digital
+//! Images, SIGGRAPH 2002.
 
 use std::path::{Path, PathBuf};
 

@@ -1,9 +1,9 @@
 //! Comparing acceleration structures: all of them in each round, one after the other.
 //!
 //! The speed of a machine drifts by more than the differences that are looked for. Contenders are therefore
-//! measured interleaved, each round begins with another one, and what is told are ratios within rounds, of times without
-//! that in which threads waited for processors that other programs held ([`FrameTimes::undelayed`]). Contenders that are
-//! the same work under two names are measured once.
+//! measured interleaved, each round begins with another one, and what is told are ratios within rounds, of
+//! times without that in which threads waited for processors that other programs held
+//! ([`FrameTimes::undelayed`]). Contenders that are the same work under two names are measured once.
 
 use serde::Serialize;
 use treewright_accel::Structure;
@@ -38,8 +38,8 @@ pub struct Conditions {
     pub height: u32,
     /// How often each contender is measured.
     pub rounds: u32,
-    /// How many frames share a build. With 1 each frame builds its own, as real-time rendering does; otherwise
-    /// each structure is built once.
+    /// How many frames share a build. With 1 each frame builds its own, as real-time rendering does;
+    /// otherwise each structure is built once.
     pub frames_per_build: u32,
 }
 
@@ -52,7 +52,8 @@ pub struct Measured {
     pub build_ms: Vec<f64>,
     /// Each frame, in the order of rounds.
     pub render_ms: Vec<f64>,
-    /// Each build without the time in which its threads waited for a processor; nothing where that is not known.
+    /// Each build without the time in which its threads waited for a processor; nothing where that is not
+    /// known.
     pub undelayed_build_ms: Vec<f64>,
     /// The same of each frame.
     pub undelayed_render_ms: Vec<f64>,
@@ -78,7 +79,8 @@ pub struct Standing {
     pub speedup: Summary,
     /// `frame_ms` round by round.
     pub rounds_ms: Vec<f64>,
-    /// The same without the time in which threads waited for processors, by which anybody can be compared with anybody.
+    /// The same without the time in which threads waited for processors, by which anybody can be compared
+    /// with anybody.
     pub undelayed_ms: Vec<f64>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
@@ -143,8 +145,8 @@ impl Conditions {
     }
 }
 
-/// Measures all contenders. `go_on` is asked before each round; when it says no, what there is so far is told.
-/// One round more than asked for is run first and forgotten, to warm caches and clocks.
+/// Measures all contenders. `go_on` is asked before each round; when it says no, what there is so far is
+/// told. One round more than asked for is run first and forgotten, to warm caches and clocks.
 pub fn interleaved(
     renderer: &Renderer,
     contenders: &[Contender],
@@ -249,7 +251,8 @@ fn frame(
     Ok(FrameTimes::of(build_ms, render_ms).with_threads(renderer.threads(), build, render))
 }
 
-/// In words, where it is worth a word: which share of their time frames only waited for processors. Ratios leave that out.
+/// In words, where it is worth a word: which share of their time frames only waited for processors. Ratios
+/// leave that out.
 pub fn delay_told(standings: &[Standing]) -> Option<String> {
     let sum = |of: fn(&Standing) -> &Vec<f64>| -> f64 { standings.iter().flat_map(of).sum() };
     let (all_ms, undelayed_ms) = (sum(|one| &one.rounds_ms), sum(|one| &one.undelayed_ms));

@@ -2,10 +2,10 @@
 //!
 //! The path tracer does not know that it is watched, so the rays are those of a real frame, path by path on
 //! one thread. Which class a ray is of follows from the order of a path's questions: its first ray starts at
-//! the camera's eye, every further one is a bounce, and shadow rays belong to the point before them (with them
-//! count last rays of which only matters whether they reach the sky). Rays that
-//! go on behind a thin sheet in the same direction are continuations and left out. At the end the paths are
-//! brought into blocks of 4×4 pixels, the order in which a renderer hands them out in packets.
+//! the camera's eye, every further one is a bounce, and shadow rays belong to the point before them (with
+//! them count last rays of which only matters whether they reach the sky). Rays that go on behind a thin
+//! sheet in the same direction are continuations and left out. At the end the paths are brought into blocks
+//! of 4×4 pixels, the order in which a renderer hands them out in packets.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -1,9 +1,11 @@
-//! What threads got of the processors: how long they ran, and how long they were ready to run but had to wait.
+//! What threads got of the processors: how long they ran, and how long they were ready to run but had to
+//! wait.
 //!
-//! The clock on the wall counts the waiting too. Where other programs run beside a frame it is most of what differs from one
-//! frame to the next, and says nothing of the structure that is measured. Linux tells each thread's run-queue delay
-//! (`/proc/PID/task/TID/schedstat`, the second number, in nanoseconds; Documentation/scheduler/sched-stats.rst), so what a
-//! frame would have taken without it can be told too: see [`undelayed_ms`].
+//! The clock on the wall counts the waiting too. Where other programs run beside a frame it is most of what
+//! differs from one frame to the next, and says nothing of the structure that is measured. Linux tells each
+//! thread's run-queue delay (`/proc/PID/task/TID/schedstat`, the second number, in nanoseconds;
+//! Documentation/scheduler/sched-stats.rst), so what a frame would have taken without it can be told too: see
+//! [`undelayed_ms`].
 
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
@@ -28,8 +30,8 @@ impl RunQueueDelay {
     }
 }
 
-/// The run-queue delay that all threads of this process have had so far, in milliseconds; `None` where the system does not
-/// tell. Threads that have ended are left out.
+/// The run-queue delay that all threads of this process have had so far, in milliseconds; `None` where the
+/// system does not tell. Threads that have ended are left out.
 pub(crate) fn process_delay_ms() -> Option<f64> {
     let mut sum_ms = 0.0;
     for thread in std::fs::read_dir("/proc/self/task").ok()? {
@@ -56,8 +58,9 @@ pub struct ThreadTimes {
 }
 
 impl ThreadTimes {
-    /// Those of work that took so long by the clock on the wall and that so many threads shared: together they had no more
-    /// time than that to wait in. What is told beyond it is of other threads, or of two that waited for each other's place.
+    /// Those of work that took so long by the clock on the wall and that so many threads shared: together
+    /// they had no more time than that to wait in. What is told beyond it is of other threads, or of two that
+    /// waited for each other's place.
     #[must_use]
     pub fn shared_by(self, threads: usize, wall_ms: f64) -> Self {
         let most_ms = (threads.max(1) as f64 * wall_ms - self.cpu_ms).max(0.0);
@@ -73,9 +76,10 @@ pub fn of_process<R>(work: impl FnOnce() -> R) -> (R, ThreadTimes) {
     (result, ThreadTimes { cpu_ms: process_cpu_ms() - cpu_before_ms, delay_ms })
 }
 
-/// What some work would have taken by the clock on the wall if none of its threads had ever waited for a processor: the time
-/// it took, times the share of the time in which they wanted a processor that they had one. That is exact where work spreads
-/// evenly over the threads and they wait alike, and where one thread does it all.
+/// What some work would have taken by the clock on the wall if none of its threads had ever waited for a
+/// processor: the time it took, times the share of the time in which they wanted a processor that they had
+/// one. That is exact where work spreads evenly over the threads and they wait alike, and where one thread
+/// does it all.
 pub fn undelayed_ms(wall_ms: f64, cpu_ms: f64, delay_ms: f64) -> f64 {
     if cpu_ms > 0.0 && delay_ms > 0.0 { wall_ms * cpu_ms / (cpu_ms + delay_ms) } else { wall_ms }
 }

@@ -1,9 +1,9 @@
 //! Structures that were built before and are kept for the next time they are wanted.
 //!
-//! A search measures its leaders again and again. Where one tree serves a thousand frames, its build costs as much as
-//! twenty of them and says next to nothing, so a tree that is still there is used again. Trees of the same choice differ
-//! from build to build by one to three percent, though. So each serves a few trials and is then built anew: what differs
-//! between builds stays in the measurements.
+//! A search measures its leaders again and again. Where one tree serves a thousand frames, its build costs as
+//! much as twenty of them and says next to nothing, so a tree that is still there is used again. Trees of the
+//! same choice differ from build to build by one to three percent, though. So each serves a few trials and is
+//! then built anew: what differs between builds stays in the measurements.
 
 use treewright_accel::{BuildChoice, Structure};
 
@@ -44,8 +44,8 @@ impl Shelf {
         built.serves_again(choice).then_some(built)
     }
 
-    /// Keeps a structure that may serve another trial. Where all together would take too much memory, those that were
-    /// not wanted for longest go.
+    /// Keeps a structure that may serve another trial. Where all together would take too much memory, those
+    /// that were not wanted for longest go.
     pub(crate) fn put(&mut self, built: Built) {
         self.kept.retain(|kept| kept.built.choice != built.choice);
         if built.trials < TRIALS_PER_BUILD_MAX {

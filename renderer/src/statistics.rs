@@ -39,8 +39,8 @@ impl Summary {
     }
 }
 
-/// How many times faster one contender is than another: the median of pairs, and where the true median lies with a
-/// confidence of 95 %.
+/// How many times faster one contender is than another: the median of pairs, and where the true median lies
+/// with a confidence of 95 %.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Ratio {
     /// Median of the ratios within pairs; 0 when there are none.
@@ -55,8 +55,9 @@ pub struct Ratio {
 const TAIL: f64 = 0.025;
 
 impl Ratio {
-    /// Of the ratios `numerators[i] / denominators[i]`. The interval lies between two of the sorted ratios and supposes
-    /// nothing about how they are distributed (Hahn and Meeker, Statistical Intervals, 1991, section 5.2).
+    /// Of the ratios `numerators[i] / denominators[i]`. The interval lies between two of the sorted ratios
+    /// and supposes nothing about how they are distributed (Hahn and Meeker, Statistical Intervals, 1991,
+    /// section 5.2).
     pub fn of(numerators: &[f64], denominators: &[f64]) -> Self {
         let mut ratios: Vec<f64> = numerators.iter().zip(denominators).map(|(a, b)| a / b).collect();
         ratios.sort_by(f64::total_cmp);
@@ -86,9 +87,9 @@ impl std::fmt::Display for Ratio {
     }
 }
 
-/// How many of `count` sorted values may be left out on each side so that the median lies between the others with the
-/// confidence of the interval: it is below the value of rank `k` with the probability that of `count` throws of a coin
-/// at most `k` show heads.
+/// How many of `count` sorted values may be left out on each side so that the median lies between the others
+/// with the confidence of the interval: it is below the value of rank `k` with the probability that of
+/// `count` throws of a coin at most `k` show heads.
 fn outside(count: usize) -> Option<usize> {
     let mut term = 0.5_f64.powi(i32::try_from(count).unwrap_or(i32::MAX));
     let mut below = term;
@@ -140,7 +141,8 @@ pub struct BreakEven {
 }
 
 impl BreakEven {
-    /// The first frame, counted from the begin of tuning, after which tuning has paid off. `None` if it never does.
+    /// The first frame, counted from the begin of tuning, after which tuning has paid off. `None` if it never
+    /// does.
     pub fn frame(&self) -> Option<u64> {
         let gain_ms = self.default_frame_ms - self.tuned_frame_ms;
         let tuned_begin_ms =
@@ -174,7 +176,8 @@ mod tests {
 
     #[test]
     fn the_intervals_of_a_median_are_those_of_the_tables() {
-        // Ranks from 0 of two-sided 95 % intervals of a median (Conover, Practical Nonparametric Statistics, table A3).
+        // Ranks from 0 of two-sided 95 % intervals of a median (Conover, Practical Nonparametric Statistics,
+        // table A3).
         for (count, rank) in
             [(5, None), (6, Some(0)), (9, Some(1)), (15, Some(3)), (21, Some(5)), (100, Some(39))]
         {

@@ -1,13 +1,14 @@
-//! What a long history costs: start-up to the first answer, memory, and the time of a frame, at any number of stored
-//! trials of one study of six parameters.
+//! What a long history costs: start-up to the first answer, memory, and the time of a frame, at any number of
+//! stored trials of one study of six parameters.
 //!
 //! `cargo run --release -p treewright-server --example growth -- DIRECTORY TRIALS [STATES]`
 //!
-//! The first 20,000 trials go through the daemon's own code, client after client. From then on the table is filled
-//! with the same rows again under new numbers, which is what that code would have written had the clients stayed in
-//! the states that are explored: the history then holds TRIALS trials, and all that is measured, loading them
-//! included, is real. Each measurement runs in a process of its own on the database as the one before left it: the
-//! first goes through all trials and saves a checkpoint, the second starts from that.
+//! The first 20,000 trials go through the daemon's own code, client after client. From then on the table is
+//! filled with the same rows again under new numbers, which is what that code would have written had the
+//! clients stayed in the states that are explored: the history then holds TRIALS trials, and all that is
+//! measured, loading them included, is real. Each measurement runs in a process of its own on the database as
+//! the one before left it: the first goes through all trials and saves a checkpoint, the second starts from
+//! that.
 
 use std::collections::BTreeMap;
 use std::error::Error;

@@ -1,4 +1,5 @@
-//! Admission control: how many requests and streams may be worked on at once, and whether any are still taken.
+//! Admission control: how many requests and streams may be worked on at once, and whether any are still
+//! taken.
 
 use std::sync::Arc;
 
@@ -7,7 +8,8 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use crate::error::Error;
 use crate::limits;
 
-/// Counts the requests and streams that are worked on, and takes none while draining. Clones share the counts.
+/// Counts the requests and streams that are worked on, and takes none while draining. Clones share the
+/// counts.
 #[derive(Clone, Debug)]
 pub struct Admission {
     requests: Arc<Semaphore>,
@@ -81,7 +83,8 @@ impl Admission {
         }
     }
 
-    /// Begins to drain: what was admitted finishes, streams end after the frame they are at, nothing new is taken.
+    /// Begins to drain: what was admitted finishes, streams end after the frame they are at, nothing new is
+    /// taken.
     pub fn drain(&self) {
         self.draining.send_replace(true);
     }

@@ -1,5 +1,5 @@
-//! When a certificate ends, read from its DER form (RFC 5280, section 4.1; ITU-T X.690): the one thing that is asked of it here
-//! and that the TLS library does not say.
+//! When a certificate ends, read from its DER form (RFC 5280, section 4.1; ITU-T X.690): the one thing that
+//! is asked of it here and that the TLS library does not say.
 
 /// Tags of what is read.
 const SEQUENCE: u8 = 0x30;
@@ -69,7 +69,8 @@ fn seconds(year: i64, rest: &str) -> Option<i64> {
     if rest.len() != 10 || !(1..=12).contains(&month) {
         return None;
     }
-    // Days of the civil calendar (H. Hinnant, "chrono-Compatible Low-Level Date Algorithms"): years begin in March.
+    // Days of the civil calendar (H. Hinnant, "chrono-Compatible Low-Level Date Algorithms"): years begin in
+    // March.
     let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
     let days = 365 * year + year / 4 - year / 100 + year / 400 + (153 * month + 2) / 5 + day - 1 - 719_468;
     Some(((days * 24 + pair(2)?) * 60 + pair(3)?) * 60 + pair(4)?)

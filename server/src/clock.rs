@@ -10,8 +10,8 @@ pub trait Clock: Send + Sync + 'static {
     fn now_ms(&self) -> i64;
 }
 
-/// The system's clock, for what is agreed upon by the calendar, such as the end of a token. A step backwards, as
-/// after a correction by the network, is held back: the time it tells never decreases.
+/// The system's clock, for what is agreed upon by the calendar, such as the end of a token. A step backwards,
+/// as after a correction by the network, is held back: the time it tells never decreases.
 #[derive(Debug, Default)]
 pub struct SystemClock {
     latest_ms: AtomicI64,
@@ -24,10 +24,10 @@ impl Clock for SystemClock {
     }
 }
 
-/// A clock for leases: it runs as evenly as the machine's monotonic one, and is drawn towards the system's time by at
-/// most a tenth of what has passed. So no correction, of seconds or of years, ends all leases at once or none for
-/// long; and after a while it shows the right time again. (Slewing instead of stepping, as of D. Mills, "Computer
-/// Network Time Synchronization", chapter 3, and of `adjtime`.)
+/// A clock for leases: it runs as evenly as the machine's monotonic one, and is drawn towards the system's
+/// time by at most a tenth of what has passed. So no correction, of seconds or of years, ends all leases at
+/// once or none for long; and after a while it shows the right time again. (Slewing instead of stepping, as
+/// of D. Mills, "Computer Network Time Synchronization", chapter 3, and of `adjtime`.)
 #[derive(Debug)]
 pub struct SteadyClock {
     begun: Instant,
@@ -129,8 +129,8 @@ mod tests {
         assert_eq!(clock.now_ms(), i64::MAX - 1);
     }
 
-    /// Jumps by a day and by forty years, either way: a minute stays a minute to within a tenth, and in the end the
-    /// clock is right.
+    /// Jumps by a day and by forty years, either way: a minute stays a minute to within a tenth, and in the
+    /// end the clock is right.
     #[test]
     fn a_jump_of_the_systems_clock_is_made_up_for_slowly() {
         const DAY: Duration = Duration::from_secs(86_400);

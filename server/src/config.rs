@@ -59,8 +59,8 @@ pub enum Command {
     /// codes: 0 done, 1 cannot write the file, 2 wrong usage, 4 cannot use the database or the backup.
     Restore(RestoreConfig),
 
-    /// Check a database file for damage; works while the daemon runs. Exit codes: 0 sound, 1 cannot read it, 2
-    /// wrong usage, 4 damaged, or not a database.
+    /// Check a database file for damage; works while the daemon runs. Exit codes: 0 sound, 1 cannot read it,
+    /// 2 wrong usage, 4 damaged, or not a database.
     Check(FileDatabase),
 }
 
@@ -115,8 +115,8 @@ pub struct ServeConfig {
     #[arg(long, env = "TREEWRIGHT_METRICS_STUDIES", default_value_t = 16, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(..=i64::from(STUDIES_SHOWN)), help_heading = MONITORING)]
     pub metrics_studies: u16,
 
-    /// Send traces of requests to this OpenTelemetry collector, over OTLP and gRPC, e.g. http://127.0.0.1:4317.
-    /// Off by default.
+    /// Send traces of requests to this OpenTelemetry collector, over OTLP and gRPC, e.g.
+    /// http://127.0.0.1:4317. Off by default.
     #[arg(long, env = "TREEWRIGHT_OTLP", value_name = "URL", value_parser = collector, help_heading = MONITORING)]
     pub otlp: Option<String>,
 
@@ -130,8 +130,8 @@ pub struct ServeConfig {
     #[arg(long, env = "TREEWRIGHT_DRAIN_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=DRAIN_S), help_heading = OPERATION)]
     pub drain_s: u64,
 
-    /// Exit after this many seconds without a request, and close the files that whoever started the daemon left open to it.
-    /// Default: never.
+    /// Exit after this many seconds without a request, and close the files that whoever started the daemon
+    /// left open to it. Default: never.
     #[arg(long, env = "TREEWRIGHT_IDLE_EXIT_S", value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..), help_heading = OPERATION)]
     pub idle_exit_s: Option<u64>,
 
@@ -157,8 +157,8 @@ impl ServeConfig {
         self.peers.check(&database, self.listen, &self.guard)
     }
 
-    /// Checks the TCP address that the system has opened for the daemon, if it has: it has to be the one of `--listen`, by
-    /// which it was decided who may enter.
+    /// Checks the TCP address that the system has opened for the daemon, if it has: it has to be the one of
+    /// `--listen`, by which it was decided who may enter.
     ///
     /// # Errors
     /// What is wrong with it, and what would be right.
@@ -243,8 +243,8 @@ impl Cli {
     }
 }
 
-/// The same command, for which a variable that is set and empty is as one that is not set: `VARIABLE=` in a file of
-/// settings, or `${VARIABLE:-}` in one for containers, means just that.
+/// The same command, for which a variable that is set and empty is as one that is not set: `VARIABLE=` in a
+/// file of settings, or `${VARIABLE:-}` in one for containers, means just that.
 fn without_empty_variables(command: clap::Command) -> clap::Command {
     let command = command.mut_args(|argument| {
         let value = argument.get_env().and_then(std::env::var_os);

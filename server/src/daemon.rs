@@ -137,7 +137,8 @@ async fn open_tokens(config: &ServeConfig, database: &Database) -> Result<Arc<dy
 pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), DaemonError> {
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;
-    // Without certificates to read again it is ignored: who closes a terminal does not mean to end the daemon.
+    // Without certificates to read again it is ignored: who closes a terminal does not mean to end the
+    // daemon.
     let hang_up = signal(SignalKind::hangup())?;
     let shares = shares(&config)?;
     let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };

@@ -1,8 +1,9 @@
 //! How many files and sockets the process may have open, and how they are shared out.
 //!
-//! A daemon that takes more connections than it has descriptors can accept nobody, not even an orchestrator's question
-//! whether it lives. So the limit is raised as far as it may be (getrlimit(2): a process may raise its soft limit to the hard
-//! one), and connections get what is left beside the database and the other listeners.
+//! A daemon that takes more connections than it has descriptors can accept nobody, not even an orchestrator's
+//! question whether it lives. So the limit is raised as far as it may be (getrlimit(2): a process may raise
+//! its soft limit to the hard one), and connections get what is left beside the database and the other
+//! listeners.
 
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 

@@ -1,7 +1,8 @@
 //! Passes single requests on to the replica that holds their study, below the level at which they are read:
 //! the request goes on as it came, with its credentials, and the answer comes back as it was given.
 //!
-//! Frames of a Tune stream are passed on one by one by [`rpc`](crate::rpc), since each may concern another study.
+//! Frames of a Tune stream are passed on one by one by [`rpc`](crate::rpc), since each may concern another
+//! study.
 
 use std::convert::Infallible;
 use std::pin::Pin;
@@ -164,8 +165,8 @@ where
     }
 }
 
-/// A replica's answer with its message and its trailers. One that is killed in between has not answered: passed on as it comes,
-/// its end would be an INTERNAL error of a replica that is well.
+/// A replica's answer with its message and its trailers. One that is killed in between has not answered:
+/// passed on as it comes, its end would be an INTERNAL error of a replica that is well.
 async fn whole(channel: Channel, request: Request<Body>) -> Result<Response<Body>, Status> {
     let answer = channel.oneshot(request).await.map_err(|error| Status::from_error(error.into()))?;
     let (parts, body) = answer.into_parts();

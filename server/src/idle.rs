@@ -10,8 +10,9 @@ use crate::metrics::Metrics;
 /// How often it is looked whether anything was asked.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// Waits until nothing was asked for so long. A question that is being worked on counts when it is answered, and clients
-/// that are connected ask now and then whether the daemon serves. Without a time it waits for ever.
+/// Waits until nothing was asked for so long. A question that is being worked on counts when it is answered,
+/// and clients that are connected ask now and then whether the daemon serves. Without a time it waits for
+/// ever.
 pub(crate) async fn idle_for(time: Option<Duration>, metrics: Arc<Metrics>) {
     let Some(time) = time else { return std::future::pending().await };
     let (mut asked, mut since) = (metrics.answers(), Instant::now());

@@ -1,9 +1,10 @@
 //! Descriptors that whoever started the daemon left open.
 //!
-//! A renderer that starts a daemon for its user ([`--idle-exit-s`](crate::config::ServeConfig::idle_exit_s)) passes on every
-//! file and socket that it did not mark as its own: the daemon would keep its ports taken and its files open long after the
-//! renderer has ended. So such a daemon closes them first of all, as `daemon(7)` advises. It is done here and not by the
-//! client because only a process that has no threads and no files yet can know that nobody needs them.
+//! A renderer that starts a daemon for its user ([`--idle-exit-s`](crate::config::ServeConfig::idle_exit_s))
+//! passes on every file and socket that it did not mark as its own: the daemon would keep its ports taken and
+//! its files open long after the renderer has ended. So such a daemon closes them first of all, as
+//! `daemon(7)` advises. It is done here and not by the client because only a process that has no threads and
+//! no files yet can know that nobody needs them.
 
 use std::os::fd::RawFd;
 
@@ -13,8 +14,9 @@ const STANDARD: RawFd = 2;
 /// What systemd sets for a process to which it hands sockets (`sd_listen_fds(3)`).
 const HANDED_OVER: &str = "LISTEN_FDS";
 
-/// Closes every descriptor but the three standard ones, unless systemd handed some over. To be called before anything is
-/// opened. Does nothing where the system does not list a process's descriptors in `/proc/self/fd` or `/dev/fd`.
+/// Closes every descriptor but the three standard ones, unless systemd handed some over. To be called before
+/// anything is opened. Does nothing where the system does not list a process's descriptors in `/proc/self/fd`
+/// or `/dev/fd`.
 pub fn close_descriptors() {
     if std::env::var_os(HANDED_OVER).is_some() {
         return;

@@ -1,13 +1,14 @@
 //! The Treewright daemon: serves the tuning core over gRPC.
 //!
-//! A request's way: [`connections`] and [`tls`] bring it, [`middleware`] gives it an id and asks [`access`] who sent
-//! it, [`admission`] limits how many are worked on at once, [`rpc`] reads it with [`convert`], [`tuning`] does its work
-//! on a tuner in memory and on the store, [`convert`] writes the answer, and [`status`] turns errors into gRPC codes.
-//! Where several daemons share a database, [`forward`] and [`peers`] bring it to the one that holds its study.
-//! [`metrics`] counts all that, [`refusals`] logs what was refused, and `watch` shows the figures.
+//! A request's way: [`connections`] and [`tls`] bring it, [`middleware`] gives it an id and asks [`access`]
+//! who sent it, [`admission`] limits how many are worked on at once, [`rpc`] reads it with [`convert`],
+//! [`tuning`] does its work on a tuner in memory and on the store, [`convert`] writes the answer, and
+//! [`status`] turns errors into gRPC codes. Where several daemons share a database, [`forward`] and [`peers`]
+//! bring it to the one that holds its study. [`metrics`] counts all that, [`refusals`] logs what was refused,
+//! and `watch` shows the figures.
 //!
-//! [`serve`] runs all that until told to stop; [`daemon`] adds what makes it a process. [`administration`] makes and
-//! revokes tokens, [`maintenance`] backs up, restores and checks database files.
+//! [`serve`] runs all that until told to stop; [`daemon`] adds what makes it a process. [`administration`]
+//! makes and revokes tokens, [`maintenance`] backs up, restores and checks database files.
 
 pub mod access;
 pub mod administration;

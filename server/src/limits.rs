@@ -19,17 +19,19 @@ pub const CONNECTIONS: usize = 16_384;
 /// Most connections that can be asked for.
 pub const CONNECTIONS_MAX: usize = 65_536;
 
-/// So long a new connection waits for the one that was told to make room, which closes as soon as its task is run.
+/// So long a new connection waits for the one that was told to make room, which closes as soon as its task is
+/// run.
 pub const LEAVING: Duration = Duration::from_secs(1);
 
-/// Descriptors that are not connections of clients: the database, its write-ahead log and its readers, connections to other
-/// replicas or to PostgreSQL, listeners, certificates while they are read.
+/// Descriptors that are not connections of clients: the database, its write-ahead log and its readers,
+/// connections to other replicas or to PostgreSQL, listeners, certificates while they are read.
 pub const DESCRIPTORS_OWN: usize = 96;
 
 /// Fewest connections that a daemon starts with.
 pub const CONNECTIONS_MIN: usize = 16;
 
-/// Bytes of requests that have not come as a whole and of answers that were not read, on all connections together.
+/// Bytes of requests that have not come as a whole and of answers that were not read, on all connections
+/// together.
 pub const UNFINISHED_BYTES: usize = 128 << 20;
 
 /// What a request takes up besides its headers and its message, in bytes: its stream, its task, its span.
@@ -38,8 +40,8 @@ pub const REQUEST_HEAD_BYTES: usize = 4 << 10;
 /// A message up to this size, in bytes, leaves no room behind that is worth counting.
 pub const MESSAGE_BYTES_SMALL: usize = 16 << 10;
 
-/// Bytes that a client may send on one stream, and on one connection, before the daemon has looked at them. The least
-/// that HTTP/2 knows for a connection (RFC 9113, section 6.9.2).
+/// Bytes that a client may send on one stream, and on one connection, before the daemon has looked at them.
+/// The least that HTTP/2 knows for a connection (RFC 9113, section 6.9.2).
 pub const WINDOW_BYTES: u32 = 65_535;
 
 /// Connections that wait for the HTTP server to take them.
@@ -48,8 +50,8 @@ pub const CONNECTIONS_READY: usize = 64;
 /// Calls and streams at once on one connection.
 pub const CALLS_PER_CONNECTION: u32 = 256;
 
-/// Streams on one connection that a client may reset before the daemon has looked at them. Who resets more is cut
-/// off ("rapid reset", CVE-2023-44487).
+/// Streams on one connection that a client may reset before the daemon has looked at them. Who resets more is
+/// cut off ("rapid reset", CVE-2023-44487).
 pub const RESETS_PER_CONNECTION: usize = 32;
 
 /// Bytes of the headers of one request, as HTTP/2 counts them.
@@ -91,8 +93,8 @@ pub const CERTIFICATES_PERIOD: Duration = Duration::from_secs(2);
 /// How often the daemon looks whether a token was made or revoked.
 pub const TOKENS_PERIOD: Duration = Duration::from_millis(100);
 
-/// Tokens that could not be read again for so long let nobody in. So this is also the longest that a revoked token
-/// can be good for, at a daemon that is cut off from its database.
+/// Tokens that could not be read again for so long let nobody in. So this is also the longest that a revoked
+/// token can be good for, at a daemon that is cut off from its database.
 pub const TOKENS_STALE: Duration = Duration::from_secs(30);
 
 /// How often what tokens used is stored. A crash forgets so much of it at most.
@@ -158,8 +160,8 @@ pub const REFUSAL_PERIOD: Duration = Duration::from_secs(10);
 /// How long a question waits for a processor to compute its plan; then it is answered from the tables.
 pub const PLANNING_WAIT: Duration = Duration::from_millis(5);
 
-/// By how much the threads that plan and fit are nicer than those that answer: with both busy on one processor, a
-/// tenth of it is theirs.
+/// By how much the threads that plan and fit are nicer than those that answer: with both busy on one
+/// processor, a tenth of it is theirs.
 pub const COMPUTING_NICENESS: i32 = 10;
 
 /// Completed trials that are read at once when a study is loaded: a few megabytes.
@@ -183,11 +185,12 @@ pub const NAME_BYTES: usize = 256;
 /// How often leases that have run out are looked for.
 pub const SWEEP_PERIOD: Duration = Duration::from_secs(1);
 
-/// When leases were not looked after for so long, the daemon was away: stopped, asleep, or without its database.
+/// When leases were not looked after for so long, the daemon was away: stopped, asleep, or without its
+/// database.
 pub const ABSENCE_MIN: Duration = Duration::from_secs(10);
 
-/// How long clients are given, after the daemon was away, before a lease that ends counts as lost. Twice the SDK's
-/// longest pause between attempts.
+/// How long clients are given, after the daemon was away, before a lease that ends counts as lost. Twice the
+/// SDK's longest pause between attempts.
 pub const RETURN_GRACE: Duration = Duration::from_secs(10);
 
 /// How often it is looked whether a checkpoint is due.
@@ -212,8 +215,8 @@ pub const READY: Duration = Duration::from_secs(2);
 /// Most studies whose figures are shown with their names. Each has about 25 series.
 pub const STUDIES_SHOWN: u16 = 64;
 
-/// Connections at once of those who ask for metrics, and of browsers that show the dashboard, where there are descriptors
-/// enough. Each page that is open in a browser keeps one for its events.
+/// Connections at once of those who ask for metrics, and of browsers that show the dashboard, where there are
+/// descriptors enough. Each page that is open in a browser keeps one for its events.
 pub const PAGES_CONNECTIONS: usize = 64;
 
 /// A browser's connection ends after so long, and begins anew by itself.
@@ -225,7 +228,8 @@ pub const DASHBOARD_LOOK: Duration = Duration::from_secs(1);
 /// Largest form that a browser may send, in bytes: a token.
 pub const DASHBOARD_FORM_BYTES: usize = 8 << 10;
 
-/// The head of a question for metrics or for a page must be there within this time, and a form within as long again.
+/// The head of a question for metrics or for a page must be there within this time, and a form within as long
+/// again.
 pub const WATCH: Duration = Duration::from_secs(5);
 
 /// An orderly end waits so long for answers to be read, once everything is answered.

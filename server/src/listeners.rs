@@ -1,7 +1,8 @@
-//! Where clients come in: TCP, Unix sockets, or sockets that systemd opened for the daemon ("socket activation", see
-//! `systemd.socket(5)` and `sd_listen_fds(3)`).
+//! Where clients come in: TCP, Unix sockets, or sockets that systemd opened for the daemon ("socket
+//! activation", see `systemd.socket(5)` and `sd_listen_fds(3)`).
 //!
-//! A Unix socket can only be reached by the user whose daemon it is: its file is made unreadable to everybody else.
+//! A Unix socket can only be reached by the user whose daemon it is: its file is made unreadable to everybody
+//! else.
 
 use std::io;
 use std::net::SocketAddr;
@@ -20,8 +21,8 @@ pub struct Listeners {
     pub(crate) unix: Vec<UnixListener>,
 }
 
-/// The file of a Unix socket; removed when dropped, unless another has taken its place. To be dropped while the socket
-/// still listens: after that somebody who finds it deserted may replace it at any moment.
+/// The file of a Unix socket; removed when dropped, unless another has taken its place. To be dropped while
+/// the socket still listens: after that somebody who finds it deserted may replace it at any moment.
 #[derive(Debug)]
 pub(crate) struct SocketFile {
     path: PathBuf,
@@ -88,8 +89,8 @@ impl Listeners {
         Ok(())
     }
 
-    /// Listens on a Unix socket as well, for this user alone. The file of one that nobody listens on any more is
-    /// replaced.
+    /// Listens on a Unix socket as well, for this user alone. The file of one that nobody listens on any more
+    /// is replaced.
     ///
     /// # Errors
     /// [`io::ErrorKind::AddrInUse`] when somebody does, and what the system says.

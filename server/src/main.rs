@@ -1,5 +1,5 @@
-//! `treewrightd`: reads the command line, runs the daemon, administers its tokens or maintains its database, and reports how
-//! it ended.
+//! `treewrightd`: reads the command line, runs the daemon, administers its tokens or maintains its database,
+//! and reports how it ended.
 
 use std::io::Write as _;
 use std::process::ExitCode;

@@ -1,8 +1,9 @@
-//! Request middleware: gives each request an id, finds out who sent it, limits its time, and counts how it ended.
+//! Request middleware: gives each request an id, finds out who sent it, limits its time, and counts how it
+//! ended.
 //!
-//! The request id comes from the client's `x-request-id` or is made here. It stands in the span in which everything
-//! about the request is logged, and goes back with the answer, so that a line in a renderer's log finds the lines in
-//! the daemon's.
+//! The request id comes from the client's `x-request-id` or is made here. It stands in the span in which
+//! everything about the request is logged, and goes back with the answer, so that a line in a renderer's log
+//! finds the lines in the daemon's.
 
 use std::convert::Infallible;
 use std::pin::Pin;

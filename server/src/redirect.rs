@@ -1,4 +1,5 @@
-//! Where a request that failed here is to be tried again: in the replica that holds its study, or here once more.
+//! Where a request that failed here is to be tried again: in the replica that holds its study, or here once
+//! more.
 //!
 //! It travels beside the gRPC status as two headers, so that a replica which passed a request on can read it.
 

@@ -1,8 +1,9 @@
 //! Counts refused requests, and logs them at a bounded rate.
 //!
 //! Every refusal is counted by its reason. Of each reason only [`REFUSAL_LINES`] lines are logged within
-//! [`REFUSAL_PERIOD`]; the next line then says how many were left out. So a client that is refused a thousand times a
-//! second cannot fill the disk with log lines. Lines that are left out still appear at the level `debug`.
+//! [`REFUSAL_PERIOD`]; the next line then says how many were left out. So a client that is refused a thousand
+//! times a second cannot fill the disk with log lines. Lines that are left out still appear at the level
+//! `debug`.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -50,8 +51,8 @@ impl Refusals {
         }
     }
 
-    /// The same, unless the request is only not done here: where there are other replicas, one of them or another
-    /// attempt is about to do it.
+    /// The same, unless the request is only not done here: where there are other replicas, one of them or
+    /// another attempt is about to do it.
     pub(crate) fn note_here(&self, error: &Error, has_peers: bool) {
         if has_peers && Redirect::of(error).is_some() {
             tracing::debug!(%error, "not done here");

@@ -192,8 +192,8 @@ pub async fn run(
         None => {
             tracing::info!(drain_s = drain.as_secs(), "draining");
             set_health(&health, ServingStatus::NotServing).await;
-            // While the socket still listens: who finds its file gone makes a new one, and who finds somebody listening
-            // waits. Later the file could be the next daemon's.
+            // While the socket still listens: who finds its file gone makes a new one, and who finds somebody
+            // listening waits. Later the file could be the next daemon's.
             drop(socket_files);
             admission.drain();
             // The server must go on while those inside finish.
@@ -210,7 +210,8 @@ pub async fn run(
                 for service in ["", SERVICE_NAME] {
                     health.clear_service_status(service).await;
                 }
-                // Everybody was answered. Who does not read, a client that is frozen or gone, must not hold up the end.
+                // Everybody was answered. Who does not read, a client that is frozen or gone, must not hold
+                // up the end.
                 sleep(limits::DRAIN_UNREAD).await;
                 tracing::info!("not every client reads its last answer; connections are cut");
             };

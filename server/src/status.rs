@@ -69,7 +69,8 @@ fn store_code(error: &StoreError) -> Code {
     }
 }
 
-/// How the gRPC library's refusals of a malformed message begin. It calls them INTERNAL, but nothing here is broken.
+/// How the gRPC library's refusals of a malformed message begin. It calls them INTERNAL, but nothing here is
+/// broken.
 const MALFORMED: [&str; 2] = ["failed to decode Protobuf message", "protocol error: "];
 
 /// A status with the code that it should have: INVALID_ARGUMENT for a message that cannot be read.
@@ -103,8 +104,8 @@ pub const REASONS: [&str; 17] = [
     "defect",
 ];
 
-/// The kind of an error in one word, for counting. `store` is a database that does not do what it should, and nothing that
-/// a client can bring about.
+/// The kind of an error in one word, for counting. `store` is a database that does not do what it should, and
+/// nothing that a client can bring about.
 #[must_use]
 pub fn reason(error: &Error) -> &'static str {
     match error {

@@ -1,8 +1,8 @@
 //! Certificates: read from files, and read again when the files change.
 //!
-//! The files are looked at every two seconds by what they hold, not by their dates, so that links that are turned
-//! over (as orchestrators do) count as well; SIGHUP looks at once. A connection keeps the certificate it began with.
-//! What cannot be used is refused with a line in the log, and the old one stays.
+//! The files are looked at every two seconds by what they hold, not by their dates, so that links that are
+//! turned over (as orchestrators do) count as well; SIGHUP looks at once. A connection keeps the certificate
+//! it began with. What cannot be used is refused with a line in the log, and the old one stays.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -28,8 +28,8 @@ pub struct TlsFiles {
     pub key: PathBuf,
     /// Authorities of which clients must show a certificate; none asks for none.
     pub client_authority: Option<PathBuf>,
-    /// Authorities by which other replicas' certificates are judged; without them those of the clients, and without
-    /// these the system's.
+    /// Authorities by which other replicas' certificates are judged; without them those of the clients, and
+    /// without these the system's.
     pub peer_authority: Option<PathBuf>,
     /// The name to expect in other replicas' certificates, where it is not the one in their address.
     pub peer_name: Option<String>,

@@ -1,8 +1,9 @@
-//! The second listener, for those who watch: `/metrics` for Prometheus, `/livez` and `/readyz` for an orchestrator.
+//! The second listener, for those who watch: `/metrics` for Prometheus, `/livez` and `/readyz` for an
+//! orchestrator.
 //!
-//! Alive is a process that answers at all; ready is one whose requests would be served: it is not draining, and the
-//! database answers. The two are apart because a restart mends the one and not the other. Plain HTTP/1.1, which is
-//! what the askers speak; nobody outside the machine sees it unless told so.
+//! Alive is a process that answers at all; ready is one whose requests would be served: it is not draining,
+//! and the database answers. The two are apart because a restart mends the one and not the other. Plain
+//! HTTP/1.1, which is what the askers speak; nobody outside the machine sees it unless told so.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,7 +1,8 @@
 //! The alerting rules of `server/deploy`, played over a simulated week by `promtool test rules`
-//! (<https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_rules/>): each fires for what it watches for, when
-//! it happens, and nothing fires for what is everyday. Each evaluation takes promtool milliseconds, so all rules together are
-//! evaluated every half hour of the week, and each alone every minute around what it watches for.
+//! (<https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_rules/>): each fires for what it
+//! watches for, when it happens, and nothing fires for what is everyday. Each evaluation takes promtool
+//! milliseconds, so all rules together are evaluated every half hour of the week, and each alone every minute
+//! around what it watches for.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -59,7 +60,8 @@ fn quiet_week() -> Week {
         week.insert(format!("{name}{{{labels}}}"), figures);
     };
     put("up", "", level(1.0));
-    // A poller of a study that is not there, studies that are made twice, clients that are too fast: everyday.
+    // A poller of a study that is not there, studies that are made twice, clients that are too fast:
+    // everyday.
     for (reason, per_minute) in
         [("not_found", 300.0), ("exists", 5.0), ("invalid", 10.0), ("nothing_measured", 20.0)]
     {
@@ -179,7 +181,8 @@ fn events() -> Vec<Event> {
             1,
         ),
         event("TreewrightStrangers", refused("reason=\"token\"", 600.0, 60), NOON + 15..NOON + 60, 7),
-        // A certificate that ends fourteen days after this noon; a day later another, that ends within a day; then a good one.
+        // A certificate that ends fourteen days after this noon; a day later another, that ends within a day;
+        // then a good one.
         event(
             "TreewrightCertificateEnds",
             vec![(

@@ -1,5 +1,5 @@
-//! What lies in `server/deploy` fits the daemon: each setting is one that it knows, each combination one that it
-//! starts with, and each figure on the dashboard and in the documentation one that it shows.
+//! What lies in `server/deploy` fits the daemon: each setting is one that it knows, each combination one that
+//! it starts with, and each figure on the dashboard and in the documentation one that it shows.
 
 mod common;
 
@@ -37,8 +37,8 @@ fn text(value: &Value) -> &str {
     value.as_str().unwrap_or_else(|| panic!("{value} is no text"))
 }
 
-/// What the daemon makes of these arguments and variables. The variables are put as the options that they stand for,
-/// since a test must not change its own environment.
+/// What the daemon makes of these arguments and variables. The variables are put as the options that they
+/// stand for, since a test must not change its own environment.
 fn understood(arguments: &[String], variables: &BTreeMap<String, String>) -> ServeConfig {
     let password = tempfile::NamedTempFile::new().expect("a scratch file");
     let command = Cli::command();
@@ -160,7 +160,8 @@ fn the_image_is_built_from_what_there_is() {
     }
 }
 
-/// The names of all samples that the daemon can show: a figure with labels is there once something has happened.
+/// The names of all samples that the daemon can show: a figure with labels is there once something has
+/// happened.
 async fn samples() -> BTreeSet<String> {
     let watch = TcpListener::bind("127.0.0.1:0").await.expect("a port");
     let address = watch.local_addr().expect("an address");
@@ -248,7 +249,8 @@ async fn dashboard_and_documentation_name_figures_that_there_are() {
     assert!(missing.is_empty(), "the documentation lacks {missing:?}");
 }
 
-/// The variables of the unit are ones that the daemon understands; systemd itself looks at the rest, where it is.
+/// The variables of the unit are ones that the daemon understands; systemd itself looks at the rest, where it
+/// is.
 #[test]
 fn the_systemd_unit_starts_a_daemon() {
     let unit = read("deploy/treewrightd.service");

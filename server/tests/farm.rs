@@ -1,4 +1,5 @@
-//! What a farm does to a daemon: connections that say nothing, requests that are given up, messages that are none.
+//! What a farm does to a daemon: connections that say nothing, requests that are given up, messages that are
+//! none.
 
 mod common;
 

@@ -1,5 +1,5 @@
-//! What released clients ask is answered by this daemon: their recorded requests (`proto/released`), sent one after the
-//! other to a daemon that knows nothing yet.
+//! What released clients ask is answered by this daemon: their recorded requests (`proto/released`), sent one
+//! after the other to a daemon that knows nothing yet.
 
 mod common;
 

@@ -259,8 +259,8 @@ async fn what_is_passed_on_counts_once_and_quotas_are_one_for_all_replicas() {
     let mut bytes = creation.get_ref().encoded_len() as u64;
     holder.create_study(creation).await.expect("created");
 
-    // The first makes its replica the holder. The others go by the second, whatever they say they are; one of them
-    // in a frame.
+    // The first makes its replica the holder. The others go by the second, whatever they say they are; one of
+    // them in a frame.
     holder.suggest(show(ask("a", 1.0), None)).await.expect("a trial");
     other.suggest(show(ask("b", 1.0), None)).await.expect("a trial");
     other.suggest(show(ask("c", 1.0), Some("1"))).await.expect("a trial");

@@ -1,5 +1,6 @@
-//! The dashboard in a browser: headless Chromium through its WebDriver. Where either is missing, the test says so and is
-//! passed by. `TREEWRIGHT_SCREENSHOTS=FOLDER` keeps a picture of every page, wide and narrow, light and dark.
+//! The dashboard in a browser: headless Chromium through its WebDriver. Where either is missing, the test
+//! says so and is passed by. `TREEWRIGHT_SCREENSHOTS=FOLDER` keeps a picture of every page, wide and narrow,
+//! light and dark.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -21,8 +22,8 @@ const ENTER: &str = "\u{E007}";
 /// The name of an element's reference, by the protocol.
 const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
 
-/// Headless Chromium behind its driver, both ended when dropped. The protocol is that of the W3C (WebDriver, 2018): JSON over
-/// HTTP, of which a handful of commands is needed.
+/// Headless Chromium behind its driver, both ended when dropped. The protocol is that of the W3C (WebDriver,
+/// 2018): JSON over HTTP, of which a handful of commands is needed.
 struct Browser {
     driver: Child,
     address: String,

@@ -1,5 +1,5 @@
-//! What was measured travels: databases of several sites are merged, studies are copied with what they know, and
-//! nothing is there twice.
+//! What was measured travels: databases of several sites are merged, studies are copied with what they know,
+//! and nothing is there twice.
 
 use std::path::Path;
 
@@ -175,7 +175,8 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
     let (a, b) = (Daemon::start(&folder.path().join("a.db")), Daemon::start(&folder.path().join("b.db")));
     let path = study(folder.path(), "");
     let text = std::fs::read_to_string(&path).expect("a file");
-    // What a document could lose on its way: auxiliary metrics, a warm-up that would swallow the first trials, a freeze.
+    // What a document could lose on its way: auxiliary metrics, a warm-up that would swallow the first
+    // trials, a freeze.
     let head = "auxiliary = [\"cpu_ms\", \"faults\"]\nseed = \"18446744073709551615\"\n";
     std::fs::write(&path, format!("{head}{text}[policy]\nwarm_up = 3\n")).expect("a file");
     say(&a, &["study", "create", &path]);

@@ -38,7 +38,8 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
     let gain = &done["confirmation"];
     assert_eq!(gain["pairs"], 6);
     assert!(gain["low"].as_f64().is_some_and(|low| low > 0.9), "{done}");
-    // The pairs are learnt like all else. The search measured the default once, and perhaps again to tell the machine's speed.
+    // The pairs are learnt like all else. The search measured the default once, and perhaps again to tell the
+    // machine's speed.
     let url = daemon.url();
     let all = ["--server", url, "--json", "trials", "toy", "--filter", "config.level = 3", "--all"];
     let of_default = json(&run("treewright", &all)).as_array().map_or(0, Vec::len);

@@ -1,5 +1,5 @@
-//! What goes wrong while programs are tuned: bad numbers, crashes by chance, helpers that stay, daemons that go. One of these
-//! does not end a session, and what was found is shown however it ends.
+//! What goes wrong while programs are tuned: bad numbers, crashes by chance, helpers that stay, daemons that
+//! go. One of these does not end a session, and what was found is shown however it ends.
 
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
@@ -189,7 +189,8 @@ fn helpers_that_stay_hold_nobody_up() {
     assert!(begin.elapsed() < Duration::from_secs(8), "{:?}", begin.elapsed());
     assert!(stderr(&cut).contains("longer than 2s"), "{}", stderr(&cut));
 
-    // A program that has ended has its result, whoever holds its output open, and even if that one writes on and on.
+    // A program that has ended has its result, whoever holds its output open, and even if that one writes on
+    // and on.
     let (begin, pids) = (Instant::now(), bench.path("pids"));
     for (study, helper) in [("quiet", "sleep 30"), ("loud", "sh -c 'while :; do echo x || exit; done'")] {
         let script = format!("setsid {helper} & echo $! >> {pids}; echo '{{\"loss\": {{x}}}}'");

@@ -1,5 +1,5 @@
-//! Faults of disk, files, locks and clocks under a running daemon: what the clients are told, what goes on, and what is
-//! there afterwards. The table of them stands in `docs/durability.md`.
+//! Faults of disk, files, locks and clocks under a running daemon: what the clients are told, what goes on,
+//! and what is there afterwards. The table of them stands in `docs/durability.md`.
 
 use std::collections::BTreeSet;
 use std::io::{BufRead as _, BufReader, Write as _};
@@ -371,7 +371,8 @@ async fn a_clock_that_jumps_ends_no_lease_early_and_lets_none_live_for_ever() {
         assert!(!told.trial.expect("the trial").late, "nothing is late because of the clock");
     }
 
-    // Leases of two seconds, and the clock goes back by two days: they end, in the same daemon and in the next.
+    // Leases of two seconds, and the clock goes back by two days: they end, in the same daemon and in the
+    // next.
     let mut short = wire::study();
     short.policy = Some(pb::Policy { lease_s: 2, ..pb::Policy::default() });
     let request = pb::CreateStudyRequest { study_id: "short".into(), study: Some(short) };

@@ -1,5 +1,5 @@
-//! Floods against the real program: more streams than there is room for, and streams that are reset as soon as they
-//! are opened ("rapid reset", CVE-2023-44487).
+//! Floods against the real program: more streams than there is room for, and streams that are reset as soon
+//! as they are opened ("rapid reset", CVE-2023-44487).
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;

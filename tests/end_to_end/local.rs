@@ -1,5 +1,5 @@
-//! The daemon that a user's programs start for themselves: found by its database, whatever else the session says, and out of the
-//! reach of other users of the machine.
+//! The daemon that a user's programs start for themselves: found by its database, whatever else the session
+//! says, and out of the reach of other users of the machine.
 
 use std::os::unix::fs::{PermissionsExt as _, chown, symlink};
 use std::path::{Path, PathBuf};
@@ -63,7 +63,8 @@ fn a_job_without_a_session_finds_the_daemon_of_the_desk() {
     );
 }
 
-/// The path of a socket has 107 bytes at most; a port of the loopback would be open to every user of the machine.
+/// The path of a socket has 107 bytes at most; a port of the loopback would be open to every user of the
+/// machine.
 #[test]
 fn a_long_path_is_no_reason_to_listen_on_a_port() {
     let folder = tempfile::tempdir().expect("a folder");

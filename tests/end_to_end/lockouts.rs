@@ -1,4 +1,5 @@
-//! What somebody without a token, or with too many connections, cannot do: shut others out, fill the memory, hold up the end.
+//! What somebody without a token, or with too many connections, cannot do: shut others out, fill the memory,
+//! hold up the end.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -262,8 +263,8 @@ fn answers_over(socket: &Path, authority: &str) -> bool {
     stream.write_all(&call("ListStudies", authority, &[], &[0; 5], END_STREAM)).expect("sent");
     let mut answer = Vec::new();
     let mut buffer = [0; 4096];
-    // `grpc-status: 0` comes in the trailers, `application/grpc` in the head, both in Huffman code or not: a frame of data
-    // with a message tells it apart from a refusal.
+    // `grpc-status: 0` comes in the trailers, `application/grpc` in the head, both in Huffman code or not: a
+    // frame of data with a message tells it apart from a refusal.
     while let Ok(count) = stream.read(&mut buffer) {
         answer.extend_from_slice(&buffer[..count]);
         if count == 0 || kinds(&answer).contains(&(DATA, 5)) {

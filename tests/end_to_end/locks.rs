@@ -1,6 +1,6 @@
-//! SQLite's locks on the database: the daemon has them as long as it runs, whatever it is told to do, so that other programs
-//! can read the file beside it. They belong to the process, and the system drops them all when the process closes any
-//! descriptor of the file; so nothing but SQLite may open it there.
+//! SQLite's locks on the database: the daemon has them as long as it runs, whatever it is told to do, so that
+//! other programs can read the file beside it. They belong to the process, and the system drops them all when
+//! the process closes any descriptor of the file; so nothing but SQLite may open it there.
 
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -23,8 +23,8 @@ use treewright_tests::programs::{run, stderr, stdout};
 use crate::guard::{Caller, Show, until};
 use crate::wire;
 
-/// Bytes of which SQLite keeps a shared lock in the database while it is open in the mode of a write-ahead log, and in the file of shared
-/// memory beside it (`SHARED_FIRST` and `UNIX_SHM_DMS` of its `os_unix.c`).
+/// Bytes of which SQLite keeps a shared lock in the database while it is open in the mode of a write-ahead
+/// log, and in the file of shared memory beside it (`SHARED_FIRST` and `UNIX_SHM_DMS` of its `os_unix.c`).
 const SHARED: [(&str, u64); 2] = [("", 0x4000_0002), ("-shm", 128)];
 
 /// Which of SQLite's locks the daemon lacks.
@@ -253,7 +253,8 @@ async fn frames(mut client: Caller, study: String, number: u32, is_over: Arc<Ato
     acknowledged
 }
 
-/// Other programs may look into the database of a daemon under load, and delete its checkpoints as `docs/operations.md` says.
+/// Other programs may look into the database of a daemon under load, and delete its checkpoints as
+/// `docs/operations.md` says.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn who_reads_beside_a_loaded_daemon_loses_it_nothing() {
     let folder = tempfile::tempdir().expect("a scratch folder");

@@ -1,7 +1,8 @@
-//! A network that is slow and breaks off between client and daemon: no frame waits for it, and nothing is lost.
+//! A network that is slow and breaks off between client and daemon: no frame waits for it, and nothing is
+//! lost.
 //!
-//! The test starts itself again in a network namespace of its own, whose loopback can be delayed and taken down without
-//! harm to anybody.
+//! The test starts itself again in a network namespace of its own, whose loopback can be delayed and taken
+//! down without harm to anybody.
 
 use std::process::Command;
 use std::time::{Duration, Instant};

@@ -1,8 +1,8 @@
 //! What a power cut would meet: every answer to a report comes after the disk was told to keep it.
 //!
-//! No test can cut the power. What can be seen is what the daemon asks of the system, as `strace` shows it: that the
-//! write-ahead log was synced between what was written to it and the answer. Whether the disk keeps its word is the
-//! disk's affair.
+//! No test can cut the power. What can be seen is what the daemon asks of the system, as `strace` shows it:
+//! that the write-ahead log was synced between what was written to it and the answer. Whether the disk keeps
+//! its word is the disk's affair.
 
 use std::path::Path;
 use std::process::Command;
@@ -20,13 +20,14 @@ fn calls(trace: &Path) -> Vec<String> {
     text.lines().map(str::to_owned).collect()
 }
 
-/// How often the write-ahead log was written and how often synced, and how often it was written since it was last
-/// synced.
+/// How often the write-ahead log was written and how often synced, and how often it was written since it was
+/// last synced.
 fn log_calls(trace: &Path) -> (usize, usize, usize) {
     let calls = calls(trace);
     let (mut written, mut synced, mut unsynced) = (0, 0, 0);
     for call in &calls {
-        // With -y a file's name stands behind its number; a call that another one interrupts ends in a second line.
+        // With -y a file's name stands behind its number; a call that another one interrupts ends in a second
+        // line.
         let of_log = call.contains("-wal>");
         if of_log && call.contains("pwrite64(") {
             written += 1;

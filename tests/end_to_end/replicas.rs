@@ -163,8 +163,9 @@ fn a_database_that_does_not_answer_is_exit_code_4_without_the_password() {
     assert!(!said.contains("geheim"), "{said}");
 }
 
-/// A daemon that is stopped keeps its connections and its lock and says nothing: requests that were passed on to it go to
-/// whoever takes its studies, soon after it is taken for dead, and what it decided is refused when it wakes.
+/// A daemon that is stopped keeps its connections and its lock and says nothing: requests that were passed on
+/// to it go to whoever takes its studies, soon after it is taken for dead, and what it decided is refused
+/// when it wakes.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn requests_do_not_wait_for_a_frozen_daemon() {
     let database = Database::create().await;

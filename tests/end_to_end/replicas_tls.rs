@@ -1,5 +1,6 @@
-//! Two daemons on one PostgreSQL, with mutual TLS between them and tokens in the database: a client that asks the one
-//! that does not hold the study is answered all the same, counted once and, once its token is revoked, by neither.
+//! Two daemons on one PostgreSQL, with mutual TLS between them and tokens in the database: a client that asks
+//! the one that does not hold the study is answered all the same, counted once and, once its token is
+//! revoked, by neither.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

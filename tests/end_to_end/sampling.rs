@@ -1,5 +1,6 @@
-//! Random samples are neither lost nor doubled: not when the renderer is killed, not when the daemon is, and not when
-//! several renderers work on one study. What they measured can be analysed, with the same bytes each time.
+//! Random samples are neither lost nor doubled: not when the renderer is killed, not when the daemon is, and
+//! not when several renderers work on one study. What they measured can be analysed, with the same bytes each
+//! time.
 
 use std::collections::BTreeMap;
 use std::path::Path;

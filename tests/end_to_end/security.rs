@@ -1,5 +1,5 @@
-//! The table of attempts: everything that must not get into the daemon, against the real program over real TLS, and
-//! the status with which each is refused.
+//! The table of attempts: everything that must not get into the daemon, against the real program over real
+//! TLS, and the status with which each is refused.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;

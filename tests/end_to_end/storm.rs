@@ -1,11 +1,13 @@
-//! A storm of `kill -9` at random moments under 32 clients, on one daemon with SQLite and on three with PostgreSQL, and one
-//! of SIGSTOP against whichever of three holds the study: nothing acknowledged is lost, no trial is handed to two clients,
-//! and every restart works by itself. The study has the default policy, and the daemons ask for tokens. Half of the clients
-//! make calls and begin a new session now and then, the other half keep a Tune stream open. Another program reads the database
-//! all the while: it opens the file, counts and closes it, again and again.
+//! A storm of `kill -9` at random moments under 32 clients, on one daemon with SQLite and on three with
+//! PostgreSQL, and one of SIGSTOP against whichever of three holds the study: nothing acknowledged is lost,
+//! no trial is handed to two clients, and every restart works by itself. The study has the default policy,
+//! and the daemons ask for tokens. Half of the clients make calls and begin a new session now and then, the
+//! other half keep a Tune stream open. Another program reads the database all the while: it opens the file,
+//! counts and closes it, again and again.
 //!
-//! A dozen kills and two stops in a usual run; `TREEWRIGHT_STORM_KILLS=1000 TREEWRIGHT_STORM_STOPS=100 cargo test --release
-//! -p treewright-tests --test end_to_end storm -- --nocapture` shows more and prints what happened.
+//! A dozen kills and two stops in a usual run;
+//! `TREEWRIGHT_STORM_KILLS=1000 TREEWRIGHT_STORM_STOPS=100 cargo test --release -p treewright-tests --test end_to_end storm -- --nocapture`
+//! shows more and prints what happened.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -266,8 +268,8 @@ fn start(database: &Path, address: &str) -> Daemon {
     Daemon::start_at_with(database, address, &["--tokens"])
 }
 
-/// Reads a database again and again until the storm is over, by a program that begins anew each time: a file as any program
-/// that knows SQLite does it, PostgreSQL by way of its tokens.
+/// Reads a database again and again until the storm is over, by a program that begins anew each time: a file
+/// as any program that knows SQLite does it, PostgreSQL by way of its tokens.
 fn read_beside(database: PathBuf, storm: Arc<Storm>) -> u32 {
     let mut count = 0;
     while !storm.is_over() {
@@ -341,8 +343,8 @@ impl Weather {
     }
 }
 
-/// Waits until reports have gone through since the last trouble, so that a slow machine sees as much of a storm as a quick one.
-/// How many have by now.
+/// Waits until reports have gone through since the last trouble, so that a slow machine sees as much of a
+/// storm as a quick one. How many have by now.
 async fn progress(storm: &Storm, before: usize) -> usize {
     let patience = Instant::now() + Duration::from_secs(300);
     loop {

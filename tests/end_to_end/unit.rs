@@ -1,6 +1,7 @@
-//! The daemon behind the restrictions of the systemd unit that is shipped with it: `server/deploy/treewrightd.service` is
-//! read, and what it forbids is forbidden by the kernel (`seccomp(2)`), as systemd would do it. There the process is killed at
-//! the first call that is not allowed, so that nothing hides behind an error that is passed over.
+//! The daemon behind the restrictions of the systemd unit that is shipped with it:
+//! `server/deploy/treewrightd.service` is read, and what it forbids is forbidden by the kernel
+//! (`seccomp(2)`), as systemd would do it. There the process is killed at the first call that is not allowed,
+//! so that nothing hides behind an error that is passed over.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -46,7 +47,8 @@ impl Unit {
         self.all(name).last() == Some("yes")
     }
 
-    /// The calls that are left by the lines of `SystemCallFilter`, of which the first allows, and those with a tilde take away.
+    /// The calls that are left by the lines of `SystemCallFilter`, of which the first allows, and those with
+    /// a tilde take away.
     fn allowed_calls(&self) -> BTreeSet<String> {
         // What no filter of systemd's can take away.
         let mut allowed = BTreeSet::from_iter(calls("@default"));
@@ -152,8 +154,8 @@ fn compiled(filter: &Value) -> Result<seccompiler::BpfProgram, seccompiler::Erro
     Ok(programs.remove("filter").expect("the one that was asked for"))
 }
 
-/// What the tests below start as a process of its own: it puts itself behind filters and becomes another program, whose
-/// standard output is descriptor 3. Among the other tests it does nothing.
+/// What the tests below start as a process of its own: it puts itself behind filters and becomes another
+/// program, whose standard output is descriptor 3. Among the other tests it does nothing.
 #[test]
 fn launcher() {
     let (Ok(filters), Ok(command)) = (std::env::var(FILTERS), std::env::var(COMMAND)) else { return };
@@ -202,7 +204,8 @@ async fn frames(daemon: &Daemon, count: u32) -> u32 {
 async fn frames_run_behind_the_units_own_filter() {
     let unit = Unit::read();
     let mut allowed = unit.allowed_calls();
-    // For root alone SQLite sets the owner of the files beside its own. The unit's user is another, and tests may be root's.
+    // For root alone SQLite sets the owner of the files beside its own. The unit's user is another, and tests
+    // may be root's.
     let of_root = calls("@chown");
     assert!(!of_root.iter().any(|call| allowed.contains(call)));
     allowed.extend(of_root.iter().cloned());
@@ -239,7 +242,8 @@ async fn frames_run_behind_the_units_own_filter() {
     assert!(checked.status.success(), "{}", stderr(&checked));
 }
 
-/// A stricter system than ours, or an earlier systemd with other groups: the daemon is told of it by an error and goes on.
+/// A stricter system than ours, or an earlier systemd with other groups: the daemon is told of it by an error
+/// and goes on.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_forbidden_priority_is_an_error_and_no_death() {
     let unit = Unit::read();

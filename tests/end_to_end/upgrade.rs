@@ -1,8 +1,10 @@
 //! A database that a released version wrote opens in this one, and its searches go on where they stood.
 //!
-//! `tests/released/VERSION` holds such a database and what that version would have answered next (`answers.json`). Where a
-//! later version answers something else on purpose, `changed.json` says what, study by study; it is written by
-//! `TREEWRIGHT_RECORD_CHANGES=1 cargo test --workspace --test end_to_end upgrade`. To record another version: check it out, then `TREEWRIGHT_RECORD=FOLDER cargo test --workspace --test end_to_end upgrade`.
+//! `tests/released/VERSION` holds such a database and what that version would have answered next
+//! (`answers.json`). Where a later version answers something else on purpose, `changed.json` says what, study
+//! by study; it is written by `TREEWRIGHT_RECORD_CHANGES=1 cargo test --workspace --test end_to_end upgrade`.
+//! To record another version: check it out, then
+//! `TREEWRIGHT_RECORD=FOLDER cargo test --workspace --test end_to_end upgrade`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -41,7 +43,8 @@ fn policies() -> Vec<(String, pb::Policy)> {
     searches.chain(predictors).chain(rules.map(|(name, policy)| (name.to_owned(), policy))).collect()
 }
 
-/// Mixed and conditional: leaf sizes in order, a cost on a logarithmic scale, and one parameter of each of two builders.
+/// Mixed and conditional: leaf sizes in order, a cost on a logarithmic scale, and one parameter of each of
+/// two builders.
 fn study(policy: pb::Policy) -> pb::Study {
     let text = |text: &str| pb::Value { kind: Some(Kind::Text(text.into())) };
     let parameter = |name: &str, domain, default: Kind, only_for: &str| pb::Parameter {
@@ -71,7 +74,8 @@ fn study(policy: pb::Policy) -> pb::Study {
     }
 }
 
-/// What the pretend renderer measures: another optimum in each state, and the noise of a number made from the trial's.
+/// What the pretend renderer measures: another optimum in each state, and the noise of a number made from the
+/// trial's.
 fn render_ms(configuration: &pb::Configuration, near: f64, trial: usize) -> f64 {
     let number = |name: &str| match configuration.values.get(name).and_then(|value| value.kind.clone()) {
         Some(Kind::Integer(value)) => value as f64,
@@ -87,7 +91,8 @@ fn render_ms(configuration: &pb::Configuration, near: f64, trial: usize) -> f64 
     (20.0 + leaves + branch + 2.0 * near * number("compact")) * (1.0 + 0.04 * noise)
 }
 
-/// A configuration as comparable text, its floats to nine digits: logarithms of another library differ in the last.
+/// A configuration as comparable text, its floats to nine digits: logarithms of another library differ in the
+/// last.
 fn text(configuration: &pb::Configuration) -> String {
     let value = |value: &pb::Value| match &value.kind {
         Some(Kind::Float(float)) => format!("{float:.8e}"),

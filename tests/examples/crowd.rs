@@ -1,11 +1,12 @@
-//! Ten thousand clients on one daemon: what it costs in memory, whether everybody is served, and what an active client, who
-//! renders at 30 frames a second, notices of the others, who ask for a trial and report it now and then.
+//! Ten thousand clients on one daemon: what it costs in memory, whether everybody is served, and what an
+//! active client, who renders at 30 frames a second, notices of the others, who ask for a trial and report it
+//! now and then.
 //!
 //! `cargo run --release -p treewright-tests --example crowd -- [CLIENTS] [SECONDS BETWEEN A CLIENT'S FRAMES] [SECONDS]`
-//! (10000, 20 and 15 unless told). The crowd is a process of its own, begun by the command in TREEWRIGHT_CROWD_BY if there is
-//! one: `taskset --cpu-list 0,1` gives it processors of its own, as on another machine. Needs a descriptor for each client
-//! (`ulimit -n`).
-//! Prints JSON: times in milliseconds, memory in MB.
+//! (10000, 20 and 15 unless told). The crowd is a process of its own, begun by the command in
+//! TREEWRIGHT_CROWD_BY if there is one: `taskset --cpu-list 0,1` gives it processors of its own, as on
+//! another machine. Needs a descriptor for each client (`ulimit -n`). Prints JSON: times in milliseconds,
+//! memory in MB.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader, Write as _};
@@ -64,8 +65,8 @@ fn active(url: &str, time: Duration) -> (Vec<f64>, usize) {
     (waits_ms, with_trial)
 }
 
-/// One of the crowd: a connection of its own, a trial now and then. Returns how long each frame took, and how many failed.
-/// `connecting` is given back once it is connected.
+/// One of the crowd: a connection of its own, a trial now and then. Returns how long each frame took, and how
+/// many failed. `connecting` is given back once it is connected.
 async fn passer(
     url: String,
     connecting: OwnedSemaphorePermit,

@@ -1,9 +1,9 @@
 //! Floods of connections against a daemon that asks for tokens: who is still served, and what it costs.
 //!
-//! `cargo run --release -p treewright-tests --example floods -- [CONNECTIONS] [SECONDS]` (8,000 and 10 unless told). The flood
-//! comes from 127.0.0.2; two clients with tokens come from 127.0.0.1: a renderer, connected before the flood, that asks and
-//! reports 30 times a second, and a newcomer that connects twice a second for one request. Prints a table in Markdown. Needs
-//! two descriptors for each connection (`ulimit -n`).
+//! `cargo run --release -p treewright-tests --example floods -- [CONNECTIONS] [SECONDS]` (8,000 and 10 unless
+//! told). The flood comes from 127.0.0.2; two clients with tokens come from 127.0.0.1: a renderer, connected
+//! before the flood, that asks and reports 30 times a second, and a newcomer that connects twice a second for
+//! one request. Prints a table in Markdown. Needs two descriptors for each connection (`ulimit -n`).
 
 mod leaf_study;
 

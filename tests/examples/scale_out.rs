@@ -1,10 +1,10 @@
-//! One, two and three daemons on one PostgreSQL, side by side: trials a second and times of a trial, durable; then three
-//! daemons of which one is killed every two seconds, as renderers see it, with searches that draw points and with those
-//! that fit models.
+//! One, two and three daemons on one PostgreSQL, side by side: trials a second and times of a trial, durable;
+//! then three daemons of which one is killed every two seconds, as renderers see it, with searches that draw
+//! points and with those that fit models.
 //!
-//! `cargo run --release -p treewright-tests --example scale_out -- [SECONDS] [CLIENTS]` (10 seconds a row and 32 clients
-//! unless told). Prints a table in Markdown. PostgreSQL is started privately, or `DATABASE_URL` names one. The
-//! clients are tasks of this process and share the processors with daemons and database.
+//! `cargo run --release -p treewright-tests --example scale_out -- [SECONDS] [CLIENTS]` (10 seconds a row and
+//! 32 clients unless told). Prints a table in Markdown. PostgreSQL is started privately, or `DATABASE_URL`
+//! names one. The clients are tasks of this process and share the processors with daemons and database.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -179,8 +179,8 @@ async fn render(
     Seen { fallbacks: stats.fallbacks, dropped: stats.dropped + stats.refused, ..seen }
 }
 
-/// Renderers at three daemons, of which one after the other is killed, or none; `search` tells whether a suggestion
-/// takes a model to be fitted.
+/// Renderers at three daemons, of which one after the other is killed, or none; `search` tells whether a
+/// suggestion takes a model to be fitted.
 async fn under_fire(server: &Server, clients: usize, search: SearchMethod, time: Duration, is_calm: bool) {
     let database = Database::create_on(&server.url("postgres")).await;
     let path = Path::new(&database);

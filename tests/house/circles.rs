@@ -1,7 +1,8 @@
-//! Modules of a crate import in one direction: no two that stand beside each other, or below others that do, need each other.
+//! Modules of a crate import in one direction: no two that stand beside each other, or below others that do,
+//! need each other.
 //!
-//! What a module takes from those above it, and they from it, does not count: a folder's `mod.rs` may name its parts, and they
-//! may use what stands in it.
+//! What a module takes from those above it, and they from it, does not count: a folder's `mod.rs` may name
+//! its parts, and they may use what stands in it.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,8 +1,8 @@
-//! An audit of everything that is linked in, as far as it goes without a network: from where it comes, under which
-//! licence, in how many versions, and through whose cryptography.
+//! An audit of everything that is linked in, as far as it goes without a network: from where it comes, under
+//! which licence, in how many versions, and through whose cryptography.
 //!
-//! What this cannot know is whether somebody has published a weakness of a crate since: the advisory database lives on
-//! the network. Where there is one, `cargo audit` reads `Cargo.lock` and answers that.
+//! What this cannot know is whether somebody has published a weakness of a crate since: the advisory database
+//! lives on the network. Where there is one, `cargo audit` reads `Cargo.lock` and answers that.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
@@ -36,8 +36,9 @@ const READ: &[(&str, &str)] = &[
 /// Where crates may come from. Lock files keep a checksum of each.
 const SOURCE: &str = "registry+https://github.com/rust-lang/crates.io-index";
 
-/// Crates that stand in the lock file in several versions, because crates that we use ask for different ones. A new
-/// one is worth a look: two versions are twice the code to watch, and their types do not fit each other.
+/// Crates that stand in the lock file in several versions, because crates that we use ask for different ones.
+/// A new one is worth a look: two versions are twice the code to watch, and their types do not fit each
+/// other.
 const SEVERAL_VERSIONS: &[&str] = &[
     "base64",
     "bit-vec",
@@ -85,8 +86,8 @@ fn text<'a>(package: &'a Value, key: &str) -> &'a str {
     package[key].as_str().unwrap_or_default()
 }
 
-/// Whether an SPDX expression can be met with [`LICENCES`] alone. Older crates write `/` for `OR`. `AND` binds
-/// closer than `OR`; parentheses stand around alternatives only.
+/// Whether an SPDX expression can be met with [`LICENCES`] alone. Older crates write `/` for `OR`. `AND`
+/// binds closer than `OR`; parentheses stand around alternatives only.
 fn is_free(expression: &str) -> bool {
     let expression = expression.replace('/', " OR ");
     if let Some((before, rest)) = expression.split_once('(') {

@@ -1,5 +1,6 @@
-//! The documentation: every page stands in the summary, every link leads somewhere, every command that is shown is one that
-//! the programs know, and the reference of the API is the one that the contract's comments make.
+//! The documentation: every page stands in the summary, every link leads somewhere, every command that is
+//! shown is one that the programs know, and the reference of the API is the one that the contract's comments
+//! make.
 
 use std::collections::BTreeSet;
 use std::io::Write as _;

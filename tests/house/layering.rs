@@ -158,8 +158,8 @@ fn pure_crates_do_no_io() {
     }
 }
 
-/// The compiler forbids `unsafe` wherever the workspace's lints hold, and clippy wants an argument for each block; what is
-/// left to look at is that they hold everywhere but where Embree or another language begins.
+/// The compiler forbids `unsafe` wherever the workspace's lints hold, and clippy wants an argument for each
+/// block; what is left to look at is that they hold everywhere but where Embree or another language begins.
 #[test]
 fn the_lints_of_the_workspace_hold_everywhere_but_at_the_edges() {
     let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))

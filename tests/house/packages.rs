@@ -1,5 +1,5 @@
-//! What could be published and is installed: each package says what it is, holds all that it is built from, and a Debian package
-//! and an archive find what they name.
+//! What could be published and is installed: each package says what it is, holds all that it is built from,
+//! and a Debian package and an archive find what they name.
 
 use std::collections::BTreeSet;
 use std::process::Command;
@@ -57,7 +57,8 @@ fn packages_hold_what_they_are_built_from() {
     }
 }
 
-/// What other programs are built with. The daemon is handed out as a program: its migrations lie outside of its package.
+/// What other programs are built with. The daemon is handed out as a program: its migrations lie outside of
+/// its package.
 #[test]
 fn libraries_can_be_packaged() {
     let folder = std::env::temp_dir().join(format!("treewright-packages-{}", std::process::id()));

@@ -20,8 +20,8 @@ const CRATES: &[&str] = &[
     "renderer/cli/src",
 ];
 
-/// What is one thing in several forms: the blocking SDK beside the asynchronous one, vectors of each instruction set, what
-/// stands in for a feature that is left out, and the arguments of each command.
+/// What is one thing in several forms: the blocking SDK beside the asynchronous one, vectors of each
+/// instruction set, what stands in for a feature that is left out, and the arguments of each command.
 const FORMS: &[(&str, &[&str])] = &[
     ("client/src", &["Client", "Paired", "PrefetchingTuner", "Study", "Tuner"]),
     ("renderer/accel/src", &["Eight", "Four", "Sixteen", "Two"]),
@@ -29,7 +29,8 @@ const FORMS: &[(&str, &[&str])] = &[
     ("renderer/cli/src", &["Arguments"]),
 ];
 
-/// The types that a file declares for others to see: its items of the outermost level that are public in any way.
+/// The types that a file declares for others to see: its items of the outermost level that are public in any
+/// way.
 fn declared(text: &str) -> impl Iterator<Item = &str> {
     text.lines().filter_map(|line| {
         let rest = line.strip_prefix("pub")?;

@@ -1,5 +1,5 @@
-//! The package for Node as `npm pack` makes it, unpacked somewhere else: it holds all that it reads, and does what its tests want.
-//! `make integrations` installs it by npm.
+//! The package for Node as `npm pack` makes it, unpacked somewhere else: it holds all that it reads, and does
+//! what its tests want. `make integrations` installs it by npm.
 
 use std::path::Path;
 use std::process::Command;
@@ -13,7 +13,8 @@ fn copy(from: &Path, to: &Path) {
     succeed(Command::new("cp").arg("-r").args([from, to]));
 }
 
-/// Packs a copy of the package that stands as it does in the workspace, and unpacks it into `modules/treewright`.
+/// Packs a copy of the package that stands as it does in the workspace, and unpacks it into
+/// `modules/treewright`.
 fn packed(folder: &Path, modules: &Path) {
     let source = folder.join("integrations/javascript");
     std::fs::create_dir_all(&source).expect("a folder");

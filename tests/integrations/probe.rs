@@ -1,4 +1,5 @@
-//! The preloaded library before Embree: it counts rightly, and its host computes the same with it, without it, and where it cannot write.
+//! The preloaded library before Embree: it counts rightly, and its host computes the same with it, without
+//! it, and where it cannot write.
 
 use std::path::Path;
 use std::process::{Command, Stdio};

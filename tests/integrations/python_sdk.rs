@@ -1,5 +1,6 @@
-//! The Python package, as an interpreter finds it: its documentation tests and those of `integrations/python/tests/run.py`. The module is
-//! the one that cargo built; `make integrations` builds, installs and tries the wheel.
+//! The Python package, as an interpreter finds it: its documentation tests and those of
+//! `integrations/python/tests/run.py`. The module is the one that cargo built; `make integrations` builds,
+//! installs and tries the wheel.
 
 use std::process::Command;
 

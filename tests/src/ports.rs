@@ -1,8 +1,8 @@
 //! Addresses to which a daemon can come back after it was killed.
 //!
-//! A port that the system chose is free again the moment its owner is gone, and may be given to the next program
-//! that asks for any. The ones handed out here lie below those that Linux gives away by itself (`ip(7)`,
-//! `ip_local_port_range`: 32768 and above), so only who names them gets them.
+//! A port that the system chose is free again the moment its owner is gone, and may be given to the next
+//! program that asks for any. The ones handed out here lie below those that Linux gives away by itself
+//! (`ip(7)`, `ip_local_port_range`: 32768 and above), so only who names them gets them.
 
 use std::net::{Ipv4Addr, TcpListener};
 use std::sync::atomic::{AtomicU32, Ordering};

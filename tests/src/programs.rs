@@ -1,5 +1,5 @@
-//! Finds the workspace's programs, building them first so that a test never runs a stale one; or takes those in the folder
-//! that `TREEWRIGHT_PROGRAMS` names, to test what was built before.
+//! Finds the workspace's programs, building them first so that a test never runs a stale one; or takes those
+//! in the folder that `TREEWRIGHT_PROGRAMS` names, to test what was built before.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -13,8 +13,8 @@ pub fn workspace() -> PathBuf {
         .to_path_buf()
 }
 
-/// Path of a program of the workspace, `treewrightd`, `treewright` or `treewright-render`, or of a shared library such as
-/// `libtreewright.so`.
+/// Path of a program of the workspace, `treewrightd`, `treewright` or `treewright-render`, or of a shared
+/// library such as `libtreewright.so`.
 ///
 /// # Panics
 /// When the workspace does not build.
@@ -28,8 +28,8 @@ pub fn program(name: &str) -> PathBuf {
         let folder = test.ancestors().nth(2).expect("tests lie in PROFILE/deps").to_path_buf();
         let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         build.current_dir(workspace()).args(["build", "--workspace", "--bins", "--lib", "--quiet"]);
-        // What cargo tells this test about its own package is not meant for others: some build scripts depend on
-        // these variables, and half the workspace would be built anew each time.
+        // What cargo tells this test about its own package is not meant for others: some build scripts depend
+        // on these variables, and half the workspace would be built anew each time.
         for (name, _) in std::env::vars_os() {
             let name = name.to_string_lossy();
             if name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_") {

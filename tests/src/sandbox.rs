@@ -1,6 +1,6 @@
-//! Places where faults do no harm: a small disk, a network of one's own, a clock that can be set. The first two are
-//! namespaces of Linux, which vanish with the process that holds them; they need root. Where the system does not give
-//! what a test needs, the test says so and ends.
+//! Places where faults do no harm: a small disk, a network of one's own, a clock that can be set. The first
+//! two are namespaces of Linux, which vanish with the process that holds them; they need root. Where the
+//! system does not give what a test needs, the test says so and ends.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::MetadataExt as _;
@@ -21,8 +21,8 @@ pub fn skip(what: &str, why: &str) {
     let _ = std::io::stderr().write_all(line.as_bytes());
 }
 
-/// A tool that `tools/setup.py --tests` installs where it can, which is as root: there, and under `CI=true`, a test that
-/// needs it must run.
+/// A tool that `tools/setup.py --tests` installs where it can, which is as root: there, and under `CI=true`,
+/// a test that needs it must run.
 ///
 /// # Panics
 /// When it must and cannot.
@@ -94,8 +94,8 @@ impl Drop for SmallDisk {
     }
 }
 
-/// A clock for one program: what `libfaketime` adds to the system's, taken anew from a file at every look. The
-/// monotonic clock stays the machine's, as when somebody sets the time.
+/// A clock for one program: what `libfaketime` adds to the system's, taken anew from a file at every look.
+/// The monotonic clock stays the machine's, as when somebody sets the time.
 pub struct Clock {
     faketime: PathBuf,
     file: PathBuf,

@@ -1,8 +1,9 @@
 //! How strongly two columns go together.
 //!
-//! Pearson's correlation sees straight lines, Spearman's every rise, mutual information every pattern. Intervals of
-//! correlations are Fisher's ("On the probable error of a coefficient of correlation", Metron 1, 1921). Mutual information
-//! is that of bins, less what bins alone would show by chance (Miller, "Note on the bias of information estimates", 1955).
+//! Pearson's correlation sees straight lines, Spearman's every rise, mutual information every pattern.
+//! Intervals of correlations are Fisher's ("On the probable error of a coefficient of correlation", Metron 1,
+//! 1921). Mutual information is that of bins, less what bins alone would show by chance (Miller, "Note on the
+//! bias of information estimates", 1955).
 
 use serde::Serialize;
 

@@ -1,4 +1,5 @@
-//! Two parameters against a measurement: the median of each pair of values, such as both leaf sizes (paper, Figure 5).
+//! Two parameters against a measurement: the median of each pair of values, such as both leaf sizes (paper,
+//! Figure 5).
 
 use std::collections::BTreeMap;
 

@@ -1,9 +1,9 @@
-//! What a study's trials say of its parameters (paper, sections 4 and 5): how each goes together with each measurement,
-//! how much of the variance it explains, and to which part of its range a search may be held.
+//! What a study's trials say of its parameters (paper, sections 4 and 5): how each goes together with each
+//! measurement, how much of the variance it explains, and to which part of its range a search may be held.
 //!
-//! Everything is computed from completed trials, in the order of their numbers, and without chance: the same trials give
-//! the same bytes. Trials that were drawn at random (`treewright-render sample`) say most; those of a search crowd where it
-//! looked, which the result says of itself.
+//! Everything is computed from completed trials, in the order of their numbers, and without chance: the same
+//! trials give the same bytes. Trials that were drawn at random (`treewright-render sample`) say most; those
+//! of a search crowd where it looked, which the result says of itself.
 //!
 //! | module | what it holds |
 //! |---|---|
@@ -29,8 +29,8 @@ use table::Table;
 
 /// Fewer trials than this say nothing.
 pub(crate) const TRIALS_MIN: usize = 30;
-/// Fewer different configurations for each parameter cannot tell the parameters apart (Loeppky, Sacks and Welch, "Choosing
-/// the sample size of a computer experiment", 2009).
+/// Fewer different configurations for each parameter cannot tell the parameters apart (Loeppky, Sacks and
+/// Welch, "Choosing the sample size of a computer experiment", 2009).
 const CONFIGURATIONS_PER_PARAMETER: usize = 10;
 
 /// What is to be analysed.

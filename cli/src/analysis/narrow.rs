@@ -1,9 +1,9 @@
 //! Narrower spaces (paper, section 5): to which values a parameter may be held without losing what is good.
 //!
-//! The best tenth of the trials is looked at. A parameter with an order is held to the shortest run of its values that has
-//! nearly all of them, where chance would hardly give it so many; one without an order is
-//! fixed where nearly all of the best agree. What that brings is told by the other half of the trials, on which nothing
-//! was chosen.
+//! The best tenth of the trials is looked at. A parameter with an order is held to the shortest run of its
+//! values that has nearly all of them, where chance would hardly give it so many; one without an order is
+//! fixed where nearly all of the best agree. What that brings is told by the other half of the trials, on
+//! which nothing was chosen.
 
 use serde::Serialize;
 
@@ -29,7 +29,8 @@ pub(crate) struct Narrowed {
     pub(crate) part: Spread,
 }
 
-/// Probability at which as many of the best in a run are not taken for chance: there are many runs and parameters.
+/// Probability at which as many of the best in a run are not taken for chance: there are many runs and
+/// parameters.
 const CHANCE: f64 = 1e-4;
 
 /// A parameter and what is left of it.

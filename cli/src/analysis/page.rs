@@ -1,4 +1,5 @@
-//! An analysis as one page without anything from outside: figures as SVG, light and dark, as narrow as a telephone.
+//! An analysis as one page without anything from outside: figures as SVG, light and dark, as narrow as a
+//! telephone.
 
 use std::fmt::Write as _;
 

@@ -1,8 +1,8 @@
 //! Trials as columns of numbers.
 //!
-//! Costs of different states are not comparable: a larger scene takes longer whatever its configuration. So every
-//! measurement is divided by the geometric mean of its state: two kinds of trials with a gap between, of which the median
-//! is one or the other by chance, leave it where it is.
+//! Costs of different states are not comparable: a larger scene takes longer whatever its configuration. So
+//! every measurement is divided by the geometric mean of its state: two kinds of trials with a gap between,
+//! of which the median is one or the other by chance, leave it where it is.
 
 use std::collections::BTreeMap;
 
@@ -63,8 +63,8 @@ impl Column {
         values.any(|value| Some(value) != first)
     }
 
-    /// The bin of each value, and how many bins there are: one a value where they are few, else about as many trials in
-    /// each.
+    /// The bin of each value, and how many bins there are: one a value where they are few, else about as many
+    /// trials in each.
     pub(super) fn bins(&self) -> (Vec<Option<usize>>, usize) {
         bins(&self.values)
     }
@@ -145,8 +145,8 @@ pub(super) struct Table {
 }
 
 impl Table {
-    /// The measured ones of these trials. Without names of measurements, all that are there, and build and render time
-    /// together.
+    /// The measured ones of these trials. Without names of measurements, all that are there, and build and
+    /// render time together.
     pub(super) fn of(spec: &StudySpec, trials: &[TrialRecord], metrics: &[String]) -> Self {
         let ended = |trial: &TrialRecord, ok: bool| match &trial.outcome {
             Some(OpenEnum::Known(Outcome::Ok)) => ok,
@@ -199,7 +199,8 @@ fn numbered(trials: &[&TrialRecord]) -> Vec<usize> {
     trials.iter().map(number).collect()
 }
 
-/// The measurements there are. Where a build and a render time are among them, these two and their sum come first.
+/// The measurements there are. Where a build and a render time are among them, these two and their sum come
+/// first.
 fn usual(trials: &[&TrialRecord]) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for trial in trials {

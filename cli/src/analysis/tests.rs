@@ -60,8 +60,8 @@ fn trial(number: u64, state: i64, values: [i64; 2], idle: bool, kind: &str, ms: 
     }
 }
 
-/// A thousand samples in two states, one of them ten times as dear: `steep` rises, `bowl` is least in the middle, `idle`
-/// means nothing, and `kind` matters only together with `steep`.
+/// A thousand samples in two states, one of them ten times as dear: `steep` rises, `bowl` is least in the
+/// middle, `idle` means nothing, and `kind` matters only together with `steep`.
 fn trials() -> Vec<TrialRecord> {
     let mut seed = 1_u64;
     let mut random = |count: u64| {

@@ -1,12 +1,12 @@
-//! Variance-based sensitivity from given data: how much of a measurement's variance a parameter explains, alone and
-//! together with another.
+//! Variance-based sensitivity from given data: how much of a measurement's variance a parameter explains,
+//! alone and together with another.
 //!
-//! Sobol's indices ("Sensitivity estimates for nonlinear mathematical models", 1993), estimated from the trials there are by
-//! the means of bins (Plischke, Borgonovo and Smith, "Global sensitivity measures from given data", 2013). So that few trials
-//! do not seem to explain each other, each is predicted by the others of its bin (Allen, "The relationship between variable
-//! selection and data augmentation and a method for prediction", 1974), and repeated runs of one configuration in one
-//! state count as one. Costs count by their logarithm, so that factors add up and a few very dear configurations are not
-//! all there is.
+//! Sobol's indices ("Sensitivity estimates for nonlinear mathematical models", 1993), estimated from the
+//! trials there are by the means of bins (Plischke, Borgonovo and Smith, "Global sensitivity measures from
+//! given data", 2013). So that few trials do not seem to explain each other, each is predicted by the others
+//! of its bin (Allen, "The relationship between variable selection and data augmentation and a method for
+//! prediction", 1974), and repeated runs of one configuration in one state count as one. Costs count by their
+//! logarithm, so that factors add up and a few very dear configurations are not all there is.
 
 use std::collections::BTreeMap;
 
@@ -31,8 +31,8 @@ pub(crate) struct Pair {
 /// Fewer different configurations say nothing of a share.
 const CONFIGURATIONS_MIN: usize = 20;
 
-/// Share of the variance that a parameter explains alone, 0 to 1, among the trials in which it is active; `None` with too
-/// few configurations to say.
+/// Share of the variance that a parameter explains alone, 0 to 1, among the trials in which it is active;
+/// `None` with too few configurations to say.
 pub(super) fn first_order(table: &Table, column: &Column, target: &[Option<f64>]) -> Option<f64> {
     explained(table, &column.bins().0, target)
 }

@@ -1,5 +1,5 @@
-//! What the command line `treewright` understands: its commands and their arguments. `study`, `exec` and `data` hold
-//! those of one field each.
+//! What the command line `treewright` understands: its commands and their arguments. `study`, `exec` and
+//! `data` hold those of one field each.
 
 pub(crate) mod data;
 pub(crate) mod exec;
@@ -36,8 +36,8 @@ Exit codes:
 #[command(name = "treewright", version, after_help = EXAMPLES, max_term_width = 100)]
 pub(crate) struct Arguments {
     /// Address of the daemon, e.g. http://127.0.0.1:50611; separate several that share a database by commas.
-    /// `local` is a daemon of your own, started when needed. Default: the daemon on port 50611 of this machine,
-    /// or else `local`
+    /// `local` is a daemon of your own, started when needed. Default: the daemon on port 50611 of this
+    /// machine, or else `local`
     #[arg(long, global = true, env = "TREEWRIGHT_SERVER", value_name = "URLS", help_heading = "Connection")]
     pub(crate) server: Option<String>,
 
@@ -107,7 +107,8 @@ Examples:
     /// Predicts the best configuration of a state, without recording anything
     #[command(after_help = "Example:\n  treewright predict sponza --indicator triangles=262267")]
     Predict(State),
-    /// Explains the answer for a state, or a trial (STUDY/trials/NUMBER): the rule, the expected gain, the noise, what is left out
+    /// Explains the answer for a state, or a trial (STUDY/trials/NUMBER): the rule, the expected gain, the
+    /// noise, what is left out
     #[command(after_help = "\
 Examples:
   treewright explain sponza --indicator triangles=262267

@@ -1,4 +1,5 @@
-//! Files that are damaged, or made to be: whatever stands in them, a reader answers with trials or with a problem.
+//! Files that are damaged, or made to be: whatever stands in them, a reader answers with trials or with a
+//! problem.
 
 use std::path::{Path, PathBuf};
 

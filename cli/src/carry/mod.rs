@@ -1,10 +1,11 @@
-//! Results on their way from one database to another: what an export writes, an import reads, and a copy of a study
-//! carries over.
+//! Results on their way from one database to another: what an export writes, an import reads, and a copy of a
+//! study carries over.
 //!
-//! A carried trial is never run again. It enters the study as a trial that its client wanted, with the result that it
-//! had elsewhere, its machine, and its origin: `SITE/studies/ID@UID/trials/NUMBER`, by which it is known again, whatever
-//! site and study are called by then. So an import can be repeated, and databases can be merged in any order. A trial of
-//! the study itself is known only where the study holds it: trials can have been removed, and databases restored.
+//! A carried trial is never run again. It enters the study as a trial that its client wanted, with the result
+//! that it had elsewhere, its machine, and its origin: `SITE/studies/ID@UID/trials/NUMBER`, by which it is
+//! known again, whatever site and study are called by then. So an import can be repeated, and databases can
+//! be merged in any order. A trial of the study itself is known only where the study holds it: trials can
+//! have been removed, and databases restored.
 
 pub(crate) mod csv_table;
 pub(crate) mod foreign;
@@ -238,7 +239,8 @@ impl<'a> Importer<'a> {
             None => self.read_held()?,
         };
         let whole = |trial: &CarriedTrial| self.spec.space.complete(&trial.configuration).ok();
-        // Not the time: a table does not tell it, and what comes home from another site has that of its import there.
+        // Not the time: a table does not tell it, and what comes home from another site has that of its
+        // import there.
         let is_held = held
             .get(&number)
             .is_some_and(|own| own.measurements == trial.measurements && whole(own) == whole(trial));

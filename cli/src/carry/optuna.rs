@@ -1,8 +1,9 @@
-//! Studies of Optuna, from its RDB storage in SQLite (`optuna/storages/_rdb/models.py`, schema versions 1 to 12):
-//! distributions become parameters, complete trials become measurements.
+//! Studies of Optuna, from its RDB storage in SQLite (`optuna/storages/_rdb/models.py`, schema versions 1 to
+//! 12): distributions become parameters, complete trials become measurements.
 //!
-//! What Optuna does not have is made up visibly: the values of the first complete trial are the defaults, and its one
-//! objective is the metric of the study. A study that maximises is refused: costs are at least 0 here.
+//! What Optuna does not have is made up visibly: the values of the first complete trial are the defaults, and
+//! its one objective is the metric of the study. A study that maximises is refused: costs are at least 0
+//! here.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,8 +1,9 @@
-//! Trials as a Parquet file (Apache Parquet format 2.6), which pandas, DuckDB, Polars and Spark read as it is.
+//! Trials as a Parquet file (Apache Parquet format 2.6), which pandas, DuckDB, Polars and Spark read as it
+//! is.
 //!
-//! The columns are those of the CSV form, with types, and every column may be empty in a row. The study stands in the
-//! file's key-value metadata under [`STUDY_KEY`], as the first line of JSON Lines has it, so that an import can create
-//! it. Files of other programs need flat columns, and no compression or Snappy.
+//! The columns are those of the CSV form, with types, and every column may be empty in a row. The study
+//! stands in the file's key-value metadata under [`STUDY_KEY`], as the first line of JSON Lines has it, so
+//! that an import can create it. Files of other programs need flat columns, and no compression or Snappy.
 
 use std::fs::File;
 use std::io::Write;

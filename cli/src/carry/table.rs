@@ -1,4 +1,5 @@
-//! Trials as a table: a column for each parameter, indicator and measurement. CSV and Parquet files are such tables.
+//! Trials as a table: a column for each parameter, indicator and measurement. CSV and Parquet files are such
+//! tables.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -210,8 +211,8 @@ impl Row {
         Ok(())
     }
 
-    /// The trial; `None` for one without a result, such as one that is open or failed. `place` says which row of which
-    /// file it is, for one that names no origin.
+    /// The trial; `None` for one without a result, such as one that is open or failed. `place` says which row
+    /// of which file it is, for one that names no origin.
     pub(super) fn trial(self, file: &str, place: usize) -> Result<Option<CarriedTrial>, String> {
         let outcome = match self.outcome.as_deref() {
             None if self.measurements.is_empty() => return Ok(None),

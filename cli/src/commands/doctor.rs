@@ -1,4 +1,5 @@
-//! What is wrong here: the machine, the programs, the settings, the daemon. Each finding says what to do about it.
+//! What is wrong here: the machine, the programs, the settings, the daemon. Each finding says what to do
+//! about it.
 
 use std::process::Command;
 use std::time::Duration;

@@ -1,5 +1,5 @@
-//! One function per command: ask the daemon, and turn the answer into text. `studies`, `trials`, `steer`, `shell` and
-//! `carry` hold those of one field each.
+//! One function per command: ask the daemon, and turn the answer into text. `studies`, `trials`, `steer`,
+//! `shell` and `carry` hold those of one field each.
 
 mod analyze;
 mod carry;

@@ -1,9 +1,9 @@
-//! `treewright exec`: tunes any program. It asks for a configuration, runs the program with it, takes the times or what
-//! the program prints, reports, and repeats until the search ends. At the end the winner may run against the
-//! default in interleaved pairs, because the best of many noisy runs is mostly luck.
+//! `treewright exec`: tunes any program. It asks for a configuration, runs the program with it, takes the
+//! times or what the program prints, reports, and repeats until the search ends. At the end the winner may
+//! run against the default in interleaved pairs, because the best of many noisy runs is mostly luck.
 //!
-//! One bad run, number or daemon does not end it: what fails is tried again, what cannot be reported is left out, and a
-//! daemon that is away is waited for. What was found is shown at the end, however that comes.
+//! One bad run, number or daemon does not end it: what fails is tried again, what cannot be reported is left
+//! out, and a daemon that is away is waited for. What was found is shown at the end, however that comes.
 
 mod daemon;
 mod pairs;
@@ -38,8 +38,8 @@ use template::Template;
 
 /// Leases are renewed after this share of their time.
 const RENEW_AFTER: f64 = 0.4;
-/// How often the default runs before it is believed that it does not work. Three of ten runs may fail by chance, and one of
-/// four hundred sessions gives up wrongly.
+/// How often the default runs before it is believed that it does not work. Three of ten runs may fail by
+/// chance, and one of four hundred sessions gives up wrongly.
 const TRIES_OF_DEFAULT: u32 = 5;
 /// How often a configuration that never did its work fails before it counts as unusable.
 const FAILURES_MAX: u32 = 2;
@@ -165,7 +165,8 @@ fn check_metrics(runner: &Runner) -> Result<(), Failure> {
     }
 }
 
-/// Says how many configurations there are, where all of them can be tried, and about how many runs that takes.
+/// Says how many configurations there are, where all of them can be tried, and about how many runs that
+/// takes.
 fn announce(spec: &StudySpec, study: &StudyRecord) {
     if let Some(Few { configurations, runs }) = study.policy.few(&spec.space) {
         progress::note(&format!("{configurations} configurations; about {runs} runs"));
@@ -206,7 +207,8 @@ impl Job<'_> {
         })
     }
 
-    /// Renews the trial's lease while the program runs, beside everything else: a daemon that hangs must not stop the clock.
+    /// Renews the trial's lease while the program runs, beside everything else: a daemon that hangs must not
+    /// stop the clock.
     fn renewal(&self, trial: &TrialRecord) -> impl FnMut() + use<> {
         let lease_s = f64::from(self.study.policy.lease_s.unwrap_or(60));
         let (every, client, name) =
@@ -223,7 +225,8 @@ impl Job<'_> {
         }
     }
 
-    /// Reports a result. A finished run is not lost: where the daemon does not come back, it is told how to hand it in.
+    /// Reports a result. A finished run is not lost: where the daemon does not come back, it is told how to
+    /// hand it in.
     fn tell(
         &self,
         trial: &TrialRecord,
@@ -371,7 +374,8 @@ impl Session<'_> {
         }
     }
 
-    /// A run that failed: chance the first time; the configuration's fault where it fails again and never worked, while others do.
+    /// A run that failed: chance the first time; the configuration's fault where it fails again and never
+    /// worked, while others do.
     fn failed(&mut self, trial: &TrialRecord, reason: String, said: &str) -> Result<Step, Failure> {
         let works = self.own.has_worked(&trial.configuration);
         let is_unusable =

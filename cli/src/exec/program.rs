@@ -1,7 +1,8 @@
-//! One run of the program that is tuned: start it under a supervisor, wait, and say what it took and how it ended.
+//! One run of the program that is tuned: start it under a supervisor, wait, and say what it took and how it
+//! ended.
 //!
-//! The result counts as soon as the program has ended. Who still holds its output open then, a helper in a session of its
-//! own, say, is not waited for.
+//! The result counts as soon as the program has ended. Who still holds its output open then, a helper in a
+//! session of its own, say, is not waited for.
 
 use std::collections::VecDeque;
 use std::io::{Read, Write as _};
@@ -77,7 +78,8 @@ pub(crate) enum Run {
 }
 
 impl Runner<'_> {
-    /// Runs a command. `abort_after` ends it early; `alive` is called now and then while it runs, and must not wait.
+    /// Runs a command. `abort_after` ends it early; `alive` is called now and then while it runs, and must
+    /// not wait.
     ///
     /// # Errors
     /// When it cannot be started at all.

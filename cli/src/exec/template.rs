@@ -6,8 +6,8 @@
 //! | `{name?yes}`, `{name?yes:no}` | `yes` where a boolean parameter is true, else `no` |
 //! | `{{name}}` | the text `{name}` |
 //!
-//! An argument that asks for an inactive parameter is left out, and so is one that a choice leaves empty. All other
-//! braces are what they are, so that programs of awk or JSON need no escapes.
+//! An argument that asks for an inactive parameter is left out, and so is one that a choice leaves empty. All
+//! other braces are what they are, so that programs of awk or JSON need no escapes.
 
 use std::collections::BTreeSet;
 

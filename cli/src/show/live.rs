@@ -22,8 +22,8 @@ pub(crate) struct Glance {
     pub(crate) trials_per_s: Option<f64>,
 }
 
-/// By how much the best of a state is below its default, with its 95 % interval; empty where the default was not
-/// measured.
+/// By how much the best of a state is below its default, with its 95 % interval; empty where the default was
+/// not measured.
 fn gain(best: &Best) -> String {
     match best.standing {
         Some(standing) => standing.gain.map(|gain| gain.to_string()).unwrap_or_default(),

@@ -1,8 +1,9 @@
 //! Studies as data: a file in TOML or JSON that says what is tuned, and back.
 //!
-//! The file is flat and made for people: a parameter has a `type` and its bounds beside its name, whole numbers are
-//! taken for float parameters, and what is left out takes the daemon's default. What is written by `study show
-//! --format toml` creates an equal study when it is read again; `schema` describes the same for editors.
+//! The file is flat and made for people: a parameter has a `type` and its bounds beside its name, whole
+//! numbers are taken for float parameters, and what is left out takes the daemon's default. What is written
+//! by `study show --format toml` creates an equal study when it is read again; `schema` describes the same
+//! for editors.
 
 pub(crate) mod find;
 mod schema;
@@ -25,21 +26,23 @@ pub(crate) use schema::schema;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct StudyFile {
-    /// The name by which commands and programs call the study: 1 to 64 characters of `a-z`, `0-9`, `-` and `_`,
-    /// beginning with a letter. Without it the file's name is taken.
+    /// The name by which commands and programs call the study: 1 to 64 characters of `a-z`, `0-9`, `-` and
+    /// `_`, beginning with a letter. Without it the file's name is taken.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) id: Option<String>,
     /// A line for people, at most 200 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) display_name: Option<String>,
-    /// Two inputs are one state when every normalised indicator differs by at most this much, 0 to 1. Default 0.01.
+    /// Two inputs are one state when every normalised indicator differs by at most this much, 0 to 1. Default
+    /// 0.01.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) state_tolerance: Option<f64>,
-    /// Seed of every random decision. Default 0. From 2^63 on, which TOML does not reach, it is written as text.
+    /// Seed of every random decision. Default 0. From 2^63 on, which TOML does not reach, it is written as
+    /// text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) seed: Option<Seed>,
-    /// Further metrics of reports that explain costs, such as the processor time beside the wall time; at most 8. They
-    /// cost nothing themselves.
+    /// Further metrics of reports that explain costs, such as the processor time beside the wall time; at
+    /// most 8. They cost nothing themselves.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) auxiliary: Vec<String>,
     /// What can be tuned, 1 to 128. A condition may only name a parameter that stands earlier.
@@ -528,8 +531,8 @@ impl ParameterEntry {
         })
     }
 
-    /// `NAME=LOW..HIGH:DEFAULT`, `NAME=ONE|OTHER:DEFAULT` or `NAME=bool:DEFAULT`, numbers with `:log` if equal ratios are
-    /// to be equal steps.
+    /// `NAME=LOW..HIGH:DEFAULT`, `NAME=ONE|OTHER:DEFAULT` or `NAME=bool:DEFAULT`, numbers with `:log` if
+    /// equal ratios are to be equal steps.
     pub(crate) fn inline(text: &str) -> Result<Self, String> {
         let wrong =
             || format!("`{text}` is not NAME=LOW..HIGH:DEFAULT, NAME=ONE|OTHER:DEFAULT or NAME=bool:DEFAULT");

@@ -1,13 +1,15 @@
 //! The same client for programs without a tokio runtime: calls return when they are done.
 //!
 //! One thread drives the network, the outbox and the timers; calls wait on the caller's own thread. What the
-//! asynchronous client never lets block ([`crate::Suggestion::report`], dropping a suggestion) does not block here.
+//! asynchronous client never lets block ([`crate::Suggestion::report`], dropping a suggestion) does not block
+//! here.
 //!
 //! When the client and its last study are dropped, queued reports are sent for at most two more seconds.
 //!
-//! The child of a fork has none of its parent's threads, and must not speak on its parent's connection. Handles find out in
-//! which process they are used: in a child they connect anew, as workers of their own under the client's name. What the
-//! parent had under way (suggestions, queued reports, pages of trials) stays the parent's.
+//! The child of a fork has none of its parent's threads, and must not speak on its parent's connection.
+//! Handles find out in which process they are used: in a child they connect anew, as workers of their own
+//! under the client's name. What the parent had under way (suggestions, queued reports, pages of trials)
+//! stays the parent's.
 
 mod per_process;
 mod runtime;
@@ -55,8 +57,8 @@ impl ConnectedClient {
 impl Client {
     /// Makes a client with a thread of its own; see [`crate::Client::connect`].
     ///
-    /// Errors: [`ClientError::BadUrl`], [`ClientError::Invalid`]; [`ClientError::NoRuntime`] when the thread cannot be
-    /// started, which in the child of a fork is an error of each call there.
+    /// Errors: [`ClientError::BadUrl`], [`ClientError::Invalid`]; [`ClientError::NoRuntime`] when the thread
+    /// cannot be started, which in the child of a fork is an error of each call there.
     pub fn connect(url: &str, options: Options) -> Result<Self, ClientError> {
         let connected = ConnectedClient::connect(url, options)?;
         Ok(Self { connected: Arc::new(PerProcess::new(connected)) })

@@ -1,5 +1,6 @@
-//! What belongs to one process. After a fork the child has a copy of its parent's memory and none of its threads: nobody there
-//! will let go of a lock that one of them held, or answer. So what is the parent's is neither used nor cleaned up in the child.
+//! What belongs to one process. After a fork the child has a copy of its parent's memory and none of its
+//! threads: nobody there will let go of a lock that one of them held, or answer. So what is the parent's is
+//! neither used nor cleaned up in the child.
 
 use std::sync::OnceLock;
 
@@ -48,7 +49,8 @@ impl<T> Drop for OfProcess<T> {
     }
 }
 
-/// A value for each process that uses it: of the one that made it, of its child after a fork, of that one's child, and so on.
+/// A value for each process that uses it: of the one that made it, of its child after a fork, of that one's
+/// child, and so on.
 #[derive(Debug)]
 pub(super) struct PerProcess<T> {
     first: OfProcess<T>,
@@ -65,7 +67,8 @@ impl<T> PerProcess<T> {
         self.first.value.as_ref().expect("it is only taken when dropped")
     }
 
-    /// What this process has; made with that of the one before where it has none yet. Errors: those of `make`.
+    /// What this process has; made with that of the one before where it has none yet. Errors: those of
+    /// `make`.
     pub(super) fn get(&self, make: impl Fn(&T) -> Result<T, ClientError>) -> Result<&T, ClientError> {
         let mut at = self;
         while at.first.process != std::process::id() {

@@ -1,4 +1,5 @@
-//! The per-frame loop that never waits. Its calls are plain functions, so that a test of them cannot wait for anything.
+//! The per-frame loop that never waits. Its calls are plain functions, so that a test of them cannot wait for
+//! anything.
 
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
-//! What released daemons said is read by this client: their recorded answers (`proto/released`), served by the stand-in.
+//! What released daemons said is read by this client: their recorded answers (`proto/released`), served by
+//! the stand-in.
 
 use std::path::{Path, PathBuf};
 

@@ -31,7 +31,8 @@ pub enum Hold {
 /// The stand-in.
 pub struct Fake {
     address: SocketAddr,
-    /// Bound but not listened on: keeps the port while nobody serves it, so that no other program is given it.
+    /// Bound but not listened on: keeps the port while nobody serves it, so that no other program is given
+    /// it.
     _kept: TcpSocket,
     book: Arc<Mutex<Book>>,
     hold: watch::Sender<Hold>,

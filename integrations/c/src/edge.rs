@@ -67,8 +67,8 @@ impl<T> Array<T> {
         if self.0.is_null() || !self.0.is_aligned() || count > isize::MAX as usize / size_of::<T>().max(1) {
             return Err(Failure::invalid(format!("{what} is no array of {count}")));
         }
-        // SAFETY: the header asks for `count` elements that stay as they are during the call; alignment and size
-        // were looked at.
+        // SAFETY: the header asks for `count` elements that stay as they are during the call; alignment and
+        // size were looked at.
         Ok(unsafe { std::slice::from_raw_parts(self.0, count) })
     }
 }
@@ -99,8 +99,8 @@ impl<T: Copy, const N: usize> Strided<T, N> {
     }
 
     pub(crate) fn get(&self, index: usize) -> Option<[T; N]> {
-        // SAFETY: the header asks for `count` elements of `stride` bytes, of which `index` is one; the bytes need not
-        // be aligned, and every pattern of bits is a number (T is f32 or u32).
+        // SAFETY: the header asks for `count` elements of `stride` bytes, of which `index` is one; the bytes
+        // need not be aligned, and every pattern of bits is a number (T is f32 or u32).
         (index < self.count)
             .then(|| unsafe { self.base.add(index * self.stride).cast::<[T; N]>().read_unaligned() })
     }
@@ -145,8 +145,8 @@ impl ErrorOut {
 
     fn put(self, failure: Failure) {
         if !self.0.is_null() {
-            // SAFETY: the header asks for NULL or room for a pointer. What stood there is not read, so that it need not
-            // have been set before.
+            // SAFETY: the header asks for NULL or room for a pointer. What stood there is not read, so that
+            // it need not have been set before.
             unsafe { self.0.write(Box::into_raw(Box::new(failure))) };
         }
     }

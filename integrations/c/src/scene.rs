@@ -70,8 +70,8 @@ impl Buffers {
         })
     }
 
-    /// The corners in the world. Triangles that name a vertex beyond the buffer or lie at infinity are left out, as
-    /// Embree leaves them out.
+    /// The corners in the world. Triangles that name a vertex beyond the buffer or lie at infinity are left
+    /// out, as Embree leaves them out.
     fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> {
         let corner = |index: u32| {
             let point = DVec3::from(self.vertices.get(index as usize)?.map(f64::from));

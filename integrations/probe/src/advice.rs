@@ -1,4 +1,5 @@
-//! What follows from the measurements: shares of processor time, what a better tree or build could bring at most (Amdahl 1967), and advice.
+//! What follows from the measurements: shares of processor time, what a better tree or build could bring at
+//! most (Amdahl 1967), and advice.
 
 use std::fmt::Write as _;
 
@@ -50,7 +51,8 @@ fn amdahl(share: f64, faster: f64) -> f64 {
 }
 
 impl Findings {
-    /// Share of the processor time. Estimates can add up to more than all of it, and something is always left.
+    /// Share of the processor time. Estimates can add up to more than all of it, and something is always
+    /// left.
     fn share(&self, ms: f64) -> f64 {
         if self.cpu_ms > 0.0 { (ms / self.cpu_ms).clamp(0.0, 0.99) } else { 0.0 }
     }

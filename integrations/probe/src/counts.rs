@@ -1,12 +1,14 @@
 //! What was counted, in memory of its own for each thread, and how it is written.
 //!
-//! No query is timed: a clock around it costs as much as the query, and a thread that waits for its turn inside one would be taken for a
-//! slow query. Each thread says in its shard whether it is within a query, and a thread of the library looks every [`LOOK`]: the processor time
-//! that a thread took since the last look is put down to what it is found at. Over thousands of looks that is its share.
+//! No query is timed: a clock around it costs as much as the query, and a thread that waits for its turn
+//! inside one would be taken for a slow query. Each thread says in its shard whether it is within a query,
+//! and a thread of the library looks every [`LOOK`]: the processor time that a thread took since the last
+//! look is put down to what it is found at. Over thousands of looks that is its share.
 //!
-//! Even that costs a tracing program some percent. So only the first [`EXACT`] queries are counted one by one; from then on the library
-//! looks and counts in windows of two milliseconds, one part in [`SHARE`] of the time and at random places in it, so that they do not keep step
-//! with the host's frames, and what it finds there stands for the rest. Outside of them a query costs one more jump.
+//! Even that costs a tracing program some percent. So only the first [`EXACT`] queries are counted one by
+//! one; from then on the library looks and counts in windows of two milliseconds, one part in [`SHARE`] of
+//! the time and at random places in it, so that they do not keep step with the host's frames, and what it
+//! finds there stands for the rest. Outside of them a query costs one more jump.
 
 use std::cell::Cell;
 use std::ffi::{CStr, c_char, c_int};
@@ -68,7 +70,8 @@ struct Shard {
 }
 
 impl Shard {
-    /// A count or time of this thread, as it is when its windows stand for exactly the processor time that it took.
+    /// A count or time of this thread, as it is when its windows stand for exactly the processor time that it
+    /// took.
     fn scaled(&self, number: &AtomicU64) -> u64 {
         let (number, cpu, seen) =
             (number.load(Relaxed), self.cpu_ns.load(Relaxed), self.seen_ns.load(Relaxed));
@@ -131,7 +134,8 @@ impl Room {
     }
 }
 
-/// Adds to a number that this thread alone writes, but for the last shard: what threads beyond [`SHARDS`] lose there is little.
+/// Adds to a number that this thread alone writes, but for the last shard: what threads beyond [`SHARDS`]
+/// lose there is little.
 #[inline]
 fn add(number: &AtomicU64, more: u64) {
     number.store(number.load(Relaxed).wrapping_add(more), Relaxed);
@@ -216,7 +220,8 @@ fn counted() -> u64 {
     ROOM.shards().iter().map(calls).sum()
 }
 
-/// Takes the threads' processor clocks, and puts what they took since the last time, times `weight`, down to what they are at.
+/// Takes the threads' processor clocks, and puts what they took since the last time, times `weight`, down to
+/// what they are at.
 fn look_once(before: &mut [u64; SHARDS], weight: u64) {
     let threads = ROOM.threads.load(Relaxed).min(SHARDS - 1);
     for (shard, before) in ROOM.shards().iter().zip(before).take(threads) {
@@ -237,8 +242,8 @@ fn look_once(before: &mut [u64; SHARDS], weight: u64) {
     }
 }
 
-/// Runs a build and times it. Of builds at one time, and of threads that join one, the first is timed: the processor time is the whole
-/// process's.
+/// Runs a build and times it. Of builds at one time, and of threads that join one, the first is timed: the
+/// processor time is the whole process's.
 pub(crate) fn timed(joins: bool, run: impl FnOnce()) {
     if ROOM.building.fetch_add(1, Relaxed) > 0 {
         run();
@@ -320,7 +325,8 @@ pub(crate) fn write() {
         quoted(&device),
         quoted(&crate::real::mapped().join(" ")),
     );
-    // The host's business goes on whatever becomes of the file; and a file larger than the host may write would end it by a signal.
+    // The host's business goes on whatever becomes of the file; and a file larger than the host may write
+    // would end it by a signal.
     if has_room(text.len()) {
         let _ = std::fs::write(format!("{path}.{}", std::process::id()), text);
     }

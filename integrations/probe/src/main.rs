@@ -1,4 +1,5 @@
-//! `treewright-probe -- PROGRAM ARGUMENTS…`: runs a program with the preloaded library before Embree, and says what there is to win.
+//! `treewright-probe -- PROGRAM ARGUMENTS…`: runs a program with the preloaded library before Embree, and
+//! says what there is to win.
 //!
 //! The program runs as it is and with its own results; its exit status is handed on.
 
@@ -19,8 +20,9 @@ struct Arguments {
     /// The measurements as JSON instead of a table.
     #[arg(long)]
     json: bool,
-    /// Sets this in place of what the program asks for, and so may change its results: quality=low|medium|high, robust=on|off,
-    /// compact=on|off, device=TEXT (added to the text of rtcNewDevice). May be given several times.
+    /// Sets this in place of what the program asks for, and so may change its results:
+    /// quality=low|medium|high, robust=on|off, compact=on|off, device=TEXT (added to the text of
+    /// rtcNewDevice). May be given several times.
     #[arg(long, value_name = "WORD", value_parser = word)]
     set: Vec<String>,
     /// The preloaded library. Default: `libtreewright_probe.so` beside this program, or in `../lib`.

@@ -1,12 +1,14 @@
-//! A library that is preloaded into a program and stands in front of Embree's entry points: it counts and times calls, hands each on
-//! unchanged, and writes what it found when a device is released and when the program ends.
+//! A library that is preloaded into a program and stands in front of Embree's entry points: it counts and
+//! times calls, hands each on unchanged, and writes what it found when a device is released and when the
+//! program ends.
 //!
-//! It never ends its host, and changes a result only where it was told what to set ([`told`]): what cannot be found, timed or written is
-//! left out. A query costs a nanosecond or two more, and a thread of the library looks what the others are at ([`counts`]). `TREEWRIGHT_PROBE`
-//! names the file, to which the process's number is added, since programs start others.
+//! It never ends its host, and changes a result only where it was told what to set ([`told`]): what cannot be
+//! found, timed or written is left out. A query costs a nanosecond or two more, and a thread of the library
+//! looks what the others are at ([`counts`]). `TREEWRIGHT_PROBE` names the file, to which the process's
+//! number is added, since programs start others.
 //!
-//! Embree 3 and 4 have these entry points with as many arguments of the same sizes; Mitsuba's own copy of Embree 3 has them in its
-//! namespace, hence the long names.
+//! Embree 3 and 4 have these entry points with as many arguments of the same sizes; Mitsuba's own copy of
+//! Embree 3 has them in its namespace, hence the long names.
 
 mod counts;
 mod real;
@@ -28,13 +30,14 @@ macro_rules! entry {
         real(&ADDRESS, $name).map(|found| entry!(@of found, $type))
     }};
     (@of $found:expr, $type:ty) => {
-        // SAFETY: Embree declares the entry point of this name with this type, as far as sizes and registers go.
+        // SAFETY: Embree declares the entry point of this name with this type, as far as sizes and registers
+        // go.
         unsafe { std::mem::transmute::<Handle, $type>($found) }
     };
 }
 
-/// Defines entry points that are counted as a kind of query and handed on. Where nothing is to be counted the way is as short as it can be: two
-/// loads and a jump, without a stack frame.
+/// Defines entry points that are counted as a kind of query and handed on. Where nothing is to be counted the
+/// way is as short as it can be: two loads and a jump, without a stack frame.
 macro_rules! queries {
     ($($export:literal $name:ident($($argument:ident),+) as $kind:ident x $rays:literal;)+) => {$(
         #[unsafe(export_name = $export)]
@@ -56,7 +59,8 @@ macro_rules! queries {
     (@type $argument:ident) => { Handle };
 }
 
-// The third pointer is what a query is asked with: in Embree 4 its arguments, in Embree 3 the ray, after a context.
+// The third pointer is what a query is asked with: in Embree 4 its arguments, in Embree 3 the ray, after a
+// context.
 queries! {
     "rtcIntersect1" intersect1(scene, ray, arguments) as Closest x 1;
     "rtcIntersect4" intersect4(valid, scene, ray, arguments) as Closest x 4;
@@ -214,9 +218,9 @@ geometries! {
         "_ZN7mitsuba26rtcSetGeometryBuildQualityEPNS_13RTCGeometryTyENS_15RTCBuildQualityE";
 }
 
-/// For a host that knows of the library: sets what devices made and scenes built from now on are to have, in the words of
-/// `treewright-probe --set`, separated by `;`; what is not named is as the program asks. Returns false and changes nothing where a word is
-/// unknown.
+/// For a host that knows of the library: sets what devices made and scenes built from now on are to have, in
+/// the words of `treewright-probe --set`, separated by `;`; what is not named is as the program asks. Returns
+/// false and changes nothing where a word is unknown.
 #[unsafe(export_name = "treewright_probe_set")]
 extern "C" fn set(words: *const c_char) -> bool {
     // SAFETY: the caller hands over text that ends in a zero, or none.

@@ -1,4 +1,5 @@
-//! What is to be set in place of what the program asks for: `quality=low;robust=off;device=tri_accel=bvh4.triangle4v`.
+//! What is to be set in place of what the program asks for:
+//! `quality=low;robust=off;device=tri_accel=bvh4.triangle4v`.
 
 use std::ffi::{CStr, CString, c_int};
 use std::sync::Mutex;

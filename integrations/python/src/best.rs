@@ -43,7 +43,8 @@ impl Best {
         self.0.cost
     }
 
-    /// The 95 % interval of the cost, estimated from all that was measured in the state; None from a daemon that does not tell.
+    /// The 95 % interval of the cost, estimated from all that was measured in the state; None from a daemon
+    /// that does not tell.
     #[getter]
     fn cost_interval(&self) -> Option<(f64, f64)> {
         self.standing().map(|known| (known.cost_low, known.cost_high))

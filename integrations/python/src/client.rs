@@ -16,8 +16,8 @@ use crate::suggestion::{Suggestion, Tuner};
 /// Longest deadline, in milliseconds: an hour.
 const DEADLINE_MS_MAX: f64 = 3.6e6;
 
-/// A connection to a daemon, with a thread of its own. May be shared between threads. In the child of a fork it connects anew at
-/// its first use, as another worker under the same name.
+/// A connection to a daemon, with a thread of its own. May be shared between threads. In the child of a fork
+/// it connects anew at its first use, as another worker under the same name.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Client(blocking::Client);
 
@@ -74,7 +74,8 @@ impl Client {
         python.detach(|| blocking::Client::connect(url, options)).map(Self).map_err(raised)
     }
 
-    /// Creates the study, or finds the equal one of that id. An absent daemon is no error: it is created when it is there.
+    /// Creates the study, or finds the equal one of that id. An absent daemon is no error: it is created when
+    /// it is there.
     #[pyo3(signature = (id, space, *, minimise, indicators=HashMap::new(), auxiliary=Vec::new(), policy=HashMap::new(),
         display_name=String::new(), state_tolerance=None, seed=0))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
@@ -176,9 +177,9 @@ impl Study {
         self.0.name()
     }
 
-    /// What to run next, within the deadline. Without the daemon it is the last good configuration, or the default; see
-    /// Suggestion.problem. Each suggestion that is open is a trial of its own, whichever thread or task asked for it.
-    /// Raises Invalid for wrong indicators.
+    /// What to run next, within the deadline. Without the daemon it is the last good configuration, or the
+    /// default; see Suggestion.problem. Each suggestion that is open is a trial of its own, whichever thread
+    /// or task asked for it. Raises Invalid for wrong indicators.
     #[pyo3(signature = (indicators=None))]
     fn suggest(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Suggestion> {
         let numbers = crate::convert::indicators(indicators);
@@ -209,16 +210,16 @@ impl Study {
         Ok((shown(python, &known.configuration)?, known.predicted_cost))
     }
 
-    /// The best known, which unpacks into a configuration and its mean objective, and tells what is proven of it; of all
-    /// states without indicators. Raises Refused when nothing was measured.
+    /// The best known, which unpacks into a configuration and its mean objective, and tells what is proven of
+    /// it; of all states without indicators. Raises Refused when nothing was measured.
     #[pyo3(signature = (indicators=None))]
     fn best(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Best> {
         let numbers = crate::convert::indicators(indicators);
         python.detach(|| self.0.best(&numbers)).map(Best::new).map_err(raised)
     }
 
-    /// The stored trials that match, e.g. ``state = COMPLETED AND cost < 12.5``; by number, or by ``cost`` or ``measurement.NAME``,
-    /// each with an optional `` desc``. ``study.trials().to_pandas()`` is a table.
+    /// The stored trials that match, e.g. ``state = COMPLETED AND cost < 12.5``; by number, or by ``cost`` or
+    /// ``measurement.NAME``, each with an optional `` desc``. ``study.trials().to_pandas()`` is a table.
     #[pyo3(signature = (filter="", order_by=""))]
     fn trials<'py>(&self, python: Python<'py>, filter: &str, order_by: &str) -> PyResult<Bound<'py, PyAny>> {
         let query = TrialQuery::all().filter(filter).order_by(order_by);

@@ -9,8 +9,8 @@ use treewright_client::{ClientError, Configuration, Finished, Outcome, Source, b
 use crate::convert::{Numbers, measurements, shown};
 use crate::error::{Invalid, raised};
 
-/// What to run next, and the trial that it is of. Report it, or give it back; leaving a ``with`` block gives back what is open, and tells
-/// an exception as the trial's failure.
+/// What to run next, and the trial that it is of. Report it, or give it back; leaving a ``with`` block gives
+/// back what is open, and tells an exception as the trial's failure.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Suggestion {
     configuration: Configuration,
@@ -152,7 +152,8 @@ impl Suggestion {
         this
     }
 
-    /// An exception is the trial's failure, which says nothing about the configuration; an open trial is given back.
+    /// An exception is the trial's failure, which says nothing about the configuration; an open trial is
+    /// given back.
     fn __exit__(
         &self,
         _kind: &Bound<'_, PyAny>,
@@ -178,7 +179,8 @@ impl Suggestion {
     }
 }
 
-/// A frame loop in which report and question travel together. Used by one thread; each has a tuner of its own.
+/// A frame loop in which report and question travel together. Used by one thread; each has a tuner of its
+/// own.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Tuner(Mutex<(blocking::Tuner, Option<Finished>)>);
 

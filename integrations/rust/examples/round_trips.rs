@@ -1,4 +1,5 @@
-//! Round trips from Rust, by the SDK and by bare gRPC: `round_trips URL COUNT`. See integrations/latency/run.sh.
+//! Round trips from Rust, by the SDK and by bare gRPC: `round_trips URL COUNT`. See
+//! integrations/latency/run.sh.
 
 use std::time::{Duration, Instant};
 

@@ -1,10 +1,12 @@
-//! An example: the builders of the crates `obvhs`, `bvh` and `tinybvh-rs`, tuned per mesh and use by a Treewright daemon.
+//! An example: the builders of the crates `obvhs`, `bvh` and `tinybvh-rs`, tuned per mesh and use by a
+//! Treewright daemon.
 //!
 //! `treewright-builders --trials 60 --rays 10000,1000000 [--library obvhs] [SCENE.ply …]`
 //!
-//! A mesh is one state with each number of rays that its tree has to serve: that number decides how long a build may take. Cost is
-//! build plus rays, in milliseconds of processor time. Without `--library` the choice of the library is tuned, too. With `--rounds` the tuned
-//! configuration is then measured against every preset, in turns within each round. Lines of JSON go to standard output.
+//! A mesh is one state with each number of rays that its tree has to serve: that number decides how long a
+//! build may take. Cost is build plus rays, in milliseconds of processor time. Without `--library` the choice
+//! of the library is tuned, too. With `--rounds` the tuned configuration is then measured against every
+//! preset, in turns within each round. Lines of JSON go to standard output.
 
 mod library;
 mod mesh;
@@ -36,7 +38,8 @@ struct Arguments {
     /// Rays that a tree serves.
     #[arg(long, value_delimiter = ',', default_values_t = [10_000, 300_000])]
     rays: Vec<u32>,
-    /// The libraries to choose from; without any, all that were compiled in (`tinybvh` by the feature of this name).
+    /// The libraries to choose from; without any, all that were compiled in (`tinybvh` by the feature of this
+    /// name).
     #[arg(long = "library", value_delimiter = ',')]
     libraries: Vec<Library>,
     /// Rounds of the comparison with the presets.
@@ -160,7 +163,8 @@ fn tune(
     Ok(())
 }
 
-/// Costs of the tuned configuration and of each preset, in turns within each round, and by how many hits each preset differs.
+/// Costs of the tuned configuration and of each preset, in turns within each round, and by how many hits each
+/// preset differs.
 fn compare(
     arguments: &Arguments,
     tuned: &Configuration,
@@ -178,7 +182,8 @@ fn compare(
             turns.reverse();
         }
         for turn in turns {
-            // What ran before leaves its mark on caches and memory, so that the first run of each does not count.
+            // What ran before leaves its mark on caches and memory, so that the first run of each does not
+            // count.
             library::run(&all[turn].1, mesh, rays)?;
             let cost = library::run(&all[turn].1, mesh, rays)?;
             costs[turn].push(cost.build_ms + cost.rays_ms);

@@ -1,9 +1,11 @@
-//! What a search's answer is worth while it goes on, on a machine as restless as shared ones are: after 1, 8, 16, 32 and 60
-//! frames, the true cost of the best fixed configuration of other scenes over that of what would be exploited.
+//! What a search's answer is worth while it goes on, on a machine as restless as shared ones are: after 1, 8,
+//! 16, 32 and 60 frames, the true cost of the best fixed configuration of other scenes over that of what
+//! would be exploited.
 //!
-//! `cargo run --release -p treewright-lab --example answers -- [SEEDS] [SCENES_BEFORE] [TRIALS]`. Each run asks the tuner
-//! itself, one client in one modelled scene after the other, as in `leave_out`; the last one counts, and nothing of it is
-//! known before. Costs carry noise of their own and a wandering speed of the machine:
+//! `cargo run --release -p treewright-lab --example answers -- [SEEDS] [SCENES_BEFORE] [TRIALS]`. Each run
+//! asks the tuner itself, one client in one modelled scene after the other, as in `leave_out`; the last one
+//! counts, and nothing of it is known before. Costs carry noise of their own and a wandering speed of the
+//! machine:
 //!
 //! | machine | noise of a frame | speed: deviation, frames it lasts |
 //! |---|---|---|
@@ -11,8 +13,8 @@
 //! | shared | 5 % | 8 %, 15 |
 //! | busy | 10 % | 12 %, 8 |
 //!
-//! The best fixed configuration is what does best in the scenes before, by their true costs, among all that was measured
-//! there: nobody could know it as well.
+//! The best fixed configuration is what does best in the scenes before, by their true costs, among all that
+//! was measured there: nobody could know it as well.
 
 #[path = "../search_quality/problem.rs"]
 #[allow(dead_code)]
@@ -132,7 +134,8 @@ fn run(machine: Machine, seed: u64, before: u64, trials: u32) -> Run {
     run
 }
 
-/// The configuration with the lowest mean logarithm of its cost in the scenes, of those that run in all of them.
+/// The configuration with the lowest mean logarithm of its cost in the scenes, of those that run in all of
+/// them.
 fn best_fixed(scenes: &[Problem], known: &BTreeSet<Configuration>) -> Option<Configuration> {
     let mean = |configuration: &Configuration| {
         let costs: Option<Vec<f64>> = scenes.iter().map(|scene| (scene.truth)(configuration)).collect();

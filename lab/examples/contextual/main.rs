@@ -1,14 +1,14 @@
 //! Contextual tuning: every round brings another input, and the best configuration moves with it.
 //!
-//! Each problem has four parameters and two indicators in 0..1. The cost rises with each parameter's way from an
-//! optimum that moves smoothly with the indicators: as a bowl or a cone, with kinks, across the axes, in waves, over
-//! magnitudes; measurements carry 5 % of relative noise. Every round draws a fresh context, asks the whole
-//! tuner, and reports the noisy cost. Regret is the noiseless cost above the least possible in that context,
-//! divided so that the best fixed configuration (found on 4,000 contexts) has a mean regret of 0.60: a method
-//! that knows no context cannot do better than that.
+//! Each problem has four parameters and two indicators in 0..1. The cost rises with each parameter's way from
+//! an optimum that moves smoothly with the indicators: as a bowl or a cone, with kinks, across the axes, in
+//! waves, over magnitudes; measurements carry 5 % of relative noise. Every round draws a fresh context, asks
+//! the whole tuner, and reports the noisy cost. Regret is the noiseless cost above the least possible in that
+//! context, divided so that the best fixed configuration (found on 4,000 contexts) has a mean regret of 0.60:
+//! a method that knows no context cannot do better than that.
 //!
-//! `cargo run --release -p treewright-lab --example contextual -- [SEEDS] [PREDICTOR...]` prints a JSON object a
-//! problem and predictor: all of them unless some are named.
+//! `cargo run --release -p treewright-lab --example contextual -- [SEEDS] [PREDICTOR...]` prints a JSON
+//! object a problem and predictor: all of them unless some are named.
 
 mod problem;
 

@@ -77,7 +77,8 @@ pub(crate) struct Sample {
     pub(crate) error: f64,
 }
 
-/// All runs at one number of trials: means of what was spent, the geometric mean of the errors and its interval.
+/// All runs at one number of trials: means of what was spent, the geometric mean of the errors and its
+/// interval.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(crate) struct Point {
     pub(crate) trials: usize,
@@ -124,7 +125,8 @@ impl Curve {
     }
 }
 
-/// The 97.5 % quantile of Student's distribution, by the expansion of Cornish and Fisher (Abramowitz and Stegun 26.7.5).
+/// The 97.5 % quantile of Student's distribution, by the expansion of Cornish and Fisher (Abramowitz and
+/// Stegun 26.7.5).
 fn student(freedom: f64) -> f64 {
     let z = 1.959_964_f64;
     let first = (z.powi(3) + z) / 4.0;

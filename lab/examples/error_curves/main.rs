@@ -1,13 +1,14 @@
-//! Error against run time: what each search and each predictor makes of trials, of wall time and of its own compute.
+//! Error against run time: what each search and each predictor makes of trials, of wall time and of its own
+//! compute.
 //!
-//! `cargo run --release -p treewright-lab --example error_curves -- [--out DIR] [--seeds N] [--trials N]` writes
-//! `curves.json` and six plots to `target/curves` unless told otherwise, from 15 runs of 80 trials. A plot of searches
-//! shows the simple regret: the noiseless cost of the configuration that measured best so far, above the optimum, as a
-//! share of the optimum (of the default's regret for functions whose optimum costs nothing). A plot of predictors shows
-//! the prequential error, the absolute logarithm of expected over measured cost before the trial is learnt, of the
-//! trials since the point before. Points are geometric means over the runs, bands their 95 % intervals (Student). A
-//! frame that costs the optimum (a cost of 1 for predictors) is taken to last 10 ms; wall time is that of frames and
-//! compute together.
+//! `cargo run --release -p treewright-lab --example error_curves -- [--out DIR] [--seeds N] [--trials N]`
+//! writes `curves.json` and six plots to `target/curves` unless told otherwise, from 15 runs of 80 trials. A
+//! plot of searches shows the simple regret: the noiseless cost of the configuration that measured best so
+//! far, above the optimum, as a share of the optimum (of the default's regret for functions whose optimum
+//! costs nothing). A plot of predictors shows the prequential error, the absolute logarithm of expected over
+//! measured cost before the trial is learnt, of the trials since the point before. Points are geometric means
+//! over the runs, bands their 95 % intervals (Student). A frame that costs the optimum (a cost of 1 for
+//! predictors) is taken to last 10 ms; wall time is that of frames and compute together.
 
 #[path = "../search_quality/bbob.rs"]
 #[allow(dead_code)]

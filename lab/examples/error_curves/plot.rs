@@ -17,7 +17,8 @@ const COLUMNS: usize = 2;
 const INK: RGBColor = RGBColor(0x1d, 0x1f, 0x24);
 const FAINT: RGBColor = RGBColor(0xdc, 0xda, 0xd4);
 
-/// Colours of methods in order; told apart by most of those who see fewer colours (after Okabe and Ito, 2008).
+/// Colours of methods in order; told apart by most of those who see fewer colours (after Okabe and Ito,
+/// 2008).
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 0, 0),
     RGBColor(0, 114, 178),

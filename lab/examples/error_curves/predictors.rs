@@ -1,8 +1,8 @@
 //! The predictors: prequential error on streams of trials, each with a clock of its own.
 //!
-//! A tuner with `auto` decides what is run; then every predictor goes through the same trials by itself, is asked about
-//! each and learns it. The clock runs while it is asked and while it learns, not while the tables of states are kept,
-//! which every study does.
+//! A tuner with `auto` decides what is run; then every predictor goes through the same trials by itself, is
+//! asked about each and learns it. The clock runs while it is asked and while it learns, not while the tables
+//! of states are kept, which every study does.
 
 use std::sync::Arc;
 use std::time::Instant;

@@ -1,5 +1,5 @@
-//! The searches: simple regret on a smooth valley, on waves, on a model of the renderer's space and on a grid where much
-//! cannot be run.
+//! The searches: simple regret on a smooth valley, on waves, on a model of the renderer's space and on a grid
+//! where much cannot be run.
 
 use std::sync::{Arc, Mutex};
 

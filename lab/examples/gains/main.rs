@@ -1,22 +1,26 @@
-//! What tuning gains over doing nothing clever: over the best fixed configuration of the states that are known, where
-//! nothing can be gained, where a state wants the opposite, and with many workers.
+//! What tuning gains over doing nothing clever: over the best fixed configuration of the states that are
+//! known, where nothing can be gained, where a state wants the opposite, and with many workers.
 //!
-//! `cargo run --release -p treewright-lab --example gains -- TEST SEEDS [SUITE...]`. Every test drives the tuner itself.
+//! `cargo run --release -p treewright-lab --example gains -- TEST SEEDS [SUITE...]`. Every test drives the
+//! tuner itself.
 //!
-//! - `streams`: seven states are explored by 60 trials each, then an eighth that the study has not met. What would be
-//!   exploited there after 1, 8, 16, 32 and 60 trials, over the best fixed configuration of the other seven (more is
-//!   better), and its share of the roofline; geometric means and the tenth part that did worst.
-//! - `opposite`: the same after one state and after five in which every other parameter means the opposite, beside a state
-//!   that is alone.
-//! - `flat`: six states of 300 frames in which every configuration costs the same, but for 7 % of noise: frames explored.
-//! - `short`: six states of 300 frames with 15 % to be gained: cost of all frames over that of the default, and explored.
-//! - `second`: a second client joins a state that another has explored for 40 frames: tries in which it explores nothing,
-//!   and the cost that it ends with over the optimum.
-//! - `workers`: 1, 8 and 32 workers in one state, in simulated time: trials to 95 % of the optimum, wall time in
-//!   evaluations of the optimum, distinct configurations among the budget, and the share at the end.
+//! - `streams`: seven states are explored by 60 trials each, then an eighth that the study has not met. What
+//!   would be exploited there after 1, 8, 16, 32 and 60 trials, over the best fixed configuration of the
+//!   other seven (more is better), and its share of the roofline; geometric means and the tenth part that did
+//!   worst.
+//! - `opposite`: the same after one state and after five in which every other parameter means the opposite,
+//!   beside a state that is alone.
+//! - `flat`: six states of 300 frames in which every configuration costs the same, but for 7 % of noise:
+//!   frames explored.
+//! - `short`: six states of 300 frames with 15 % to be gained: cost of all frames over that of the default,
+//!   and explored.
+//! - `second`: a second client joins a state that another has explored for 40 frames: tries in which it
+//!   explores nothing, and the cost that it ends with over the optimum.
+//! - `workers`: 1, 8 and 32 workers in one state, in simulated time: trials to 95 % of the optimum, wall time
+//!   in evaluations of the optimum, distinct configurations among the budget, and the share at the end.
 //!
-//! Suites of landscapes, states being scenes or devices: `trees` and `kernels`, which constants were chosen on; `fresh`
-//! (`trees` of other seeds) and `unseen` (other functions), which no constant was chosen on.
+//! Suites of landscapes, states being scenes or devices: `trees` and `kernels`, which constants were chosen
+//! on; `fresh` (`trees` of other seeds) and `unseen` (other functions), which no constant was chosen on.
 
 #[path = "../search_quality/grids.rs"]
 #[allow(dead_code)]

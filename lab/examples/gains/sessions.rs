@@ -25,7 +25,8 @@ fn space() -> Space {
     Space::new((0..PARAMETERS).map(parameter).collect(), Vec::new()).expect("a valid space")
 }
 
-/// Where the optimum of a state lies, its axes' weights among them: half of it common to all states of a seed.
+/// Where the optimum of a state lies, its axes' weights among them: half of it common to all states of a
+/// seed.
 fn bowl(seed: u64, number: u64, gain: f64) -> impl Fn(&Configuration) -> Option<f64> {
     use rand::{RngExt, SeedableRng};
     let draw = |seed: u64| {

@@ -1,4 +1,5 @@
-//! Knowledge of other states: what it is worth in one that was not met, and how fast it fades where it misleads.
+//! Knowledge of other states: what it is worth in one that was not met, and how fast it fades where it
+//! misleads.
 
 use treewright_core::configuration::Configuration;
 use treewright_core::policy::Policy;
@@ -18,8 +19,8 @@ fn policy() -> Policy {
     Policy { epsilon: 1.0, trials_per_state: TRIALS as u32, ..Policy::default() }
 }
 
-/// The configuration that costs least on average over some states, of those that can be run in all of them and in the
-/// one that counts.
+/// The configuration that costs least on average over some states, of those that can be run in all of them
+/// and in the one that counts.
 fn best_fixed<'a>(
     tried: &'a [Configuration],
     others: &[Problem],

@@ -11,8 +11,8 @@ const TRIALS: usize = 80;
 const ARRIVED: f64 = 0.95;
 
 struct Run {
-    /// Trials that were handed out until a configuration within 5 % of the optimum was, and when that was reported, in
-    /// evaluations of the optimum.
+    /// Trials that were handed out until a configuration within 5 % of the optimum was, and when that was
+    /// reported, in evaluations of the optimum.
     arrived: Option<(usize, f64)>,
     /// Distinct configurations among as many trials as the budget.
     distinct: usize,

@@ -1,13 +1,14 @@
-//! What leaving out saves: trials until 90, 95 and 98 % of the roofline of the modelled renderer space, with and
-//! without conditional knowledge and held parameters.
+//! What leaving out saves: trials until 90, 95 and 98 % of the roofline of the modelled renderer space, with
+//! and without conditional knowledge and held parameters.
 //!
-//! `cargo run --release -p treewright-lab --example leave_out -- [SEEDS] [SCENES_BEFORE] [TRIALS] [NOISE] [ARM...]`. Each
-//! run asks the tuner itself, one client in one scene after the other; measurements carry so much noise (the standard
-//! deviation of their logarithm; 0.07 unless told), which decides how soon effects of a few percent can be seen at all.
-//! "flat" is the space as a list of parameters that are always active; "conditional" tells which parameter means
-//! something beside which; "held" also holds what is shown not to matter (risk 0.05). "scenes" are runs in a scene that
-//! others were explored before; where they are "unlike", every other parameter means the opposite there. Runs that do not
-//! arrive count as the budget. Names of arms choose among them.
+//! `cargo run --release -p treewright-lab --example leave_out -- [SEEDS] [SCENES_BEFORE] [TRIALS] [NOISE] [ARM...]`.
+//! Each run asks the tuner itself, one client in one scene after the other; measurements carry so much noise
+//! (the standard deviation of their logarithm; 0.07 unless told), which decides how soon effects of a few
+//! percent can be seen at all. "flat" is the space as a list of parameters that are always active;
+//! "conditional" tells which parameter means something beside which; "held" also holds what is shown not to
+//! matter (risk 0.05). "scenes" are runs in a scene that others were explored before; where they are
+//! "unlike", every other parameter means the opposite there. Runs that do not arrive count as the budget.
+//! Names of arms choose among them.
 
 #[path = "../search_quality/problem.rs"]
 #[allow(dead_code)]

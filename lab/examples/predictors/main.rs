@@ -1,11 +1,11 @@
 //! Times and errors of the predictors, as JSON lines.
 //!
-//! - `nearest`: an answer of the nearest neighbours over so many states, four indicators on a curved surface among
-//!   seventeen; goal for a million: p99 of 1 ms.
-//! - `features`: one update and one answer of the radial basis models with the paper's eleven parameters and seventeen
-//!   indicators; goal: 20 µs each.
-//! - `errors`: the prequential error of each predictor on streams of trials, and that of `auto` over the least of
-//!   them; goal: 1.05.
+//! - `nearest`: an answer of the nearest neighbours over so many states, four indicators on a curved surface
+//!   among seventeen; goal for a million: p99 of 1 ms.
+//! - `features`: one update and one answer of the radial basis models with the paper's eleven parameters and
+//!   seventeen indicators; goal: 20 µs each.
+//! - `errors`: the prequential error of each predictor on streams of trials, and that of `auto` over the
+//!   least of them; goal: 1.05.
 //!
 //! `cargo run --release -p treewright-lab --example predictors -- [STATES]`; a million unless told otherwise.
 
@@ -158,8 +158,8 @@ fn features() {
     }
 }
 
-/// Errors of each predictor and of `auto` on a stream, a run a seed, and how far `auto` is above the least: of the
-/// means over the seeds, and in the worst run.
+/// Errors of each predictor and of `auto` on a stream, a run a seed, and how far `auto` is above the least:
+/// of the means over the seeds, and in the worst run.
 fn errors(which: &str, streams: &[Stream], seeds: std::ops::Range<u64>) -> Vec<f64> {
     let mut ratios = Vec::new();
     for stream in streams {

@@ -1,5 +1,5 @@
-//! Streams of trials on which predictors are compared: over which states they go, who decides, what a configuration
-//! costs, and how much of that is noise.
+//! Streams of trials on which predictors are compared: over which states they go, who decides, what a
+//! configuration costs, and how much of that is noise.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -32,7 +32,8 @@ pub(crate) struct Stream {
     parameters: usize,
     indicators: usize,
     frames: usize,
-    /// How many states there are, of which five frames in a row share one; `None` where each frame brings a new one.
+    /// How many states there are, of which five frames in a row share one; `None` where each frame brings a
+    /// new one.
     states: Option<usize>,
     /// How much of the time a search decides and not a predictor.
     epsilon: f64,

@@ -1,9 +1,9 @@
 //! Is the regret budget kept? Simulated sessions with drifting noise and adversarial states, as JSON.
 //!
-//! `cargo run --release -p treewright-lab --example regret_budget -- [SESSIONS] [FRAMES]`; 10,000 sessions of 400
-//! frames unless told otherwise. Of each kind of weather it tells in how many sessions the budget was kept, how much of
-//! it was used, what the frames cost beside the default, and how many of the first 200 sessions overspend without a
-//! budget. The last line is the verdict.
+//! `cargo run --release -p treewright-lab --example regret_budget -- [SESSIONS] [FRAMES]`; 10,000 sessions of
+//! 400 frames unless told otherwise. Of each kind of weather it tells in how many sessions the budget was
+//! kept, how much of it was used, what the frames cost beside the default, and how many of the first 200
+//! sessions overspend without a budget. The last line is the verdict.
 
 mod session;
 

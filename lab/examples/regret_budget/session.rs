@@ -48,7 +48,8 @@ pub(crate) struct Session {
     pub(crate) explored: u64,
     /// Frames in all.
     pub(crate) frames: u64,
-    /// The largest share that exploring had cost at any moment: true regret against the default, over true frame time.
+    /// The largest share that exploring had cost at any moment: true regret against the default, over true
+    /// frame time.
     pub(crate) worst: f64,
     /// The share at the end.
     pub(crate) share: f64,
@@ -64,8 +65,9 @@ fn normal(random: &mut impl Rng) -> f64 {
     (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
 }
 
-/// What a configuration costs in a state, without the machine's speed. In adversarial states nearly everything that can
-/// be explored is ten to a hundred times as dear as the default; in others a third of all is better.
+/// What a configuration costs in a state, without the machine's speed. In adversarial states nearly
+/// everything that can be explored is ten to a hundred times as dear as the default; in others a third of all
+/// is better.
 fn cost(trial: &Trial, adversarial: bool) -> f64 {
     let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
     let (a, b) = (number("a"), number("b"));

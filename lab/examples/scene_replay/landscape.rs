@@ -1,4 +1,5 @@
-//! What configurations cost in a recorded scene, measured or not: a Gaussian process over everything that ran there.
+//! What configurations cost in a recorded scene, measured or not: a Gaussian process over everything that ran
+//! there.
 
 use std::collections::BTreeMap;
 

@@ -1,15 +1,17 @@
-//! Whether the service's answers are worth having, on recorded scenes: each scene of a book of `treewright-lab
-//! leave-scene-out` becomes a landscape, and the tuner that knows the recordings of all others is asked there.
+//! Whether the service's answers are worth having, on recorded scenes: each scene of a book of
+//! `treewright-lab leave-scene-out` becomes a landscape, and the tuner that knows the recordings of all
+//! others is asked there.
 //!
 //! ```text
 //! cargo run --release -p treewright-lab --example scene_replay -- BOOK [SEEDS [NOISE [WILD]]]
 //! ```
 //!
-//! What a measurement over real frames takes ten minutes for takes one here, and every seed gives another run of the same
-//! scene. The landscapes are smoother than the scenes: it compares policies, and proves nothing of a gain. Told is the
-//! speed of the answer after so many frames, by its true cost, over the fixed configuration that is best on the other
-//! scenes: median, mean and least of all runs. NOISE is the standard deviation of the logarithm of a frame (0.05).
-//! Of the frames of native configurations a share WILD (0) costs up to three times as much, as Embree's quick builds do.
+//! What a measurement over real frames takes ten minutes for takes one here, and every seed gives another run
+//! of the same scene. The landscapes are smoother than the scenes: it compares policies, and proves nothing
+//! of a gain. Told is the speed of the answer after so many frames, by its true cost, over the fixed
+//! configuration that is best on the other scenes: median, mean and least of all runs. NOISE is the standard
+//! deviation of the logarithm of a frame (0.05). Of the frames of native configurations a share WILD (0)
+//! costs up to three times as much, as Embree's quick builds do.
 
 mod landscape;
 #[path = "../search_quality/problem.rs"]
@@ -94,7 +96,8 @@ fn median(values: &[f64]) -> f64 {
     Summary::of(values).median
 }
 
-/// A recorded configuration in the space of now: parameters that came later have the value that was built in then.
+/// A recorded configuration in the space of now: parameters that came later have the value that was built in
+/// then.
 fn configuration(space: &Space, mut raw: RawConfiguration) -> Option<Configuration> {
     if let Ok(configuration) = space.configuration(raw.clone()) {
         return Some(configuration);
@@ -188,7 +191,8 @@ fn costs(ran: &[(Configuration, f64)]) -> Vec<Recorded> {
         .collect()
 }
 
-/// Whether only the search of one scene found a configuration: the others do not know of it then, although it ran there.
+/// Whether only the search of one scene found a configuration: the others do not know of it then, although it
+/// ran there.
 fn is_found_only_in(scenes: &[Scene], place: usize, configuration: &Configuration) -> bool {
     let mut finders = scenes.iter().enumerate().filter(|(_, scene)| scene.found.contains(configuration));
     finders.next().is_some_and(|(first, _)| first == place) && finders.next().is_none()

@@ -209,8 +209,8 @@ pub(crate) fn problem(name: &str, seed: u64, counted: bool, noise: f64) -> Probl
     Problem { name, kind: Kind::Ratio, space, truth: Box::new(truth), noise, offset: 0.0, optimum }
 }
 
-/// A random landscape: each value of seven choices has an effect of its own, six pairs interact, and four axes
-/// share a resource that three quarters of the grid exceed.
+/// A random landscape: each value of seven choices has an effect of its own, six pairs interact, and four
+/// axes share a resource that three quarters of the grid exceed.
 pub(crate) fn random_effects(seed: u64) -> Problem {
     let random = &mut ChaCha8Rng::seed_from_u64(seed + 900);
     let levels: Vec<usize> = (0..7).map(|_| random.random_range(2..9)).collect();

@@ -1,8 +1,10 @@
-//! More landscapes in the manner of compute kernels and of programs around them: mixed and conditional spaces with
-//! resources that run out, divisors that must divide, and regions that cannot be run for no visible reason.
+//! More landscapes in the manner of compute kernels and of programs around them: mixed and conditional spaces
+//! with resources that run out, divisors that must divide, and regions that cannot be run for no visible
+//! reason.
 //!
-//! Two suites: the search may be tuned on `kernels`; `unseen` is only ever measured. Costs are rooflines of compute
-//! and traffic times small factors and a ruggedness; what differs from device to device is drawn by seed.
+//! Two suites: the search may be tuned on `kernels`; `unseen` is only ever measured. Costs are rooflines of
+//! compute and traffic times small factors and a ruggedness; what differs from device to device is drawn by
+//! seed.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -329,8 +331,8 @@ fn cost(name: &str) -> fn(&At) -> Option<f64> {
     }
 }
 
-/// One of them, as one device runs it. The default is the first configuration of a random order that can be run: a
-/// working one, not a good one.
+/// One of them, as one device runs it. The default is the first configuration of a random order that can be
+/// run: a working one, not a good one.
 pub(crate) fn problem(name: &str, seed: u64) -> Problem {
     let random = &mut ChaCha8Rng::seed_from_u64(seed * 7 + 3);
     let device: Vec<f64> = (0..6).map(|_| random.random()).collect();

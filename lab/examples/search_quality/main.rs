@@ -1,11 +1,11 @@
 //! How well the searches search: problems by methods by seeds, as tables.
 //!
 //! `cargo run --release -p treewright-lab --example search_quality -- SUITE SEEDS METHOD...` with the suites
-//! bbob, bbob4, quiet, offset, trees, grids, effects, kernels, unseen (which nothing is tuned on) and stencil, or a file
-//! of a recorded landscape; `model@4` has four points out at a time. Scores are means over the problems of a suite
-//! after 20, 40 and 80 trials: decimal logarithms of gaps (less is better), or shares of the optimum (more is better),
-//! of the configuration that measured best; in brackets of the best that was ever tried. Ranks are among the methods
-//! given, on equal problems and seeds.
+//! bbob, bbob4, quiet, offset, trees, grids, effects, kernels, unseen (which nothing is tuned on) and
+//! stencil, or a file of a recorded landscape; `model@4` has four points out at a time. Scores are means over
+//! the problems of a suite after 20, 40 and 80 trials: decimal logarithms of gaps (less is better), or shares
+//! of the optimum (more is better), of the configuration that measured best; in brackets of the best that was
+//! ever tried. Ranks are among the methods given, on equal problems and seeds.
 
 mod bbob;
 mod grids;

@@ -9,7 +9,8 @@ const CLIMBS: usize = 6;
 const ANYWHERE: usize = 1500;
 const CHANGES: usize = 2500;
 
-/// The lowest cost that several long climbs find: random points, then changes of one to three parameters of the best.
+/// The lowest cost that several long climbs find: random points, then changes of one to three parameters of
+/// the best.
 pub(crate) fn best_of(
     space: &Space,
     cost: impl Fn(&Configuration) -> Option<f64>,

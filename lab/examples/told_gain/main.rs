@@ -1,5 +1,5 @@
-//! Whether the service tells the truth about what it gained, and never ends below the start: searches through the real
-//! tuner in worlds whose costs are known.
+//! Whether the service tells the truth about what it gained, and never ends below the start: searches through
+//! the real tuner in worlds whose costs are known.
 //!
 //! | world | what is asked |
 //! |---|---|
@@ -9,9 +9,9 @@
 //! | wanders | the speed of the machine wanders by 13 %, half forgotten after 14 trials, with 4 % of noise from trial to trial |
 //! | load | other programs come and go (wall time x 1, 1.6 and 2.2), with and without processor time as auxiliary metric |
 //!
-//! *before* is what was told and exploited by the lowest mean of the same measurements, taken as they are. On machines that
-//! are not quiet what is exploited is compared, by its true cost, with what a search of the same seed exploits on a quiet
-//! machine.
+//! *before* is what was told and exploited by the lowest mean of the same measurements, taken as they are. On
+//! machines that are not quiet what is exploited is compared, by its true cost, with what a search of the
+//! same seed exploits on a quiet machine.
 //!
 //! ```text
 //! cargo run --release -p treewright-lab --example told_gain [SEEDS [TRIALS]]

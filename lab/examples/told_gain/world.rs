@@ -17,8 +17,8 @@ use treewright_core::value::Value;
 
 /// The noise of a measurement: the standard deviation of its logarithm.
 const NOISE: f64 = 0.07;
-/// The same from frame to frame on a machine that wanders; how far that goes, and after how many frames it has half forgotten
-/// where it was.
+/// The same from frame to frame on a machine that wanders; how far that goes, and after how many frames it
+/// has half forgotten where it was.
 const NOISE_CALM: f64 = 0.04;
 const WANDER: f64 = 0.13;
 const WANDER_FRAMES: f64 = 14.0;
@@ -45,7 +45,8 @@ pub(crate) enum Machine {
     Jump,
     /// One and two other programs come and go.
     Load,
-    /// Its speed wanders by minutes, as that of a virtual machine beside others does; from frame to frame it is calmer.
+    /// Its speed wanders by minutes, as that of a virtual machine beside others does; from frame to frame it
+    /// is calmer.
     Wander,
 }
 

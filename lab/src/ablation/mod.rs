@@ -1,9 +1,10 @@
 //! Which parameter brought what: a winner taken apart, one deviation at a time.
 //!
-//! The winner is compared with native Embree as everybody uses it: medium quality, path by path, ray by ray. Each
-//! value in which they differ is once taken back from the winner, all others staying, and once given to native
-//! Embree alone, with what it cannot be without. The first tells what the value still adds beside the others, the
-//! second what it does by itself; where the two disagree, values work together or stand in for each other.
+//! The winner is compared with native Embree as everybody uses it: medium quality, path by path, ray by ray.
+//! Each value in which they differ is once taken back from the winner, all others staying, and once given to
+//! native Embree alone, with what it cannot be without. The first tells what the value still adds beside the
+//! others, the second what it does by itself; where the two disagree, values work together or stand in for
+//! each other.
 
 pub mod report;
 
@@ -24,8 +25,8 @@ pub struct Deviation {
     pub alone: Configuration,
 }
 
-/// What a parameter is in native Embree, used as everybody uses it. Parameters of the tunable tree get what is
-/// nearest to Embree's own: eight boxes a node, four triangles a block, as the builder leaves them.
+/// What a parameter is in native Embree, used as everybody uses it. Parameters of the tunable tree get what
+/// is nearest to Embree's own: eight boxes a node, four triangles a block, as the builder leaves them.
 fn plain(parameter: &Parameter) -> Value {
     match parameter.name.as_str() {
         "backend" => "native".into(),

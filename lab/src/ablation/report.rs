@@ -1,4 +1,5 @@
-//! The page of an ablation: a bar for each parameter, for what it adds to the winner and for what it does alone.
+//! The page of an ablation: a bar for each parameter, for what it adds to the winner and for what it does
+//! alone.
 
 use askama::Template;
 use serde::Serialize;

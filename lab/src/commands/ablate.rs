@@ -23,8 +23,8 @@ pub(super) struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
 
-    /// The tuned configuration: a JSON file with parameters of the full space, as written by `tune --json` and
-    /// `treewright-render best`.
+    /// The tuned configuration: a JSON file with parameters of the full space, as written by `tune --json`
+    /// and `treewright-render best`.
     #[arg(long, value_name = "FILE")]
     config_file: PathBuf,
 

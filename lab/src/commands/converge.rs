@@ -68,8 +68,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = SAMPLES_MAX, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(SAMPLES_MAX)))]
     spp: u32,
 
-    /// EXR file with the reference. A fitting file is used, one with too few samples is refined, and a missing
-    /// one is created. Default: render a temporary reference.
+    /// EXR file with the reference. A fitting file is used, one with too few samples is refined, and a
+    /// missing one is created. Default: render a temporary reference.
     #[arg(long, value_name = "FILE.exr")]
     reference: Option<PathBuf>,
 

@@ -1,5 +1,5 @@
-//! Who takes part in `converge`: the two defaults, native Embree used well, the best fixed configuration, what the command
-//! line names, what the daemon answers.
+//! Who takes part in `converge`: the two defaults, native Embree used well, the best fixed configuration,
+//! what the command line names, what the daemon answers.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -41,8 +41,8 @@ pub(super) struct EntrantArguments {
     #[command(flatten)]
     pub(super) space: SpaceArguments,
 
-    /// The configuration of the contender "tuned", as JSON: an object of parameters, the output of `treewright
-    /// best`, or that of `tune --json`, whose tuning time is then counted.
+    /// The configuration of the contender "tuned", as JSON: an object of parameters, the output of
+    /// `treewright best`, or that of `tune --json`, whose tuning time is then counted.
     #[arg(long, value_name = "FILE")]
     pub(super) tuned: Option<PathBuf>,
 

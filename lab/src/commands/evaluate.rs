@@ -27,8 +27,8 @@ pub(super) enum Command {
     Record(RecordArguments),
     /// Render: measure the predictors' answers next to the searches' results.
     Verify(VerifyArguments),
-    /// Render: what the parameters do (the paper's section 4): a few searched alone, splitting by frame size, and a
-    /// cylinder of needles that turns through each scene.
+    /// Render: what the parameters do (the paper's section 4): a few searched alone, splitting by frame size,
+    /// and a cylinder of needles that turns through each scene.
     Parameters(ParametersArguments),
     /// Compute: compare every answer with search, roofline, default and best fixed configuration.
     Judge(JudgeArguments),

@@ -73,7 +73,8 @@ pub(super) struct ParametersArguments {
     #[arg(long, value_name = "N", default_value_t = 36, value_parser = clap::value_parser!(u32).range(4..=720))]
     angles: u32,
 
-    /// Also render the turning cylinder into this folder: a strip of frames as PNG, one a scene, which `report` shows moving.
+    /// Also render the turning cylinder into this folder: a strip of frames as PNG, one a scene, which
+    /// `report` shows moving.
     #[arg(long, value_name = "FOLDER")]
     pictures: Option<PathBuf>,
 }

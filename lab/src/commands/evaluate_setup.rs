@@ -1,4 +1,5 @@
-//! What the commands below `treewright-lab evaluate` have in common: scenes, conditions, the record, progress.
+//! What the commands below `treewright-lab evaluate` have in common: scenes, conditions, the record,
+//! progress.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

@@ -57,7 +57,8 @@ enum Command {
     LeaveSceneOut(leave_scene_out::Arguments),
     /// Compare error over time: which picture is good enough first, builds and tuning included.
     Converge(Box<converge::Arguments>),
-    /// Repeat the paper's evaluation: record searches along camera paths, then judge predictors by the record.
+    /// Repeat the paper's evaluation: record searches along camera paths, then judge predictors by the
+    /// record.
     #[command(subcommand)]
     Evaluate(Box<evaluate::Command>),
     /// Write the results of an evaluation as one page, with figures and numbers.

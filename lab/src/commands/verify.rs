@@ -296,7 +296,8 @@ impl Visitor for Ask<'_> {
     }
 }
 
-/// Half of the rays start at the camera, half between random points of the scene's bounds; every other one of these has an end.
+/// Half of the rays start at the camera, half between random points of the scene's bounds; every other one of
+/// these has an end.
 fn rays(scene: &Scene, camera: &Camera, count: u32, seed: u64) -> Vec<Ray> {
     let bounds = scene.bounds();
     let (low, high) = (bounds.min, bounds.max);

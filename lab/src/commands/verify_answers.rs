@@ -1,4 +1,5 @@
-//! `evaluate verify` and `evaluate judge`: what predictors answer to a record, measured, and held against the searches.
+//! `evaluate verify` and `evaluate judge`: what predictors answer to a record, measured, and held against the
+//! searches.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;

@@ -2,12 +2,12 @@
 //!
 //! An error curve that flattens could tell it, but where few bright pixels decide the error such a curve is
 //! bent by chance. The runs' mean picture tells it directly: its squared error is the squared bias, and its
-//! own variance, and the reference's. The variance is known from how the runs differ, the reference's from how
-//! its halves differ; both are subtracted pixel by pixel, so that a bright dot cancels against itself. What is
-//! left is zero in expectation for an unbiased estimator (the usual unbiased estimate of a squared mean, see
-//! for example Casella and Berger, Statistical Inference, 2002, section 7.3). Pixels are independent of each
-//! other, which gives the interval; while bright dots are so few that no pixel saw two of them, it lies rather
-//! too low than too high.
+//! own variance, and the reference's. The variance is known from how the runs differ, the reference's from
+//! how its halves differ; both are subtracted pixel by pixel, so that a bright dot cancels against itself.
+//! What is left is zero in expectation for an unbiased estimator (the usual unbiased estimate of a squared
+//! mean, see for example Casella and Berger, Statistical Inference, 2002, section 7.3). Pixels are
+//! independent of each other, which gives the interval; while bright dots are so few that no pixel saw two of
+//! them, it lies rather too low than too high.
 
 use super::bootstrap::Interval;
 use super::metrics::Yardstick;

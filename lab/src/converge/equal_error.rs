@@ -16,7 +16,8 @@ const SAMPLES: [u32; 3] = [1, 8, 64];
 /// Who is first to an error, and by how much.
 #[derive(Clone, Debug, Serialize)]
 pub struct EqualError {
-    /// The error: the baseline's after so many samples; absent for the least that everybody reaches in every run.
+    /// The error: the baseline's after so many samples; absent for the least that everybody reaches in every
+    /// run.
     pub samples: Option<u32>,
     /// The error's mean over the runs.
     pub relative_mse: f64,

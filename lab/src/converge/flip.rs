@@ -1,9 +1,11 @@
-//! FLIP: how different two pictures look to somebody who flips between them (Andersson, Nilsson, Akenine-Möller, Oskarsson,
-//! Åström, Fairchild: "FLIP: A Difference Evaluator for Alternating Images", HPG 2020). 0 for the same picture, 1 at most.
+//! FLIP: how different two pictures look to somebody who flips between them (Andersson, Nilsson,
+//! Akenine-Möller, Oskarsson, Åström, Fairchild: "FLIP: A Difference Evaluator for Alternating Images", HPG
+//! 2020). 0 for the same picture, 1 at most.
 //!
-//! Pictures as shown are blurred as the eye blurs them at a common distance, their colours compared in a space of even
-//! differences, and edges and points that one of them lacks make a difference count more. All of the paper's filters
-//! are products of a filter across and one down, or sums of such, and are applied that way.
+//! Pictures as shown are blurred as the eye blurs them at a common distance, their colours compared in a
+//! space of even differences, and edges and points that one of them lacks make a difference count more. All
+//! of the paper's filters are products of a filter across and one down, or sums of such, and are applied that
+//! way.
 
 use std::f64::consts::PI;
 
@@ -12,7 +14,8 @@ use glam::{DMat3, DVec3, Vec3};
 /// Pixels a degree of sight: a screen 0.7 m wide, 3840 pixels across, 0.7 m away.
 const PIXELS_PER_DEGREE: f64 = 67.020_643_276_582_25;
 
-/// Exponent on colour differences, share of the largest that counts as most of it, and where that share is put.
+/// Exponent on colour differences, share of the largest that counts as most of it, and where that share is
+/// put.
 const COLOUR_EXPONENT: f64 = 0.7;
 const CUT_SHARE: f64 = 0.4;
 const CUT_VALUE: f64 = 0.95;

@@ -3,8 +3,8 @@
 //! Three numbers. The relative mean squared error is computed on linear radiance and is what theory speaks
 //! about: for an unbiased estimator it falls as one over the number of samples (Rousselle, Knaus, Zwicker:
 //! Adaptive Sampling and Reconstruction using Greedy Error Minimization, SIGGRAPH Asia 2011, with the small
-//! constant taken relative to the scene's brightness). Structural similarity (see `ssim`) and the difference that people
-//! notice (see `flip`) are computed on pictures as people see them, all tone-mapped alike.
+//! constant taken relative to the scene's brightness). Structural similarity (see `ssim`) and the difference
+//! that people notice (see `flip`) are computed on pictures as people see them, all tone-mapped alike.
 
 use glam::Vec3;
 

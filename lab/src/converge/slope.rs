@@ -2,9 +2,9 @@
 //!
 //! The mean squared error of an unbiased estimator is its variance over the number of samples. On logarithmic
 //! axes that is a line of slope −1, against rendering time as well since all samples cost alike. The slope is
-//! fitted to the runs' mean curve, with the reference's own variance taken off. Whether the curve would end on
-//! a plateau is told by the squared bias (see `bias`): clearly above the reference's own error it is an error
-//! that no time removes.
+//! fitted to the runs' mean curve, with the reference's own variance taken off. Whether the curve would end
+//! on a plateau is told by the squared bias (see `bias`): clearly above the reference's own error it is an
+//! error that no time removes.
 
 use serde::Serialize;
 

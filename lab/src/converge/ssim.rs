@@ -1,9 +1,9 @@
 //! Structural similarity of two pictures' luminance.
 //!
 //! Source: Wang, Bovik, Sheikh, Simoncelli: Image Quality Assessment: From Error Visibility to Structural
-//! Similarity, IEEE Transactions on Image Processing 13/4, 2004, with its Gaussian window of 11 × 11 pixels and
-//! its constants. In double precision, since rounding to the 256 levels of a picture file would hide what is
-//! left of the noise after a few hundred samples.
+//! Similarity, IEEE Transactions on Image Processing 13/4, 2004, with its Gaussian window of 11 × 11 pixels
+//! and its constants. In double precision, since rounding to the 256 levels of a picture file would hide what
+//! is left of the noise after a few hundred samples.
 
 /// Standard deviation of the window in pixels.
 const WINDOW_SIGMA: f64 = 1.5;

@@ -1,7 +1,8 @@
 //! The predictors of the core, taught the searches of some cameras and asked about others.
 //!
-//! Nothing of the service's policy takes part: each predictor is taught every iteration and answers for itself. One
-//! further entrant is taught only the last iteration of each search, as the paper has it for its figures (section 7.1.2).
+//! Nothing of the service's policy takes part: each predictor is taught every iteration and answers for
+//! itself. One further entrant is taught only the last iteration of each search, as the paper has it for its
+//! figures (section 7.1.2).
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

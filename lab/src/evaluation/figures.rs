@@ -1,4 +1,5 @@
-//! The figures of the paper's section 7 as SVG: boxes by scene, break-even points, and one search beside its prediction.
+//! The figures of the paper's section 7 as SVG: boxes by scene, break-even points, and one search beside its
+//! prediction.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -17,8 +18,8 @@ fn colour(index: usize) -> String {
     format!("var(--c{})", index % 8)
 }
 
-/// A box for each scene and entrant: quartiles, whiskers to the 5th and 95th percentile, a line at the median. Beyond the
-/// axis whiskers end at its edge.
+/// A box for each scene and entrant: quartiles, whiskers to the 5th and 95th percentile, a line at the
+/// median. Beyond the axis whiskers end at its edge.
 pub(crate) fn boxes(
     verdict: &Verdict,
     split: Split,

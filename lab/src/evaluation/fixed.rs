@@ -1,7 +1,8 @@
 //! Configurations of the paper's space that anybody can write down: candidates for the best fixed one.
 //!
-//! The first is the recommended default. The others follow the paper's own observations (section 4.4): splitting for
-//! rendering, small leaves for rendering and large ones for builds, blocks of the machine's vectors.
+//! The first is the recommended default. The others follow the paper's own observations (section 4.4):
+//! splitting for rendering, small leaves for rendering and large ones for builds, blocks of the machine's
+//! vectors.
 
 use treewright_render_cli::error::CliError;
 use treewright_renderer::space::{TuningSpace, parse};

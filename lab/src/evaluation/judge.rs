@@ -1,10 +1,10 @@
 //! What predictions are worth, from a record alone (paper, section 7).
 //!
-//! At every camera that examines, the configuration that a predictor answered is held against four: the mean of the
-//! search's iterations (Figures 12 and 15), the best that the search found (the roofline, Figures 13 and 16), the best fixed
-//! configuration by the cameras that teach, and the recommended default. A search's best of eighty measurements is partly
-//! luck; so it was measured again in the same rounds as the answers, and that is what counts here. The single measurement,
-//! which is the paper's roofline, stands beside it.
+//! At every camera that examines, the configuration that a predictor answered is held against four: the mean
+//! of the search's iterations (Figures 12 and 15), the best that the search found (the roofline, Figures 13
+//! and 16), the best fixed configuration by the cameras that teach, and the recommended default. A search's
+//! best of eighty measurements is partly luck; so it was measured again in the same rounds as the answers,
+//! and that is what counts here. The single measurement, which is the paper's roofline, stands beside it.
 
 use std::collections::BTreeMap;
 
@@ -71,7 +71,8 @@ pub(crate) struct Row {
     pub(crate) over_default: f64,
     pub(crate) over_fixed: f64,
     pub(crate) break_even: BreakEven,
-    /// What the search cost beyond having known the best from the start, and what the prediction did, in milliseconds.
+    /// What the search cost beyond having known the best from the start, and what the prediction did, in
+    /// milliseconds.
     pub(crate) search_overhead_ms: f64,
     pub(crate) prediction_overhead_ms: f64,
 }
@@ -84,7 +85,8 @@ pub(crate) struct Verdict {
     pub(crate) rows: Vec<Row>,
     /// The best fixed configuration over all cameras, for people.
     pub(crate) fixed: Option<String>,
-    /// How many times faster what the search found is than the best fixed one of the other cameras, camera by camera.
+    /// How many times faster what the search found is than the best fixed one of the other cameras, camera by
+    /// camera.
     pub(crate) search_over_fixed: Vec<f64>,
     /// Answers that cannot be run at the camera they were given for.
     pub(crate) infeasible: usize,

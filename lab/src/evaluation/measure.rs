@@ -39,8 +39,8 @@ pub(crate) struct Stage {
 }
 
 impl Stage {
-    /// Sets a scene up. Cameras stand in the middle of equal parts of the path, so that none comes twice where a path ends
-    /// where it began.
+    /// Sets a scene up. Cameras stand in the middle of equal parts of the path, so that none comes twice
+    /// where a path ends where it began.
     pub(crate) fn new(
         name: &str,
         scene: &Arc<Scene>,
@@ -115,8 +115,8 @@ impl Stage {
         }
     }
 
-    /// Runs a search of the core: every iteration builds and renders, whatever was measured before, as in the paper.
-    /// `None` when it was told to stop.
+    /// Runs a search of the core: every iteration builds and renders, whatever was measured before, as in the
+    /// paper. `None` when it was told to stop.
     pub(crate) fn search(
         &mut self,
         camera: u32,
@@ -175,7 +175,8 @@ impl Stage {
         }
     }
 
-    /// Builds and renders all configurations in every round, each round in another order. `None` when it was told to stop.
+    /// Builds and renders all configurations in every round, each round in another order. `None` when it was
+    /// told to stop.
     pub(crate) fn group(
         &mut self,
         kind: GroupKind,

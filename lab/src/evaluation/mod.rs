@@ -1,9 +1,9 @@
-//! The paper's section 7: what searches and predictors are worth along a camera path of every scene; and its section 4:
-//! what the parameters do.
+//! The paper's section 7: what searches and predictors are worth along a camera path of every scene; and its
+//! section 4: what the parameters do.
 //!
-//! Recording and judging are apart. Recording renders: searches of every camera, fixed configurations, and whatever the
-//! predictors answered. Judging computes, from the record alone and the same each time, so that predictors are
-//! compared on one data set as often as one likes.
+//! Recording and judging are apart. Recording renders: searches of every camera, fixed configurations, and
+//! whatever the predictors answered. Judging computes, from the record alone and the same each time, so that
+//! predictors are compared on one data set as often as one likes.
 //!
 //! | module | what it holds |
 //! |---|---|

@@ -1,4 +1,5 @@
-//! The evaluation in words, tables and figures: one page without anything from outside, and the numbers behind it as CSV.
+//! The evaluation in words, tables and figures: one page without anything from outside, and the numbers
+//! behind it as CSV.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -36,8 +37,8 @@ th{color:var(--soft);font-weight:600}svg{display:block;width:100%;height:auto}co
 @media(max-width:600px){svg{font-size:17px}.minor{display:none}table,tbody,tr,td{display:block}tr{border-bottom:1px solid var(--line);padding:.4rem 0}\
 tr:first-child{display:none}td{border:0;text-align:left;padding:.05rem 0}td:first-child{font-weight:650}td[data-l]::before{content:attr(data-l)\": \";color:var(--soft)}}";
 
-/// Of whom the first page speaks: the paper's two and what the service does by itself. They stood before anything was
-/// measured; whoever turns out best is in the tables.
+/// Of whom the first page speaks: the paper's two and what the service does by itself. They stood before
+/// anything was measured; whoever turns out best is in the tables.
 const TOLD: [(&str, &str); 3] = [
     ("nearest_neighbour", "the paper's nearest neighbour"),
     ("rbf_greedy_gq", "the paper's RBF model"),
@@ -65,7 +66,8 @@ impl Told<'_> {
         all
     }
 
-    /// What a reader has to know before any figure: that recording was stopped, and that the machine had other work.
+    /// What a reader has to know before any figure: that recording was stopped, and that the machine had
+    /// other work.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let mut all = Vec::new();
         let expected = self.scenes().len() * self.record.conditions.cameras as usize;
@@ -226,7 +228,8 @@ fn objective(page: &mut String, verdict: &Verdict) {
             let _ = write!(page, "<div class=\"card\">{svg}</div>");
         }
     }
-    // The camera whose search cost most beyond its best shows the shape; the first split examined it or another did.
+    // The camera whose search cost most beyond its best shows the shape; the first split examined it or
+    // another did.
     let shown = verdict.rows.iter().filter(|row| row.split == Split::Random && row.entrant == names[0]);
     if let Some(row) = shown.max_by(|a, b| a.search_overhead_ms.total_cmp(&b.search_overhead_ms))
         && let Some(ground) = verdict.grounds.iter().find(|ground| ground.place == row.place)

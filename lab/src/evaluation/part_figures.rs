@@ -1,5 +1,5 @@
-//! Numbers and figures of the paper's section 4: parts of the space searched alone (Figures 6 to 8), splitting by frame
-//! size (4.1), and the turning cylinder of needles (Figure 9).
+//! Numbers and figures of the paper's section 4: parts of the space searched alone (Figures 6 to 8),
+//! splitting by frame size (4.1), and the turning cylinder of needles (Figure 9).
 
 use statrs::distribution::{ContinuousCDF as _, StudentsT};
 use treewright_client::{Configuration, Value};
@@ -126,7 +126,8 @@ pub(super) fn rounds(group: &Group, share: Share, clock: Clock) -> Option<[Vec<f
     Some([of(without)?, of(with)?])
 }
 
-/// Mean, and how far to either side of it the true one lies with 99.99 %, by Student's distribution; none for fewer than three.
+/// Mean, and how far to either side of it the true one lies with 99.99 %, by Student's distribution; none for
+/// fewer than three.
 pub(super) fn mean_and_band(values: &[f64]) -> (f64, Option<f64>) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -140,7 +141,8 @@ pub(super) fn mean_and_band(values: &[f64]) -> (f64, Option<f64>) {
     (mean, band)
 }
 
-/// A frame height, the medians of total time without and with splitting, and how many times as fast the latter is.
+/// A frame height, the medians of total time without and with splitting, and how many times as fast the
+/// latter is.
 pub(super) type AtHeight = (u32, [f64; 2], Ratio);
 
 /// Frame heights of a scene with what splitting gains in total time there.

@@ -227,8 +227,8 @@ fn needles_section(record: &Record, clock: Clock, strips: &Strips) -> String {
     text
 }
 
-/// A strip of frames that moves up behind a window, frame by frame; it stands still for who asks for less motion. The
-/// window is as high as a frame of four across to three down.
+/// A strip of frames that moves up behind a window, frame by frame; it stands still for who asks for less
+/// motion. The window is as high as a frame of four across to three down.
 fn moving(strip: &[u8], scene: &str) -> String {
     let Some(frames) = frames(strip) else { return String::new() };
     format!(

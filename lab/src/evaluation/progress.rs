@@ -1,8 +1,10 @@
-//! Error of the tuner against iterations and run time: how far above the roofline the best configuration so far costs,
-//! by the median over all cameras; and what the paper's two predictors answer before the first iteration.
+//! Error of the tuner against iterations and run time: how far above the roofline the best configuration so
+//! far costs, by the median over all cameras; and what the paper's two predictors answer before the first
+//! iteration.
 //!
-//! The best so far is told by single measurements, as a search sees them, and so is what it is held against: the least of
-//! all iterations. Both hold luck, so that the curve ends at 1 by definition; its shape is what it says.
+//! The best so far is told by single measurements, as a search sees them, and so is what it is held against:
+//! the least of all iterations. Both hold luck, so that the curve ends at 1 by definition; its shape is what
+//! it says.
 
 use serde::Serialize;
 use treewright_renderer::statistics::quantile;
@@ -55,7 +57,8 @@ pub(crate) fn over_iterations(searches: &[&Search], objective: Objective, clock:
     (0..longest).filter_map(at).collect()
 }
 
-/// After so many seconds of building and rendering, in even factors; a search that has ended stays where it is.
+/// After so many seconds of building and rendering, in even factors; a search that has ended stays where it
+/// is.
 pub(crate) fn over_seconds(searches: &[&Search], objective: Objective, clock: Clock) -> Vec<Moment> {
     const MOMENTS: usize = 60;
     let curves: Vec<_> = searches.iter().filter_map(|search| curve(search, objective, clock)).collect();

@@ -1,4 +1,5 @@
-//! Figures of the two objectives beside each other (Figure 2) and of the tuner's error against iterations and run time.
+//! Figures of the two objectives beside each other (Figure 2) and of the tuner's error against iterations and
+//! run time.
 
 use std::fmt::Write as _;
 
@@ -15,8 +16,8 @@ use super::record::{Clock, GroupKind, Place, Record, Search};
 /// The paper's two predictors, whom the curves of searches are shown beside.
 const BESIDE: [(&str, &str); 2] = [("nearest_neighbour", "c0"), ("rbf_greedy_gq", "c1")];
 
-/// Figure 2: what a search for either objective does to both, at a camera of a scene where both were run; of sponza
-/// where there is one, as in the paper.
+/// Figure 2: what a search for either objective does to both, at a camera of a scene where both were run; of
+/// sponza where there is one, as in the paper.
 pub(crate) fn two_objectives(record: &Record, clock: Clock) -> Option<String> {
     let search = |place: &Place, objective: Objective| {
         record.searches.iter().find(|one| one.place == *place && one.objective == objective.name())

@@ -1,7 +1,8 @@
-//! What was measured, as JSON Lines: a first line that says under which conditions, then one line a search, group or pair.
+//! What was measured, as JSON Lines: a first line that says under which conditions, then one line a search,
+//! group or pair.
 //!
-//! Lines are only added, each flushed to the disk before the next measurement begins. A line that a killed run left
-//! unfinished is cut off when the file is opened for more, and its work done again.
+//! Lines are only added, each flushed to the disk before the next measurement begins. A line that a killed
+//! run left unfinished is cut off when the file is opened for more, and its work done again.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -37,7 +38,8 @@ impl Clock {
         }
     }
 
-    /// What is minimised, in milliseconds. As in the paper a frame's render time stands alone where builds are shared.
+    /// What is minimised, in milliseconds. As in the paper a frame's render time stands alone where builds
+    /// are shared.
     pub(crate) fn cost(self, objective: Objective, times: &FrameTimes) -> Option<f64> {
         let [build_ms, render_ms] = self.read(times)?;
         Some(match objective {
@@ -142,8 +144,8 @@ pub(crate) struct Group {
     pub(crate) other_cores: Option<f64>,
 }
 
-/// A search over a few parameters, the others at their recommended values (paper, section 4.2). Its configurations
-/// hold those few alone.
+/// A search over a few parameters, the others at their recommended values (paper, section 4.2). Its
+/// configurations hold those few alone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct PartSearch {
     /// Which parameters, by the name of [`super::parts::Part`].

@@ -1,7 +1,8 @@
 //! Judged answers over all cameras: geometric means with intervals, shares, and counts of what is left out.
 //!
-//! A camera is examined in several folds, and its answers there are not independent. So intervals are drawn by resampling
-//! whole cameras (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993), from a fixed seed.
+//! A camera is examined in several folds, and its answers there are not independent. So intervals are drawn
+//! by resampling whole cameras (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993), from a fixed
+//! seed.
 
 use std::collections::BTreeMap;
 

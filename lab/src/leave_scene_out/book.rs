@@ -1,7 +1,8 @@
-//! What was measured, on disk: written after every step, so that a run that was stopped goes on where it stood.
+//! What was measured, on disk: written after every step, so that a run that was stopped goes on where it
+//! stood.
 //!
-//! Recording and judging are apart. Searches and rounds are written down with every timing; tables are computed from the
-//! book alone, as often as one likes.
+//! Recording and judging are apart. Searches and rounds are written down with every timing; tables are
+//! computed from the book alone, as often as one likes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -51,7 +52,8 @@ pub(crate) struct RecordedTrial {
     pub(crate) times: Option<FrameTimes>,
 }
 
-/// Contenders in interleaved rounds. Where frames share a build each contender was built once, else in every round.
+/// Contenders in interleaved rounds. Where frames share a build each contender was built once, else in every
+/// round.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct RecordedRounds {
     pub(crate) contenders: Vec<RecordedContender>,
@@ -59,8 +61,9 @@ pub(crate) struct RecordedRounds {
 }
 
 impl RecordedRounds {
-    /// What a client would have reported that ran them: one frame after the other in the order in which they ran, and once
-    /// what failed. Native Embree path by path is in no space; `without` are texts of configurations to leave out.
+    /// What a client would have reported that ran them: one frame after the other in the order in which they
+    /// ran, and once what failed. Native Embree path by path is in no space; `without` are texts of
+    /// configurations to leave out.
     pub(crate) fn frames(
         &self,
         without: &BTreeSet<String>,

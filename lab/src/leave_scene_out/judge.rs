@@ -1,4 +1,5 @@
-//! Tables from a book: what the answers of the service cost over what anybody could have had. Nothing is measured here.
+//! Tables from a book: what the answers of the service cost over what anybody could have had. Nothing is
+//! measured here.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -80,7 +81,8 @@ pub(crate) fn fixed(
     all
 }
 
-/// What only the search of one scene found, and so is not known to the others although it ran on them as a candidate.
+/// What only the search of one scene found, and so is not known to the others although it ran on them as a
+/// candidate.
 pub(crate) fn found_only_in(
     book: &Book,
     objective: Objective,
@@ -99,8 +101,8 @@ pub(crate) fn found_only_in(
     own
 }
 
-/// The best fixed configuration of all scenes of a context but one. What only the search of that one found is not known to
-/// the others.
+/// The best fixed configuration of all scenes of a context but one. What only the search of that one found is
+/// not known to the others.
 pub(crate) fn fixed_of_others(
     book: &Book,
     objective: Objective,
@@ -135,8 +137,8 @@ pub(crate) struct Row {
     pub(crate) of_roofline: BTreeMap<u32, f64>,
     /// The answer after the last frame over native Embree's default.
     pub(crate) over_default: Ratio,
-    /// Median frames in milliseconds: native Embree's default, used well, the best fixed configuration of the other
-    /// scenes, and the answer after the last frame.
+    /// Median frames in milliseconds: native Embree's default, used well, the best fixed configuration of the
+    /// other scenes, and the answer after the last frame.
     pub(crate) frame_ms: [f64; 4],
     /// The quality in which native Embree used well was the fastest.
     pub(crate) native_quality: String,
@@ -164,7 +166,8 @@ pub(crate) fn rows(book: &Book, objectives: &[Objective]) -> Vec<Row> {
     all
 }
 
-/// `fixed` is the best fixed configuration of the other scenes; where it did not run, it is what the rounds call so.
+/// `fixed` is the best fixed configuration of the other scenes; where it did not run, it is what the rounds
+/// call so.
 fn row(
     rounds: &RecordedRounds,
     fixed: Option<&Configuration>,

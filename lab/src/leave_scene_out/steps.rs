@@ -66,8 +66,8 @@ impl Stage {
         View { camera: self.renderer.scene().cameras[0], seed: SEED, bounces: BOUNCES }
     }
 
-    /// Everything that is one configuration for all scenes, in the same rounds: native Embree used well, what is written by
-    /// hand, and what won on every scene.
+    /// Everything that is one configuration for all scenes, in the same rounds: native Embree used well, what
+    /// is written by hand, and what won on every scene.
     pub(crate) fn candidates(
         &self,
         book: &Book,
@@ -151,7 +151,8 @@ impl Stage {
         RecordedRounds { contenders, disturbed: disturbance.disturbed }
     }
 
-    /// A search by a fresh daemon. With `others` it is told first what was measured in all other scenes of the book.
+    /// A search by a fresh daemon. With `others` it is told first what was measured in all other scenes of
+    /// the book.
     pub(crate) fn search(
         &mut self,
         book: &Book,
@@ -225,8 +226,8 @@ impl Stage {
         })
     }
 
-    /// Reports what was measured in other scenes, as their clients would have. What only this scene's own search found ran
-    /// there as a candidate, and is left out: nobody would have known of it.
+    /// Reports what was measured in other scenes, as their clients would have. What only this scene's own
+    /// search found ran there as a candidate, and is left out: nobody would have known of it.
     fn teach(
         &self,
         book: &Book,
@@ -260,8 +261,8 @@ impl Stage {
     }
 }
 
-/// The space of an objective on so many threads: one for all scenes of the suite, so that each can teach the others. How
-/// instances are opened is left as it is recommended.
+/// The space of an objective on so many threads: one for all scenes of the suite, so that each can teach the
+/// others. How instances are opened is left as it is recommended.
 pub(crate) fn space(objective: Objective, threads: usize) -> TuningSpace {
     let premises = Premises {
         builds_each_frame: objective.builds_each_frame(),

@@ -1,4 +1,5 @@
-//! The paper's evaluation as a user runs it, small: recorded in pieces, judged twice to the same bytes, and its page.
+//! The paper's evaluation as a user runs it, small: recorded in pieces, judged twice to the same bytes, and
+//! its page.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,10 +1,11 @@
 //! Decisions: why a client gets a configuration, as data.
 //!
-//! A [`Decision`] is what is stored with a trial, and what later steps look at: whether the trial is learnt, where it
-//! is stopped, what the search is told of it. Its [`mode`](Decision::mode), and the [`Reason`] and
-//! [`Explanation`](crate::reason::Explanation) that people and clients see, are made from it ([`Decision::reason`]) and
-//! never read back. The types leave no room for answers that contradict themselves, such as one that exploits by the
-//! rule that says to explore. [`recorded`] reads what earlier versions stored in its place.
+//! A [`Decision`] is what is stored with a trial, and what later steps look at: whether the trial is learnt,
+//! where it is stopped, what the search is told of it. Its [`mode`](Decision::mode), and the [`Reason`] and
+//! [`Explanation`](crate::reason::Explanation) that people and clients see, are made from it
+//! ([`Decision::reason`]) and never read back. The types leave no room for answers that contradict
+//! themselves, such as one that exploits by the rule that says to explore. [`recorded`] reads what earlier
+//! versions stored in its place.
 
 pub mod recorded;
 mod words;
@@ -30,11 +31,12 @@ pub struct Decision {
     /// Where the trial was measured, if it was carried over from another study or database.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<String>,
-    /// The session of the client that it was handed out to last; 0 where it names none. Another session that asks for
-    /// the trial again shows that this one ended without a report.
+    /// The session of the client that it was handed out to last; 0 where it names none. Another session that
+    /// asks for the trial again shows that this one ended without a report.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub session: u64,
-    /// How many leases of the configuration were lost in the state without a report, and without any measurement of it.
+    /// How many leases of the configuration were lost in the state without a report, and without any
+    /// measurement of it.
     #[serde(default, skip_serializing_if = "is_none_lost")]
     pub lost_leases: u32,
     /// Its client renewed the lease: it shows that it lives, so that silence means something.
@@ -130,8 +132,8 @@ pub enum ExploredPoint {
     Incumbent {
         /// It is the default configuration.
         is_default: bool,
-        /// The round of the state's confirmation, from 1; `None` while others are explored, where it tells how fast the
-        /// machine is.
+        /// The round of the state's confirmation, from 1; `None` while others are explored, where it tells
+        /// how fast the machine is.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         round: Option<u64>,
     },
@@ -249,7 +251,8 @@ pub enum ExploitRule {
     Frozen,
 }
 
-/// What exploring was expected to bring and to cost when it was decided whether to explore. Rows call it `weighed`.
+/// What exploring was expected to bring and to cost when it was decided whether to explore. Rows call it
+/// `weighed`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ExplorationEstimate {
@@ -284,7 +287,8 @@ pub struct BudgetStatus {
     /// What was left of the client's budget, in the objective's units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget_left: Option<f64>,
-    /// What was set aside of it for this trial, or would have had to be: the most that it can cost above the reference.
+    /// What was set aside of it for this trial, or would have had to be: the most that it can cost above the
+    /// reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub set_aside: Option<f64>,
     /// The cost of what would have been run without exploring.
@@ -451,8 +455,8 @@ impl Decision {
         self.mode() == Mode::Explore
     }
 
-    /// Whether the trial explores its state, whatever it runs, and is none of a confirmation: it counts towards the budget of the
-    /// search.
+    /// Whether the trial explores its state, whatever it runs, and is none of a confirmation: it counts
+    /// towards the budget of the search.
     pub fn is_run_of_search(&self) -> bool {
         matches!(self.choice, Choice::Explore(_)) && self.rule() != Some(Rule::Confirming)
     }
@@ -466,7 +470,8 @@ impl Decision {
         }
     }
 
-    /// Whether it was taken over from other machines to be measured here, or carried over with what was measured elsewhere.
+    /// Whether it was taken over from other machines to be measured here, or carried over with what was
+    /// measured elsewhere.
     pub fn is_from_elsewhere(&self) -> bool {
         self.origin.is_some()
             || matches!(&self.choice, Choice::Explore(Explore { point: ExploredPoint::ByMachines(_), .. }))

@@ -1,5 +1,5 @@
-//! Values and what holds them without the kinds of the values, as JSON for people and other programs has them:
-//! `{"quality":2}`, where stored rows have `{"quality":{"integer":2}}`.
+//! Values and what holds them without the kinds of the values, as JSON for people and other programs has
+//! them: `{"quality":2}`, where stored rows have `{"quality":{"integer":2}}`.
 
 mod spec;
 

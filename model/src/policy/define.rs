@@ -67,8 +67,8 @@ macro_rules! define_policy {
             }
         }
 
-        /// A policy as it is said: what is `None` takes the default of the daemon that decides. Searches, predictors and
-        /// operations of other versions are carried along.
+        /// A policy as it is said: what is `None` takes the default of the daemon that decides. Searches,
+        /// predictors and operations of other versions are carried along.
         #[derive(Clone, Debug, Default, PartialEq, Serialize)]
         pub struct PolicySettings {
             $(

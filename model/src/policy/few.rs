@@ -8,8 +8,8 @@ use crate::space::Space;
 pub struct Few {
     /// How many configurations there are.
     pub configurations: u64,
-    /// About how many runs it takes until they are tried, told apart and confirmed: the mean of simulated searches on a quiet
-    /// machine, good to a third.
+    /// About how many runs it takes until they are tried, told apart and confirmed: the mean of simulated
+    /// searches on a quiet machine, good to a third.
     pub runs: u64,
 }
 

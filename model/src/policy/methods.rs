@@ -1,4 +1,5 @@
-//! The searches, predictors and operations that a policy can name. The first two are those of `registry`, and `auto`.
+//! The searches, predictors and operations that a policy can name. The first two are those of `registry`, and
+//! `auto`.
 
 use crate::words::{Word, words};
 
@@ -77,7 +78,8 @@ macro_rules! define_predictors {
             /// Predictors across states.
             #[derive(PartialOrd, Ord)]
             PredictorMethod,
-            /// Whichever of the others has the smallest error in this study, tested on every trial before learning from it.
+            /// Whichever of the others has the smallest error in this study, tested on every trial before
+            /// learning from it.
             auto = 3,
             $($rows)+
         }
@@ -94,11 +96,11 @@ words! {
         /// Explores, exploits and learns.
         #[default]
         Tune = "tune",
-        /// Neither explores nor learns: answers stay what they are. That a configuration cannot be run is taken all
-        /// the same.
+        /// Neither explores nor learns: answers stay what they are. That a configuration cannot be run is
+        /// taken all the same.
         Freeze = "freeze",
-        /// Every client gets the default configuration; what would have been answered stands in the reason. Reports
-        /// are learnt.
+        /// Every client gets the default configuration; what would have been answered stands in the reason.
+        /// Reports are learnt.
         Shadow = "shadow",
     }
 }

@@ -1,8 +1,9 @@
-//! How a study decides what a client gets: as it is decided ([`Policy`]), as it is said ([`PolicySettings`]), and changes
-//! to it ([`PolicyChange`]).
+//! How a study decides what a client gets: as it is decided ([`Policy`]), as it is said ([`PolicySettings`]),
+//! and changes to it ([`PolicyChange`]).
 //!
-//! `table` lists the fields once, `define` makes the structs and their checks of it, `field` holds what a field can be,
-//! `registry` lists the searches and predictors, `methods` makes enums of them, `change` says what replaces which fields.
+//! `table` lists the fields once, `define` makes the structs and their checks of it, `field` holds what a
+//! field can be, `registry` lists the searches and predictors, `methods` makes enums of them, `change` says
+//! what replaces which fields.
 
 mod change;
 mod define;
@@ -23,8 +24,8 @@ pub use methods::{Method, Operation, PredictorMethod, RegisteredMethod, SearchMe
 use crate::configuration::RawConfiguration;
 use crate::space::{Space, SpaceError};
 
-/// The factor of the reference's cost at which exploring trials stop where a budget is kept and the policy names
-/// none.
+/// The factor of the reference's cost at which exploring trials stop where a budget is kept and the policy
+/// names none.
 pub const ABORT_ABOVE_DEFAULT: f64 = 2.0;
 
 /// A policy whose pinned configuration has not been checked yet.

@@ -1,14 +1,16 @@
 //! The registry of searches and predictors: one row for each, and nothing else in this software lists them.
 //!
-//! A row says what a method is, its number on the wire, its word, and the constructor of the type that carries it out.
-//! From the rows follow the enums of this crate and with them command lines, settings and their schema; the module, the
-//! storage and the choice in `treewright-core`, which alone looks at the first and the last column; the conversion in
-//! `treewright-proto`; and the values and comments of the wire contract, which a command writes (`proto/tests/generated.rs`).
+//! A row says what a method is, its number on the wire, its word, and the constructor of the type that
+//! carries it out. From the rows follow the enums of this crate and with them command lines, settings and
+//! their schema; the module, the storage and the choice in `treewright-core`, which alone looks at the first
+//! and the last column; the conversion in `treewright-proto`; and the values and comments of the wire
+//! contract, which a command writes (`proto/tests/generated.rs`).
 //!
 //! A word or a number that was ever released stays what it is.
 
-/// Hands the searches to another macro, as rows `NAME = number on the wire, "word", module::Type::constructor;`, each with
-/// what it is. The module is one of `treewright_core::search`; the constructor takes a `SearchSetup`.
+/// Hands the searches to another macro, as rows
+/// `NAME = number on the wire, "word", module::Type::constructor;`, each with what it is. The module is one
+/// of `treewright_core::search`; the constructor takes a `SearchSetup`.
 #[macro_export]
 macro_rules! search_methods {
     ($apply:ident) => {
@@ -19,33 +21,34 @@ macro_rules! search_methods {
             LatinHypercube = 2, "latin_hypercube", latin_hypercube::LatinHypercubeSearch::new;
             /// Independent uniform samples.
             Random = 3, "random", random::RandomSearch::new;
-            /// Gaussian processes and expected improvement: strong at 20 to 80 trials, in mixed and conditional spaces;
-            /// also under noise and where many configurations cannot be run.
+            /// Gaussian processes and expected improvement: strong at 20 to 80 trials, in mixed and
+            /// conditional spaces; also under noise and where many configurations cannot be run.
             Model = 4, "model", model::ModelSearch::new;
         }
     };
 }
 
-/// Hands the predictors to another macro, as [`search_methods!`](crate::search_methods) does. The module is one of
-/// `treewright_core::predict`; the constructor takes a `PredictorSetup`. Among predictors that err alike the first is preferred.
+/// Hands the predictors to another macro, as [`search_methods!`](crate::search_methods) does. The module is
+/// one of `treewright_core::predict`; the constructor takes a `PredictorSetup`. Among predictors that err
+/// alike the first is preferred.
 #[macro_export]
 macro_rules! predictor_methods {
     ($apply:ident) => {
         $apply! {
-            /// A Gaussian process over indicators and parameters together, which also proposes what to explore; useful
-            /// where every input is met only once.
+            /// A Gaussian process over indicators and parameters together, which also proposes what to
+            /// explore; useful where every input is met only once.
             Contextual = 7, "contextual", contextual::Contextual::new;
             /// Best configuration over the eight nearest known states, weighted by distance.
             WeightedNeighbours = 4, "weighted_neighbours", nearest::Weighted::new;
             /// Best configuration of the nearest known state (paper section 6.1).
             NearestNeighbour = 1, "nearest_neighbour", nearest::Nearest::new;
-            /// Radial basis functions fitted by recursive least squares, with models of their own for each kind of
-            /// machine and each client; their answers are weighted by their accuracy.
+            /// Radial basis functions fitted by recursive least squares, with models of their own for each
+            /// kind of machine and each client; their answers are weighted by their accuracy.
             LeastSquares = 6, "least_squares", rbf::LeastSquares::for_study;
             /// Radial basis functions trained by Greedy-GQ with gamma = 0 (paper section 6.2, as printed).
             RbfGreedyGq = 2, "rbf_greedy_gq", rbf::Rbf::printed;
-            /// Radial basis functions trained by Greedy-GQ that are Gaussians, as the paper's words have it; its
-            /// formula has no square.
+            /// Radial basis functions trained by Greedy-GQ that are Gaussians, as the paper's words have it;
+            /// its formula has no square.
             GaussianGreedyGq = 5, "gaussian_greedy_gq", rbf::Rbf::gaussian;
         }
     };

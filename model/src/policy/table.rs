@@ -1,10 +1,12 @@
-//! The one list of a policy's fields. The structs, their checks, the field mask, the command line and what is shown
-//! follow from it, and so does the wire conversion (`treewright_proto::convert`), which does not compile while this
-//! list and the proto's `message Policy` differ. Another field is one row here and one in the proto.
+//! The one list of a policy's fields. The structs, their checks, the field mask, the command line and what is
+//! shown follow from it, and so does the wire conversion (`treewright_proto::convert`), which does not
+//! compile while this list and the proto's `message Policy` differ. Another field is one row here and one in
+//! the proto.
 
 /// Hands the table to another macro, as rows of
 /// `name: type as it is decided | type as it is said = default, unset "default in words", in range, as "placeholder";`
-/// each with its documentation. The field `pinned`, whose type differs from form to form, is not among the rows.
+/// each with its documentation. The field `pinned`, whose type differs from form to form, is not among the
+/// rows.
 #[macro_export]
 macro_rules! policy_table {
     ($apply:ident) => {
@@ -30,8 +32,8 @@ macro_rules! policy_table {
 
             /// After so many visits to a state epsilon is halved there, 0 to 1,000,000; 0 leaves it constant.
             ///
-            /// It is `epsilon h / (h + n)` after `n` visits, which never stops exploring and lets it become rare (Singh,
-            /// Jaakkola, Littman and Szepesvári, "Convergence results for single-step on-policy
+            /// It is `epsilon h / (h + n)` after `n` visits, which never stops exploring and lets it become
+            /// rare (Singh, Jaakkola, Littman and Szepesvári, "Convergence results for single-step on-policy
             /// reinforcement-learning algorithms", 2000).
             epsilon_halves_after: u32 | u32 = 0, unset "0", in Range::Within(0.0, EPSILON_HALVES_AFTER_MAX as f64), as "VISITS";
 
@@ -40,11 +42,13 @@ macro_rules! policy_table {
             /// The guarantee needs clients that stop trials in time (`SuggestRequest.can_abort`).
             regret_budget: Option<f64> | f64 = None, unset "no limit", in Range::Within(0.0, 1.0), as "SHARE";
 
-            /// Exploring trials are told to stop when they cost more than the reference by this factor, above 1.
+            /// Exploring trials are told to stop when they cost more than the reference by this factor, above
+            /// 1.
             abort_above: Option<f64> | f64 = None, unset "2 where a budget is kept, else never",
                 in Range::Above(1.0, COST_FACTOR_MAX), as "FACTOR";
 
-            /// What a trial of a client that cannot stop is taken to cost at worst, in multiples of the reference.
+            /// What a trial of a client that cannot stop is taken to cost at worst, in multiples of the
+            /// reference.
             ///
             /// Only counts where a budget is kept.
             worst_factor: f64 | f64 = 100.0, unset "100", in Range::Above(1.0, COST_FACTOR_MAX), as "FACTOR";
@@ -55,34 +59,35 @@ macro_rules! policy_table {
             /// Explore only where the expected gain pays for it within the expected stay.
             weigh_gain: bool | bool = false, unset "false", in Range::Any, as "BOOL";
 
-            /// Every client explores until the state's search has ended, and exploits then. For programs that are tuned
-            /// before they are used, so that trials cost nobody anything.
+            /// Every client explores until the state's search has ended, and exploits then. For programs that
+            /// are tuned before they are used, so that trials cost nobody anything.
             ///
-            /// The dice are not thrown, but an epsilon of 0 still means never. Studies without indicators, whose one state
-            /// nobody ever leaves, are explored in this way whatever this field says.
+            /// The dice are not thrown, but an epsilon of 0 still means never. Studies without indicators,
+            /// whose one state nobody ever leaves, are explored in this way whatever this field says.
             offline: bool | bool = false, unset "false", in Range::Any, as "BOOL";
 
-            /// Parameters that are shown not to matter are held, and each of these verdicts may be wrong with this
-            /// probability, above 0 and at most 0.5.
+            /// Parameters that are shown not to matter are held, and each of these verdicts may be wrong with
+            /// this probability, above 0 and at most 0.5.
             freeze_risk: Option<f64> | f64 = None, unset "nothing is held", in Range::Above(0.0, 0.5), as "PROBABILITY";
 
             /// The first so many trials of each session of a client are not learnt, 0 to 10,000.
             warm_up: u32 | u32 = 0, unset "0", in Range::Within(0.0, WARM_UP_MAX as f64), as "COUNT";
 
-            /// A configuration that does clearly worse where it is exploited than another that was measured there gives
-            /// way to it at once.
+            /// A configuration that does clearly worse where it is exploited than another that was measured
+            /// there gives way to it at once.
             roll_back: bool | bool = true, unset "true", in Range::Any, as "BOOL";
 
-            /// Once a state's search has ended, its best few configurations run against the default in at most so many
-            /// rounds, 0 to 100; 0 leaves that out.
+            /// Once a state's search has ended, its best few configurations run against the default in at
+            /// most so many rounds, 0 to 100; 0 leaves that out.
             ///
-            /// They add no configuration, so they do not count among `trials_per_state`. All run in the first ten rounds;
-            /// where the machine is noisy the best one goes on alone, until a gain of 2 % could be seen. A race ends as soon
-            /// as one is proven better, or none can gain anything worth telling any more.
+            /// They add no configuration, so they do not count among `trials_per_state`. All run in the first
+            /// ten rounds; where the machine is noisy the best one goes on alone, until a gain of 2 % could
+            /// be seen. A race ends as soon as one is proven better, or none can gain anything worth telling
+            /// any more.
             confirm_rounds: u32 | u32 = 40, unset "40", in Range::Within(0.0, CONFIRM_ROUNDS_MAX as f64), as "COUNT";
 
-            /// The default is measured again now and then while a state is searched, and costs are divided by how fast
-            /// the client's machine is at the moment.
+            /// The default is measured again now and then while a state is searched, and costs are divided by
+            /// how fast the client's machine is at the moment.
             track_speed: bool | bool = true, unset "true", in Range::Any, as "BOOL";
         }
     };

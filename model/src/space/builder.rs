@@ -92,7 +92,8 @@ impl<Last> SpaceBuilder<Last> {
         self.parameter(name, Domain::Categorical { values: values.into_iter().map(Into::into).collect() })
     }
 
-    /// A parameter that is there as a value, e.g. one of a list. It is checked like those that are written out.
+    /// A parameter that is there as a value, e.g. one of a list. It is checked like those that are written
+    /// out.
     #[must_use]
     pub fn with_parameter(mut self, parameter: Parameter) -> SpaceBuilder {
         let Parameter { name, domain, default, active_if } = parameter;

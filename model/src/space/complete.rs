@@ -8,12 +8,13 @@ use crate::value::Value;
 impl Space {
     /// A whole configuration from some values: the others are the recommended ones.
     ///
-    /// A value takes along what it needs: where `bins` exists only with `split = sah`, `bins = 8` alone means that
-    /// split. Where a given and a recommended value break a constraint, the recommended one gives way. Whole numbers are
-    /// taken for float parameters, too, so that people may write `2` for `2.0`.
+    /// A value takes along what it needs: where `bins` exists only with `split = sah`, `bins = 8` alone means
+    /// that split. Where a given and a recommended value break a constraint, the recommended one gives way.
+    /// Whole numbers are taken for float parameters, too, so that people may write `2` for `2.0`.
     ///
     /// # Errors
-    /// [`SpaceError`] with the value that is unknown, inactive or outside its domain, or the constraint that is broken.
+    /// [`SpaceError`] with the value that is unknown, inactive or outside its domain, or the constraint that
+    /// is broken.
     pub fn complete(&self, given: &Assignment) -> Result<Configuration, SpaceError> {
         let parameters = self.parameters();
         let given = self.with_needs(given);

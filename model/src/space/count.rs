@@ -31,8 +31,8 @@ struct Partial {
 }
 
 impl Space {
-    /// Every configuration, where there are at most [`ENUMERATED_MAX`] combinations of values; `None` where there are more, or
-    /// where they cannot be counted.
+    /// Every configuration, where there are at most [`ENUMERATED_MAX`] combinations of values; `None` where
+    /// there are more, or where they cannot be counted.
     pub fn enumerate(&self) -> Option<Vec<Configuration>> {
         let values: Vec<Vec<Value>> =
             self.parameters.iter().map(|parameter| parameter.domain.values()).collect::<Option<_>>()?;

@@ -59,7 +59,8 @@ impl Domain {
         }
     }
 
-    /// How many values there are beside one, numbers in four steps at most: what trying each of them once takes.
+    /// How many values there are beside one, numbers in four steps at most: what trying each of them once
+    /// takes.
     pub fn alternatives(&self) -> u64 {
         match self {
             Domain::Boolean => 1,

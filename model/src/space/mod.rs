@@ -1,10 +1,10 @@
 //! Typed parameter spaces: parameters, domains, conditions and constraints.
 //!
 //! A [`Space`] is checked once, when it is made; after that every [`Configuration`] it hands out is valid,
-//! and so is everything that is built on it. `check` holds the rules, `domain` the map of one domain to
-//! the unit interval, `builder` how programs write a space down, `complete` how a whole configuration is made of some
-//! values, `codec` the map of whole configurations to the unit cube in which searches work,
-//! `repair` what is done about points of the cube that break a constraint.
+//! and so is everything that is built on it. `check` holds the rules, `domain` the map of one domain to the
+//! unit interval, `builder` how programs write a space down, `complete` how a whole configuration is made of
+//! some values, `codec` the map of whole configurations to the unit cube in which searches work, `repair`
+//! what is done about points of the cube that break a constraint.
 
 mod builder;
 mod check;

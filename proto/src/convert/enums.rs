@@ -53,8 +53,8 @@ wire_enums! {
     OmissionReason { Inactive, Insensitive, BelowNoise, BelowCost, Constant, Redundant }
 }
 
-/// Searches and predictors have the numbers of their registry. That the contract gives these numbers to the same names is
-/// held by a test here, and written by another (`tests/generated.rs`).
+/// Searches and predictors have the numbers of their registry. That the contract gives these numbers to the
+/// same names is held by a test here, and written by another (`tests/generated.rs`).
 macro_rules! registered_enums {
     ($($name:ident)+) => {
         $(

@@ -1,5 +1,5 @@
-//! Policies, field by field as the model's table lists them. A field that stands in the table or in `message Policy`
-//! alone does not compile here.
+//! Policies, field by field as the model's table lists them. A field that stands in the table or in
+//! `message Policy` alone does not compile here.
 
 use treewright_model::policy::PolicySettings;
 use treewright_model::words::{OpenEnum, Word};

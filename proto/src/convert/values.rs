@@ -81,8 +81,8 @@ pub fn configuration_from_wire(field: &str, wire: v1::Configuration) -> Result<R
     }
 }
 
-/// Reads what can be read of a configuration. The second part names parameters whose values are of a kind that is not
-/// known here.
+/// Reads what can be read of a configuration. The second part names parameters whose values are of a kind
+/// that is not known here.
 #[must_use]
 pub fn readable_configuration(wire: v1::Configuration) -> (RawConfiguration, Vec<String>) {
     let (mut values, mut unreadable) = (RawConfiguration::new(), Vec::new());

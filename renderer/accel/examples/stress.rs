@@ -1,11 +1,12 @@
-//! Random configurations over random scenes: no crash, no wrong hit, and failures that say they are infeasible.
+//! Random configurations over random scenes: no crash, no wrong hit, and failures that say they are
+//! infeasible.
 //!
 //! `cargo run --release -p treewright-accel --example stress [COUNT] [SEED] [TRIANGLES]`
 //!
 //! Ten scenes (soups, surfaces, cities, needles, degenerate ones) of at most so many triangles; each
 //! configuration is built over one of them and asked by every instruction set and packing. Answers are judged
-//! like those of the tests: within the error of single precision. Small counts run under valgrind. Ends with an
-//! error when anything was wrong.
+//! like those of the tests: within the error of single precision. Small counts run under valgrind. Ends with
+//! an error when anything was wrong.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! Every limit of the acceleration structures, in one place.
 
-/// Largest magnitude of a coordinate. A triangle test multiplies three of them: beyond about 1e13 that leaves the
-/// range of single precision and hits get lost without a word, in native Embree as in our own kernels.
+/// Largest magnitude of a coordinate. A triangle test multiplies three of them: beyond about 1e13 that leaves
+/// the range of single precision and hits get lost without a word, in native Embree as in our own kernels.
 pub const COORDINATE_MAX: f32 = 1e12;
 
 /// Most triangles in one structure: one build of that size takes some 20 GB, beyond what we verified.
@@ -19,8 +19,8 @@ pub const EMBREE_SERIES: (isize, isize) = (4, 4);
 /// Most build threads.
 pub const THREADS_MAX: usize = 1024;
 
-/// Permitted `max_depth`. Embree's builders stop using the heuristic 8 levels above the limit, so 9 is the least
-/// that leaves one level to it; 64 sizes the traversal stack.
+/// Permitted `max_depth`. Embree's builders stop using the heuristic 8 levels above the limit, so 9 is the
+/// least that leaves one level to it; 64 sizes the traversal stack.
 pub const MAX_DEPTH: std::ops::RangeInclusive<u32> = 9..=64;
 
 /// Most triangles a leaf: the Morton builder keeps a leaf's triangles in a fixed array of this size and
@@ -33,8 +33,8 @@ pub const SAH_BLOCK_SIZE_MAX: u32 = 32;
 /// Largest cost of a step or a test in the heuristic.
 pub const COST_MAX: f32 = 10.0;
 
-/// Room for the references that spatial splits add, as a factor on the number of triangles, if nothing else is
-/// asked for. Native Embree takes the same.
+/// Room for the references that spatial splits add, as a factor on the number of triangles, if nothing else
+/// is asked for. Native Embree takes the same.
 pub const SPLIT_BUDGET: f32 = 1.2;
 
 /// Permitted `split_budget`.
@@ -52,7 +52,8 @@ pub const FLATTENED_TRIANGLES_MAX: u64 = 1 << 25;
 /// Permitted `search_radius`.
 pub const SEARCH_RADIUS_RANGE: std::ops::RangeInclusive<u32> = 1..=32;
 
-/// Permitted `cluster_size`: a part of the curve that becomes one cluster must fit into the smallest set of clusters.
+/// Permitted `cluster_size`: a part of the curve that becomes one cluster must fit into the smallest set of
+/// clusters.
 pub const CLUSTER_SIZE_RANGE: std::ops::RangeInclusive<u32> = 1..=8;
 
 /// Permitted `instance_opening`.

@@ -1,9 +1,9 @@
 //! Triangles with holes: an alpha test during traversal, so that leaf cards and fences let rays through.
 //!
-//! A mask is the alpha channel of an image with a cutoff; a triangle that has one is a [`Card`] and met only where
-//! the mask is solid. Barycentric weights are computed again from ray and triangle (Möller and Trumbore 1997) rather
-//! than taken from the kernel that found the hit: whatever structure is walked and however rays are grouped, the same
-//! ray meets the same side of a leaf's edge.
+//! A mask is the alpha channel of an image with a cutoff; a triangle that has one is a [`Card`] and met only
+//! where the mask is solid. Barycentric weights are computed again from ray and triangle (Möller and Trumbore
+//! 1997) rather than taken from the kernel that found the hit: whatever structure is walked and however rays
+//! are grouped, the same ray meets the same side of a leaf's edge.
 
 use std::sync::Arc;
 
@@ -175,8 +175,8 @@ impl Masks {
     }
 }
 
-/// Weights of the second and third corner where a ray meets a triangle's plane, clamped to the triangle; 0 for a ray
-/// in the plane.
+/// Weights of the second and third corner where a ray meets a triangle's plane, clamped to the triangle; 0
+/// for a ray in the plane.
 #[inline]
 fn weights(ray: &Ray, [a, b, c]: [Vec3; 3]) -> (f32, f32) {
     let (ab, ac) = (b - a, c - a);

@@ -1,5 +1,5 @@
-//! How the kernel and the allocator treat the memory of trees: huge pages under large tables, and freed memory kept for
-//! the next build.
+//! How the kernel and the allocator treat the memory of trees: huge pages under large tables, and freed
+//! memory kept for the next build.
 
 /// A huge page of x86-64, and of ARM with its usual small ones.
 #[cfg(target_os = "linux")]
@@ -9,17 +9,19 @@ const HUGE_PAGE: usize = 2 << 20;
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 const STEP: libc::c_int = 64 << 20;
 
-/// Makes the allocator of this process keep what is freed, for the next tree. Call it once at the start of a program that
-/// builds trees frame by frame.
+/// Makes the allocator of this process keep what is freed, for the next tree. Call it once at the start of a
+/// program that builds trees frame by frame.
 ///
-/// A tree and what its builder needs on the way are some hundred megabytes. By default the C library gives blocks of that
-/// size back to the kernel at once, and the next build waits while every page is zeroed anew: on a scene of 1.4 million
-/// triangles three quarters of the page faults and a third of the kernel's time of whole benchmarks. The price is that the process
-/// never shrinks below the largest it was. Returns whether the C library agreed; only glibc is asked (`mallopt(3)`).
+/// A tree and what its builder needs on the way are some hundred megabytes. By default the C library gives
+/// blocks of that size back to the kernel at once, and the next build waits while every page is zeroed anew:
+/// on a scene of 1.4 million triangles three quarters of the page faults and a third of the kernel's time of
+/// whole benchmarks. The price is that the process never shrinks below the largest it was. Returns whether
+/// the C library agreed; only glibc is asked (`mallopt(3)`).
 pub fn keep_freed_memory() -> bool {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
-        // One heap for all threads: blocks too large for the heap of a thread would be mapped and unmapped after all.
+        // One heap for all threads: blocks too large for the heap of a thread would be mapped and unmapped
+        // after all.
         let wishes = [
             (libc::M_ARENA_MAX, 1),
             (libc::M_MMAP_MAX, 0),
@@ -33,9 +35,9 @@ pub fn keep_freed_memory() -> bool {
     false
 }
 
-/// Asks the kernel for huge pages under the memory of a vector, best before it is filled: a table that rays look into
-/// all over misses the page table cache as often as the data caches otherwise. Changes nothing but speed; elsewhere
-/// than on Linux it does nothing.
+/// Asks the kernel for huge pages under the memory of a vector, best before it is filled: a table that rays
+/// look into all over misses the page table cache as often as the data caches otherwise. Changes nothing but
+/// speed; elsewhere than on Linux it does nothing.
 pub fn wish_for_huge_pages<T>(values: &Vec<T>) {
     #[cfg(target_os = "linux")]
     {

@@ -12,7 +12,8 @@
 //! | `split_budget` | where high quality acts |
 //! | `presplit` | where high quality acts: triangles are split before the build instead of during it |
 //!
-//! A later refit acts with [`NativeAcceleration::Auto`]; scenes of a named acceleration are built anew instead.
+//! A later refit acts with [`NativeAcceleration::Auto`]; scenes of a named acceleration are built anew
+//! instead.
 //!
 //! Left out, because they do nothing here or only harm: `max_triangles_per_leaf` (dead with the default
 //! acceleration), `sah_presplit` and `dynamic` as builders (the same as `sah` for one mesh), `hugepages`,
@@ -45,7 +46,8 @@ pub enum NativeQuality {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NativeAcceleration {
-    /// Embree chooses by quality and flags: without flags [`NativeAcceleration::Bvh8Triangle4`] where there is AVX.
+    /// Embree chooses by quality and flags: without flags [`NativeAcceleration::Bvh8Triangle4`] where there
+    /// is AVX.
     #[default]
     Auto,
     /// Four children.
@@ -91,7 +93,8 @@ impl NativeAcceleration {
             | Self::Bvh4Triangle4v
             | Self::Bvh4Triangle4i
             | Self::Bvh8Triangle4 => true,
-            // Embree 4.4.0 also takes a builder with splits for `Bvh8Triangle4v`, but half of its hits are wrong.
+            // Embree 4.4.0 also takes a builder with splits for `Bvh8Triangle4v`, but half of its hits are
+            // wrong.
             Self::Bvh8Triangle4v
             | Self::Qbvh4Triangle4i
             | Self::Bvh8Triangle4i
@@ -100,11 +103,11 @@ impl NativeAcceleration {
         }
     }
 
-    /// How rays are traced through it where `packets` are asked for: so, or one by one where Embree has no kernel
-    /// for packets, which is so for all compressed nodes.
+    /// How rays are traced through it where `packets` are asked for: so, or one by one where Embree has no
+    /// kernel for packets, which is so for all compressed nodes.
     ///
-    /// `rtcIntersect8` and its like notice that only for the scene they are given and then trace its rays one by
-    /// one. Below an instance they do not ask, and call a function that is not there.
+    /// `rtcIntersect8` and its like notice that only for the scene they are given and then trace its rays one
+    /// by one. Below an instance they do not ask, and call a function that is not there.
     pub(crate) fn traced(self, packets: Packets) -> Packets {
         match self {
             Self::Qbvh4Triangle4i | Self::Qbvh8Triangle4 | Self::Qbvh8Triangle4i => Packets::Single,
@@ -149,8 +152,8 @@ pub struct NativeOptions {
     pub robust: bool,
     /// Nodes and leaves.
     pub acceleration: NativeAcceleration,
-    /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 4. Embree
-    /// is told it to one decimal place.
+    /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 4.
+    /// Embree is told it to one decimal place.
     pub split_budget: f32,
     /// Split triangles before the build, not during it.
     pub presplit: bool,

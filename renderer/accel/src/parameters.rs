@@ -1,4 +1,5 @@
-//! What a build can be told: the eleven parameters of the paper's Table 1, and what makes a tree fast beyond them.
+//! What a build can be told: the eleven parameters of the paper's Table 1, and what makes a tree fast beyond
+//! them.
 
 use serde::{Deserialize, Serialize};
 
@@ -32,8 +33,8 @@ pub enum Builder {
     Ploc,
 }
 
-/// The eleven parameters of Table 1, and behind them what makes a tree fast beyond the paper: their default is what
-/// the paper's space fixes them at.
+/// The eleven parameters of Table 1, and behind them what makes a tree fast beyond the paper: their default
+/// is what the paper's space fixes them at.
 ///
 /// Not every parameter matters in every configuration:
 ///
@@ -69,7 +70,8 @@ pub struct TreeParameters {
     pub intersection_cost: f32,
     /// Optimise for a static scene (otherwise Embree's dynamic flag is set).
     pub static_scene: bool,
-    /// Optimise memory use: Embree's native compact scene, which has none of the other parameters but `robust`.
+    /// Optimise memory use: Embree's native compact scene, which has none of the other parameters but
+    /// `robust`.
     pub compact: bool,
     /// Watertight intersection.
     pub robust: bool,
@@ -77,15 +79,17 @@ pub struct TreeParameters {
     pub block_width: u32,
     /// Whose builder.
     pub builder: Builder,
-    /// How many neighbours along the curve, either way, a cluster may join with: 1 to 32; 4, 8, 16 and 32 differ. Acts
-    /// with [`Builder::Ploc`] only.
+    /// How many neighbours along the curve, either way, a cluster may join with: 1 to 32; 4, 8, 16 and 32
+    /// differ. Acts with [`Builder::Ploc`] only.
     pub search_radius: u32,
-    /// How many triangles next to each other on the curve may make one cluster before any looks for neighbours: 1 to 8.
-    /// Builds are faster and trees a little worse with more. Acts with [`Builder::Ploc`] only.
+    /// How many triangles next to each other on the curve may make one cluster before any looks for
+    /// neighbours: 1 to 8. Builds are faster and trees a little worse with more. Acts with [`Builder::Ploc`]
+    /// only.
     pub cluster_size: u32,
     /// How the wide tree comes about.
     pub collapse: Collapse,
-    /// Passes of insertion-based optimisation over the binary tree, 0 to 16. Acts with [`Collapse::Optimal`] only.
+    /// Passes of insertion-based optimisation over the binary tree, 0 to 16. Acts with [`Collapse::Optimal`]
+    /// only.
     pub reinsertion_passes: u32,
     /// Order of the nodes in memory.
     pub order: NodeOrder,
@@ -93,14 +97,14 @@ pub struct TreeParameters {
     pub child_order: ChildOrder,
     /// How a node keeps its children's bounds. Acts on nodes of 8 and 16.
     pub format: NodeFormat,
-    /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts with
-    /// [`Quality::SahSplit`] only.
+    /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts
+    /// with [`Quality::SahSplit`] only.
     pub split_budget: f32,
-    /// Objects whose triangles, counted once an instance, are at most so many are copied into one tree of the world.
-    /// Acts on scenes of instances only.
+    /// Objects whose triangles, counted once an instance, are at most so many are copied into one tree of the
+    /// world. Acts on scenes of instances only.
     pub flatten_below: u32,
-    /// Into how many parts, on average, instances are opened for the tree over them, 1 to 16. Acts on scenes of
-    /// instances only.
+    /// Into how many parts, on average, instances are opened for the tree over them, 1 to 16. Acts on scenes
+    /// of instances only.
     pub instance_opening: u32,
 }
 
@@ -120,7 +124,8 @@ pub enum Collapse {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NodeOrder {
-    /// As the builder's threads made them; with [`Collapse::Optimal`], where no builder makes them, level by level.
+    /// As the builder's threads made them; with [`Collapse::Optimal`], where no builder makes them, level by
+    /// level.
     #[default]
     Builder,
     /// Depth first, the child of largest surface first.
@@ -131,8 +136,8 @@ pub enum NodeOrder {
     Treelets,
 }
 
-/// In which order a ray that looks for any hit visits the children of a node. One that looks for the nearest hit visits
-/// the nearest child first; there the order decides among boxes that contain its origin alone.
+/// In which order a ray that looks for any hit visits the children of a node. One that looks for the nearest
+/// hit visits the nearest child first; there the order decides among boxes that contain its origin alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ChildOrder {
@@ -251,8 +256,8 @@ impl TreeParameters {
 
 /// How a structure follows triangles that moved.
 ///
-/// For a tuning space: `update` is one of three choices, and `rebuild_threshold` acts with the partial one only.
-/// Native scenes know no partial update and refit instead. Neither acts in a static scene.
+/// For a tuning space: `update` is one of three choices, and `rebuild_threshold` acts with the partial one
+/// only. Native scenes know no partial update and refit instead. Neither acts in a static scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Update {
@@ -261,8 +266,8 @@ pub enum Update {
     Rebuild,
     /// What is together stays together; boxes follow.
     Refit,
-    /// As [`Update::Refit`], then those parts are built anew whose cost by the surface area heuristic has grown
-    /// too much since they were built.
+    /// As [`Update::Refit`], then those parts are built anew whose cost by the surface area heuristic has
+    /// grown too much since they were built.
     Partial {
         /// How many times the cost may be that of the last build: 1 to 4.
         rebuild_threshold: f32,
@@ -292,7 +297,8 @@ impl Update {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BuildChoice {
-    /// The paper's space: `rtcBuildBVH` into our own layout, or the native compact scene where `compact` is set.
+    /// The paper's space: `rtcBuildBVH` into our own layout, or the native compact scene where `compact` is
+    /// set.
     Tree(TreeParameters),
     /// A native Embree scene.
     Native(NativeOptions),

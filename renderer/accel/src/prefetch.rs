@@ -1,7 +1,7 @@
 //! Memory that will be needed soon: asks the processor to fetch it.
 
-/// Asks for an element of a slice to be brought into the cache. Nothing happens beyond the end. Elsewhere than
-/// on x86-64 it does nothing.
+/// Asks for an element of a slice to be brought into the cache. Nothing happens beyond the end. Elsewhere
+/// than on x86-64 it does nothing.
 #[inline(always)]
 pub fn prefetch<T>(values: &[T], index: usize) {
     #[cfg(target_arch = "x86_64")]

@@ -93,8 +93,8 @@ impl Packets {
         [Self::Single, Self::Eight, Self::EightCoherent, Self::Sixteen, Self::SixteenCoherent];
 }
 
-/// Anything that answers ray queries over [`Triangles`](crate::Triangles). Queries never fail: rays with non-finite
-/// components miss.
+/// Anything that answers ray queries over [`Triangles`](crate::Triangles). Queries never fail: rays with
+/// non-finite components miss.
 pub trait Intersector: Sync + Send {
     /// The nearest hit inside the segment.
     fn closest(&self, ray: &Ray) -> Option<Hit>;

@@ -65,8 +65,8 @@ pub fn build(
     }
 }
 
-/// Builds a structure of two levels: `choice` for each object, and a tree over the instances. Triangles that no
-/// instance places are not met.
+/// Builds a structure of two levels: `choice` for each object, and a tree over the instances. Triangles that
+/// no instance places are not met.
 pub fn build_instanced(
     device: &Device,
     triangles: &Arc<Triangles>,
@@ -95,9 +95,9 @@ fn native_instead(parameters: &TreeParameters) -> Option<NativeOptions> {
 }
 
 impl Structure {
-    /// Brings the structure up to date with triangles that moved: as many as before, and each with the number it
-    /// had. Two levels update each object in its own space, then place the instances as before. After an error
-    /// the structure holds what it held before, or is refitted; it can be used either way.
+    /// Brings the structure up to date with triangles that moved: as many as before, and each with the number
+    /// it had. Two levels update each object in its own space, then place the instances as before. After an
+    /// error the structure holds what it held before, or is refitted; it can be used either way.
     pub fn update(
         &mut self,
         device: &Device,

@@ -48,8 +48,8 @@ fn towards(center: Vec3, from: f32, near: f32, count: usize, seed: u64) -> Vec<R
     (0..count).map(ray).collect()
 }
 
-/// Needles of length 2 and width 2e-6, turned every way, among triangles of ordinary shape. `begin` says which
-/// corner comes first: the well or the badly conditioned one.
+/// Needles of length 2 and width 2e-6, turned every way, among triangles of ordinary shape. `begin` says
+/// which corner comes first: the well or the badly conditioned one.
 fn needles(begin: usize) -> Arc<Triangles> {
     let mut random = scenes::random(81);
     let needles = (0..300).map(|_| {
@@ -150,7 +150,8 @@ fn tiny_coordinates_give_no_hit_or_a_right_one() {
         each(&triangles, |what, structure| {
             for (ray, verdict) in rays.iter().zip(&verdicts) {
                 let found = structure.closest(ray);
-                // Native watertight scenes answer with weights of 0 from 1e-8 on, below 1e-12 with a distance of 0.
+                // Native watertight scenes answer with weights of 0 from 1e-8 on, below 1e-12 with a distance
+                // of 0.
                 let objection =
                     found.filter(|hit| hit.t > 0.0).and_then(|_| verdict.placement_objection(found));
                 assert_eq!(objection, None, "scale {scale:e}, {what}: {ray:?} gave {found:?}");

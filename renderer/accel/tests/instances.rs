@@ -39,7 +39,8 @@ fn kinds() -> (Arc<Triangles>, Vec<Range<u32>>) {
 /// Number of the object in [`kinds`] that has no triangle.
 const EMPTY: u32 = 2;
 
-/// What every instance's triangles look like in the world, in the order of instances, with both their numbers.
+/// What every instance's triangles look like in the world, in the order of instances, with both their
+/// numbers.
 fn flattened(triangles: &Triangles, instances: &Instances) -> (Arc<Triangles>, Vec<(u32, u32)>) {
     let (mut corners, mut numbers) = (Vec::new(), Vec::new());
     for (number, instance) in instances.placed().iter().enumerate() {
@@ -99,8 +100,8 @@ fn choices() -> Vec<BuildChoice> {
     all
 }
 
-/// Whether rounding may decide about the ray: it passes an edge or an end of its segment closely. Ways into an
-/// object's space and back round at the magnitude of everything on the way.
+/// Whether rounding may decide about the ray: it passes an edge or an end of its segment closely. Ways into
+/// an object's space and back round at the magnitude of everything on the way.
 fn is_close_call([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
     let [a, b, c] = [a, b, c].map(Vec3A::as_dvec3);
     let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());

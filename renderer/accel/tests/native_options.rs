@@ -1,4 +1,5 @@
-//! Every option of native scenes does what its documentation says: seen in memory and in the last bits of answers.
+//! Every option of native scenes does what its documentation says: seen in memory and in the last bits of
+//! answers.
 
 use std::sync::Arc;
 
@@ -35,8 +36,8 @@ fn native(triangles: &Arc<Triangles>, options: &NativeOptions) -> Structure {
 fn traits(triangles: &Arc<Triangles>, rays: &[Ray], options: &NativeOptions) -> (f64, Vec<u32>) {
     let mut bytes = usize::MAX;
     let mut weights = Vec::new();
-    // Now and then, on a machine with other work, Embree takes one block of memory more for the same tree: the
-    // least of a few builds is the tree's own.
+    // Now and then, on a machine with other work, Embree takes one block of memory more for the same tree:
+    // the least of a few builds is the tree's own.
     for _ in 0..3 {
         // A device of its own counts the memory of this build alone.
         let alone = device().with_memory_budget(usize::MAX).expect("another device");

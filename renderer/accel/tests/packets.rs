@@ -11,8 +11,8 @@ use treewright_accel::{
 
 mod scenes;
 
-/// Every back end that may trace packets in its own way: native scenes, and trees with every kind of node, block
-/// and test on every instruction set.
+/// Every back end that may trace packets in its own way: native scenes, and trees with every kind of node,
+/// block and test on every instruction set.
 fn structures(triangles: &Arc<Triangles>) -> Vec<(String, Structure)> {
     let device = Device::open(0).expect("Embree is set up");
     let mut all = Vec::new();

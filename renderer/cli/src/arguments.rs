@@ -51,8 +51,8 @@ pub struct CameraArguments {
 }
 
 impl CameraArguments {
-    /// Finds the camera: the one asked for, a point of the path, or the scene's first; with what is given in place
-    /// of its own.
+    /// Finds the camera: the one asked for, a point of the path, or the scene's first; with what is given in
+    /// place of its own.
     pub fn find(&self, scene: &Scene) -> Result<Camera, CliError> {
         let chosen = self.chosen(scene)?;
         let camera = self.changed(chosen);
@@ -221,7 +221,8 @@ pub struct SpaceArguments {
 }
 
 impl SpaceArguments {
-    /// The space of a study: the same for all scenes that stand still, but for those of instances, which have more to tune.
+    /// The space of a study: the same for all scenes that stand still, but for those of instances, which have
+    /// more to tune.
     pub fn of(&self, scene: &Scene, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
         self.checked(self.premises(scene, objective, threads))
     }
@@ -305,7 +306,8 @@ pub struct UpdateArguments {
     #[arg(long, value_enum)]
     pub update: Option<UpdateKind>,
 
-    /// With `--update partial`: rebuild a subtree when its cost exceeds that of its last build by this factor.
+    /// With `--update partial`: rebuild a subtree when its cost exceeds that of its last build by this
+    /// factor.
     #[arg(long, value_name = "FACTOR", default_value_t = Update::REBUILD_THRESHOLD)]
     pub rebuild_threshold: f32,
 }

@@ -1,5 +1,5 @@
-//! Commands of the laboratory: this program hands them on to `treewright-lab`, which lies in the same folder, so that
-//! a renderer that only tunes carries none of it.
+//! Commands of the laboratory: this program hands them on to `treewright-lab`, which lies in the same folder,
+//! so that a renderer that only tunes carries none of it.
 
 use std::ffi::OsString;
 use std::io::ErrorKind;

@@ -96,7 +96,8 @@ enum Command {
     LeaveSceneOut(laboratory::Arguments),
     /// Compare error over time: which picture is good enough first, builds and tuning included.
     Converge(laboratory::Arguments),
-    /// Repeat the paper's evaluation: record searches along camera paths, then judge predictors by the record.
+    /// Repeat the paper's evaluation: record searches along camera paths, then judge predictors by the
+    /// record.
     Evaluate(laboratory::Arguments),
     /// Write the results of an evaluation as one page, with figures and numbers.
     Report(laboratory::Arguments),
@@ -111,7 +112,8 @@ pub fn main() -> ExitCode {
     carry_out("treewright-render", || run(&parse::<Cli>().command))
 }
 
-/// The process's arguments, and the environment where a variable holds something. Ends the process where they are wrong.
+/// The process's arguments, and the environment where a variable holds something. Ends the process where they
+/// are wrong.
 #[must_use]
 pub fn parse<T: Parser>() -> T {
     let mut command = without_empty_variables(T::command());
@@ -120,8 +122,9 @@ pub fn parse<T: Parser>() -> T {
 }
 
 /// Carries out what the command line asks a program for. Warnings of libraries go to standard error as far as
-/// `TREEWRIGHT_LOG` lets them, the reason of a failure in any case. Freed memory is kept for the next tree. Where
-/// `TREEWRIGHT_ISA` names an instruction set (`sse2`, `avx2`, `avx512`), nothing wider is used, as on an older processor.
+/// `TREEWRIGHT_LOG` lets them, the reason of a failure in any case. Freed memory is kept for the next tree.
+/// Where `TREEWRIGHT_ISA` names an instruction set (`sse2`, `avx2`, `avx512`), nothing wider is used, as on
+/// an older processor.
 pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> ExitCode {
     // Where the C library does not know how, builds are slower and nothing else changes.
     let _ = treewright_accel::keep_freed_memory();

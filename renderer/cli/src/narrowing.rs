@@ -1,4 +1,5 @@
-//! `--fix`, `--range` and `--recommended`: a part of a space, as arguments of the commands that search or sample one.
+//! `--fix`, `--range` and `--recommended`: a part of a space, as arguments of the commands that search or
+//! sample one.
 
 use clap::Args;
 
@@ -29,7 +30,8 @@ impl NarrowingArguments {
         self.fix.is_empty() && self.range.is_empty() && self.recommended.is_none()
     }
 
-    /// The part of a space that is left. Of a recommendation, parameters that the space lacks are passed over.
+    /// The part of a space that is left. Of a recommendation, parameters that the space lacks are passed
+    /// over.
     pub fn of(&self, space: &TuningSpace) -> Result<TuningSpace, CliError> {
         let has = |one: &Narrowing| space.explained().any(|known| known.parameter.name == one.name());
         let recommended = self.recommended.map(Recommendation::narrowings).unwrap_or_default();
@@ -38,7 +40,8 @@ impl NarrowingArguments {
         Ok(space.narrowed(&all)?)
     }
 
-    /// What tells a study of this part apart from one of the whole: a few letters, the same for the same part.
+    /// What tells a study of this part apart from one of the whole: a few letters, the same for the same
+    /// part.
     pub fn mark(&self, part: &TuningSpace) -> String {
         if self.is_empty() {
             return String::new();

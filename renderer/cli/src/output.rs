@@ -52,7 +52,8 @@ const REFERENCES: [(&str, &str); 3] = [
     (BEST_FIXED, "over best fixed"),
 ];
 
-/// Measured structures, each compared with those that everybody could have had. `kind` is what a frame is made of.
+/// Measured structures, each compared with those that everybody could have had. `kind` is what a frame is
+/// made of.
 pub fn standings(standings: &[Standing], kind: &str) -> Table {
     let find = |name: &str| standings.iter().find(|one| one.name == name);
     let references: Vec<(&Standing, &str)> =

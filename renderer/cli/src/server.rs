@@ -22,8 +22,8 @@ pub struct ServerArguments {
     #[arg(long, value_name = "ID")]
     pub study: Option<String>,
 
-    /// Maximum time that a frame waits for the daemon, in milliseconds. After that it is rendered with the last
-    /// good configuration.
+    /// Maximum time that a frame waits for the daemon, in milliseconds. After that it is rendered with the
+    /// last good configuration.
     #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..=60_000))]
     pub deadline_ms: u64,
 
@@ -50,7 +50,8 @@ impl ServerArguments {
     /// The same, with another limit to how long a call may take.
     pub fn connect_within(&self, threads: usize, deadline: Duration) -> Result<Client, CliError> {
         let (major, minor, patch) = Device::open(threads)?.version();
-        // Another version of either may build and trace otherwise: what older ones measured does not hold for it.
+        // Another version of either may build and trace otherwise: what older ones measured does not hold for
+        // it.
         let mut fingerprint = machine()
             .software("treewright-render", env!("CARGO_PKG_VERSION"))
             .software("embree", format!("{major}.{minor}.{patch}"));

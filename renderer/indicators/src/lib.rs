@@ -8,9 +8,9 @@
 //!   We measure from the middle of the scene's box in tenths of its diagonal. The same room modelled in
 //!   metres or centimetres then gives the same indicators, a camera inside lies within -5 to 5, and one
 //!   that looks at the whole scene from outside seldom leaves -10 to 10. Values beyond are kept.
-//! - Variances of triangle sizes are told in millionths of the squared diagonal (squared, and squared again), on a
-//!   logarithmic scale. Over fourteen scenes they lie between 1e-12 and 4e-4 of the paper's unit, so that on its linear
-//!   range of 0 to 0.01 all scenes but one would have the same two numbers.
+//! - Variances of triangle sizes are told in millionths of the squared diagonal (squared, and squared again),
+//!   on a logarithmic scale. Over fourteen scenes they lie between 1e-12 and 4e-4 of the paper's unit, so
+//!   that on its linear range of 0 to 0.01 all scenes but one would have the same two numbers.
 //! - What an instance places counts as if it stood there itself: meshes, triangles and areas are those of the
 //!   world, so that a scene has the same indicators with instances and flattened.
 //! - Light sources are meshes that glow, plus one each for a sky that is not black and for a sun.
@@ -19,7 +19,8 @@
 //! Numbers of things and lengths span orders of magnitude, so the schema puts them on a logarithmic scale.
 //! Sums run in double precision in the order of the triangles: the same scene gives the same bits.
 //!
-//! This crate knows triangles and nothing of files or renderers, so that every program can describe its scene alike.
+//! This crate knows triangles and nothing of files or renderers, so that every program can describe its scene
+//! alike.
 
 use std::collections::BTreeMap;
 

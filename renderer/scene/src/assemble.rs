@@ -102,8 +102,8 @@ impl Assembler {
         self.materials.fill(sanitized(material));
     }
 
-    /// Adds a texture that materials can name, or finds the one that was added with this key, encoding and wrap; `make`
-    /// decodes its pixels. Nothing, and a note with the `name`, for one that cannot be had.
+    /// Adds a texture that materials can name, or finds the one that was added with this key, encoding and
+    /// wrap; `make` decodes its pixels. Nothing, and a note with the `name`, for one that cannot be had.
     pub(crate) fn texture(
         &mut self,
         key: &str,
@@ -143,8 +143,8 @@ impl Assembler {
         self.lights.extend(lights.into_iter().map(|light| light.turned(self.up)));
     }
 
-    /// Begins an object that is placed by [`Assembler::place`]: meshes added from here on are in its space and
-    /// part of it, until [`Assembler::end_object`].
+    /// Begins an object that is placed by [`Assembler::place`]: meshes added from here on are in its space
+    /// and part of it, until [`Assembler::end_object`].
     pub fn begin_object(&mut self) {
         self.objects.begin(self.indices.len() as u32, self.positions.len());
     }
@@ -160,9 +160,10 @@ impl Assembler {
         self.objects.place(object, Affine3A::from_mat3(self.up.matrix()) * to_world);
     }
 
-    /// Adds a mesh in world space or, inside an object, in the object's. Triangles whose winding contradicts their normals are turned round: front
-    /// sides are those that the normals point away from. Triangles with a corner that is not finite or too far out are dropped
-    /// and counted; a mesh without triangles leaves no trace.
+    /// Adds a mesh in world space or, inside an object, in the object's. Triangles whose winding contradicts
+    /// their normals are turned round: front sides are those that the normals point away from. Triangles with
+    /// a corner that is not finite or too far out are dropped and counted; a mesh without triangles leaves no
+    /// trace.
     pub fn mesh(&mut self, name: impl Into<String>, material: u32, part: &Part) -> Result<(), SceneError> {
         let name = name.into();
         let refuse = |source| SceneError::Geometry { path: self.origin.clone(), mesh: name.clone(), source };

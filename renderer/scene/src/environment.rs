@@ -1,7 +1,7 @@
 //! Environment maps: the light of the whole sky as one picture.
 //!
-//! The picture is equirectangular: its middle is the direction of the negative z axis, its left and right edges meet
-//! at the positive one, its top is straight up. Pixels hold linear radiance.
+//! The picture is equirectangular: its middle is the direction of the negative z axis, its left and right
+//! edges meet at the positive one, its top is straight up. Pixels hold linear radiance.
 
 use std::f32::consts::{PI, TAU};
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! Reads glTF 2.0, as text or binary: nodes with their transforms, meshes shared by several nodes (copied, or
-//! instances where [`INSTANCING_SAVES_MIN`] says so), metallic-roughness materials with their textures and the
-//! extensions for emissive strength, transmission, volume, index of refraction and texture transforms, copies of a mesh
-//! below a node, cameras, and punctual lights. Lengths are metres and stay so.
+//! instances where [`INSTANCING_SAVES_MIN`] says so), metallic-roughness materials with their textures and
+//! the extensions for emissive strength, transmission, volume, index of refraction and texture transforms,
+//! copies of a mesh below a node, cameras, and punctual lights. Lengths are metres and stay so.
 
 use std::path::Path;
 

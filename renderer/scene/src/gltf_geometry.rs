@@ -46,7 +46,8 @@ pub(super) fn buffers(
     document.buffers().map(read).collect()
 }
 
-/// Reads a primitive in the mesh's own space, with the texture coordinates that its material takes; nothing for points, lines and primitives without vertices.
+/// Reads a primitive in the mesh's own space, with the texture coordinates that its material takes; nothing
+/// for points, lines and primitives without vertices.
 ///
 /// # Errors
 /// One sentence about an accessor that reaches outside its buffer.

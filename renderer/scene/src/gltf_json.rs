@@ -1,7 +1,9 @@
-//! A glTF file's JSON before its parser sees it: that is stricter than the format, and silent about what it skips.
+//! A glTF file's JSON before its parser sees it: that is stricter than the format, and silent about what it
+//! skips.
 //!
-//! What the format lets be absent is put in, what is never drawn is taken out, and whatever is in the file and not in the
-//! picture is told in one sentence of its kind. After that the parser's own checks are about faults.
+//! What the format lets be absent is put in, what is never drawn is taken out, and whatever is in the file
+//! and not in the picture is told in one sentence of its kind. After that the parser's own checks are about
+//! faults.
 
 use std::collections::BTreeMap;
 
@@ -43,8 +45,8 @@ const READ: [&str; 6] = [
     "KHR_texture_transform",
 ];
 
-/// Extensions that change nothing in the picture, or that are told by what they leave behind: compression beside plain
-/// data, other pictures of a texture, other materials, copies of a mesh, metadata.
+/// Extensions that change nothing in the picture, or that are told by what they leave behind: compression
+/// beside plain data, other pictures of a texture, other materials, copies of a mesh, metadata.
 const TOLD_ELSEWHERE: [&str; 9] = [
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
@@ -235,7 +237,8 @@ impl Document {
         self.note(morphed, "Took {} meshes without their morph targets.");
     }
 
-    /// Materials of diffuse, specular and gloss in the terms of metal and roughness, where they have no others.
+    /// Materials of diffuse, specular and gloss in the terms of metal and roughness, where they have no
+    /// others.
     fn materials(&mut self) {
         const OTHER: &str = "KHR_materials_pbrSpecularGlossiness";
         let mut approximate = 0;
@@ -315,8 +318,8 @@ impl Document {
         }
     }
 
-    /// Takes out primitives without places or with none but zeros, whose accessors have no view, and tells what vertices
-    /// carry in vain.
+    /// Takes out primitives without places or with none but zeros, whose accessors have no view, and tells
+    /// what vertices carry in vain.
     fn primitives(&mut self) {
         let accessors = list(&self.json, "accessors");
         let is_void =

@@ -1,5 +1,5 @@
-//! Image files for textures and environments: decoded by the crate `image`, within limits that are checked before
-//! memory is taken for their pixels.
+//! Image files for textures and environments: decoded by the crate `image`, within limits that are checked
+//! before memory is taken for their pixels.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -62,8 +62,8 @@ fn read_within(path: &Path, bytes_max: u64) -> Result<Vec<u8>, String> {
     std::fs::read(path).map_err(told)
 }
 
-/// The bytes behind an address: data in the address itself, or a file beside the scene. Some write a file's name with
-/// backslashes, or without percent signs for what needs them.
+/// The bytes behind an address: data in the address itself, or a file beside the scene. Some write a file's
+/// name with backslashes, or without percent signs for what needs them.
 pub(super) fn fetch(address: &str, base: Option<&Path>, bytes_max: u64) -> Result<Vec<u8>, String> {
     if let Some(data) = address.strip_prefix("data:") {
         let (_, encoded) = data.split_once(";base64,").ok_or("its data is not in base64")?;

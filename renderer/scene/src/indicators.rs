@@ -1,4 +1,5 @@
-//! The indicators of a [`Scene`]: its meshes and lights, handed to `treewright-indicators`, which knows what they mean.
+//! The indicators of a [`Scene`]: its meshes and lights, handed to `treewright-indicators`, which knows what
+//! they mean.
 //!
 //! - What an instance places counts as if it stood there itself, so that a scene has the same indicators with
 //!   instances and flattened.

@@ -77,7 +77,8 @@ pub struct Scene {
     /// Shading normal of each vertex (unit length, parallel to `triangles.positions()`); empty when every
     /// triangle is flat. The front (counter-clockwise) side of a triangle is where its normals point.
     pub normals: Vec<Vec3>,
-    /// Texture coordinates of each vertex (parallel to `triangles.positions()`); empty when no mesh has a texture.
+    /// Texture coordinates of each vertex (parallel to `triangles.positions()`); empty when no mesh has a
+    /// texture.
     pub uvs: Vec<Vec2>,
     /// What materials name by number.
     pub textures: Vec<Arc<Texture>>,
@@ -143,7 +144,8 @@ pub struct Material {
     pub base_color_texture: Option<u32>,
     /// Number of a texture whose green is multiplied by the roughness and whose blue by the share of metal.
     pub metallic_roughness_texture: Option<u32>,
-    /// Number of a texture of normals in tangent space: x along the first texture coordinate, y up in the picture.
+    /// Number of a texture of normals in tangent space: x along the first texture coordinate, y up in the
+    /// picture.
     pub normal_texture: Option<u32>,
     /// How far those normals lean; 1 is as they are.
     pub normal_scale: f32,
@@ -151,16 +153,16 @@ pub struct Material {
     pub emission_texture: Option<u32>,
     /// Number of a texture whose red is multiplied by the transmission.
     pub transmission_texture: Option<u32>,
-    /// Rays go through where the base colour texture's alpha is below this: a cut-out leaf, a fence. Above 1 for a
-    /// surface that is nowhere solid.
+    /// Rays go through where the base colour texture's alpha is below this: a cut-out leaf, a fence. Above 1
+    /// for a surface that is nowhere solid.
     pub cutoff: Option<f32>,
-    /// The transmission is that of blending: light passes straight through and untinted, more of it where the base
-    /// colour texture's alpha, times `opacity`, is lower.
+    /// The transmission is that of blending: light passes straight through and untinted, more of it where the
+    /// base colour texture's alpha, times `opacity`, is lower.
     pub blends: bool,
     /// Factor of the base colour texture's alpha in blending.
     pub opacity: f32,
-    /// What is inside, for a surface that bounds a solid: light that is transmitted bends on the way in and out. Without
-    /// one, what transmits is a thin sheet that light passes straight through.
+    /// What is inside, for a surface that bounds a solid: light that is transmitted bends on the way in and
+    /// out. Without one, what transmits is a thin sheet that light passes straight through.
     pub volume: Option<Volume>,
 }
 
@@ -172,8 +174,8 @@ pub struct Volume {
 }
 
 impl Volume {
-    /// Of a material that leaves the share `color` of light after a way of `distance` (Beer's law). Infinite or no
-    /// distance means clear.
+    /// Of a material that leaves the share `color` of light after a way of `distance` (Beer's law). Infinite
+    /// or no distance means clear.
     pub fn new(color: Vec3, distance: f32) -> Self {
         let lost = color.clamp(Vec3::splat(1e-6), Vec3::ONE).map(|share| -share.ln());
         let absorption = if distance > 0.0 { lost / distance } else { Vec3::ZERO };
@@ -222,7 +224,8 @@ impl Default for Material {
     }
 }
 
-/// Light from outside: a vertical gradient and an optional sun. Black for closed scenes with their own lights.
+/// Light from outside: a vertical gradient and an optional sun. Black for closed scenes with their own
+/// lights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sky {
     /// Radiance straight up.
@@ -255,8 +258,8 @@ pub struct Camera {
     pub up: Vec3,
     /// Full vertical angle of view.
     pub vertical_fov_deg: f32,
-    /// Width over height of the picture it was made for, if that is known: in a narrower one the vertical angle
-    /// widens, so that all it was made to show stays in sight. Otherwise the vertical angle is kept.
+    /// Width over height of the picture it was made for, if that is known: in a narrower one the vertical
+    /// angle widens, so that all it was made to show stays in sight. Otherwise the vertical angle is kept.
     pub framed_aspect: Option<f32>,
 }
 

@@ -11,7 +11,8 @@ pub const VERTICES_MAX: usize = 1 << 29;
 /// Most meshes of a scene after instances are flattened.
 pub const MESHES_MAX: usize = 1 << 20;
 
-/// Most triangles that the instances of a scene place: indicators look at each of them once, for some seconds.
+/// Most triangles that the instances of a scene place: indicators look at each of them once, for some
+/// seconds.
 pub const PLACED_TRIANGLES_MAX: u64 = 1 << 30;
 
 /// Meshes of a glTF file that several nodes name become instances when that saves more triangles than this;

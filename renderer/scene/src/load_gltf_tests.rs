@@ -1,5 +1,5 @@
-//! glTF as people's programs write it: what the format allows is read, what is left out is told, and a refusal names
-//! its cause.
+//! glTF as people's programs write it: what the format allows is read, what is left out is told, and a
+//! refusal names its cause.
 
 use glam::Vec3;
 use serde_json::{Value, json};

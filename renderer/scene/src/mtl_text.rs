@@ -11,8 +11,8 @@ const READ: [&str; 18] = [
     "map_Ke", "map_Pr", "map_Pm", "norm",
 ];
 
-/// The material files that an OBJ names, in order, each once. A name that is no file in the folder is tried without
-/// quotes, with slashes for backslashes, and as several names.
+/// The material files that an OBJ names, in order, each once. A name that is no file in the folder is tried
+/// without quotes, with slashes for backslashes, and as several names.
 pub(super) fn libraries(text: &str, folder: &Path) -> Vec<String> {
     let mut names = Vec::new();
     for (_, statement) in statements(text) {
@@ -63,8 +63,8 @@ fn split(rest: &str) -> Vec<String> {
     names
 }
 
-/// A map as a material names it: its file, which is the last word that belongs to no option, and whether it is
-/// clamped at its edges.
+/// A map as a material names it: its file, which is the last word that belongs to no option, and whether it
+/// is clamped at its edges.
 pub(super) fn map(line: &str) -> Option<(String, bool)> {
     let mut words = line.split_whitespace().peekable();
     let mut clamped = false;
@@ -89,8 +89,8 @@ pub(super) struct Repaired {
     pub(super) ignored: BTreeMap<String, usize>,
 }
 
-/// Takes out the material lines that would stop the parser, colours, numbers and names that are not there, and those
-/// that are not read.
+/// Takes out the material lines that would stop the parser, colours, numbers and names that are not there,
+/// and those that are not read.
 pub(super) fn repaired(text: &str) -> Repaired {
     let mut repaired = Repaired::default();
     for (_, statement) in statements(text) {

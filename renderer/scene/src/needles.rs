@@ -1,5 +1,6 @@
-//! The cylinder of the paper's section 4.3: long thin triangles, half as long as a scene's diagonal, turning through its
-//! geometry. At most angles it is the hard case for boxes aligned to axes, and for a builder that splits triangles.
+//! The cylinder of the paper's section 4.3: long thin triangles, half as long as a scene's diagonal, turning
+//! through its geometry. At most angles it is the hard case for boxes aligned to axes, and for a builder that
+//! splits triangles.
 
 use std::f32::consts::TAU;
 use std::path::PathBuf;
@@ -24,8 +25,8 @@ const LEAN: f32 = 0.18;
 /// Of what is left to chance where the cylinder joins a given scene: the same needles at every angle.
 const SEED: u64 = 1;
 
-/// The needles, two crossing triangles each, in two parts for two colours. `turn` is the share of a round about the
-/// vertical; `between` draws a number from a range.
+/// The needles, two crossing triangles each, in two parts for two colours. `turn` is the share of a round
+/// about the vertical; `between` draws a number from a range.
 pub(crate) fn bundles(
     bounds: &Bounds,
     turn: f32,
@@ -56,8 +57,8 @@ pub(crate) fn bundles(
 }
 
 impl Scene {
-    /// The same scene, without instances, and with so many needles as a cylinder through its middle, turned by `turn` of a
-    /// round. Cameras and light stay.
+    /// The same scene, without instances, and with so many needles as a cylinder through its middle, turned
+    /// by `turn` of a round. Cameras and light stay.
     ///
     /// # Errors
     /// [`SceneError::TooMany`] and [`SceneError::Geometry`] beyond the limits of scenes.

@@ -42,8 +42,9 @@ impl Counts {
 const NAMED: [&str; 11] =
     ["usemtl", "mtllib", "o", "g", "newmtl", "map_Kd", "map_d", "map_Ke", "map_Pr", "map_Pm", "norm"];
 
-/// The statements of a text without comments, each with the number of the line it begins in. A line that ends in a
-/// backslash goes on in the next; a comment does not. A comment may stand behind numbers, but a name may hold its sign.
+/// The statements of a text without comments, each with the number of the line it begins in. A line that ends
+/// in a backslash goes on in the next; a comment does not. A comment may stand behind numbers, but a name may
+/// hold its sign.
 pub(super) fn statements(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let mut lines = (1..).zip(text.split('\n'));
     std::iter::from_fn(move || {
@@ -66,9 +67,9 @@ pub(super) fn keyword_and_rest(statement: &str) -> (&str, &str) {
     (keyword, rest.trim())
 }
 
-/// Checks numbers and faces, and takes out what no triangle comes of; also texture coordinates, unless `with_textures`.
-/// Then every corner has some: those without get (0, 0), which stands before all others. The text begins by naming so
-/// many `libraries` of materials, by their numbers.
+/// Checks numbers and faces, and takes out what no triangle comes of; also texture coordinates, unless
+/// `with_textures`. Then every corner has some: those without get (0, 0), which stands before all others. The
+/// text begins by naming so many `libraries` of materials, by their numbers.
 ///
 /// # Errors
 /// One sentence that names the line and what is wrong with it.
@@ -161,8 +162,9 @@ struct Corners {
 }
 
 impl Corners {
-    /// A corner `position/texture/normal` with absolute numbers: that of the texture coordinates one higher or left out,
-    /// that of the normal one higher. Zero, and a number of what the file does not have, counts as none.
+    /// A corner `position/texture/normal` with absolute numbers: that of the texture coordinates one higher
+    /// or left out, that of the normal one higher. Zero, and a number of what the file does not have, counts
+    /// as none.
     fn read(&self, word: &str, astray: &mut usize) -> Result<String, String> {
         let mut numbers = word.split('/');
         let position = match numbers.next() {

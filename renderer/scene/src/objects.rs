@@ -1,4 +1,5 @@
-//! Objects of a scene that is being assembled: runs of triangles in spaces of their own, and where they are placed.
+//! Objects of a scene that is being assembled: runs of triangles in spaces of their own, and where they are
+//! placed.
 
 use std::ops::Range;
 
@@ -73,8 +74,8 @@ impl Objects {
         }
     }
 
-    /// The instances of a scene with so many triangles, or nothing for a scene without objects. What lies outside
-    /// objects is placed where it is, first.
+    /// The instances of a scene with so many triangles, or nothing for a scene without objects. What lies
+    /// outside objects is placed where it is, first.
     ///
     /// # Errors
     /// The number of placed triangles, where that or the number of instances is beyond the limits.

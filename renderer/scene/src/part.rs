@@ -11,7 +11,8 @@ pub struct Part {
     pub positions: Vec<Vec3>,
     /// Shading normals parallel to `positions`, or empty for flat triangles.
     pub normals: Vec<Vec3>,
-    /// Texture coordinates parallel to `positions`, or empty for none. (0, 0) is a picture's upper left corner.
+    /// Texture coordinates parallel to `positions`, or empty for none. (0, 0) is a picture's upper left
+    /// corner.
     pub uvs: Vec<Vec2>,
     /// Three vertex numbers a triangle.
     pub indices: Vec<[u32; 3]>,

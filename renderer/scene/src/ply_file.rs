@@ -1,5 +1,5 @@
-//! Reads PLY, the Stanford polygon format: ASCII and binary of both byte orders. Colours, texture coordinates and
-//! elements besides vertices and faces are left out.
+//! Reads PLY, the Stanford polygon format: ASCII and binary of both byte orders. Colours, texture coordinates
+//! and elements besides vertices and faces are left out.
 
 use std::borrow::Cow;
 use std::io::Cursor;

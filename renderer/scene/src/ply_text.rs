@@ -9,8 +9,8 @@ use super::text;
 /// What the header ends with.
 const END: &[u8] = b"end_header";
 
-/// The file with a header of lines that end in line feeds, without byte order mark, blank lines or bytes that are no
-/// text; and where its body begins. Nothing is changed where nothing has to be.
+/// The file with a header of lines that end in line feeds, without byte order mark, blank lines or bytes that
+/// are no text; and where its body begins. Nothing is changed where nothing has to be.
 pub(super) fn with_plain_header(bytes: &[u8]) -> (Cow<'_, [u8]>, usize) {
     let unmarked = text::without_mark(bytes);
     let is_line_end = |byte: &u8| matches!(byte, b'\n' | b'\r');

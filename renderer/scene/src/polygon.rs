@@ -1,4 +1,5 @@
-//! Polygons cut into triangles: convex ones as fans, others by ear clipping (the crate `earcut`, after Mapbox).
+//! Polygons cut into triangles: convex ones as fans, others by ear clipping (the crate `earcut`, after
+//! Mapbox).
 
 use earcut::Earcut;
 use glam::{DVec2, DVec3, Vec3};
@@ -6,8 +7,8 @@ use glam::{DVec2, DVec3, Vec3};
 /// A corner counts as turned inward where the sine of its angle is below this: rounding bends straight edges.
 const BENT: f64 = -1e-6;
 
-/// Cuts a polygon into triangles that turn as it does: three numbers each, which are those of its corners. It is seen
-/// along its normal after Newell, so that corners need not lie in one plane.
+/// Cuts a polygon into triangles that turn as it does: three numbers each, which are those of its corners. It
+/// is seen along its normal after Newell, so that corners need not lie in one plane.
 pub(super) fn triangles(corners: &[u32], positions: &[Vec3], mut push: impl FnMut([u32; 3])) {
     if corners.len() > 3
         && let Some(flat) = projected(corners, positions)
@@ -31,8 +32,8 @@ pub(super) fn triangles(corners: &[u32], positions: &[Vec3], mut push: impl FnMu
     }
 }
 
-/// The corners on the plane of two axes that the polygon is least slanted to, counter-clockwise. `None` without an area,
-/// or for a corner that is not there or not finite.
+/// The corners on the plane of two axes that the polygon is least slanted to, counter-clockwise. `None`
+/// without an area, or for a corner that is not there or not finite.
 fn projected(corners: &[u32], positions: &[Vec3]) -> Option<Vec<DVec2>> {
     let at = |corner: &u32| positions.get(*corner as usize).map(|position| position.as_dvec3());
     let solid: Vec<DVec3> = corners.iter().map(at).collect::<Option<_>>()?;
@@ -58,8 +59,8 @@ fn projected(corners: &[u32], positions: &[Vec3]) -> Option<Vec<DVec2>> {
     Some(solid.iter().map(flat).collect())
 }
 
-/// How often the edges of a counter-clockwise polygon turn round, once for a convex one; `None` if a corner turns inward.
-/// Edges without length are passed over.
+/// How often the edges of a counter-clockwise polygon turn round, once for a convex one; `None` if a corner
+/// turns inward. Edges without length are passed over.
 fn turns(flat: &[DVec2]) -> Option<f64> {
     let following = flat.iter().cycle().skip(1);
     let edges: Vec<DVec2> =

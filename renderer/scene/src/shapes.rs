@@ -87,8 +87,8 @@ impl Shapes {
         self.quad(a, b, c, d);
     }
 
-    /// A smooth grid of `columns` by `rows` cells over (u, v) in 0..1 squared, two triangles a cell; the front
-    /// side is where d/du × d/dv points. `wrap` joins the last column to the first.
+    /// A smooth grid of `columns` by `rows` cells over (u, v) in 0..1 squared, two triangles a cell; the
+    /// front side is where d/du × d/dv points. `wrap` joins the last column to the first.
     pub fn surface(&mut self, columns: usize, rows: usize, wrap: bool, point: impl Fn(f32, f32) -> Vec3) {
         let (columns, rows) = (columns.max(if wrap { 3 } else { 1 }), rows.max(1));
         let across = if wrap { columns } else { columns + 1 };

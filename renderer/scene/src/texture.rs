@@ -1,7 +1,8 @@
 //! Textures: pictures on surfaces, with smaller copies of themselves for what is far away.
 //!
-//! A texture keeps eight bits a channel and a pyramid of halved copies (Williams, "Pyramidal Parametrics", SIGGRAPH
-//! 1983), averaged as light, not as stored values. A look-up blends the four nearest pixels in the two nearest levels.
+//! A texture keeps eight bits a channel and a pyramid of halved copies (Williams, "Pyramidal Parametrics",
+//! SIGGRAPH 1983), averaged as light, not as stored values. A look-up blends the four nearest pixels in the
+//! two nearest levels.
 
 use std::sync::LazyLock;
 
@@ -19,7 +20,8 @@ pub enum Encoding {
     Linear,
 }
 
-/// A picture to be looked up by texture coordinates: (0, 0) is the upper left corner, (1, 1) the lower right one.
+/// A picture to be looked up by texture coordinates: (0, 0) is the upper left corner, (1, 1) the lower right
+/// one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// The whole picture first, then each half as wide and high, down to one pixel.
@@ -42,7 +44,8 @@ impl Texture {
     /// A texture of pixels in red, green, blue and alpha, row by row from the top.
     ///
     /// # Errors
-    /// One sentence if there are not `width` × `height` pixels, or an edge is 0 or beyond [`TEXTURE_EDGE_MAX`].
+    /// One sentence if there are not `width` × `height` pixels, or an edge is 0 or beyond
+    /// [`TEXTURE_EDGE_MAX`].
     pub fn new(
         width: u32,
         height: u32,

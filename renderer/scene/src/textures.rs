@@ -1,5 +1,5 @@
-//! The textures of a scene that is being assembled: each picture once, within the limit of pixels; and the masks that
-//! some of them are.
+//! The textures of a scene that is being assembled: each picture once, within the limit of pixels; and the
+//! masks that some of them are.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;

@@ -57,8 +57,8 @@ pub struct Seen<'a, const THIN: bool> {
     shares: Shares,
     /// What the layer of a rough metal loses of light from there.
     loss: f32,
-    /// Smith's root of the view's cosine, `sqrt(α² + (1 - α²) cos²)`, and `0.5 / (cos + root)`: masking over four
-    /// cosines.
+    /// Smith's root of the view's cosine, `sqrt(α² + (1 - α²) cos²)`, and `0.5 / (cos + root)`: masking over
+    /// four cosines.
     root: f32,
     masking: f32,
 }
@@ -379,8 +379,8 @@ pub(super) fn masking(alpha: f32, cosine: f32) -> f32 {
     2.0 * cosine / (cosine + smith_root(alpha, cosine))
 }
 
-/// A microfacet normal, of any length, that is visible from the view: a uniform point on the spherical cap that a
-/// perfect sphere would show, stretched back.
+/// A microfacet normal, of any length, that is visible from the view: a uniform point on the spherical cap
+/// that a perfect sphere would show, stretched back.
 #[inline(always)]
 pub(super) fn visible_normal(alpha: f32, view: Vec3, [u, v]: [f32; 2]) -> Vec3 {
     let stretched = Vec3::new(view.x * alpha, view.y * alpha, view.z).normalize();

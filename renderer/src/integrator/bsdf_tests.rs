@@ -186,7 +186,8 @@ fn samples_follow_their_density_cell_by_cell() {
             let column = (azimuth / TAU * CELLS as f32) as usize;
             counts[row.min(CELLS - 1)][column.min(CELLS - 1)] += 1;
         }
-        // Pearson's statistic over 64 cells; 64 degrees of freedom stay below 130 with overwhelming probability.
+        // Pearson's statistic over 64 cells; 64 degrees of freedom stay below 130 with overwhelming
+        // probability.
         let mut statistic = 0.0;
         for (row, line) in counts.iter().enumerate() {
             for (column, &count) in line.iter().enumerate() {

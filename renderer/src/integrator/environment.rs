@@ -1,8 +1,9 @@
 //! An environment map as a light: pixels drawn by how much light they send.
 //!
-//! A pixel is drawn with probability proportional to its luminance times its solid angle (an alias table), then a
-//! direction uniformly within it (Pharr, Jakob and Humphreys, Physically Based Rendering, 4th edition 2023, 12.5, with
-//! a table in place of two searches). Bright suns in a map are found by every shadow ray that way.
+//! A pixel is drawn with probability proportional to its luminance times its solid angle (an alias table),
+//! then a direction uniformly within it (Pharr, Jakob and Humphreys, Physically Based Rendering, 4th edition
+//! 2023, 12.5, with a table in place of two searches). Bright suns in a map are found by every shadow ray
+//! that way.
 
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -108,7 +109,8 @@ mod tests {
             sum += f64::from(1.0 / light.pdf);
             assert!(radiance.x >= 0.5);
         }
-        // The mean of one over the density is the whole sphere; the bright spot leaves few samples for the rest.
+        // The mean of one over the density is the whole sphere; the bright spot leaves few samples for the
+        // rest.
         let sphere = sum / 20_000.0;
         assert!((sphere - 12.566).abs() < 1.0, "{sphere}");
     }

@@ -1,13 +1,14 @@
 //! What shines: emissive triangles, the sun, and the sky.
 //!
-//! Emissive triangles are chosen by power and place: of a few points drawn by power alone, one is taken by how much of
-//! its light would reach the surface if nothing were in between, and its light is weighed by what the others would have
-//! brought (resampled importance sampling: Talbot, Cline and Egbert, EGSR 2005). The density that the power heuristic
-//! weighs them by is that of the draw by power, for which any function would do that both techniques share.
+//! Emissive triangles are chosen by power and place: of a few points drawn by power alone, one is taken by
+//! how much of its light would reach the surface if nothing were in between, and its light is weighed by what
+//! the others would have brought (resampled importance sampling: Talbot, Cline and Egbert, EGSR 2005). The
+//! density that the power heuristic weighs them by is that of the draw by power, for which any function would
+//! do that both techniques share.
 //!
 //! Emissive triangles shine to both sides, because the winding in scene files cannot be relied on. The sky's
-//! gradient is smooth and is left to the surfaces' own sampling; triangles, sun and environment maps are also sampled
-//! directly. Lights without size are found in no other way.
+//! gradient is smooth and is left to the surfaces' own sampling; triangles, sun and environment maps are also
+//! sampled directly. Lights without size are found in no other way.
 
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -81,8 +82,8 @@ const CANDIDATES: u32 = 4;
 /// From so many triangles on.
 const FEW_LAMPS: usize = 3;
 
-/// Steps from candidate to candidate on a triangle, which fill it evenly (Roberts, The Unreasonable Effectiveness of
-/// Quasirandom Sequences, 2018).
+/// Steps from candidate to candidate on a triangle, which fill it evenly (Roberts, The Unreasonable
+/// Effectiveness of Quasirandom Sequences, 2018).
 const SHIFTS: [f32; 2] = [0.754_877_7, 0.569_840_3];
 
 /// A number in [0, 1) moved on, and in again at the other end.
@@ -203,7 +204,8 @@ impl Lights {
             lamp.density = density * luminance(lamp.emission);
         }
         let sun = sun.map(|sun| {
-            // A point-like sun would have infinite radiance; a tenth of the real one's half angle is sharp enough.
+            // A point-like sun would have infinite radiance; a tenth of the real one's half angle is sharp
+            // enough.
             let half_angle = sun.half_angle_rad.clamp(5e-4, 1.0);
             let direction = sun.direction.normalize_or(Vec3::Y);
             // 1 - cos, without cancellation.
@@ -313,9 +315,9 @@ impl Lights {
         light.is_sound().then_some(light)
     }
 
-    /// One of a few emissive triangles that belong to `pick`, chosen by the part of `choice` that does not mean the sun,
-    /// and where on it: two numbers in [0, 1) for [`Lamp::sample`]. Its emission is that of the point, by the weight of
-    /// the choice. `None` if there is none or nothing of them reaches the surface.
+    /// One of a few emissive triangles that belong to `pick`, chosen by the part of `choice` that does not
+    /// mean the sun, and where on it: two numbers in [0, 1) for [`Lamp::sample`]. Its emission is that of the
+    /// point, by the weight of the choice. `None` if there is none or nothing of them reaches the surface.
     #[inline(always)]
     pub(super) fn lamp(
         &self,
@@ -361,7 +363,8 @@ impl Lights {
         Lamp { emission: factor * value.xyz(), ..lamp }
     }
 
-    /// Radiance of the environment map in a direction and the density with which it is sampled; `None` without one.
+    /// Radiance of the environment map in a direction and the density with which it is sampled; `None`
+    /// without one.
     #[inline(always)]
     pub fn environment(&self, direction: Vec3) -> Option<(Vec3, f32)> {
         let environment = self.environment.as_ref()?;

@@ -3,12 +3,12 @@
 //! A frame is a pure function of scene, camera, size, seed and sample number. It depends neither on the
 //! number of threads nor on how the work is ordered nor, but for triangles that coincide, on the acceleration
 //! structure. The ray loop is compiled once per kind of [`Intersector`](treewright_accel::Intersector), the
-//! shading once per set of [`Needs`]. Path tracing after Kajiya 1986; the limit of three bounces is the paper's
-//! (section 3.1).
+//! shading once per set of [`Needs`]. Path tracing after Kajiya 1986; the limit of three bounces is the
+//! paper's (section 3.1).
 //!
-//! [`render_sample`] hands tiles to threads; `path` and `stages` are the two orders of work; `vertex` says what
-//! happens where a path meets something, with the help of `surface`, `bsdf` and `lights`; `chunk` says the same of
-//! many at once.
+//! [`render_sample`] hands tiles to threads; `path` and `stages` are the two orders of work; `vertex` says
+//! what happens where a path meets something, with the help of `surface`, `bsdf` and `lights`; `chunk` says
+//! the same of many at once.
 
 mod bsdf;
 mod chunk;

@@ -21,7 +21,8 @@ pub struct Needs {
     pub sun: bool,
     /// More than one material.
     pub materials: bool,
-    /// Objects placed by instances. Such scenes, and those of the needs below, have the kernel that can do everything.
+    /// Objects placed by instances. Such scenes, and those of the needs below, have the kernel that can do
+    /// everything.
     pub instances: bool,
     /// Materials with textures.
     pub textures: bool,
@@ -111,7 +112,8 @@ impl Needs {
         }
     }
 
-    /// With what comes along: sheets reflect as well, and what has no kernels of its own comes with everything.
+    /// With what comes along: sheets reflect as well, and what has no kernels of its own comes with
+    /// everything.
     pub(super) const fn closed(self) -> Self {
         if self.instances || self.textures || self.solids || self.environment || self.punctual {
             Self::ALL
@@ -130,8 +132,8 @@ impl Needs {
         self.lamps || self.sun || self.environment || self.punctual
     }
 
-    /// Whether a ray after the last bounce must know what it meets. Where nothing it meets can shine or be lit
-    /// directly or let it through, it is enough to know that it meets something: no light of the sky.
+    /// Whether a ray after the last bounce must know what it meets. Where nothing it meets can shine or be
+    /// lit directly or let it through, it is enough to know that it meets something: no light of the sky.
     pub const fn last_hits(self) -> bool {
         self.shadows() || self.sheets
     }

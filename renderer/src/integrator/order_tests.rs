@@ -172,8 +172,8 @@ fn packets_find_what_single_rays_find() {
                 ..RenderOptions::default()
             };
             let (picture, others) = render(options);
-            // A packet may find the other one of two triangles that a ray meets at their common edge or that lie
-            // upon each other, and then a path goes another way.
+            // A packet may find the other one of two triangles that a ray meets at their common edge or that
+            // lie upon each other, and then a path goes another way.
             let pairs = picture.pixels.iter().zip(&reference.pixels);
             let differing = pairs.filter(|(one, other)| one != other).count();
             assert!(differing * 50 <= reference.pixels.len(), "{}, {packets:?}: {differing}", scene.name);

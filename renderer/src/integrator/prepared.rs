@@ -95,7 +95,8 @@ fn surfaces(scene: &Scene, lights: &Lights) -> (Vec<Shading>, Vec<u32>) {
         .map(|mesh| {
             *of_material[mesh.material as usize].get_or_insert_with(|| {
                 let material = &scene.materials[mesh.material as usize];
-                // What is written for debugging names every field with all digits: equal for materials that look equal.
+                // What is written for debugging names every field with all digits: equal for materials that
+                // look equal.
                 *looks.entry(format!("{material:?}")).or_insert_with(|| {
                     surfaces.push(Shading {
                         bsdf: Bsdf::new(material),

@@ -1,17 +1,17 @@
 //! Random numbers that depend only on (seed, pixel, sample, place).
 //!
-//! A path's numbers are computed from where they are needed, so no generator is shared between threads and the image does
-//! not depend on the order in which pixels are rendered. Each number has its place: the vertex of the path
-//! and what it is for. What is left unasked costs nothing and shifts no other number, so a scene without
-//! lamps draws the same bounces whether or not code for lamps is there.
+//! A path's numbers are computed from where they are needed, so no generator is shared between threads and
+//! the image does not depend on the order in which pixels are rendered. Each number has its place: the vertex
+//! of the path and what it is for. What is left unasked costs nothing and shifts no other number, so a scene
+//! without lamps draws the same bounces whether or not code for lamps is there.
 //!
-//! The pairs that one place of a pixel has in sample after sample are points of Sobol's first two dimensions with
-//! Owen's scrambling: they fill the square evenly, however many samples there will be, and each is random by itself.
-//! Places are told apart by other scramblings and orders (Burley, Practical Hash-based Owen Scrambling, JCGT 2020;
-//! Kollig and Keller, Efficient Multidimensional Sampling, Eurographics 2002). The second dimension is a product with
-//! Pascal's matrix, in five steps (Ahmed, An Implementation Algorithm of 2D Sobol Sequence Fast, Elegant, and Compact,
-//! EGSR 2024). Seeds are mixed by the finaliser of SplitMix64 (Steele, Lea, Flood: Fast Splittable Pseudorandom Number
-//! Generators, OOPSLA 2014).
+//! The pairs that one place of a pixel has in sample after sample are points of Sobol's first two dimensions
+//! with Owen's scrambling: they fill the square evenly, however many samples there will be, and each is
+//! random by itself. Places are told apart by other scramblings and orders (Burley, Practical Hash-based Owen
+//! Scrambling, JCGT 2020; Kollig and Keller, Efficient Multidimensional Sampling, Eurographics 2002). The
+//! second dimension is a product with Pascal's matrix, in five steps (Ahmed, An Implementation Algorithm of
+//! 2D Sobol Sequence Fast, Elegant, and Compact, EGSR 2024). Seeds are mixed by the finaliser of SplitMix64
+//! (Steele, Lea, Flood: Fast Splittable Pseudorandom Number Generators, OOPSLA 2014).
 
 /// The random numbers of one path.
 #[derive(Clone, Copy, Debug, Default)]
@@ -31,8 +31,8 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Changes each bit by those below it and a seed: Owen's scrambling of a number whose bits stand the other way round
-/// (Laine and Karras 2011, with Vegdahl's constants of 2021).
+/// Changes each bit by those below it and a seed: Owen's scrambling of a number whose bits stand the other
+/// way round (Laine and Karras 2011, with Vegdahl's constants of 2021).
 #[inline(always)]
 fn scrambled(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3d20_adea);
@@ -105,7 +105,8 @@ mod tests {
 
     #[test]
     fn numbers_are_uniform_within_and_across_pixels() {
-        // A chi-square statistic over 64 cells has mean 63 and standard deviation 11.2; 110 is above four of them.
+        // A chi-square statistic over 64 cells has mean 63 and standard deviation 11.2; 110 is above four of
+        // them.
         let chi_square = |numbers: Vec<f32>| {
             let expected = numbers.len() as f64 / 64.0;
             let mut cells = [0_u32; 64];

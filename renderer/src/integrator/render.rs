@@ -36,8 +36,8 @@ pub fn render_sample<I: Intersector>(
     render_sample_until(prepared, intersector, view, options, needs, film, None).0
 }
 
-/// The same, but no tile is begun after `until`. Says whether there was time for all of them; where there was not,
-/// the film has a part of a sample and is of no use until it is cleared.
+/// The same, but no tile is begun after `until`. Says whether there was time for all of them; where there was
+/// not, the film has a part of a sample and is of no use until it is cleared.
 ///
 /// # Panics
 /// If `needs` do not cover those of the scene.
@@ -52,8 +52,8 @@ pub fn render_sample_until<I: Intersector>(
 ) -> (Counts, bool) {
     assert!(needs.covers(prepared.needs), "the kernel must be able to do what the scene needs");
     let frame = Frame::new(prepared, view, options, needs, film);
-    // Tiles differ in cost by an order of magnitude, so each thread fetches the next when it is done with one.
-    // That is one uncontended lock a tile, none a ray.
+    // Tiles differ in cost by an order of magnitude, so each thread fetches the next when it is done with
+    // one. That is one uncontended lock a tile, none a ray.
     let tiles = Mutex::new(film.tiles(options.tile, options.tile_order).into_iter());
     let is_late = || until.is_some_and(|until| Instant::now() >= until);
     let next = || tiles.lock().unwrap_or_else(PoisonError::into_inner).next();

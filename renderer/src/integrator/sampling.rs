@@ -169,8 +169,8 @@ mod tests {
         }
     }
 
-    /// Pearson's statistic of counts over cells of equal probability. With n cells it has mean n - 1 and standard
-    /// deviation √(2 (n - 1)).
+    /// Pearson's statistic of counts over cells of equal probability. With n cells it has mean n - 1 and
+    /// standard deviation √(2 (n - 1)).
     fn chi_square(counts: &[u32]) -> f64 {
         let expected = f64::from(counts.iter().sum::<u32>()) / counts.len() as f64;
         counts.iter().map(|&count| (f64::from(count) - expected).powi(2) / expected).sum()
@@ -206,7 +206,8 @@ mod tests {
             |u| uniform_cone(u, cos_max),
             |direction| [(1.0 - direction.z) / (1.0 - cos_max), azimuth(direction)],
         );
-        // Uniform over a triangle: the squared distance from the first corner's side is, and the place along it.
+        // Uniform over a triangle: the squared distance from the first corner's side is, and the place along
+        // it.
         fills_its_cells_evenly(uniform_triangle, |[v, w]| [(v + w) * (v + w), w / (v + w).max(1e-9)]);
     }
 

@@ -24,8 +24,8 @@ const SHADOW_PATH: Path = Path {
 };
 
 /// Share of light that comes through thin sheets along a shadow ray that something lies in the way of. Should
-/// the nearest hit not be found, what lies there counts as opaque. Most rays pass no place where a sheet could
-/// be, and then what was met is opaque for certain.
+/// the nearest hit not be found, what lies there counts as opaque. Most rays pass no place where a sheet
+/// could be, and then what was met is opaque for certain.
 pub(super) fn through_sheets<I: Intersector>(
     prepared: &Prepared,
     intersector: &I,

@@ -8,8 +8,8 @@ use super::random::PathRandom;
 use super::vertex::{Path, Shadow};
 use crate::render_options::Sort;
 
-/// Bits of a key that hold a ray's number in its tile. Keys proper take the rest: three of the octant, fifteen
-/// of the place.
+/// Bits of a key that hold a ray's number in its tile. Keys proper take the rest: three of the octant,
+/// fifteen of the place.
 const NUMBER_BITS: u32 = 13;
 
 /// Memory for sorting.

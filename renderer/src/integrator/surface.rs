@@ -100,7 +100,8 @@ pub(super) struct WorldFacet {
     pub(super) normals: [Vec3; 3],
     /// The largest component of its edges.
     pub(super) longest: f32,
-    /// How far from the origin its object stands: a ray's way into the object's space rounds at this magnitude.
+    /// How far from the origin its object stands: a ray's way into the object's space rounds at this
+    /// magnitude.
     pub(super) place: f32,
     /// Whether the normals are to be interpolated.
     pub(super) is_smooth: bool,
@@ -168,8 +169,8 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// The point where `ray` meets the facet of `hit`, as it stands in the world. `None` if the triangle has no area.
-    /// `INTERPOLATE` is false where no facet is smooth.
+    /// The point where `ray` meets the facet of `hit`, as it stands in the world. `None` if the triangle has
+    /// no area. `INTERPOLATE` is false where no facet is smooth.
     #[inline(always)]
     pub(super) fn new<const INTERPOLATE: bool>(standing: &WorldFacet, ray: &Ray, hit: &Hit) -> Option<Self> {
         let WorldFacet { corner_and_edges, normals, longest, place, is_smooth, .. } = *standing;
@@ -196,8 +197,8 @@ impl Surface {
     }
 }
 
-/// Distance by which rays start off a surface at a position, with the longest edge and the magnitude of where its
-/// object stands.
+/// Distance by which rays start off a surface at a position, with the longest edge and the magnitude of where
+/// its object stands.
 #[inline(always)]
 pub(super) fn offset(position: Vec3, place: f32, edge: f32) -> f32 {
     let magnitude = position.abs().max_element().max(place);

@@ -1,8 +1,8 @@
 //! What a ray sees of textures: the material and the normal at the point it meets.
 //!
-//! The level of a texture's pyramid follows from how wide the ray has become ([`Path::width`]), how it slants, and how
-//! many pixels of the texture lie on the triangle. A slanting ray's footprint is long; its mean width is taken, which
-//! a picture's many samples make sharp enough and never coarse.
+//! The level of a texture's pyramid follows from how wide the ray has become ([`Path::width`]), how it
+//! slants, and how many pixels of the texture lie on the triangle. A slanting ray's footprint is long; its
+//! mean width is taken, which a picture's many samples make sharp enough and never coarse.
 
 use glam::{Vec2, Vec3, Vec4Swizzles};
 use treewright_accel::{Hit, Ray};
@@ -85,8 +85,8 @@ impl Place {
     }
 }
 
-/// A normal of a map in the world: x along the first texture coordinate, y against the second, z along `normal`.
-/// Nothing where texture coordinates or normals have no direction.
+/// A normal of a map in the world: x along the first texture coordinate, y against the second, z along
+/// `normal`. Nothing where texture coordinates or normals have no direction.
 fn bumped(local: Vec3, normal: Vec3, [ab, ac]: [Vec3; 2], [along_ab, along_ac]: [Vec2; 2]) -> Option<Vec3> {
     let normal = normal.try_normalize()?;
     let turn = along_ab.perp_dot(along_ac);

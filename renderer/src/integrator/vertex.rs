@@ -71,13 +71,14 @@ pub(super) struct Tracing {
 /// How wide the light is taken for that comes over a perfect mirror after a rough surface, radians.
 const CAUSTIC_ANGLE: f32 = 0.1;
 
-/// The same after a rough surface: this share of the root of one over the density, which is about the angle between
-/// neighbours among a pixel's samples, and at most so much.
+/// The same after a rough surface: this share of the root of one over the density, which is about the angle
+/// between neighbours among a pixel's samples, and at most so much.
 const ROUGH_ANGLE: f32 = 0.25;
 
 impl Path {
-    /// How wide a ray has become at a position, as a cone from where its path was scattered last (Akenine-Möller et al.,
-    /// Texture Level of Detail Strategies for Real-Time Ray Tracing, Ray Tracing Gems 2019, chapter 20).
+    /// How wide a ray has become at a position, as a cone from where its path was scattered last
+    /// (Akenine-Möller et al., Texture Level of Detail Strategies for Real-Time Ray Tracing, Ray Tracing Gems
+    /// 2019, chapter 20).
     #[inline]
     pub(super) fn width(&self, tracing: &Tracing, position: Vec3) -> f32 {
         let angle = if self.pdf == DIRECT {
@@ -127,8 +128,8 @@ impl Shadow {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Kernel {
     pub(super) needs: Needs,
-    /// Adds the emission at a hit to the radiance, prepares the shadow ray, and turns path and ray to where they
-    /// go next.
+    /// Adds the emission at a hit to the radiance, prepares the shadow ray, and turns path and ray to where
+    /// they go next.
     pub(super) vertex: Vertex,
 }
 
@@ -216,8 +217,8 @@ fn vertex<const NEEDS: usize>(
     }
 }
 
-/// The weight of a sample with density `pdf` that another technique draws with `other`, over the density: the power
-/// heuristic with one division less.
+/// The weight of a sample with density `pdf` that another technique draws with `other`, over the density: the
+/// power heuristic with one division less.
 #[inline(always)]
 pub(super) fn weight_over_density(pdf: f32, other: f32) -> f32 {
     let ratio = other / pdf;
@@ -293,7 +294,8 @@ impl Context<'_> {
         pdf: f32,
     ) -> bool {
         path.throughput *= weight;
-        // A direction above the shading normal's horizon but below the triangle's would start inside the solid.
+        // A direction above the shading normal's horizon but below the triangle's would start inside the
+        // solid.
         let outside = direction.dot(self.surface.geometric_normal) > 0.0;
         if !outside || path.throughput == Vec3::ZERO {
             return false;
@@ -304,7 +306,8 @@ impl Context<'_> {
         true
     }
 
-    /// Lets a path go on in another direction. Behind a perfect mirror it seems to come from as far away as before.
+    /// Lets a path go on in another direction. Behind a perfect mirror it seems to come from as far away as
+    /// before.
     #[inline(always)]
     pub(super) fn redirect(&self, path: &mut Path, ray: &mut Ray, direction: Vec3, pdf: f32) {
         let position = self.surface.position;

@@ -1,30 +1,32 @@
 //! The full space: two back ends, and what a renderer can turn besides its tree.
 //!
-//! `backend` is itself a parameter. Native Embree has its build quality and flags; the tunable tree has what is
-//! left of Table 1 and what makes a tree fast beyond the paper; both share how pixels are grouped and how each
-//! class of rays is traced. A parameter that cannot act is inactive, or not there at all:
+//! `backend` is itself a parameter. Native Embree has its build quality and flags; the tunable tree has what
+//! is left of Table 1 and what makes a tree fast beyond the paper; both share how pixels are grouped and how
+//! each class of rays is traced. A parameter that cannot act is inactive, or not there at all:
 //!
-//! * `robust` decides which hits are found at edges. That is a question of correctness, which is the user's to
-//!   answer (`--robust`) and not the stopwatch's. Embree's quality high falls back to medium with it.
+//! * `robust` decides which hits are found at edges. That is a question of correctness, which is the user's
+//!   to answer (`--robust`) and not the stopwatch's. Embree's quality high falls back to medium with it.
 //! * `compact` of Table 1 is native Embree's compact scene, here a value of `native_layout`. Layouts act with
-//!   medium quality, spatial splits and their budget with high; its values are few, because each takes a device.
+//!   medium quality, spatial splits and their budget with high; its values are few, because each takes a
+//!   device.
 //! * Of Table 1's two costs only the ratio acts: `traversal_cost` counts in triangle tests.
-//! * Table 1's `static` sets a builder flag that a tree built once does not feel; where nothing moves there is no
-//!   update to choose, and native Embree's flag for it only costs memory.
+//! * Table 1's `static` sets a builder flag that a tree built once does not feel; where nothing moves there
+//!   is no update to choose, and native Embree's flag for it only costs memory.
 //! * Trees shallower than 24 levels were never among the good ones, and every tenth of them cannot be built.
 //! * Coherent packets for scattered rays halve their speed, packets of another kind for camera rays gain
 //!   nothing (both measured on three scenes): these values are left out.
-//! * Only the best grouping of a finished tree makes nodes of sixteen, and only wide nodes gain from bytes: so it
-//!   has a parameter of its own for the width, and with it the format.
+//! * Only the best grouping of a finished tree makes nodes of sixteen, and only wide nodes gain from bytes:
+//!   so it has a parameter of its own for the width, and with it the format.
 //! * Only a scene of instances has something to copy or to open.
-//! * A scene without lights that are sampled has no shadow rays; their parameters are part of the one space of all
-//!   scenes all the same, and without effect there.
+//! * A scene without lights that are sampled has no shadow rays; their parameters are part of the one space
+//!   of all scenes all the same, and without effect there.
 //!
-//! The default is the best configuration known by hand, so that a search starts strong: tiles in stages, packets of
-//! sixteen for camera rays and their shadow rays, and our own tree. Where one build serves many frames it is grouped
-//! and improved after the build (over native medium, path by path: 1.4 to 2.2 times on seven scenes); where each frame
-//! pays for its build it is what our own builder makes of runs of eight triangles (over what Embree's Morton builder
-//! makes, build and frame together: 0.89 to 1.42 times on seven scenes, 1.11 in the geometric mean).
+//! The default is the best configuration known by hand, so that a search starts strong: tiles in stages,
+//! packets of sixteen for camera rays and their shadow rays, and our own tree. Where one build serves many
+//! frames it is grouped and improved after the build (over native medium, path by path: 1.4 to 2.2 times on
+//! seven scenes); where each frame pays for its build it is what our own builder makes of runs of eight
+//! triangles (over what Embree's Morton builder makes, build and frame together: 0.89 to 1.42 times on seven
+//! scenes, 1.11 in the geometric mean).
 
 use super::explained::{Explained, boolean, choice, float, integer};
 use super::{Backend, Premises};
@@ -99,7 +101,8 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
     let quality = if each_frame { 1 } else { 2 };
     let collapse = if each_frame { "builder" } else { "optimal" };
     let order = if each_frame { "builder" } else { "depth_first" };
-    // Leaves of fewer triangles than a block leave lanes empty. A tree for one frame is sooner built with larger ones.
+    // Leaves of fewer triangles than a block leave lanes empty. A tree for one frame is sooner built with
+    // larger ones.
     let min_leaf_size = if each_frame { 16 } else { 8 };
     let mut all = vec![
         tunable(choice(

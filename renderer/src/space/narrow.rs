@@ -1,7 +1,8 @@
 //! Narrower spaces: parameters fixed, or held to a part of their range (paper, section 5).
 //!
-//! Every configuration of a narrower space is one of the whole space, with the same values. What `treewright analyze`
-//! recommends is written this way, and so are the paper's own recommendations for its two objectives (section 4.4).
+//! Every configuration of a narrower space is one of the whole space, with the same values. What
+//! `treewright analyze` recommends is written this way, and so are the paper's own recommendations for its
+//! two objectives (section 4.4).
 
 use std::fmt;
 use std::str::FromStr;
@@ -77,7 +78,8 @@ impl fmt::Display for Narrowing {
 /// The paper's own recommendations (section 4.4), by the parameters that both spaces have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recommendation {
-    /// Only rendering time counts: split triangles or build carefully, small leaves, blocks of the processor's vectors.
+    /// Only rendering time counts: split triangles or build carefully, small leaves, blocks of the
+    /// processor's vectors.
     Render,
     /// Builds count as well: no splitting, since it more than doubles the build, and leaves up to 30.
     Total,
@@ -120,12 +122,14 @@ impl Recommendation {
 }
 
 impl TuningSpace {
-    /// The space with each narrowing applied, the later ones to what the earlier ones left. Fixed parameters leave the space
-    /// and are [held](TuningSpace::with_held); the others keep their recommended value where it is still allowed, and take
-    /// the nearest one otherwise. A parameter that no value can bring to life is gone.
+    /// The space with each narrowing applied, the later ones to what the earlier ones left. Fixed parameters
+    /// leave the space and are [held](TuningSpace::with_held); the others keep their recommended value where
+    /// it is still allowed, and take the nearest one otherwise. A parameter that no value can bring to life
+    /// is gone.
     ///
     /// # Errors
-    /// [`ConfigurationError::Narrowing`] for a parameter that there is not, and for one that would have no value left.
+    /// [`ConfigurationError::Narrowing`] for a parameter that there is not, and for one that would have no
+    /// value left.
     pub fn narrowed(&self, narrowings: &[Narrowing]) -> Result<Self, ConfigurationError> {
         let mut all: Vec<Narrow> = self
             .explained()
@@ -172,7 +176,8 @@ impl TuningSpace {
         Ok(Self { space, about, held, ..self.clone() })
     }
 
-    /// A configuration of a narrower space as one of the whole: with the values that are held, as far as they count.
+    /// A configuration of a narrower space as one of the whole: with the values that are held, as far as they
+    /// count.
     #[must_use]
     pub fn with_held(&self, configuration: &Configuration) -> Configuration {
         let mut whole = configuration.clone();
@@ -227,7 +232,8 @@ impl Narrow {
         }
     }
 
-    /// Whether the parameter can count beside these, which come before it; keeps what its condition can still see.
+    /// Whether the parameter can count beside these, which come before it; keeps what its condition can still
+    /// see.
     fn find_condition(&mut self, kept: &[Narrow]) -> bool {
         let Some(Condition { parameter: parent, any_of }) = self.parameter.active_if.take() else {
             return true;
@@ -252,7 +258,8 @@ impl Narrow {
 const LESSER: &str = "min_leaf_size";
 const GREATER: &str = "max_leaf_size";
 
-/// Holds one leaf size to what the other, where it is fixed, leaves possible. The error names the one that has nothing left.
+/// Holds one leaf size to what the other, where it is fixed, leaves possible. The error names the one that
+/// has nothing left.
 fn keep_order(all: &mut [Narrow]) -> Result<(), &'static str> {
     for (fixed, other, is_lesser) in [(LESSER, GREATER, true), (GREATER, LESSER, false)] {
         let held = all.iter().find(|one| one.parameter.name == fixed && one.is_held);

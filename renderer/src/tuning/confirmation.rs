@@ -1,7 +1,7 @@
 //! After the search: its best few against the incumbent, by the service's own confirmation.
 //!
-//! The service asks for these trials like for any other, and says when its verdict stands. Before it begins it is told how
-//! those do that anybody would try, native Embree among them, so that they take part.
+//! The service asks for these trials like for any other, and says when its verdict stands. Before it begins
+//! it is told how those do that anybody would try, native Embree among them, so that they take part.
 
 use std::time::Duration;
 
@@ -17,8 +17,8 @@ use crate::frame::Renderer;
 /// Rounds of the configurations that anybody would try; the race has more for those that do well in them.
 const ROUNDS: u32 = 2;
 
-/// Most trials of a confirmation: five contenders in ten rounds, two in the thirty more that a policy allows by default, and
-/// as much again for frames that the service wants for other reasons.
+/// Most trials of a confirmation: five contenders in ten rounds, two in the thirty more that a policy allows
+/// by default, and as much again for frames that the service wants for other reasons.
 const TRIALS_MAX: u32 = 220;
 
 /// Trials that ran without the daemon's answer, after which nobody waits for its verdict any more.
@@ -38,8 +38,9 @@ pub struct Confirmed {
     pub trials: Vec<Iteration>,
 }
 
-/// Measures `known` configurations in a few interleaved rounds, tells the service of them, and goes on with trials of its
-/// choice until its confirmation of the best is over, or `patience` says that the user wants no more.
+/// Measures `known` configurations in a few interleaved rounds, tells the service of them, and goes on with
+/// trials of its choice until its confirmation of the best is over, or `patience` says that the user wants no
+/// more.
 ///
 /// # Errors
 /// The service is away.
@@ -87,7 +88,8 @@ pub fn is_over(trial: &Iteration) -> bool {
     trial.rule == Some(OpenEnum::Known(Rule::Finished))
 }
 
-/// Measures configurations that the service did not ask for, each once a round, and reports each as a trial of its own.
+/// Measures configurations that the service did not ask for, each once a round, and reports each as a trial
+/// of its own.
 fn tell(
     renderer: &mut Renderer,
     study: &Study,

@@ -26,8 +26,8 @@ pub const BUILD_DELAY_MS: &str = "build_delay_ms";
 /// Name of the time that the render threads together waited for a processor during a frame, in milliseconds.
 pub const RENDER_DELAY_MS: &str = "render_delay_ms";
 
-/// Name of what a study minimises as it would have been if no thread had waited for a processor, in milliseconds: it explains
-/// what other programs made of a cost.
+/// Name of what a study minimises as it would have been if no thread had waited for a processor, in
+/// milliseconds: it explains what other programs made of a cost.
 pub const UNDELAYED_MS: &str = "undelayed_ms";
 
 /// Name of how many trials a structure had served before, where it was used again.
@@ -36,14 +36,16 @@ pub const TRIALS_BEFORE: &str = "trials_before";
 /// How many frames share a build in progressive rendering.
 const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
 
-/// Of every random decision in these studies. It is part of what defines a study, so it is the same for all clients.
+/// Of every random decision in these studies. It is part of what defines a study, so it is the same for all
+/// clients.
 const STUDY_SEED: u64 = 1;
 
 /// The two use cases of the paper's section 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Objective {
-    /// Progressive rendering: a structure serves a thousand frames, so a frame pays for a thousandth of its build.
+    /// Progressive rendering: a structure serves a thousand frames, so a frame pays for a thousandth of its
+    /// build.
     Render,
     /// Real-time rendering: the structure is built for each frame, so build and render time count.
     Total,
@@ -103,8 +105,8 @@ pub const FRAME_MS: &str = "frame_ms";
 /// Name of the indicator that says how many frames share a build ([`super::reuse`]).
 pub const FRAMES_PER_BUILD: &str = "frames_per_build";
 
-/// The study of clients that do not know beforehand how many frames a tree serves: they say how many it seems to be, and
-/// report a frame with that share of its build.
+/// The study of clients that do not know beforehand how many frames a tree serves: they say how many it seems
+/// to be, and report a frame with that share of its build.
 pub fn auto_specification(space: &TuningSpace, policy: Policy) -> Result<StudySpec, ClientError> {
     let title = format!("treewright-render: whatever is true of the frames, in the space {}", space.name());
     let builder =

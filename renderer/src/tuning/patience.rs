@@ -1,8 +1,8 @@
 //! A search's own patience: a daemon that is slow is not a daemon that is gone.
 //!
-//! A program that people watch cannot wait; a search can, and a trial that was not asked for measures nothing new. So the
-//! questions of a search are asked a frame ahead, and where an answer is not there in time it is waited for, for minutes if need
-//! be. After that the search goes on with what it has.
+//! A program that people watch cannot wait; a search can, and a trial that was not asked for measures nothing
+//! new. So the questions of a search are asked a frame ahead, and where an answer is not there in time it is
+//! waited for, for minutes if need be. After that the search goes on with what it has.
 
 use std::time::{Duration, Instant};
 
@@ -14,7 +14,8 @@ const LOOK: Duration = Duration::from_millis(500);
 
 /// Says what to run next.
 pub trait NextTrial {
-    /// What to run now, where the frame after it will have the `upcoming` indicators. Hands in the result of the frame before.
+    /// What to run now, where the frame after it will have the `upcoming` indicators. Hands in the result of
+    /// the frame before.
     fn next(&mut self, now: &Indicators, upcoming: &Indicators, previous: Option<Finished>) -> Suggestion;
 }
 

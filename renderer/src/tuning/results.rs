@@ -159,7 +159,8 @@ impl TuningResults {
         self.speedup_over(&self.baseline).unwrap_or(1.0)
     }
 
-    /// How many times faster the best one is than another, median of pairs. `None` where one was not measured.
+    /// How many times faster the best one is than another, median of pairs. `None` where one was not
+    /// measured.
     pub fn speedup_over(&self, name: &str) -> Option<f64> {
         let speedup = self.standing(&self.best)?.speedup_over(self.standing(name)?);
         (speedup.count > 0).then_some(speedup.median)

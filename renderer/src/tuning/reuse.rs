@@ -1,12 +1,14 @@
-//! How many frames a tree serves, estimated from what is seen: the weight of its build in the objective `auto`.
+//! How many frames a tree serves, estimated from what is seen: the weight of its build in the objective
+//! `auto`.
 //!
-//! A tree has to be built or brought along when the geometry changes, and not when the camera moves or a still converges.
-//! Geometry that changes with a constant chance from frame to frame makes a Poisson process. The chance has a gamma
-//! posterior: so many changes in so many frames, the older ones counting ever less, so that a scene that comes to rest, or
-//! begins to move, is noticed within a few dozen frames. A tree then serves as many frames as lie between two changes.
+//! A tree has to be built or brought along when the geometry changes, and not when the camera moves or a
+//! still converges. Geometry that changes with a constant chance from frame to frame makes a Poisson process.
+//! The chance has a gamma posterior: so many changes in so many frames, the older ones counting ever less, so
+//! that a scene that comes to rest, or begins to move, is noticed within a few dozen frames. A tree then
+//! serves as many frames as lie between two changes.
 //!
-//! The service is told the estimate in powers of two, and another one only once the estimate has clearly left the last:
-//! frames of the same kind are then the same state, and what is learnt for one serves the other.
+//! The service is told the estimate in powers of two, and another one only once the estimate has clearly left
+//! the last: frames of the same kind are then the same state, and what is learnt for one serves the other.
 
 /// What is believed before anything was seen: one change in so many frames.
 const PRIOR_FRAMES: f64 = 16.0;
@@ -52,9 +54,9 @@ impl Reuse {
         }
     }
 
-    /// How many frames a tree is expected to serve, 1 to [`FRAMES_PER_BUILD_MAX`]. As many as it has served already
-    /// without a change are to be expected again, whatever was before (Laplace's rule, and for lives without a scale
-    /// Gott's of 1993).
+    /// How many frames a tree is expected to serve, 1 to [`FRAMES_PER_BUILD_MAX`]. As many as it has served
+    /// already without a change are to be expected again, whatever was before (Laplace's rule, and for lives
+    /// without a scale Gott's of 1993).
     pub fn expected(&self) -> f64 {
         let between = (PRIOR_FRAMES + self.frames) / (PRIOR_CHANGES + self.changes);
         between.max(self.still).clamp(1.0, f64::from(FRAMES_PER_BUILD_MAX))

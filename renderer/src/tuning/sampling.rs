@@ -1,8 +1,8 @@
-//! Random configurations as a numbered sequence (paper, section 4.1): sample 17 of a camera is the same configuration
-//! whoever measures it and whenever.
+//! Random configurations as a numbered sequence (paper, section 4.1): sample 17 of a camera is the same
+//! configuration whoever measures it and whenever.
 //!
-//! Each is drawn independently and evenly over the space. So a run that was stopped needs to know only which numbers are
-//! there, and several renderers can share the numbers.
+//! Each is drawn independently and evenly over the space. So a run that was stopped needs to know only which
+//! numbers are there, and several renderers can share the numbers.
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -26,8 +26,8 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// The sequence of a space at the place that the indicators describe. Another seed, part of the space or place makes
-    /// another sequence.
+    /// The sequence of a space at the place that the indicators describe. Another seed, part of the space or
+    /// place makes another sequence.
     pub fn new(space: &TuningSpace, state: &Indicators, seed: u64) -> Self {
         let mut described = seed.to_le_bytes().to_vec();
         for one in space.explained() {

@@ -1,8 +1,9 @@
 //! The tuning loop: ask for a configuration, build, render, report.
 //!
-//! A build that fails is an outcome like any other, and the frame is skipped; a daemon that is away costs
-//! one deadline at most, and the frame is rendered with the last good configuration. Nobody looks at the frames of a
-//! search, so one that costs more than its trial is allowed ([`Suggestion::abort_above`]) is left unfinished.
+//! A build that fails is an outcome like any other, and the frame is skipped; a daemon that is away costs one
+//! deadline at most, and the frame is rendered with the last good configuration. Nobody looks at the frames
+//! of a search, so one that costs more than its trial is allowed ([`Suggestion::abort_above`]) is left
+//! unfinished.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -136,8 +137,9 @@ impl Drift {
 pub struct SearchOutcome {
     /// Every frame.
     pub trials: Vec<Iteration>,
-    /// Median cost of the baseline in frames before and after the search, which nobody was told of.
-    /// The machine's speed may drift until winners are measured again; within the search it is compared with this.
+    /// Median cost of the baseline in frames before and after the search, which nobody was told of. The
+    /// machine's speed may drift until winners are measured again; within the search it is compared with
+    /// this.
     pub reference_ms: f64,
     /// What else the machine did meanwhile, and how far these frames of the baseline lie apart.
     pub disturbance: Disturbance,
@@ -161,7 +163,8 @@ impl SearchOutcome {
 /// Frames of the baseline before the search, and again after it.
 const REFERENCE_FRAMES: usize = 3;
 
-/// A structure is used again where at least so many frames share a build: a build is a sixteenth of the cost at most then.
+/// A structure is used again where at least so many frames share a build: a build is a sixteenth of the cost
+/// at most then.
 const REUSE_FROM_FRAMES_PER_BUILD: u32 = 16;
 
 /// Frames that follow a slow build may take this share of it.
@@ -240,8 +243,8 @@ fn reference(renderer: &mut Renderer, setting: &SearchSetting, film: &mut Film) 
         .collect()
 }
 
-/// Builds and renders one trial. The same sample each time, so that all trials are asked the same rays. It is stopped
-/// once it is known to cost more than `cap_ms`, but for the build, which Embree finishes.
+/// Builds and renders one trial. The same sample each time, so that all trials are asked the same rays. It is
+/// stopped once it is known to cost more than `cap_ms`, but for the build, which Embree finishes.
 pub fn trial(
     renderer: &mut Renderer,
     configuration: &Configuration,
@@ -255,8 +258,8 @@ pub fn trial(
     }
 }
 
-/// Builds and renders one choice; see [`trial`]. Where many frames share a build, a structure that is there already
-/// serves again, and a slow build is followed by more frames, as many as take a tenth of it.
+/// Builds and renders one choice; see [`trial`]. Where many frames share a build, a structure that is there
+/// already serves again, and a slow build is followed by more frames, as many as take a tenth of it.
 pub(super) fn run_choice(
     renderer: &mut Renderer,
     choice: &Choice,
@@ -320,8 +323,8 @@ fn frames_beside(build_ms: f64, frame_ms: f64) -> usize {
     (frames as usize).min(FRAMES_PER_SLOW_BUILD_MAX)
 }
 
-/// The raw measurements of a trial of so many frames, as they are reported, and [`UNDELAYED_MS`] where so many frames share a
-/// build.
+/// The raw measurements of a trial of so many frames, as they are reported, and [`UNDELAYED_MS`] where so
+/// many frames share a build.
 pub fn measurements(times: Option<FrameTimes>, frames: u32, frames_per_build: u32) -> Measurements {
     match times {
         Some(times) => {

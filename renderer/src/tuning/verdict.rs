@@ -1,9 +1,10 @@
 //! Whom a tuned configuration is compared with, who of them is best, and when a search has paid for itself.
 //!
-//! The best of many noisy single measurements is mostly luck. So what a search found is measured again, in fresh paired
-//! rounds, beside everything that anybody could have had without a search: the paper's default, native Embree as its
-//! tutorials use it, native Embree used as well as this renderer can, and the best fixed configuration, where the search
-//! began. Only figures of these rounds are quoted, and what lost to anybody in them is not called tuned.
+//! The best of many noisy single measurements is mostly luck. So what a search found is measured again, in
+//! fresh paired rounds, beside everything that anybody could have had without a search: the paper's default,
+//! native Embree as its tutorials use it, native Embree used as well as this renderer can, and the best fixed
+//! configuration, where the search began. Only figures of these rounds are quoted, and what lost to anybody
+//! in them is not called tuned.
 
 use serde::Serialize;
 use treewright_accel::NativeQuality;
@@ -23,10 +24,11 @@ pub const NATIVE_LOW: &str = "native Embree low";
 pub const NATIVE_DEFAULT: &str = "native Embree default";
 /// Name of the standing of Embree's own structure of quality high.
 pub const NATIVE_HIGH: &str = "native Embree high";
-/// Name of the standing of Embree's own structure with our stages and packets, in whichever quality was the fastest.
+/// Name of the standing of Embree's own structure with our stages and packets, in whichever quality was the
+/// fastest.
 pub const NATIVE_USED_WELL: &str = "native used well";
-/// Name of the standing of the configuration that is recommended for all scenes, the best known by hand, where a search in
-/// the full space begins.
+/// Name of the standing of the configuration that is recommended for all scenes, the best known by hand,
+/// where a search in the full space begins.
 pub const BEST_FIXED: &str = "best fixed configuration";
 /// Name of the standing of a configuration of the paper's space that was found elsewhere.
 pub const PAPER_TUNED: &str = "tuned in the paper's space";
@@ -67,7 +69,8 @@ pub fn natives() -> Vec<Contender> {
     ]
 }
 
-/// Native Embree with the stages and packets of the best fixed configuration, once for each quality that there is.
+/// Native Embree with the stages and packets of the best fixed configuration, once for each quality that
+/// there is.
 pub fn used_well(full: &TuningSpace) -> Vec<Rival> {
     let configurations = QUALITIES.iter().filter_map(|quality| {
         let given = Configuration::new().with("backend", "native").with("native_quality", *quality);
@@ -117,8 +120,8 @@ pub fn rivals(space: &TuningSpace, premises: &Premises) -> Vec<Rival> {
     all
 }
 
-/// Keeps of native Embree used well the quality with the lowest median, under one name. It is chosen by the same rounds
-/// that are told, which favours it a little.
+/// Keeps of native Embree used well the quality with the lowest median, under one name. It is chosen by the
+/// same rounds that are told, which favours it a little.
 pub fn keep_best_native(standings: Vec<Standing>) -> Vec<Standing> {
     let quality_of = |name: &str| QUALITIES.into_iter().find(|quality| name == used_well_name(quality));
     let works = |one: &&Standing| one.failure.is_none() && one.frame_ms.count > 0;
@@ -154,11 +157,13 @@ pub fn start(preset: Preset) -> &'static str {
     }
 }
 
-/// Who is to be used. That is the standing called `start` unless somebody is shown to be faster: by the interval of pairs
-/// with it, or, for what the search found, by the service's race (`is_proven`) and the median of the pairs together. Of
-/// several it is the one with the highest median. A lucky few rounds so replace nothing, whoever had them.
+/// Who is to be used. That is the standing called `start` unless somebody is shown to be faster: by the
+/// interval of pairs with it, or, for what the search found, by the service's race (`is_proven`) and the
+/// median of the pairs together. Of several it is the one with the highest median. A lucky few rounds so
+/// replace nothing, whoever had them.
 ///
-/// What was found is renamed [`TUNED`] if it is the one, and keeps the name [`FOUND`] otherwise. Returns the name.
+/// What was found is renamed [`TUNED`] if it is the one, and keeps the name [`FOUND`] otherwise. Returns the
+/// name.
 pub fn crown(standings: &mut [Standing], start: &str, is_proven: bool) -> String {
     let works = |one: &&Standing| one.failure.is_none() && one.frame_ms.count > 0;
     let find = |name: &str| standings.iter().filter(works).find(|one| one.name == name);
@@ -225,9 +230,9 @@ pub fn contender(
     Ok(named(name, space.choice(configuration)?))
 }
 
-/// Break-even from what was measured. The search's own costs are those of its time; frames with the
-/// baseline are taken at the reference of that time, `frames` of them a trial, and those with the best configuration at
-/// that over the speed-up that was measured again.
+/// Break-even from what was measured. The search's own costs are those of its time; frames with the baseline
+/// are taken at the reference of that time, `frames` of them a trial, and those with the best configuration
+/// at that over the speed-up that was measured again.
 pub fn break_even(
     found: &SearchOutcome,
     objective: Objective,

@@ -1,9 +1,10 @@
-//! What describes a frame to the service: the paper's indicators of scene and camera, and what is asked of the frame.
+//! What describes a frame to the service: the paper's indicators of scene and camera, and what is asked of
+//! the frame.
 //!
-//! One study holds all scenes, so that what is learnt in one of them serves the next. Whatever else changes the cost of a
-//! frame is therefore an indicator, too: how many pixels it has, how far its paths go, and whether there are lights that
-//! shadow rays are sent to. Threads and instruction sets are the machine's, which the service tells apart by the
-//! client's fingerprint.
+//! One study holds all scenes, so that what is learnt in one of them serves the next. Whatever else changes
+//! the cost of a frame is therefore an indicator, too: how many pixels it has, how far its paths go, and
+//! whether there are lights that shadow rays are sent to. Threads and instruction sets are the machine's,
+//! which the service tells apart by the client's fingerprint.
 
 use treewright_client::{Indicators, Scale};
 use treewright_scene::Scene;

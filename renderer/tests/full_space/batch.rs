@@ -1,5 +1,5 @@
-//! One configuration over one scene: built, brought along where the scene moves, asked in every grouping of rays,
-//! and rendered with.
+//! One configuration over one scene: built, brought along where the scene moves, asked in every grouping of
+//! rays, and rendered with.
 
 use std::sync::Arc;
 

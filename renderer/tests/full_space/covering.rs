@@ -1,8 +1,8 @@
 //! Covering arrays: few configurations that together hold every combination of so many parameters' values.
 //!
-//! Most failures need but two or three values to meet (Kuhn, Wallace and Gallo, "Software Fault Interactions and
-//! Implications for Software Testing", 2004). The arrays are grown greedily, as in Cohen, Dalal, Fredman and Patton,
-//! "The AETG System" (1997).
+//! Most failures need but two or three values to meet (Kuhn, Wallace and Gallo, "Software Fault Interactions
+//! and Implications for Software Testing", 2004). The arrays are grown greedily, as in Cohen, Dalal, Fredman
+//! and Patton, "The AETG System" (1997).
 
 use std::collections::HashSet;
 

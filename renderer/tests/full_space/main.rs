@@ -1,8 +1,9 @@
-//! Every value of every parameter of the full space, with every grouping of rays, over scenes that stand, move and
-//! are made of instances.
+//! Every value of every parameter of the full space, with every grouping of rays, over scenes that stand,
+//! move and are made of instances.
 //!
-//! Each scene's batch runs in a process of its own, so that a crash is a finding with the configuration's name; the
-//! batch goes on behind it. All pairs of values are tried. `TREEWRIGHT_STRESS_STRENGTH=3` tries all triples:
+//! Each scene's batch runs in a process of its own, so that a crash is a finding with the configuration's
+//! name; the batch goes on behind it. All pairs of values are tried. `TREEWRIGHT_STRESS_STRENGTH=3` tries all
+//! triples:
 //!
 //! `TREEWRIGHT_STRESS_STRENGTH=3 cargo test --release -p treewright-renderer --test full_space`
 

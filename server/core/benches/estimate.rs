@@ -1,7 +1,8 @@
-//! What an assessment of a state costs: the posterior of so many configurations, by how many measurements are kept apart.
+//! What an assessment of a state costs: the posterior of so many configurations, by how many measurements are
+//! kept apart.
 //!
-//! `cargo bench -p treewright-core --bench estimate`. Medians of eleven, in milliseconds: without times, where no model asks how
-//! the speed of the machine wanders, and with them.
+//! `cargo bench -p treewright-core --bench estimate`. Medians of eleven, in milliseconds: without times,
+//! where no model asks how the speed of the machine wanders, and with them.
 // A benchmark reads the clock.
 #![allow(clippy::disallowed_methods)]
 

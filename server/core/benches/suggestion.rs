@@ -1,8 +1,8 @@
 //! What one suggestion with its feedback costs, by the number of trials in the study.
 //!
 //! `cargo bench -p treewright-core --bench suggestion`. Each search works on a mixed, conditional space of 28
-//! parameters, on one of choices in regions that cannot be run, and on a continuous one; a table of the median
-//! and the 99th percentile comes out, in microseconds, over the last 40 trials before each mark.
+//! parameters, on one of choices in regions that cannot be run, and on a continuous one; a table of the
+//! median and the 99th percentile comes out, in microseconds, over the last 40 trials before each mark.
 // A benchmark reads the clock.
 #![allow(clippy::disallowed_methods)]
 

@@ -6,11 +6,11 @@
 //! the comments of this crate). The core does no I/O, reads no clock and no environment, and owns no
 //! randomness it was not handed: the same specification and the same calls give the same bytes.
 //!
-//! The way through the crate, from the ground up: of the shared words (`treewright-model`), [`value`], [`space`] and [`configuration`] say what can
-//! be run; [`indicator`] and [`objective`] say what is known of an input and what is minimised; [`study`]
-//! joins them with a [`policy`]; [`trial`] is what is handed out; [`search`] explores one state;
-//! [`predict`] carries knowledge from state to state, [`machines`] from machine to machine; [`statistics`] says what
-//! measurements prove; [`tuner`] decides.
+//! The way through the crate, from the ground up: of the shared words (`treewright-model`), [`value`],
+//! [`space`] and [`configuration`] say what can be run; [`indicator`] and [`objective`] say what is known of
+//! an input and what is minimised; [`study`] joins them with a [`policy`]; [`trial`] is what is handed out;
+//! [`search`] explores one state; [`predict`] carries knowledge from state to state, [`machines`] from
+//! machine to machine; [`statistics`] says what measurements prove; [`tuner`] decides.
 // Tests may compare with what the platform computes.
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 

@@ -1,24 +1,24 @@
-//! Every limit of the core in one place: how much is remembered of studies, states, clients and machines. The limits of
-//! what is said to the daemon are those of [`treewright_model::limits`], and stand here too.
+//! Every limit of the core in one place: how much is remembered of studies, states, clients and machines. The
+//! limits of what is said to the daemon are those of [`treewright_model::limits`], and stand here too.
 //!
 //! A limit that is reached is answered with an error that names the field and the limit, never with
 //! silent truncation.
 
 pub use treewright_model::limits::*;
 
-/// Most states of a study. They are looked up in an index; a million anchors of 17 indicators are 136 MB,
-/// and up to three times as much in it. What is met beyond them counts as the nearest known state of its machine.
+/// Most states of a study. They are looked up in an index; a million anchors of 17 indicators are 136 MB, and
+/// up to three times as much in it. What is met beyond them counts as the nearest known state of its machine.
 pub const STATES_MAX: usize = if cfg!(test) { 2000 } else { 1_000_000 };
 /// States beyond [`STATES_MAX`], for machines that have none yet.
 pub const STATES_OF_NEW_MACHINES_MAX: usize = if cfg!(test) { 2 } else { 4096 };
 /// Most trials one client may hold open, one per state.
 pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;
-/// Most clients a study remembers the visits of. One more displaces the one whose last decision is longest ago among
-/// those that hold no trial.
+/// Most clients a study remembers the visits of. One more displaces the one whose last decision is longest
+/// ago among those that hold no trial.
 pub const CLIENTS_MAX: usize = if cfg!(test) { 200 } else { 100_000 };
 
-/// Most kinds of machine, told by their fingerprints, that a study tells apart at a time. One more displaces the one
-/// that has met no new state for longest: its measurements stay as those of another, and what remains
+/// Most kinds of machine, told by their fingerprints, that a study tells apart at a time. One more displaces
+/// the one that has met no new state for longest: its measurements stay as those of another, and what remains
 /// of it is its fingerprint.
 pub const MACHINES_MAX: usize = if cfg!(test) { 6 } else { 256 };
 /// Most states of other machines that are linked to a state as the same input seen by others: the first.
@@ -27,7 +27,8 @@ pub const SIBLINGS_MAX: usize = 32;
 /// Largest packed value, in bytes before it was packed: a damaged length must not take all memory.
 pub const UNPACKED_BYTES_MAX: usize = 1 << 30;
 
-/// Most exploring trials of a client that wait to be settled; the oldest is charged in full when there are more.
+/// Most exploring trials of a client that wait to be settled; the oldest is charged in full when there are
+/// more.
 pub const CHARGES_MAX: usize = 16;
 /// Most frames of the reference that an account remembers of a stay.
 pub const REFERENCES_MAX: usize = 4;
@@ -35,14 +36,14 @@ pub const REFERENCES_MAX: usize = 4;
 /// Most configurations that are remembered of one state: the best and those met last. A forgotten one may be
 /// sampled again.
 pub const RECORDS_PER_STATE_MAX: usize = 1024;
-/// Most configurations that are remembered of all states of a study together, as long as there are no more than
-/// half as many states; else the best of each and its default. Those of states that were not met for longest are
-/// forgotten first. With six parameters this is about 50 MB.
+/// Most configurations that are remembered of all states of a study together, as long as there are no more
+/// than half as many states; else the best of each and its default. Those of states that were not met for
+/// longest are forgotten first. With six parameters this is about 50 MB.
 pub const RECORDS_PER_STUDY_MAX: usize = if cfg!(test) { 1200 } else { 65_536 };
 /// How many trials from before a change of predictor the new one is taught.
 pub const MODELS_TRIALS_MAX: u64 = if cfg!(test) { 40 } else { 20_000 };
-/// How many configurations models are taught anew when other indicators are left out than before: some milliseconds
-/// of work.
+/// How many configurations models are taught anew when other indicators are left out than before: some
+/// milliseconds of work.
 pub const RELEARNT_MAX: usize = 512;
 /// How many updates of the models reports defer; with more, a report computes them itself.
 pub const DEFERRED_UPDATES_MAX: usize = 64;
@@ -63,7 +64,8 @@ pub const DENOISED_STATES_MAX: usize = 1024;
 /// Most configurations that an assessment of a state looks at: its work grows with their cube, up to some
 /// 25 milliseconds with their measurements apart (`benches/estimate.rs`).
 pub const ASSESSED_MAX: usize = 96;
-/// Most measurements or bundles of them that an assessment keeps apart by when they ran; beyond, one for each configuration.
+/// Most measurements or bundles of them that an assessment keeps apart by when they ran; beyond, one for each
+/// configuration.
 pub const CELLS_MAX: usize = 160;
 /// So many more of them than configurations must there be before a machine can be seen to change its speed.
 pub const DRIFT_CELLS_LEAST: usize = 4;
@@ -87,7 +89,8 @@ pub const PORTFOLIO_STATES_MAX: usize = 64;
 /// See [`PORTFOLIO_STATES_MAX`].
 pub const PORTFOLIO_CANDIDATES_MAX: usize = 128;
 
-/// Most configurations of a state that its progress is judged by: the work grows with the cube of their number.
+/// Most configurations of a state that its progress is judged by: the work grows with the cube of their
+/// number.
 pub const PROGRESS_SAMPLES_MAX: usize = 40;
 /// Most states that the gain to expect of a search is judged by: those met last.
 pub const GAIN_STATES_MAX: usize = 1024;
@@ -95,15 +98,16 @@ pub const GAIN_STATES_MAX: usize = 1024;
 /// How many points a search may propose in one suggestion that turn out to be known already. Each is
 /// answered from the table; after so many an unseen configuration is drawn at random instead.
 pub const KNOWN_POINTS_PER_SUGGESTION_MAX: usize = 32;
-/// Most points that are thought of beyond the next one, for clients that ask while nobody can think for their search.
+/// Most points that are thought of beyond the next one, for clients that ask while nobody can think for their
+/// search.
 pub const POINTS_IN_RESERVE_MAX: usize = 12;
 /// How many random configurations are drawn to find an unseen one.
 pub const UNSEEN_DRAWS_MAX: usize = 64;
 /// How often a configuration may fail in one state, without a verdict on it, before it is given up there.
 pub const FAILURES_PER_CONFIGURATION_MAX: u32 = 3;
 
-/// How often the lease of a configuration that was never measured in a state may be lost there before it counts as
-/// infeasible: whoever runs it crashes or hangs.
+/// How often the lease of a configuration that was never measured in a state may be lost there before it
+/// counts as infeasible: whoever runs it crashes or hangs.
 pub const LEASES_LOST_MAX: u32 = 2;
 /// Most configurations of a state of which lost leases are remembered: the latest.
 pub const LOST_CONFIGURATIONS_MAX: usize = 64;

@@ -1,15 +1,16 @@
 //! The machines of a study: how far one may rely on what another has measured.
 //!
-//! The same frame costs more on one machine than on another, by a factor above all; but the best configuration may differ
-//! as well. So a measurement belongs to the machine that took it, which is processor, instruction set, threads and
-//! software together (the client's [`Fingerprint`]). Machines of the same processor and software make a group, and all
-//! machines of the study make the fleet ([`MachineLevel`]). How much a machine relies on its group and on the fleet is
-//! learnt: each of its measurements is compared with what the others' measurements predicted. The paper leaves this to
-//! future work ("hierarchical optimization or per node optimization is promising", its section 9); the method is partial
-//! pooling (Gelman et al., "Bayesian Data Analysis", chapter 5).
+//! The same frame costs more on one machine than on another, by a factor above all; but the best
+//! configuration may differ as well. So a measurement belongs to the machine that took it, which is
+//! processor, instruction set, threads and software together (the client's [`Fingerprint`]). Machines of the
+//! same processor and software make a group, and all machines of the study make the fleet ([`MachineLevel`]).
+//! How much a machine relies on its group and on the fleet is learnt: each of its measurements is compared
+//! with what the others' measurements predicted. The paper leaves this to future work ("hierarchical
+//! optimization or per node optimization is promising", its section 9); the method is partial pooling (Gelman
+//! et al., "Bayesian Data Analysis", chapter 5).
 //!
-//! Other software makes another machine and another group. What was measured before a change of Embree or of the build
-//! counts as the fleet's from then on, and never again as the machine's own.
+//! Other software makes another machine and another group. What was measured before a change of Embree or of
+//! the build counts as the fleet's from then on, and never again as the machine's own.
 
 use std::collections::BTreeMap;
 
@@ -21,12 +22,12 @@ use crate::ids::MachineId;
 use crate::limits::MACHINES_MAX;
 use crate::trial::Fingerprint;
 
-/// By how much, as a logarithm, a group's and the fleet's word on a configuration are taken to be off before anything
-/// was compared, and how many comparisons that is worth.
+/// By how much, as a logarithm, a group's and the fleet's word on a configuration are taken to be off before
+/// anything was compared, and how many comparisons that is worth.
 const MISS_PRIOR: [f64; 2] = [0.05, 0.15];
 const MISS_PRIOR_WEIGHT: f64 = 4.0;
-/// What is gained or lost against the default elsewhere is taken to be so here as well; this is the square of the
-/// difference, in logarithms, that outweighs it.
+/// What is gained or lost against the default elsewhere is taken to be so here as well; this is the square of
+/// the difference, in logarithms, that outweighs it.
 const CARRIED_PRIOR: f64 = 0.25;
 /// An older comparison counts by so much less: machines may change.
 const MISS_FADE: f64 = 0.98;
@@ -34,8 +35,8 @@ const MISS_FADE: f64 = 0.98;
 const MISS_MAX: f64 = 3.0;
 /// The factor between a machine's costs and the others' is the mean of so many of the latest comparisons.
 const EFFECT_MEMORY: f64 = 64.0;
-/// A state of the group, or of another machine of the fleet, counts as if it lay so much further away, in quadrature;
-/// indicators span 0 to 1.
+/// A state of the group, or of another machine of the fleet, counts as if it lay so much further away, in
+/// quadrature; indicators span 0 to 1.
 const DISTANCE: [f64; 3] = [0.0, 0.05, 0.1];
 
 /// The square of the distance that a state of that level is further away by.
@@ -50,8 +51,8 @@ pub(crate) struct PoolingStatistics {
     /// By how much its costs are above those of the others.
     effect: f64,
     compared: f64,
-    /// How the differences to the default carry over from the group and from the fleet: sums of products of theirs
-    /// and its own, and of squares of theirs.
+    /// How the differences to the default carry over from the group and from the fleet: sums of products of
+    /// theirs and its own, and of squares of theirs.
     carried: [(f64, f64); 2],
     /// Mean square of how far the group and the fleet were off, and the weight of that.
     misses: [(f64, f64); 2],
@@ -89,8 +90,9 @@ struct Machine {
 
 /// The machines of a study in the order in which they came. A client that names no machine is one of its own.
 ///
-/// At most [`MACHINES_MAX`] are told apart at a time. When one more comes, the one that has met no new state for
-/// longest is displaced: what it measured stays as the others', and should it come back it begins as a new machine.
+/// At most [`MACHINES_MAX`] are told apart at a time. When one more comes, the one that has met no new state
+/// for longest is displaced: what it measured stays as the others', and should it come back it begins as a
+/// new machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Machines {
     machines: Vec<Machine>,
@@ -207,8 +209,9 @@ impl Machines {
         }
     }
 
-    /// Which share of a configuration's difference to the default carries over to a machine, 0 to 1: least squares
-    /// through the origin, beginning at 1. It is 0 where others' favourites do worse than the default here.
+    /// Which share of a configuration's difference to the default carries over to a machine, 0 to 1: least
+    /// squares through the origin, beginning at 1. It is 0 where others' favourites do worse than the default
+    /// here.
     pub(crate) fn share(&self, machine: MachineId, level: MachineLevel) -> f64 {
         match level {
             MachineLevel::Machine => 1.0,
@@ -236,8 +239,8 @@ impl Machines {
         (*sum, *weight) = (MISS_FADE * *sum + off * off, MISS_FADE * *weight + 1.0);
     }
 
-    /// How the software of a machine differs from that of the machine of the same hardware that came last before
-    /// it: "embree 4.3.0 -> 4.4.0". `None` where there was no such machine.
+    /// How the software of a machine differs from that of the machine of the same hardware that came last
+    /// before it: "embree 4.3.0 -> 4.4.0". `None` where there was no such machine.
     pub(crate) fn change_of_software(&self, machine: MachineId) -> Option<String> {
         let own = &self.machines[index(machine)];
         let now = &own.fingerprint.as_ref()?.software;

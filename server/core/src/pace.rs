@@ -1,12 +1,12 @@
 //! How much faster a state's machine ran for a while than when the state was first measured.
 //!
-//! The table of a state has costs at the speed of its first measurement, when other programs may have run. What is told to
-//! people is what they cost on the machine at its fastest, as far as that lasted.
+//! The table of a state has costs at the speed of its first measurement, when other programs may have run.
+//! What is told to people is what they cost on the machine at its fastest, as far as that lasted.
 
 use serde::{Deserialize, Serialize};
 
-/// How many of the latest factors of speed are kept, from how many on they say anything, and the share of them that was faster
-/// by chance.
+/// How many of the latest factors of speed are kept, from how many on they say anything, and the share of
+/// them that was faster by chance.
 const KEPT_MAX: usize = 64;
 const KEPT_LEAST: usize = 8;
 const LASTS: f64 = 0.15;
@@ -24,8 +24,8 @@ pub struct Pace {
 }
 
 impl Pace {
-    /// Notes how fast the client's machine was in a trial: the factor that its cost is divided by. `noise` is the standard
-    /// deviation of the logarithm of one measurement: noise is taken for speed now and then.
+    /// Notes how fast the client's machine was in a trial: the factor that its cost is divided by. `noise` is
+    /// the standard deviation of the logarithm of one measurement: noise is taken for speed now and then.
     pub fn note(&mut self, factor: f64, noise: f64) {
         if factor == 1.0 && self.latest.is_empty() {
             return;
@@ -50,7 +50,8 @@ impl Pace {
         self.lowest = (self.lowest - shift).min(0.0);
     }
 
-    /// By which factor the costs of the table are to be multiplied to be those of the machine at its fastest; at most 1.
+    /// By which factor the costs of the table are to be multiplied to be those of the machine at its fastest;
+    /// at most 1.
     pub fn factor(&self) -> f64 {
         libm::exp(self.lowest)
     }

@@ -1,6 +1,6 @@
-//! Values as few bytes: MessagePack with the names of fields, so that a field may be added later, and over it LZ4
-//! ("LZ4 block format description", Collet), which takes the repeated names out again. Every double comes back bit
-//! for bit.
+//! Values as few bytes: MessagePack with the names of fields, so that a field may be added later, and over it
+//! LZ4 ("LZ4 block format description", Collet), which takes the repeated names out again. Every double comes
+//! back bit for bit.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;

@@ -4,9 +4,9 @@
 //! runtime") and the database of section 6 that keeps the same pair of state and configuration from being
 //! sampled twice. Finding and adding a result takes time logarithmic in the number of configurations.
 //!
-//! The cost of a configuration is a robust mean of its latest measurements, so that a single outlier does no harm
-//! (see [`crate::robust`]). Where the measurements of one configuration are found to have changed for good (the
-//! machine's clock, another program), the costs of the others are scaled by the same factor until they are measured again.
+//! The cost of a configuration is a robust mean of its latest measurements, so that one outlier does no harm
+//! (see [`crate::robust`]). Where those of one configuration have changed for good (the machine's clock,
+//! another program), the costs of the others are scaled likewise until they are measured again.
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
@@ -29,8 +29,8 @@ pub(crate) const SEARCHED_LEAST: usize = 6;
 
 /// A repeat within so many trials is one at once.
 const AT_ONCE: u64 = 3;
-/// So many repeats at once and later say whether the speed of a machine wanders: if the typical difference of the later ones
-/// is so many times that of the others, which counts as this at least.
+/// So many repeats at once and later say whether the speed of a machine wanders: if the typical difference of
+/// the later ones is so many times that of the others, which counts as this at least.
 const WANDERS_AFTER: usize = 3;
 const WANDERS: f64 = 2.0;
 const WANDERS_LEAST: f64 = 0.01;
@@ -79,7 +79,7 @@ impl Record {
         self.measurements > 0 || self.infeasible || self.lower_bound.is_some()
     }
 
-    /// Judges whether it can be run: not where it never was, nor where it crashes more often than it runs. Programs are flaky.
+    /// Judges whether it can be run: not where it never was, nor where it crashes more often than it runs.
     fn judge(&mut self) {
         let crashes = u64::from(self.crashes);
         let often = crashes >= u64::from(FAILURES_PER_CONFIGURATION_MAX) && crashes >= self.measurements;
@@ -116,8 +116,8 @@ pub struct ResultTable {
     searched: usize,
     /// How far repeated measurements were from what was known before, as shares.
     repeats: Vec<f64>,
-    /// Logarithms, without a sign, of how far they were from the measurement before of the same configuration by the same
-    /// client: where that ran just before, and where it was longer ago.
+    /// Logarithms, without a sign, of how far they were from the measurement before of the same configuration
+    /// by the same client: where that ran just before, and where it was longer ago.
     at_once: Vec<f64>,
     later: Vec<f64>,
     outliers: u64,
@@ -258,7 +258,7 @@ impl ResultTable {
         self.rewrite(configuration, change);
     }
 
-    /// States the latest costs of a configuration anew, each with the number of its trial; none of them where all were taken back.
+    /// Replaces the latest costs of a configuration, each with its trial's number; none if all were taken back.
     pub fn restate(&mut self, configuration: &Configuration, costs: &[(u64, f64)]) {
         let change = |record: &mut Record| {
             record.evidence.restate(costs);
@@ -320,7 +320,7 @@ impl ResultTable {
         others.clone().nth(middle).or_else(|| others.next_back())
     }
 
-    /// What a single measurement is believed to be at least and at most; `None` before enough others were measured.
+    /// What a single measurement is believed to be at least and at most; `None` before enough are known.
     pub fn reach(&self) -> Option<(f64, f64)> {
         let count = self.ranking.len();
         if count < REACH_AFTER {
@@ -335,8 +335,8 @@ impl ResultTable {
         Some((middle / reach, (middle * reach).min(f64::MAX)))
     }
 
-    /// A cost of a configuration as it is believed before it is learnt: one that lies far from everything here is drawn in,
-    /// unless the same configuration was measured before at about as much.
+    /// A cost of a configuration as it is believed before it is learnt: one that lies far from everything
+    /// here is drawn in, unless the same configuration was measured before at about as much.
     pub fn believed(&self, configuration: &Configuration, cost: f64) -> f64 {
         let record = self.record(configuration).filter(|record| record.measurements > 0);
         if record.is_some_and(|record| !is_torn(record.mean_cost, cost)) {
@@ -345,7 +345,7 @@ impl ResultTable {
         self.reach().map_or(cost, |(low, high)| cost.clamp(low, high))
     }
 
-    /// The best or the incumbent, where it was measured once, far from everything else: it may be a find, or a mistake.
+    /// The best or the incumbent, measured once and far from everything else: it may be a find or a mistake.
     pub fn doubtful(&self, incumbent: &Configuration) -> Option<&Record> {
         let (low, high) = self.reach()?;
         let once = |record: &&Record| record.measurements == 1 && !record.infeasible;
@@ -363,8 +363,9 @@ impl ResultTable {
         self.index = places.map(|(index, record)| (record.configuration.clone(), index)).collect();
     }
 
-    /// Forgets all but about `most` configurations: half of those that stay are the best, the others those met
-    /// last, and `default` is among them. What is forgotten may be sampled again; that it had a verdict still counts.
+    /// Forgets all but about `most` configurations: half of those that stay are the best, the others those
+    /// met last, and `default` is among them. What is forgotten may be sampled again; that it had a verdict
+    /// still counts.
     pub fn forget(&mut self, most: usize, default: &Configuration) {
         if self.records.len() <= most {
             return;
@@ -401,7 +402,8 @@ impl ResultTable {
         self.records.len()
     }
 
-    /// Rises with every trial that was learnt and with everything else that changes costs: equal numbers, equal tables.
+    /// Rises with every trial that was learnt and with everything else that changes costs: equal numbers,
+    /// equal tables.
     pub fn version(&self) -> u64 {
         self.touches
     }
@@ -427,8 +429,8 @@ impl ResultTable {
         (!repeats.is_empty()).then(|| MAD_TO_DEVIATION * median(&mut repeats))
     }
 
-    /// Whether the speed of the machine is seen to wander: what is repeated at once agrees much better than what is repeated
-    /// later.
+    /// Whether the speed of the machine is seen to wander: what is repeated at once agrees much better than
+    /// what is repeated later.
     pub fn wanders(&self) -> bool {
         let typical = |samples: &[f64]| median(&mut samples.to_vec());
         self.at_once.len().min(self.later.len()) >= WANDERS_AFTER
@@ -498,12 +500,14 @@ impl ResultTable {
         self.tried
     }
 
-    /// How many of them by trials that no client had asked for by itself: those count towards a search's budget.
+    /// How many of them by trials that no client had asked for by itself: those count towards a search's
+    /// budget.
     pub fn searched(&self) -> usize {
         self.searched
     }
 
-    /// How many completed trials explored the state, repeats among them, but for those of confirmations: what a budget counts.
+    /// How many completed trials explored the state, repeats among them, but for those of confirmations: what
+    /// a budget counts.
     pub fn runs(&self) -> usize {
         usize::try_from(self.runs).unwrap_or(usize::MAX)
     }
@@ -525,8 +529,8 @@ impl ResultTable {
         self.repeats.len() >= EXACT_AFTER && self.repeats.iter().all(|share| *share == 0.0)
     }
 
-    /// Whether clients tried so many configurations of their own choice that the state counts as searched, if not by the
-    /// study's search.
+    /// Whether clients tried so many configurations of their own choice that the state counts as searched, if
+    /// not by the study's search.
     pub fn is_searched_by_clients(&self) -> bool {
         self.tried.saturating_sub(self.searched) >= SEARCHED_LEAST
     }
@@ -586,7 +590,8 @@ pub struct KnownState {
     pub id: StateId,
     /// The normalised indicators that founded it.
     pub anchor: Vec<f64>,
-    /// The machine whose measurements these are: its place in the study's [`Machines`](crate::machines::Machines).
+    /// The machine whose measurements these are: its place in the study's
+    /// [`Machines`](crate::machines::Machines).
     pub machine: MachineId,
     /// A search was begun in it, or clients brought along the measurements of one.
     pub explored: bool,

@@ -1,9 +1,9 @@
 //! Location, scale and change of repeated measurements that a few wild ones do not disturb.
 //!
-//! Frame times have a long tail: another process, a page fault, a clock that falls. The mean follows every one of
-//! them. The estimator of Hodges and Lehmann ("Estimates of location based on rank tests", 1963), the median of all
-//! means of two, is as good as the mean for Gaussian noise but for 5 %, and stands while fewer than 29 % of the
-//! measurements are wild. With one or two measurements it is their mean.
+//! Frame times have a long tail: another process, a page fault, a clock that falls. The mean follows every
+//! one of them. The estimator of Hodges and Lehmann ("Estimates of location based on rank tests", 1963), the
+//! median of all means of two, is as good as the mean for Gaussian noise but for 5 %, and stands while fewer
+//! than 29 % of the measurements are wild. With one or two measurements it is their mean.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,17 +19,17 @@ const OUTLIER_AFTER: usize = 4;
 const RECENT: usize = 5;
 /// So many older ones there must be.
 const OLDER_LEAST: usize = 8;
-/// Standard errors between recent and older measurements that are a change. With 5, Gaussian noise raises a false
-/// alarm about once in ten thousand measurements (see the tests).
+/// Standard errors between recent and older measurements that are a change. With 5, Gaussian noise raises a
+/// false alarm about once in ten thousand measurements (see the tests).
 const CHANGE: f64 = 5.0;
 /// Smaller changes than this share are not worth an alarm, and scales below it are not believed.
 const SHARE_LEAST: f64 = 0.01;
 
-/// Two or three measurements of one configuration that lie further apart than by this factor are not all of it: one comes from
-/// a clock that was read wrongly, or from a program that ended early.
+/// Two or three measurements of one configuration that lie further apart than by this factor are not all of
+/// it: one comes from a clock that was read wrongly, or from a program that ended early.
 pub const TORN: f64 = 10.0;
-/// How far from the middle of what all configurations cost a single measurement is believed, in deviations of their logarithms,
-/// and at the least.
+/// How far from the middle of what all configurations cost a single measurement is believed, in deviations of
+/// their logarithms, and at the least.
 const REACH: f64 = 6.0;
 const REACH_LEAST: f64 = std::f64::consts::LN_10;
 /// So many configurations say what is far.
@@ -57,9 +57,10 @@ pub fn is_torn(a: f64, b: f64) -> bool {
     a.max(b) > TORN * a.min(b)
 }
 
-/// The places of those measurements of one configuration that count. Of more than three the estimators of this module take
-/// care. Where fewer are [torn](is_torn), it is the middle one of three with whatever lies near it, and of two the one that is
-/// nearer to the `usual` cost of other configurations, else the lower: what disturbs a program seldom makes it faster.
+/// The places of those measurements of one configuration that count. Of more than three the estimators of
+/// this module take care. Where fewer are [torn](is_torn), it is the middle one of three with whatever lies
+/// near it, and of two the one that is nearer to the `usual` cost of other configurations, else the lower:
+/// what disturbs a program seldom makes it faster.
 pub fn trusted(values: &[f64], usual: Option<f64>) -> Vec<usize> {
     let log = |value: f64| libm::log(value.max(f64::MIN_POSITIVE));
     let believed = match *values {
@@ -73,8 +74,8 @@ pub fn trusted(values: &[f64], usual: Option<f64>) -> Vec<usize> {
     (0..values.len()).filter(|&place| !is_torn(values[place], believed)).collect()
 }
 
-/// How far from the middle the logarithm of a single measurement is believed, where those of all configurations have such a
-/// deviation.
+/// How far from the middle the logarithm of a single measurement is believed, where those of all
+/// configurations have such a deviation.
 pub fn reach_of(deviation: f64) -> f64 {
     (REACH * deviation).max(REACH_LEAST)
 }
@@ -166,8 +167,8 @@ impl Evidence {
         if outlier { Deviation::Outlier } else { Deviation::Usual }
     }
 
-    /// The factor by which the last measurements differ from those before, if they clearly do: no recent one lies
-    /// among the older ones but for a single outlier of these, and their locations are far apart.
+    /// The factor by which the last measurements differ from those before, if they clearly do: no recent one
+    /// lies among the older ones but for a single outlier of these, and their locations are far apart.
     fn change(&self) -> Option<f64> {
         let older = self.recent.len().checked_sub(RECENT).filter(|&older| older >= OLDER_LEAST)?;
         let (old, new) = self.recent.split_at(older);
@@ -209,9 +210,9 @@ impl Evidence {
         location(&believed)
     }
 
-    /// The standard deviation of the logarithm of one measurement: of what is kept and of `usual`, that of other
-    /// configurations, which counts as four measurements. It is above the usual one where a configuration is
-    /// restless by itself, as a builder is whose threads meet by chance.
+    /// The standard deviation of the logarithm of one measurement: of what is kept and of `usual`, that of
+    /// other configurations, which counts as four measurements. It is above the usual one where a
+    /// configuration is restless by itself, as a builder is whose threads meet by chance.
     pub fn log_deviation(&self, usual: f64) -> f64 {
         let believed = trusted(&self.recent, None).into_iter();
         let mut logs: Vec<f64> =

@@ -1,5 +1,5 @@
-//! Who sent a request: anybody, where no tokens are asked for, or the holder of a token, whose rights and quotas it
-//! then carries to where the request is understood.
+//! Who sent a request: anybody, where no tokens are asked for, or the holder of a token, whose rights and
+//! quotas it then carries to where the request is understood.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
@@ -23,7 +23,8 @@ pub enum Caller {
     Holder(Arc<Holder>),
 }
 
-/// A token that was shown since the daemon started. What may change about it can change while streams are open.
+/// A token that was shown since the daemon started. What may change about it can change while streams are
+/// open.
 pub struct Holder {
     pub(super) id: String,
     /// None once the token is forgotten.
@@ -301,8 +302,8 @@ impl Drop for Spent<'_> {
     }
 }
 
-/// When the stored tokens were last read. A copy that is too old lets nobody in: somebody may have been shut out
-/// meanwhile.
+/// When the stored tokens were last read. A copy that is too old lets nobody in: somebody may have been shut
+/// out meanwhile.
 #[derive(Debug)]
 pub(super) struct LastRead(Mutex<Instant>);
 

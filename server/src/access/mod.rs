@@ -1,15 +1,16 @@
 //! Who may enter: reads the token that a request shows, and keeps a copy of the stored ones in memory.
 //!
-//! [`token`] is the form of a token, [`rules`] what each RPC needs, [`caller`] who was let in and what they may
-//! still use, `rate` counts requests a second.
+//! [`token`] is the form of a token, [`rules`] what each RPC needs, [`caller`] who was let in and what they
+//! may still use, `rate` counts requests a second.
 //!
-//! The copy follows the database: its revision is read ten times a second, so a token that was made, changed or
-//! revoked, by whomever and through whichever replica, counts at once, also on streams that are open. While the
-//! database cannot be read the copy stays as it was, for [`TOKENS_STALE`](crate::limits::TOKENS_STALE); then nobody
-//! is let in, since somebody may have been shut out meanwhile.
+//! The copy follows the database: its revision is read ten times a second, so a token that was made, changed
+//! or revoked, by whomever and through whichever replica, counts at once, also on streams that are open.
+//! While the database cannot be read the copy stays as it was, for
+//! [`TOKENS_STALE`](crate::limits::TOKENS_STALE); then nobody is let in, since somebody may have been shut
+//! out meanwhile.
 //!
-//! What a token has used is counted here and added up in the database, from where the sum of all replicas comes
-//! back: they exceed a quota by what they let through between two such moments at most.
+//! What a token has used is counted here and added up in the database, from where the sum of all replicas
+//! comes back: they exceed a quota by what they let through between two such moments at most.
 
 pub mod caller;
 mod rate;
@@ -155,8 +156,8 @@ impl Access {
     /// Lets a request in that shows what is needed.
     ///
     /// # Errors
-    /// [`Error::Unauthenticated`] for no token and for one that is wrong or has ended, [`Error::Denied`] for one
-    /// of too narrow a scope.
+    /// [`Error::Unauthenticated`] for no token and for one that is wrong or has ended, [`Error::Denied`] for
+    /// one of too narrow a scope.
     pub async fn authorize(&self, need: Need, authorization: Authorization<'_>) -> Result<Caller, Error> {
         let Need::Scope(scope) = need else {
             return Ok(Caller::Anyone);

@@ -1,7 +1,9 @@
-//! How many requests a second: the generic cell rate algorithm (ITU-T I.371), a token bucket that needs no filling.
+//! How many requests a second: the generic cell rate algorithm (ITU-T I.371), a token bucket that needs no
+//! filling.
 //!
-//! One moment is kept: when the bucket would be full again. Each request moves it on by its share of a second; one
-//! that would move it more than a second ahead is refused, and the difference is when to try again.
+//! One moment is kept: when the bucket would be full again. Each request moves it on by its share of a
+//! second; one that would move it more than a second ahead is refused, and the difference is when to try
+//! again.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;

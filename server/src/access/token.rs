@@ -1,7 +1,8 @@
 //! The text of a token: `tw1_ID_SECRET`.
 //!
-//! The id is public: it finds the token in the database and names it in logs. The secret is 256 random bits from the
-//! system, in URL-safe base64. Only its SHA-256 is kept; why that suffices stands in `treewright_store::tokens`.
+//! The id is public: it finds the token in the database and names it in logs. The secret is 256 random bits
+//! from the system, in URL-safe base64. Only its SHA-256 is kept; why that suffices stands in
+//! `treewright_store::tokens`.
 
 use std::fmt;
 
@@ -10,7 +11,8 @@ use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use sha2::{Digest as _, Sha256};
 use subtle::ConstantTimeEq as _;
 
-/// What every token begins with: a mark by which leaked ones can be searched for, and the version of the form.
+/// What every token begins with: a mark by which leaked ones can be searched for, and the version of the
+/// form.
 pub const TOKEN_MARK: &str = "tw1_";
 
 /// Hexadecimal digits of an id.

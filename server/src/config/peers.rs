@@ -11,13 +11,13 @@ use crate::tls::TlsFiles;
 #[derive(Clone, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Several daemons on one PostgreSQL")]
 pub struct PeersConfig {
-    /// Address at which the other daemons reach this one, e.g. https://10.0.0.7:50611. Default: the address it
-    /// listens on.
+    /// Address at which the other daemons reach this one, e.g. https://10.0.0.7:50611. Default: the address
+    /// it listens on.
     #[arg(long, env = "TREEWRIGHT_ADVERTISE", value_name = "URL")]
     pub advertise: Option<String>,
 
-    /// CA certificates for checking the other daemons' certificates, in PEM. Default: those of --tls-client-ca,
-    /// or else the system's. Reloaded when the file changes.
+    /// CA certificates for checking the other daemons' certificates, in PEM. Default: those of
+    /// --tls-client-ca, or else the system's. Reloaded when the file changes.
     #[arg(long, env = "TREEWRIGHT_PEER_CA", value_name = "FILE", requires = "tls_cert")]
     pub peer_ca: Option<PathBuf>,
 
@@ -41,7 +41,8 @@ impl PeersConfig {
         })
     }
 
-    /// Checks that the others can reach this daemon, and that nobody passes credentials on in plain text by mistake.
+    /// Checks that the others can reach this daemon, and that nobody passes credentials on in plain text by
+    /// mistake.
     pub(super) fn check(
         &self,
         database: &Database,

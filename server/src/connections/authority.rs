@@ -1,10 +1,11 @@
 //! Requests over a Unix socket, whatever their `:authority` says.
 //!
-//! Over a Unix socket there is no host to name. Clients on gRPC's C core (C++, Python, Ruby, C#) name the path of the socket,
-//! percent-encoded, which the HTTP library takes for a malformed host and refuses. Nobody reads the authority here, so
-//! characters that cannot stand in a host are replaced on their way in. Each by one other: the lengths of frames and strings,
-//! and with them the sizes of HPACK's tables, stay what the client believes (RFC 9113, section 4.1; RFC 7541, sections 5
-//! and 6). Strings in Huffman code are left alone, which the C core does not use for it.
+//! Over a Unix socket there is no host to name. Clients on gRPC's C core (C++, Python, Ruby, C#) name the
+//! path of the socket, percent-encoded, which the HTTP library takes for a malformed host and refuses. Nobody
+//! reads the authority here, so characters that cannot stand in a host are replaced on their way in. Each by
+//! one other: the lengths of frames and strings, and with them the sizes of HPACK's tables, stay what the
+//! client believes (RFC 9113, section 4.1; RFC 7541, sections 5 and 6). Strings in Huffman code are left
+//! alone, which the C core does not use for it.
 
 use std::io;
 use std::pin::Pin;

@@ -1,8 +1,8 @@
 //! Bodies of requests and answers, of which the bytes count for as long as they are unfinished.
 //!
-//! Of a request its head counts, and then the message that is under way, as long as its beginning says that it is: so much
-//! memory is set aside for it (the frames of gRPC: a flag, a length in four bytes, the message). Of an answer each piece
-//! counts until the connection has written it.
+//! Of a request its head counts, and then the message that is under way, as long as its beginning says that
+//! it is: so much memory is set aside for it (the frames of gRPC: a flag, a length in four bytes, the
+//! message). Of an answer each piece counts until the connection has written it.
 
 use std::pin::Pin;
 use std::sync::Arc;

@@ -1,11 +1,11 @@
 //! Accepts connections up to a limit, encrypts them where that is wished, and ends those that only wait.
 //!
-//! A connection must get on: its TLS handshake, the first bytes of HTTP/2 and its first authorised request each have a
-//! time limit, and one on which nothing is under way for long is closed. So whoever opens many and says little or
-//! nothing ("slow loris") cannot hold slots that others need. `activity` keeps that time, `slots` counts connections
-//! and decides who makes room, `unfinished` does the same for the bytes of what is not finished, and `body` counts them.
-//! `pages` serves the listeners for browsers and for those who watch by the same rules. What happens once a request has begun
-//! is limited in [`middleware`](crate::middleware).
+//! A connection must get on: its TLS handshake, the first bytes of HTTP/2 and its first authorised request
+//! each have a time limit, and one on which nothing is under way for long is closed. So whoever opens many
+//! and says little or nothing ("slow loris") cannot hold slots that others need. `activity` keeps that time,
+//! `slots` counts connections and decides who makes room, `unfinished` does the same for the bytes of what is
+//! not finished, and `body` counts them. `pages` serves the listeners for browsers and for those who watch by
+//! the same rules. What happens once a request has begun is limited in [`middleware`](crate::middleware).
 
 mod activity;
 mod authority;
@@ -66,8 +66,8 @@ struct Acceptor {
     metrics: Arc<Metrics>,
 }
 
-/// The connections of all listeners. One that nobody makes room for is closed at once, which its client sees as
-/// UNAVAILABLE. Handshakes run side by side, so that a slow one holds up nobody.
+/// The connections of all listeners. One that nobody makes room for is closed at once, which its client sees
+/// as UNAVAILABLE. Handshakes run side by side, so that a slow one holds up nobody.
 pub(crate) fn accept(
     listeners: Listeners,
     tls: Option<Arc<Tls>>,

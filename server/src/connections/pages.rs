@@ -1,8 +1,10 @@
-//! Listeners for browsers and for those who watch: HTTP/1.1, a few connections, and whoever comes last is served.
+//! Listeners for browsers and for those who watch: HTTP/1.1, a few connections, and whoever comes last is
+//! served.
 //!
-//! Where all are taken, one makes room by the [rule](super::slots) of all connections, with one difference: nothing that is
-//! under way keeps it, as those who ask here come again by themselves. So neither connections that say nothing nor ones that
-//! never end their question keep an orchestrator from asking whether the daemon lives.
+//! Where all are taken, one makes room by the [rule](super::slots) of all connections, with one difference:
+//! nothing that is under way keeps it, as those who ask here come again by themselves. So neither connections
+//! that say nothing nor ones that never end their question keep an orchestrator from asking whether the
+//! daemon lives.
 
 use std::convert::Infallible;
 use std::sync::Arc;

@@ -1,12 +1,13 @@
 //! How many connections there may be, and who has to leave when there are too many.
 //!
-//! A connection is a *newcomer* until a request on it was authorised. Newcomers have a share of the slots and no more.
-//! Nobody is turned away as long as somebody can be asked to leave: of the address with the most newcomers the one
-//! that came first, and where there are none, of the address with the most connections the one that was not used for
-//! longest. So whoever opens connections without a token, however many, shuts nobody out who has one: a client only has
-//! to send its first request before its turn to leave comes, and an idle client that had to leave connects again with
-//! its next request. Connections on which something is under way stay. Who comes waits for the moment until the other has
-//! left, so that there are never more than there may be.
+//! A connection is a *newcomer* until a request on it was authorised. Newcomers have a share of the slots and
+//! no more. Nobody is turned away as long as somebody can be asked to leave: of the address with the most
+//! newcomers the one that came first, and where there are none, of the address with the most connections the
+//! one that was not used for longest. So whoever opens connections without a token, however many, shuts
+//! nobody out who has one: a client only has to send its first request before its turn to leave comes, and an
+//! idle client that had to leave connects again with its next request. Connections on which something is
+//! under way stay. Who comes waits for the moment until the other has left, so that there are never more than
+//! there may be.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::future::poll_fn;
@@ -45,8 +46,8 @@ impl Default for ConnectionLimits {
     }
 }
 
-/// From where a connection comes: an address, or none for local sockets. Of IPv6 the network counts, of which one machine
-/// has as many addresses as it likes (RFC 4291, section 2.5.4).
+/// From where a connection comes: an address, or none for local sockets. Of IPv6 the network counts, of which
+/// one machine has as many addresses as it likes (RFC 4291, section 2.5.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Origin(Option<IpAddr>);
 
@@ -209,8 +210,8 @@ impl OpenConnections {
         crowd?.newcomers.first().copied()
     }
 
-    /// The known one that was not used for longest of all from there, or of the address with most connections that has
-    /// an idle one.
+    /// The known one that was not used for longest of all from there, or of the address with most connections
+    /// that has an idle one.
     fn longest_idle(&self, of: Option<Origin>) -> Option<u64> {
         let heaviest = self.crowds.iter().max_by_key(|(_, crowd)| crowd.open - crowd.leaving);
         let heaviest = heaviest.map(|(origin, _)| *origin);

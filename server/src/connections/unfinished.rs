@@ -1,10 +1,11 @@
-//! One budget in bytes for everything that is unfinished: requests whose message has not come as a whole, and answers that
-//! their client has not read.
+//! One budget in bytes for everything that is unfinished: requests whose message has not come as a whole, and
+//! answers that their client has not read.
 //!
-//! Each connection alone is cheap, and thousands that each hold back the end of a message, or do not read what they asked
-//! for, are not. What is unfinished is counted by connection and by where it comes from. When it is more than the budget, the
-//! address that holds most of it gives way, and there the connection on which nothing was finished for longest: it is closed,
-//! and with it goes all that it holds. A client that gets on is not touched, and one that was tries again.
+//! Each connection alone is cheap, and thousands that each hold back the end of a message, or do not read
+//! what they asked for, are not. What is unfinished is counted by connection and by where it comes from. When
+//! it is more than the budget, the address that holds most of it gives way, and there the connection on which
+//! nothing was finished for longest: it is closed, and with it goes all that it holds. A client that gets on
+//! is not touched, and one that was tries again.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

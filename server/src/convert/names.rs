@@ -1,4 +1,5 @@
-//! Resource names: `studies/{study}` and `studies/{study}/trials/{trial}`, where `{study}@{uid}` may stand for `{study}`.
+//! Resource names: `studies/{study}` and `studies/{study}/trials/{trial}`, where `{study}@{uid}` may stand
+//! for `{study}`.
 
 use std::fmt;
 

@@ -4,7 +4,8 @@ use treewright_core::policy::{Policy, PolicySettings};
 use treewright_proto::convert::policy_from_wire;
 use treewright_proto::v1;
 
-/// The fields that `given` sets and that mean something else than `stored`; `meant` is `given` as it was read.
+/// The fields that `given` sets and that mean something else than `stored`; `meant` is `given` as it was
+/// read.
 pub fn policy_differences(given: &v1::Policy, meant: &Policy, stored: &Policy) -> Vec<String> {
     // It was read once already, so that it can be read again.
     let said = |policy: v1::Policy| policy_from_wire("policy", policy).unwrap_or_default();

@@ -1,5 +1,5 @@
-//! Answers as the daemon gives them, under their resource names. How types of the model become messages stands in
-//! `treewright_proto::convert`.
+//! Answers as the daemon gives them, under their resource names. How types of the model become messages
+//! stands in `treewright_proto::convert`.
 
 use treewright_core::trial::Trial;
 use treewright_core::tuner::{Best, Prediction};

@@ -1,6 +1,6 @@
-//! Net benefit: what running the study's answers saved in a day over running the default everywhere, with everything that
-//! exploring cost. Frames that were measured cost what they cost; what is uncertain is what the default would
-//! have cost in their place, which each state's standing tells with its interval.
+//! Net benefit: what running the study's answers saved in a day over running the default everywhere, with
+//! everything that exploring cost. Frames that were measured cost what they cost; what is uncertain is what
+//! the default would have cost in their place, which each state's standing tells with its interval.
 
 use std::collections::BTreeMap;
 use std::ops::AddAssign;
@@ -43,7 +43,8 @@ pub(super) struct Benefit {
 }
 
 impl Benefit {
-    /// Of one state: what its frames cost, in the objective's units of so many seconds, within so many seconds of time.
+    /// Of one state: what its frames cost, in the objective's units of so many seconds, within so many
+    /// seconds of time.
     pub(super) fn of(default: DefaultCost, costs: &[f64], unit_s: f64, window_s: f64) -> Self {
         let frames = costs.len() as f64;
         let a_day = unit_s * DAY_S / window_s.max(1.0);
@@ -82,7 +83,8 @@ impl AddAssign for Benefit {
     }
 }
 
-/// What one unit of an objective is in seconds, by the ends of its metrics' names; `None` where it is no time.
+/// What one unit of an objective is in seconds, by the ends of its metrics' names; `None` where it is no
+/// time.
 pub(super) fn unit_s<'a>(metrics: impl Iterator<Item = &'a str>) -> Option<f64> {
     let unit = |name: &str| {
         let units = [("_ns", 1e-9), ("_us", 1e-6), ("_ms", 1e-3), ("_s", 1.0)];
@@ -94,14 +96,16 @@ pub(super) fn unit_s<'a>(metrics: impl Iterator<Item = &'a str>) -> Option<f64> 
     units.iter().all(|unit| *unit == first).then_some(first)
 }
 
-/// A configuration that serves all states: its values as text, and what it costs in each state where it was measured.
+/// A configuration that serves all states: its values as text, and what it costs in each state where it was
+/// measured.
 pub(super) struct Fixed {
     pub(super) configuration: String,
     pub(super) by_state: BTreeMap<i64, f64>,
 }
 
-/// The configuration with the lowest mean ratio to the default (geometric, over the states where it was measured), of those
-/// that were measured in at least half of the states; `None` with fewer than two. Runs are state, values and cost.
+/// The configuration with the lowest mean ratio to the default (geometric, over the states where it was
+/// measured), of those that were measured in at least half of the states; `None` with fewer than two. Runs
+/// are state, values and cost.
 pub(super) fn best_fixed(runs: &[(i64, String, f64)], defaults: &BTreeMap<i64, f64>) -> Option<Fixed> {
     let mut means: BTreeMap<&str, BTreeMap<i64, (f64, u32)>> = BTreeMap::new();
     for (state, configuration, cost) in runs.iter().filter(|run| defaults.contains_key(&run.0)) {

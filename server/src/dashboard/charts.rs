@@ -1,5 +1,5 @@
-//! Pictures of the dashboard as SVG, drawn on the server: what a page shows needs no script. Colours are classes of the
-//! style sheet, so that they follow the reader's light or dark scheme.
+//! Pictures of the dashboard as SVG, drawn on the server: what a page shows needs no script. Colours are
+//! classes of the style sheet, so that they follow the reader's light or dark scheme.
 
 mod map;
 
@@ -254,7 +254,8 @@ pub(super) struct Axis {
     pub(super) high: String,
 }
 
-/// A line for each trial across all axes. Places are 0 to 1, `None` where a parameter is inactive; classes 0 (best) to 4.
+/// A line for each trial across all axes. Places are 0 to 1, `None` where a parameter is inactive; classes 0
+/// (best) to 4.
 pub(super) fn parallel(axes: &[Axis], runs: &[(Vec<Option<f64>>, usize)]) -> String {
     let width = (110.0 * axes.len() as f64).max(WIDTH);
     let step = (width - 140.0) / (axes.len().max(2) - 1) as f64;

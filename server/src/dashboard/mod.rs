@@ -1,10 +1,10 @@
 //! The dashboard: studies, tuning curves, trials and reasons as pages for a browser, on a port of their own.
 //!
-//! Pages are made on the server and work without scripts; a small one fetches a page anew when an event of the server says
-//! that its study has changed. Everything comes from this port, and the content security policy allows nothing
-//! else. It only reads: pages ask through the handlers of the RPCs, with the caller of the token that the browser shows,
-//! and the database answers readers beside the writer. What a page rests on has limits, so that a study of many trials opens
-//! as fast as one of few.
+//! Pages are made on the server and work without scripts; a small one fetches a page anew when an event of
+//! the server says that its study has changed. Everything comes from this port, and the content security
+//! policy allows nothing else. It only reads: pages ask through the handlers of the RPCs, with the caller of
+//! the token that the browser shows, and the database answers readers beside the writer. What a page rests on
+//! has limits, so that a study of many trials opens as fast as one of few.
 
 mod benefit;
 mod charts;
@@ -178,7 +178,8 @@ impl Dashboard {
         }
     }
 
-    /// An event for each change of a study, or of the list of studies, until the browser goes or the token ends.
+    /// An event for each change of a study, or of the list of studies, until the browser goes or the token
+    /// ends.
     fn events(self: &Arc<Self>, caller: Caller, study: Option<String>) -> Response<Body> {
         let (events, stream) = mpsc::channel(1);
         let dashboard = Arc::clone(self);

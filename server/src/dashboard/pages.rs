@@ -1,4 +1,5 @@
-//! The pages: what each shows, read through the same handlers as RPCs are, so that a token sees here what it sees there.
+//! The pages: what each shows, read through the same handlers as RPCs are, so that a token sees here what it
+//! sees there.
 
 mod compare;
 mod map;

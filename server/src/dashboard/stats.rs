@@ -34,10 +34,11 @@ pub(super) fn place(parameter: &Parameter, value: &Value) -> f64 {
 /// A configuration's place for each parameter, `None` where that is inactive, and what it cost.
 pub(super) type Run = (Vec<Option<f64>>, f64);
 
-/// For each parameter the share of the variance of the logarithm of the cost that groups of its values predict in
-/// configurations left out, largest first; empty where there is too little to say. That a parameter is inactive is
-/// a group of its own. Runs of one configuration count as one, so that few configurations do not seem to explain each
-/// other. Estimated as `treewright analyze` does it (Plischke, Borgonovo and Smith, 2013; Allen, 1974).
+/// For each parameter the share of the variance of the logarithm of the cost that groups of its values
+/// predict in configurations left out, largest first; empty where there is too little to say. That a
+/// parameter is inactive is a group of its own. Runs of one configuration count as one, so that few
+/// configurations do not seem to explain each other. Estimated as `treewright analyze` does it (Plischke,
+/// Borgonovo and Smith, 2013; Allen, 1974).
 pub(super) fn importances(parameters: &[Parameter], runs: &[Run]) -> Vec<(String, f64)> {
     let runs = distinct(runs);
     let count = runs.len() as f64;

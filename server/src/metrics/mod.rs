@@ -1,8 +1,8 @@
 //! Figures for Prometheus. `watch` serves them.
 //!
-//! A process makes one set of figures in `main` and hands it down. Labels have few values, whatever clients send: RPCs come
-//! from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in `status`, and of studies only some
-//! are shown (`studies`). The names and units follow OpenMetrics 1.0.
+//! A process makes one set of figures in `main` and hands it down. Labels have few values, whatever clients
+//! send: RPCs come from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in `status`,
+//! and of studies only some are shown (`studies`). The names and units follow OpenMetrics 1.0.
 
 mod process;
 mod studies;
@@ -300,7 +300,8 @@ impl Metrics {
         self.begin_at_zero();
     }
 
-    /// Makes every counter with every label, so that the first time that something happens is seen as an increase.
+    /// Makes every counter with every label, so that the first time that something happens is seen as an
+    /// increase.
     fn begin_at_zero(&self) {
         for reason in ["limit", "address", "made_room", "tls", "overdue"] {
             drop(self.connections_lost.get_or_create(&ReasonLabel { reason }));

@@ -2,8 +2,8 @@
 
 use nix::sys::resource::{Resource, getrlimit};
 
-/// What `sysconf(_SC_CLK_TCK)` says on every Linux that Rust runs on: user space is told ticks of 10 ms, whatever the
-/// kernel's own are.
+/// What `sysconf(_SC_CLK_TCK)` says on every Linux that Rust runs on: user space is told ticks of 10 ms,
+/// whatever the kernel's own are.
 const TICKS_PER_S: f64 = 100.0;
 
 /// Processor time of this process, user and system, as Linux counts it.

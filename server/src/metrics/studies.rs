@@ -1,5 +1,6 @@
-//! Figures of single studies. Their names are labels, and whoever creates studies chooses them: so only some studies
-//! are shown, those used last, each with a fixed number of series, and all are made anew whenever somebody asks.
+//! Figures of single studies. Their names are labels, and whoever creates studies chooses them: so only some
+//! studies are shown, those used last, each with a fixed number of series, and all are made anew whenever
+//! somebody asks.
 
 use std::sync::atomic::AtomicU64;
 

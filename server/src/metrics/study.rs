@@ -1,4 +1,5 @@
-//! The figures of one study: what its frames cost, how much of that is regret, how wrong its models are and how old.
+//! The figures of one study: what its frames cost, how much of that is regret, how wrong its models are and
+//! how old.
 
 use treewright_core::trial::{Mode, Trial, TrialState};
 use treewright_core::tuner::{Change, StudyCounts, Tuner};

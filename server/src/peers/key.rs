@@ -1,8 +1,9 @@
 //! The key by which replicas know each other.
 //!
-//! A request that a replica passes on carries the client's token, and is judged by it as if it had come from the
-//! client itself. The key only tells that it has been counted already and is not to be passed on again. Every replica
-//! finds it in the database; a client cannot know it, and what it sends in its place is taken away by the middleware.
+//! A request that a replica passes on carries the client's token, and is judged by it as if it had come from
+//! the client itself. The key only tells that it has been counted already and is not to be passed on again.
+//! Every replica finds it in the database; a client cannot know it, and what it sends in its place is taken
+//! away by the middleware.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
@@ -43,7 +44,8 @@ impl ReplicaKey {
     }
 }
 
-/// Takes the mark from a request that does not come from a replica, and notes that one which does has been counted.
+/// Takes the mark from a request that does not come from a replica, and notes that one which does has been
+/// counted.
 pub(crate) fn check<B>(key: Option<&ReplicaKey>, request: &mut Request<B>) {
     let mut values = request.headers().get_all(FORWARDED).iter();
     let Some(given) = values.next() else {

@@ -1,10 +1,10 @@
 //! The other replicas: how a request gets to the one that holds its study.
 //!
-//! Where several daemons share a database, a study's tuner lives in one of them. A replica that is asked about
-//! a study of another's passes the request on, as it came, and the answer back. A request is passed on once:
-//! whoever gets it marked and does not hold the study says so, and the first looks again who does. If the
-//! holder is gone, the database lets the first take the study itself. [`find_answer`] is that search; single
-//! requests, frames of a stream and the fault simulator each say how they try here and there.
+//! Where several daemons share a database, a study's tuner lives in one of them. A replica that is asked
+//! about a study of another's passes the request on, as it came, and the answer back. A request is passed on
+//! once: whoever gets it marked and does not hold the study says so, and the first looks again who does. If
+//! the holder is gone, the database lets the first take the study itself. [`find_answer`] is that search;
+//! single requests, frames of a stream and the fault simulator each say how they try here and there.
 //!
 //! `links` are the connections, `key` is how a replica tells another's request from a client's.
 
@@ -69,8 +69,8 @@ pub trait Seeking: Sync {
     }
 }
 
-/// Looks for the replica that answers a request until [`limits::PEER_PATIENCE`] is over; then the last answer of
-/// this replica stands. A request that was passed on is not passed on again.
+/// Looks for the replica that answers a request until [`limits::PEER_PATIENCE`] is over; then the last answer
+/// of this replica stands. A request that was passed on is not passed on again.
 ///
 /// # Errors
 /// Those of the request's own attempts.
@@ -120,7 +120,8 @@ impl Patience {
 }
 
 impl Peers {
-    /// The replicas that share `store`; none where nobody else does. `tls` is how those are reached that speak TLS.
+    /// The replicas that share `store`; none where nobody else does. `tls` is how those are reached that
+    /// speak TLS.
     #[must_use]
     pub fn of(store: &Arc<dyn Store>, tls: Option<Arc<Tls>>, refusals: Refusals) -> Option<Arc<Self>> {
         let key = ReplicaKey::new(&store.replica_key()?);
@@ -155,8 +156,8 @@ impl Peers {
         self.links.silent(address, error);
     }
 
-    /// Waits for a replica's answer for as long as it is taken for alive: one that is frozen keeps its connections and
-    /// says nothing. None when it was given up.
+    /// Waits for a replica's answer for as long as it is taken for alive: one that is frozen keeps its
+    /// connections and says nothing. None when it was given up.
     pub(crate) async fn while_held<T>(
         &self,
         study: &str,
@@ -185,8 +186,9 @@ impl Peers {
         self.refusals.note_unplaced(study);
     }
 
-    /// Passes one frame of a Tune stream on. `metadata` is the stream's own. The inner error is the replica's answer
-    /// to the whole stream, such as that the token has ended; the outer one says that it did not answer.
+    /// Passes one frame of a Tune stream on. `metadata` is the stream's own. The inner error is the replica's
+    /// answer to the whole stream, such as that the token has ended; the outer one says that it did not
+    /// answer.
     pub(crate) async fn frame(
         &self,
         address: &str,

@@ -12,7 +12,8 @@ use crate::redirect::Redirect;
 
 /// Answers frames with what is at hand in this replica.
 pub(super) trait Attempt: Sync {
-    /// Counts a frame against its caller's quotas. What it is refused with is its answer; an error ends the stream.
+    /// Counts a frame against its caller's quotas. What it is refused with is its answer; an error ends the
+    /// stream.
     fn count(&self, frame: &wire::TuneRequest) -> Result<Option<wire::TuneResponse>, Status>;
 
     /// The answer, and where to try again what could not be done here. An error ends the stream.
@@ -128,8 +129,8 @@ impl<A: Attempt> Seeking for SeekingFrame<'_, A> {
     }
 }
 
-/// Whether the trial that is reported is one of the study that is asked. Malformed names go together; they are
-/// refused all the same.
+/// Whether the trial that is reported is one of the study that is asked. Malformed names go together; they
+/// are refused all the same.
 fn concern_one_study(report: &wire::ReportRequest, suggest: &wire::SuggestRequest) -> bool {
     match report.trial.split_once("/trials/") {
         Some((study, _)) => study == suggest.study,

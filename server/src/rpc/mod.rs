@@ -1,8 +1,8 @@
 //! The gRPC service: reads each request, calls its use case, writes the answer.
 //!
-//! `studies` and `trials` hold the handlers by topic, `tune` the stream. What they share is here: every request
-//! counts against its caller's quotas, is admitted, and is logged once when it is refused. Handlers read names
-//! through `reach`, so that nobody reaches a study that is not theirs.
+//! `studies` and `trials` hold the handlers by topic, `tune` the stream. What they share is here: every
+//! request counts against its caller's quotas, is admitted, and is logged once when it is refused. Handlers
+//! read names through `reach`, so that nobody reaches a study that is not theirs.
 
 mod frames;
 mod reach;

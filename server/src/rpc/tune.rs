@@ -44,8 +44,8 @@ pub(super) struct TuneStream {
 }
 
 impl TuneStream {
-    /// Serves until the client ends the stream, its token ends or the daemon drains. The work is a task of its own,
-    /// so that a client that vanishes does not cut a frame in two.
+    /// Serves until the client ends the stream, its token ends or the daemon drains. The work is a task of
+    /// its own, so that a client that vanishes does not cut a frame in two.
     pub(super) fn serve(self, way: FrameRouter, mut frames: Streaming<wire::TuneRequest>) -> TuneAnswers {
         let (answers, stream) = mpsc::channel(limits::TUNE_ANSWERS_WAITING);
         let work = async move {
@@ -72,8 +72,8 @@ impl TuneStream {
                     Err(status) => Err(status::corrected(status)),
                 };
                 let last = answer.is_err();
-                // A client that no longer listens wants no more answers, and one that does not read them in time
-                // must not keep a place among the streams.
+                // A client that no longer listens wants no more answers, and one that does not read them in
+                // time must not keep a place among the streams.
                 let patience = async {
                     tokio::select! {
                         () = sleep(limits::TUNE_UNREAD) => {}

@@ -1,9 +1,9 @@
 //! Spans for a collector of OpenTelemetry, over OTLP and gRPC.
 //!
-//! Each request is a span, with the fields that its lines in the log have: `id`, `rpc` and `token`. A client's
-//! `traceparent` (W3C Trace Context) makes it part of the client's trace, and goes along where a replica passes the
-//! request on. Spans wait in a bounded queue and are sent by a thread of their own: a collector that is slow or away
-//! costs spans and nothing else.
+//! Each request is a span, with the fields that its lines in the log have: `id`, `rpc` and `token`. A
+//! client's `traceparent` (W3C Trace Context) makes it part of the client's trace, and goes along where a
+//! replica passes the request on. Spans wait in a bounded queue and are sent by a thread of their own: a
+//! collector that is slow or away costs spans and nothing else.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -29,8 +29,8 @@ const TRACE_PARENT: &str = "traceparent";
 pub struct Traces(SdkTracerProvider);
 
 impl Traces {
-    /// Begins to send to a collector, e.g. `http://127.0.0.1:4317`. Must be called within a tokio runtime. The
-    /// collector need not be there yet.
+    /// Begins to send to a collector, e.g. `http://127.0.0.1:4317`. Must be called within a tokio runtime.
+    /// The collector need not be there yet.
     ///
     /// # Errors
     /// When the address is none.
@@ -42,8 +42,8 @@ impl Traces {
         Ok(Self(provider.build()))
     }
 
-    /// The part of the log that makes spans. Only those of the daemon itself: libraries below it may name what they
-    /// read from the wire.
+    /// The part of the log that makes spans. Only those of the daemon itself: libraries below it may name
+    /// what they read from the wire.
     pub(super) fn layer<S>(&self) -> impl Layer<S> + use<S>
     where
         S: Subscriber + for<'span> LookupSpan<'span>,

@@ -1,7 +1,8 @@
-//! Checkpoints: what the tuners in memory have learnt is saved now and then, so that a start reads few trials.
+//! Checkpoints: what the tuners in memory have learnt is saved now and then, so that a start reads few
+//! trials.
 //!
-//! Under the study's lock only pointers are copied; packing and writing happen beside it. What a checkpoint covers
-//! is on the disk before it: it waits for every change that was queued up to then.
+//! Under the study's lock only pointers are copied; packing and writing happen beside it. What a checkpoint
+//! covers is on the disk before it: it waits for every change that was queued up to then.
 
 use std::sync::Arc;
 
@@ -41,7 +42,8 @@ impl Tuning {
         self.save_where(|saved, completed| saved.is_due(completed, self.checkpoint_after)).await;
     }
 
-    /// Saves checkpoints wherever a start would otherwise learn many trials again. To be called at an orderly stop.
+    /// Saves checkpoints wherever a start would otherwise learn many trials again. To be called at an orderly
+    /// stop.
     pub async fn save_last_checkpoints(&self) {
         let many = limits::LAST_CHECKPOINT_TRIALS;
         self.save_where(|saved, completed| completed.saturating_sub(saved.stored) >= many).await;

@@ -7,16 +7,16 @@ use tokio::runtime::{Builder, Handle, Runtime, RuntimeFlavor};
 use crate::error::Error;
 use crate::limits::COMPUTING_NICENESS;
 
-/// Learning and packing take a while, in which other studies go on. A runtime of one thread has no other place for it, and one that
-/// simulates time must not depend on how fast another thread is.
+/// Learning and packing take a while, in which other studies go on. A runtime of one thread has no other
+/// place for it, and one that simulates time must not depend on how fast another thread is.
 pub(super) async fn compute<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Error> {
     compute_on(&Handle::current(), work).await
 }
 
-/// The same with less of the processors where they are all busy: for fits and plans, without which a question is answered
-/// worse but not later. Otherwise a crowd that explores would slow down everybody's answers.
+/// The same with less of the processors where they are all busy: for fits and plans, without which a question
+/// is answered worse but not later. Otherwise a crowd that explores would slow down everybody's answers.
 pub(super) async fn compute_aside<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Error> {

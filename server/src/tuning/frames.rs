@@ -107,8 +107,8 @@ impl Tuning {
     }
 
     async fn joint_frame(&self, report: Report, suggest: Suggest) -> FrameAnswer {
-        /// The report, what was suggested or has to be prepared first, when it is durable, and whether updates of
-        /// the models were deferred.
+        /// The report, what was suggested or has to be prepared first, when it is durable, and whether
+        /// updates of the models were deferred.
         type Joint = (Box<Trial>, Result<Result<Trial, TunerError>, Preparation>, Receipt, bool);
         let study = suggest.study.id.clone();
         let computed: Result<Option<Joint>, Error> = self
@@ -253,9 +253,9 @@ impl Live {
         self.fence().is_same(fence) && self.closed_changes == closed_changes
     }
 
-    /// Checks a closed trial that comes from the store. One that is open there, or that this copy of the study never
-    /// handed out, tells that another replica has the study by now: the copy is given up, and whoever asks again
-    /// meets a fresh one.
+    /// Checks a closed trial that comes from the store. One that is open there, or that this copy of the
+    /// study never handed out, tells that another replica has the study by now: the copy is given up, and
+    /// whoever asks again meets a fresh one.
     pub(super) fn check(&self, trial: RawTrial) -> Result<Trial, Error> {
         if trial.state == TrialState::Open || trial.number > self.tuner.statistics().trials {
             self.fence().break_up();

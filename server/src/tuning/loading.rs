@@ -1,4 +1,5 @@
-//! Reading a study into memory: its states, the last checkpoint, then the completed trials behind it in stretches.
+//! Reading a study into memory: its states, the last checkpoint, then the completed trials behind it in
+//! stretches.
 
 use std::sync::Arc;
 
@@ -56,8 +57,8 @@ pub(super) async fn load(store: &dyn Store, study: &str, now_ms: i64) -> Result<
     read(store, loaded, now_ms).await
 }
 
-/// Reads what a loaded study has learnt. Another daemon may take it meanwhile; the copy is then as it was when it was
-/// loaded, and its fence has broken or the store will refuse what it decides.
+/// Reads what a loaded study has learnt. Another daemon may take it meanwhile; the copy is then as it was
+/// when it was loaded, and its fence has broken or the store will refuse what it decides.
 async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Error> {
     let Loaded { fence, study: record, snapshot, mut open_trials, checkpoint } = loaded;
     let study = fence.study().to_owned();
@@ -145,7 +146,8 @@ mod tests {
         assert!(!late.fence.holds(), "the other has the study");
     }
 
-    /// What becomes of trials whose clients never come back, by whether the daemon was there when their leases ended.
+    /// What becomes of trials whose clients never come back, by whether the daemon was there when their
+    /// leases ended.
     async fn lost_leases(is_away: impl Fn(u64) -> bool, starts_anew: bool) -> Vec<TrialState> {
         let (store, clock) = (Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
         let start = || Tuning::new(Arc::clone(&store) as _, Arc::clone(&clock) as _);

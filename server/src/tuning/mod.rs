@@ -1,11 +1,11 @@
 //! The use cases of the daemon, apart from the wire: what each request does to tuner and store.
 //!
-//! The order is always the same: take the tuner's lock, compute, queue the change, let go of the lock, wait until the
-//! change is durable, answer. Nothing is answered that is not on the disk. No model is fitted under the lock:
-//! `planning` does that before. `runtime` holds the tuners in memory, `loading` reads a study from the database,
-//! `checkpoints` saves what was learnt so that less has to be read, `retention` removes old trials, `frames` suggests
-//! and reports, `trials` does what concerns one trial, `studies` what concerns a study, `presence` knows when the
-//! daemon was away, `figures` collects what the metrics show.
+//! The order is always the same: take the tuner's lock, compute, queue the change, let go of the lock, wait
+//! until the change is durable, answer. Nothing is answered that is not on the disk. No model is fitted under
+//! the lock: `planning` does that before. `runtime` holds the tuners in memory, `loading` reads a study from
+//! the database, `checkpoints` saves what was learnt so that less has to be read, `retention` removes old
+//! trials, `frames` suggests and reports, `trials` does what concerns one trial, `studies` what concerns a
+//! study, `presence` knows when the daemon was away, `figures` collects what the metrics show.
 
 mod checkpoints;
 mod compute;
@@ -47,8 +47,8 @@ pub struct Tuning {
     runtimes: Mutex<Runtimes>,
 }
 
-/// What a study in memory works with: the database, the time, where everything is counted, and since when the daemon is
-/// there.
+/// What a study in memory works with: the database, the time, where everything is counted, and since when the
+/// daemon is there.
 #[derive(Clone)]
 struct Environment {
     store: Arc<dyn Store>,
@@ -156,7 +156,8 @@ impl Tuning {
         runtime?.peek(|live| live.identity.uid)
     }
 
-    /// Begins to read a study into memory, where it is not there yet: who will ask for it soon need not wait as long then.
+    /// Begins to read a study into memory, where it is not there yet: who will ask for it soon need not wait
+    /// as long then.
     pub(crate) fn begin_loading(&self, study: &str) {
         self.runtime(study).begin_loading();
     }

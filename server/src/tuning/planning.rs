@@ -1,9 +1,10 @@
-//! Plans for suggestions, computed in threads of their own and without the study's lock, while the study serves others.
+//! Plans for suggestions, computed in threads of their own and without the study's lock, while the study
+//! serves others.
 //!
-//! Under the study's lock a question is answered from tables, or it gives a plan request: copies of what has to be
-//! computed first. Not more of them are computed at once than there are processors, and one at a time plans for the
-//! search of a state. Who finds all of that taken gets what was thought of in reserve, or is answered from the tables: a client would
-//! rather run something good now than wait for something better.
+//! Under the study's lock a question is answered from tables, or it gives a plan request: copies of what has
+//! to be computed first. Not more of them are computed at once than there are processors, and one at a time
+//! plans for the search of a state. Who finds all of that taken gets what was thought of in reserve, or is
+//! answered from the tables: a client would rather run something good now than wait for something better.
 
 use std::sync::Arc;
 
@@ -53,7 +54,8 @@ pub(super) struct Prepared {
 
 impl Tuning {
     /// Computes on a study's tuner until `step` has its answer. Where it asks for a preparation, that is
-    /// computed without the tuner's lock, and `step` is called again. `begun` is one that is known to be needed already.
+    /// computed without the tuner's lock, and `step` is called again. `begun` is one that is known to be
+    /// needed already.
     pub(super) async fn with_plan<T: Send>(
         &self,
         study: &str,
@@ -100,15 +102,15 @@ impl Tuning {
         self.metrics().planned(compute_aside(fit)).await
     }
 
-    /// A permit to compute, if one is free in time. It goes with the work into another thread, so that it is held
-    /// until the work has ended, also when nobody waits for the result any more.
+    /// A permit to compute, if one is free in time. It goes with the work into another thread, so that it is
+    /// held until the work has ended, also when nobody waits for the result any more.
     async fn planning_permit(&self) -> Option<OwnedSemaphorePermit> {
         let permit = Arc::clone(&self.planning_permits).acquire_owned();
         timeout(PLANNING_WAIT, permit).await.ok()?.ok()
     }
 
-    /// Waits for the disk, and computes meanwhile the updates of the models that reports have deferred, unless another
-    /// request is about it.
+    /// Waits for the disk, and computes meanwhile the updates of the models that reports have deferred,
+    /// unless another request is about it.
     pub(super) async fn durable(
         &self,
         study: &str,
@@ -123,8 +125,8 @@ impl Tuning {
         }
     }
 
-    /// Computes the updates that reports have deferred, if there is a processor for it in time; it is no loss if not.
-    /// Whoever calls it holds `updating`: two at once would compute the same.
+    /// Computes the updates that reports have deferred, if there is a processor for it in time; it is no loss
+    /// if not. Whoever calls it holds `updating`: two at once would compute the same.
     async fn update_models(&self, runtime: &Runtime) {
         let deferred =
             |live: &mut Live| Some((live.tuner.deferred_updates()?, Arc::clone(live.tuner.spec())));

@@ -1,7 +1,8 @@
-//! When the daemon was there to take reports: a lease that ends while it is away says nothing of its configuration.
+//! When the daemon was there to take reports: a lease that ends while it is away says nothing of its
+//! configuration.
 //!
-//! It is away before it has loaded a study, and where the sweep of leases, which comes by every second, has not come by for
-//! long: the process was stopped, the machine slept, or the database did not answer.
+//! It is away before it has loaded a study, and where the sweep of leases, which comes by every second, has
+//! not come by for long: the process was stopped, the machine slept, or the database did not answer.
 
 use std::sync::atomic::{AtomicI64, Ordering};
 

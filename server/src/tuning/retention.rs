@@ -1,10 +1,11 @@
 //! Retention: of a long history only the latest trials are kept, and what the study still rests on.
 //!
-//! A trial goes when all of this holds: it is over; so many were handed out after it; a checkpoint on the disk covers it,
-//! so that what it taught is known without it (one that had run out may be reported late, even while it is being
-//! removed: then it stays); no model could still have to be taught it; and it is not the one that
-//! last measured a configuration which its state remembers. Those stay, so that a later version of the daemon, which
-//! cannot read the checkpoint, still knows each state's best. Trials go in small steps beside the requests.
+//! A trial goes when all of this holds: it is over; so many were handed out after it; a checkpoint on the
+//! disk covers it, so that what it taught is known without it (one that had run out may be reported late,
+//! even while it is being removed: then it stays); no model could still have to be taught it; and it is not
+//! the one that last measured a configuration which its state remembers. Those stay, so that a later version
+//! of the daemon, which cannot read the checkpoint, still knows each state's best. Trials go in small steps
+//! beside the requests.
 
 use std::time::Duration;
 
@@ -39,8 +40,9 @@ impl Live {
             return None;
         }
         self.thinned = stored;
-        // A change of predictor teaches the new models the latest trials before it. The last of all always stays: the
-        // study's counts are read from it, and a checkpoint that seems to be ahead of them is passed over.
+        // A change of predictor teaches the new models the latest trials before it. The last of all always
+        // stays: the study's counts are read from it, and a checkpoint that seems to be ahead of them is
+        // passed over.
         let mut completion = stored.min(counts.completed_trials.saturating_sub(models.max(1)));
         let since = self.tuner.models_since();
         if stored <= since {
@@ -51,8 +53,9 @@ impl Live {
 }
 
 impl Tuning {
-    /// Removes old trials of the studies in memory, each once a newer checkpoint covers them, so that about `keep` stay
-    /// in each: see [`KEEP_TRIALS_MIN`](crate::limits::KEEP_TRIALS_MIN). To be called now and then.
+    /// Removes old trials of the studies in memory, each once a newer checkpoint covers them, so that about
+    /// `keep` stay in each: see [`KEEP_TRIALS_MIN`](crate::limits::KEEP_TRIALS_MIN). To be called now and
+    /// then.
     pub async fn thin_trials(&self, keep: u64) {
         self.thin_beyond(keep, MODELS_TRIALS_MAX).await;
     }

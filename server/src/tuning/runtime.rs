@@ -4,9 +4,9 @@
 //! then waits for the disk. The lock is a plain one and is never held across an await. Whether the cache is
 //! still worth anything is told by its [`Fence`]: once a write under it failed, the study is loaded anew.
 //!
-//! Loading belongs to the daemon, not to the request that needs it: it is a task of its own that goes on when the
-//! request is cancelled, so that clients with short deadlines find the study in memory when they come again. A request
-//! waits for it [`LOADING_WAIT`] at most.
+//! Loading belongs to the daemon, not to the request that needs it: it is a task of its own that goes on when
+//! the request is cancelled, so that clients with short deadlines find the study in memory when they come
+//! again. A request waits for it [`LOADING_WAIT`] at most.
 
 use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
@@ -46,8 +46,8 @@ struct Loading {
     task: AbortHandle,
 }
 
-/// How a load ended, for all that wait for it. They are woken in the order in which they came, so that a simulated
-/// world goes the same way each time (tokio's `watch` draws lots).
+/// How a load ended, for all that wait for it. They are woken in the order in which they came, so that a
+/// simulated world goes the same way each time (tokio's `watch` draws lots).
 #[derive(Default)]
 struct Ending {
     /// `None` where the load panicked or was given up.
@@ -138,8 +138,8 @@ impl Live {
         }
     }
 
-    /// Whether a request means this study and one of its trials. One that does not say the study's identity may come
-    /// from a client of an earlier study of that name.
+    /// Whether a request means this study and one of its trials. One that does not say the study's identity
+    /// may come from a client of an earlier study of that name.
     pub(super) fn knows(&self, name: &TrialName) -> Result<(), Error> {
         let study = &name.study;
         match study.uid {

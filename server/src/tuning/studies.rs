@@ -26,8 +26,8 @@ impl Tuning {
         Ok(created)
     }
 
-    /// The study that a request names: the one with its identity, under the id that it has by now, where the request
-    /// says one; else the one of that id, which need not exist.
+    /// The study that a request names: the one with its identity, under the id that it has by now, where the
+    /// request says one; else the one of that id, which need not exist.
     ///
     /// # Errors
     /// [`Error::Replaced`] where the id is that of another study, and when the store cannot be read.

@@ -87,8 +87,8 @@ pub fn open(token: &str, question: &[&str]) -> Result<String, PageTokenError> {
     }
 }
 
-/// A check sum over the text and the question's parts. It guards against mistakes, not against malice: a forged token
-/// could only ask for a page its sender may read anyway.
+/// A check sum over the text and the question's parts. It guards against mistakes, not against malice: a
+/// forged token could only ask for a page its sender may read anyway.
 fn digest(text: &str, question: &[&str]) -> u64 {
     fnv::hash(std::iter::once(&text).chain(question).flat_map(|part| part.bytes().chain([0xff])))
 }

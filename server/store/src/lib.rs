@@ -5,9 +5,9 @@
 //! [`PostgresStore`] the one that several daemons share. All pass one contract suite. Domain types go in and
 //! come out; rows are an affair of the stores.
 //!
-//! [`filter`] is the language in which trials are asked for, [`cursor`] the page tokens, [`fence`] what
-//! keeps a copy in memory honest, [`tokens`] who may do what, [`maintenance`] how database files are copied, put back and
-//! checked.
+//! [`filter`] is the language in which trials are asked for, [`cursor`] the page tokens, [`fence`] what keeps
+//! a copy in memory honest, [`tokens`] who may do what, [`maintenance`] how database files are copied, put
+//! back and checked.
 // Some of what both databases share is only asked for by PostgreSQL.
 #![cfg_attr(not(feature = "postgres"), allow(dead_code))]
 

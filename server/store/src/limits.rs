@@ -23,8 +23,8 @@ pub const TOKEN_CHARACTERS: usize = 256;
 /// Most studies in one database.
 pub const STUDIES: u32 = 10_000;
 
-/// Former names of studies that are listed, each with the last trial number under it. What is no longer listed counts
-/// with the highest number among it.
+/// Former names of studies that are listed, each with the last trial number under it. What is no longer
+/// listed counts with the highest number among it.
 pub const FORMER_NAMES: u32 = 10_000;
 
 /// Most tokens in one database, those that were revoked included.
@@ -49,8 +49,8 @@ pub const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long a question waits for a connection that reads.
 pub const READER_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// How long a start looks for damage in a database file. Some fifty megabytes are read in this time; larger files
-/// are looked at in part.
+/// How long a start looks for damage in a database file. Some fifty megabytes are read in this time; larger
+/// files are looked at in part.
 pub const START_CHECK: Duration = Duration::from_millis(200);
 
 /// A write-ahead log that has become longer than this is cut again once it can be, in bytes.

@@ -109,7 +109,8 @@ impl MemoryTables {
     }
 }
 
-/// An identity that nobody had before. The standard library's hashes are keyed with randomness from the system.
+/// An identity that nobody had before. The standard library's hashes are keyed with randomness from the
+/// system.
 fn random_uid() -> StudyUid {
     StudyUid(RandomState::new().build_hasher().finish())
 }

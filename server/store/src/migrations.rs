@@ -1,7 +1,7 @@
 //! The schema of each database, from its first version to the one that this program knows.
 //!
-//! The files of `migrations/` are part of the program; which of them there are is listed here, and a test compares. (sqlx's
-//! own macro would list them, at the cost of what `from_row` says.)
+//! The files of `migrations/` are part of the program; which of them there are is listed here, and a test
+//! compares. (sqlx's own macro would list them, at the cost of what `from_row` says.)
 
 use std::borrow::Cow;
 
@@ -55,7 +55,8 @@ fn migration((name, text): (&'static str, &'static str)) -> Migration {
     let (version, description) = name.split_once('_').expect("NUMBER_NAME");
     Migration::new(
         version.parse().expect("a number"),
-        // As sqlx reads it from a file's name: it stands so in databases that were migrated by earlier versions.
+        // As sqlx reads it from a file's name: it stands so in databases that were migrated by earlier
+        // versions.
         Cow::Owned(description.replace('_', " ")),
         MigrationType::Simple,
         SqlStr::from_static(text),

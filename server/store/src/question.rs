@@ -47,7 +47,8 @@ pub(crate) fn trial_page<D: Dialect>(
     }
     let direction = if query.order.descending { " DESC" } else { "" };
     if query.order.key == OrderKey::Number {
-        // Of its own, so that a key serves it. Open trials are few: they are found by their index, and put in order.
+        // Of its own, so that a key serves it. Open trials are few: they are found by their index, and put in
+        // order.
         let number = if query.filter.comparisons.iter().any(is_open) { "number + 0" } else { "number" };
         if let Some(after) = &query.after {
             let beyond = if query.order.descending { " < " } else { " > " };

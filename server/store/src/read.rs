@@ -1,8 +1,8 @@
 //! The questions that only read, once for both databases.
 //!
-//! They are the same but for the type of a connection, and what sqlx asks of a type to be any database's connection
-//! is longer than the questions. So they are written out for each by [`reads!`], in a module that has the database's
-//! statements as `sql`, its `filter` and its `failed` at hand.
+//! They are the same but for the type of a connection, and what sqlx asks of a type to be any database's
+//! connection is longer than the questions. So they are written out for each by [`reads!`], in a module that
+//! has the database's statements as `sql`, its `filter` and its `failed` at hand.
 
 /// The functions that read, for one type of connection.
 macro_rules! reads {
@@ -68,7 +68,8 @@ macro_rules! reads {
             use sqlx::Connection as _;
 
             let key = fence.key();
-            // One moment for all of it: the study may go to another daemon, which writes on, while this one reads.
+            // One moment for all of it: the study may go to another daemon, which writes on, while this one
+            // reads.
             let mut moment = connection.begin_with(sql::BEGIN_READING).await.map_err(failed)?;
             let connection = &mut *moment;
             let study: Option<StudyRow> = sqlx::query_as(sql::STUDY_BY_KEY)

@@ -232,8 +232,8 @@ impl StateRow {
     }
 }
 
-/// The search of a state, unless another version wrote it in a way that this one cannot read. A new one then begins
-/// with what the state knows; to refuse the whole study for it would help nobody.
+/// The search of a state, unless another version wrote it in a way that this one cannot read. A new one then
+/// begins with what the state knows; to refuse the whole study for it would help nobody.
 fn readable<E: std::fmt::Display>(state: i64, search: Result<Exploration, E>) -> Option<Exploration> {
     search
         .inspect_err(

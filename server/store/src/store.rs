@@ -21,8 +21,8 @@ pub struct StudyRecord {
     pub uid: StudyUid,
     /// Trials with numbers up to this were handed out before it got its name, by itself or by other studies.
     pub named_after: u64,
-    /// The highest trial number that was ever handed out, or left to other studies. [`StudyCounts::trials`] of
-    /// `statistics` counts its own.
+    /// The highest trial number that was ever handed out, or left to other studies. [`StudyCounts::trials`]
+    /// of `statistics` counts its own.
     pub last_trial: u64,
     /// The specification, with the policy in force.
     pub spec: StudySpec,
@@ -104,8 +104,8 @@ pub struct ClosedTrial {
 /// once, so that a caller can hold a lock while it queues and let go before it waits.
 #[async_trait]
 pub trait Store: Send + Sync + 'static {
-    /// Creates a study with an identity of its own, or finds an equal one under the same id. Its trial numbers begin after
-    /// those that earlier studies of that id have handed out.
+    /// Creates a study with an identity of its own, or finds an equal one under the same id. Its trial
+    /// numbers begin after those that earlier studies of that id have handed out.
     async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError>;
 
     /// Reads a study.
@@ -117,31 +117,32 @@ pub trait Store: Send + Sync + 'static {
     /// The id that the study with this identity has now; none where there is no such study.
     async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError>;
 
-    /// Gives a study another id, and breaks its fence. Its trial numbers go on after its own and those that earlier
-    /// studies of that id have handed out. [`StoreError::NameTaken`] when a study has the id.
+    /// Gives a study another id, and breaks its fence. Its trial numbers go on after its own and those that
+    /// earlier studies of that id have handed out. [`StoreError::NameTaken`] when a study has the id.
     async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError>;
 
     /// Deletes a study with its states, trials and visits, and breaks its fence.
     async fn delete_study(&self, study: &str) -> Result<(), StoreError>;
 
-    /// Waits for all writes queued so far, breaks earlier fences of the study and reads all of it but its closed
-    /// trials. Where several replicas share the store, it fails with [`StoreError::Elsewhere`] while another
-    /// holds the study.
+    /// Waits for all writes queued so far, breaks earlier fences of the study and reads all of it but its
+    /// closed trials. Where several replicas share the store, it fails with [`StoreError::Elsewhere`] while
+    /// another holds the study.
     async fn load(&self, study: &str) -> Result<Loaded, StoreError>;
 
-    /// The secret by which the processes that share this store know each other; none where nobody else may serve it.
+    /// The secret by which the processes that share this store know each other; none where nobody else may
+    /// serve it.
     fn replica_key(&self) -> Option<[u8; 32]> {
         None
     }
 
-    /// Forgets which other replica holds the study, because it could not be reached: the next load looks anew.
-    /// Stores that are not shared have nothing to forget.
+    /// Forgets which other replica holds the study, because it could not be reached: the next load looks
+    /// anew. Stores that are not shared have nothing to forget.
     fn doubt(&self, study: &str) {
         let _ = study;
     }
 
-    /// Whether the other replica that is reached at `address` is still taken for alive and holds the study. True where
-    /// that cannot be found out at the moment.
+    /// Whether the other replica that is reached at `address` is still taken for alive and holds the study.
+    /// True where that cannot be found out at the moment.
     async fn is_held_by(&self, study: &str, address: &str) -> bool {
         let _ = (study, address);
         true
@@ -160,8 +161,8 @@ pub trait Store: Send + Sync + 'static {
     fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt;
 
     /// Reads the completed trials behind a place in the order of completion, in that order, at most `size` of
-    /// them. They never change, so the fence only names the study: it may have broken meanwhile, and others may have
-    /// been completed since. Costs the same wherever in the history it is asked.
+    /// them. They never change, so the fence only names the study: it may have broken meanwhile, and others
+    /// may have been completed since. Costs the same wherever in the history it is asked.
     async fn completed_trials(
         &self,
         fence: &Fence,
@@ -170,10 +171,12 @@ pub trait Store: Send + Sync + 'static {
     ) -> Result<Vec<RawTrial>, StoreError>;
 
     /// Saves a checkpoint in the place of earlier ones. Until it is there whole the earlier one stays; other
-    /// writes do not wait for all of it. A failure leaves the fence as it is: a checkpoint is only an accelerator.
+    /// writes do not wait for all of it. A failure leaves the fence as it is: a checkpoint is only an
+    /// accelerator.
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError>;
 
-    /// The trials behind `after` and up to `up_to` that are not open, by rising number, at most `size` of them.
+    /// The trials behind `after` and up to `up_to` that are not open, by rising number, at most `size` of
+    /// them.
     async fn closed_trials(
         &self,
         fence: &Fence,
@@ -182,11 +185,11 @@ pub trait Store: Send + Sync + 'static {
         size: u32,
     ) -> Result<Vec<ClosedTrial>, StoreError>;
 
-    /// Removes trials for good, and returns how many that were. Those that are open stay, and those that were completed
-    /// after the completion `covered`: one that had run out when the caller looked may have been reported since. The trial with the
-    /// highest number and the one completed last must stay: they are what the study's counts are read from. Space that
-    /// becomes free in a file is given back in the same step where there is much of it. A failure leaves the fence as
-    /// it is.
+    /// Removes trials for good, and returns how many that were. Those that are open stay, and those that were
+    /// completed after the completion `covered`: one that had run out when the caller looked may have been
+    /// reported since. The trial with the highest number and the one completed last must stay: they are what
+    /// the study's counts are read from. Space that becomes free in a file is given back in the same step
+    /// where there is much of it. A failure leaves the fence as it is.
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError>;
 
     /// Reads a trial.

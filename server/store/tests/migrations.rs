@@ -1,8 +1,8 @@
-//! From every released version of the schema to the newest: a database with data of its time is brought up to date with
-//! all it holds, and a migration that is broken off leaves no trace.
+//! From every released version of the schema to the newest: a database with data of its time is brought up to
+//! date with all it holds, and a migration that is broken off leaves no trace.
 //!
-//! A database of version k is made by the first k migrations, and its rows are written as the program of that version
-//! did: without columns, fields and formats that came later.
+//! A database of version k is made by the first k migrations, and its rows are written as the program of that
+//! version did: without columns, fields and formats that came later.
 
 mod common;
 

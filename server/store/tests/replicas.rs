@@ -105,7 +105,8 @@ async fn a_replica_that_was_taken_for_dead_stores_nothing_more() {
     first.create_study("sponza", &spec(), 5).await.unwrap();
     let held = first.load("hall").await.unwrap().fence;
     let kept = first.load("sponza").await.unwrap().fence;
-    // Its heartbeat seems to have stopped long ago. It beats again within a second, so be quick, or try again.
+    // Its heartbeat seems to have stopped long ago. It beats again within a second, so be quick, or try
+    // again.
     let mut taken = None;
     while taken.is_none() {
         execute(&mut other, "UPDATE replicas SET heartbeat = '2000-01-01'").await;

@@ -1,18 +1,17 @@
-//! How far partitioning studies over several databases goes: a simulation of farms larger than any that can be had on
-//! one machine.
+//! How far partitioning studies over several databases goes: a simulation of farms larger than any that can
+//! be had on one machine.
 //!
 //! `cargo run --release -p treewright-tests --example partition -- [DAEMON_US DATABASE_US CLIENT_US DURABLE_US]`:
 //! processor time of a frame in the daemon, the database and the client, and the time of a durable write, in
-//! microseconds. Prints tables in
-//! Markdown. The same arguments give the same tables on every machine.
+//! microseconds. Prints tables in Markdown. The same arguments give the same tables on every machine.
 //!
-//! A group is one PostgreSQL with some daemons. Renderers send a frame every 20 ms, unless the last is still out. A
-//! frame is computed by the daemon that has its study, then waits for one of that daemon's two writing connections,
-//! which takes all that wait (at most 256), computes them in the database, and waits for the disk. Studies share
-//! nothing, so groups meet nowhere: what is asked is how unequal they become, and what that costs. Studies
-//! belong to shows; shows, and the studies of a show, are of very different sizes (Zipf's law with exponent 1).
-//! Left out: networks, forwarding (clients ask the daemon that has their study), searches that fit models, and the
-//! study's lock.
+//! A group is one PostgreSQL with some daemons. Renderers send a frame every 20 ms, unless the last is still
+//! out. A frame is computed by the daemon that has its study, then waits for one of that daemon's two writing
+//! connections, which takes all that wait (at most 256), computes them in the database, and waits for the
+//! disk. Studies share nothing, so groups meet nowhere: what is asked is how unequal they become, and what
+//! that costs. Studies belong to shows; shows, and the studies of a show, are of very different sizes (Zipf's
+//! law with exponent 1). Left out: networks, forwarding (clients ask the daemon that has their study),
+//! searches that fit models, and the study's lock.
 
 mod farm;
 mod group;

@@ -1,5 +1,5 @@
-//! Any bytes as the output of a program that is tuned: what is read of it can be reported, and what was printed before the
-//! last object is never taken for the result.
+//! Any bytes as the output of a program that is tuned: what is read of it can be reported, and what was
+//! printed before the last object is never taken for the result.
 
 use treewright_cli::printed::{Printed, read};
 use treewright_client::{Measurements, ObjectiveTerm};

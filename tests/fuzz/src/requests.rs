@@ -1,5 +1,5 @@
-//! Any bytes as any request, through the service with a study behind it: nothing panics, and nothing is refused with
-//! INTERNAL.
+//! Any bytes as any request, through the service with a study behind it: nothing panics, and nothing is
+//! refused with INTERNAL.
 
 use std::cell::RefCell;
 use std::sync::Arc;

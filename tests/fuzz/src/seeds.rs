@@ -123,7 +123,8 @@ const ARGUMENTS: [&str; 6] = [
     "--help",
 ];
 
-/// What programs print: one line an epoch, pretty, words in place of numbers, names and braces of other kinds.
+/// What programs print: one line an epoch, pretty, words in place of numbers, names and braces of other
+/// kinds.
 const PRINTED: [&str; 8] = [
     "{\"epoch\": 1, \"loss\": 0.25}\n{\"epoch\": 2, \"loss\": NaN}\n",
     "10 %\r20 %\r{\"loss\": 1.5e-3}\r\n",
@@ -159,7 +160,8 @@ const SCENES: [(&str, u8, &str); 4] = [
     ),
 ];
 
-/// A triangle as binary glTF: a header, a chunk of JSON, a chunk of numbers (glTF 2.0 specification, section 4.4).
+/// A triangle as binary glTF: a header, a chunk of JSON, a chunk of numbers (glTF 2.0 specification, section
+/// 4.4).
 fn glb() -> Vec<u8> {
     let mut json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"buffers":[{"byteLength":36}],"bufferViews":[{"buffer":0,"byteLength":36}],"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}]}"#.as_bytes().to_vec();
     json.resize(json.len().next_multiple_of(4), b' ');

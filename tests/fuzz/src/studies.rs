@@ -9,7 +9,8 @@ use treewright_core::tuner::{Ask, Tuner};
 use treewright_proto::v1 as wire;
 use treewright_server::convert::from_proto;
 
-/// Frames of a study: mostly few, since models take a thousand times as long as all else; now and then enough for them.
+/// Frames of a study: mostly few, since models take a thousand times as long as all else; now and then enough
+/// for them.
 const FRAMES: usize = 3;
 const FRAMES_OF_MODELS: usize = 12;
 

@@ -1,8 +1,8 @@
 //! Who holds which study, as the shared database knows it and as the machines believe.
 //!
 //! As with the real one: a machine that crashes loses its claims at once, one that is away loses them after
-//! [`REPLICA_LAPSE`], and nobody takes a study from one that is there. Each machine remembers for a while whom
-//! it was told.
+//! [`REPLICA_LAPSE`], and nobody takes a study from one that is there. Each machine remembers for a while
+//! whom it was told.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,7 +30,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Claims {
-    /// The machine that holds a study, where it is another one, lives, and is not among those whose claims have lapsed.
+    /// The machine that holds a study, where it is another one, lives, and is not among those whose claims
+    /// have lapsed.
     pub(crate) fn other_holder(
         &self,
         study: &str,

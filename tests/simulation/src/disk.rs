@@ -1,10 +1,12 @@
-//! The simulated disk: a store whose writes take time, fail, and are lost when the machine crashes before they end.
+//! The simulated disk: a store whose writes take time, fail, and are lost when the machine crashes before
+//! they end.
 //!
-//! Behind it lies one [`MemoryStore`](treewright_store::MemoryStore), which holds what is durable and outlives every machine. In front of it each machine
-//! has a queue and a writer that puts waiting writes into one transaction, as the real stores do. A crash at a random
-//! moment of a write loses the whole transaction or keeps it whole: that is what a checksummed log makes of a torn
-//! write. Each machine has fences of its own; whether the study was taken over by another shows when the transaction is
-//! applied, as with an epoch in a shared database. Who may take a study is for [`claims`](crate::claims) to say.
+//! Behind it lies one [`MemoryStore`](treewright_store::MemoryStore), which holds what is durable and
+//! outlives every machine. In front of it each machine has a queue and a writer that puts waiting writes into
+//! one transaction, as the real stores do. A crash at a random moment of a write loses the whole transaction
+//! or keeps it whole: that is what a checksummed log makes of a torn write. Each machine has fences of its
+//! own; whether the study was taken over by another shows when the transaction is applied, as with an epoch
+//! in a shared database. Who may take a study is for [`claims`](crate::claims) to say.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -104,7 +106,8 @@ impl SimulatedDisk {
         answered.await.unwrap_or(Err(StoreError::Closed))
     }
 
-    /// The durable store's fence behind one that this machine was given, as long as it was given no later one.
+    /// The durable store's fence behind one that this machine was given, as long as it was given no later
+    /// one.
     fn behind(&self, fence: &Fence) -> Result<Fence, StoreError> {
         let fences = lock(&self.fences);
         let found = fences.get(fence.study()).filter(|(own, _)| own.is_same(fence));
@@ -252,8 +255,8 @@ impl Writer {
         }
     }
 
-    /// Writes under the durable fence that belongs to the machine's. Where it no longer holds, another machine has
-    /// taken the study, and the machine's fence breaks too.
+    /// Writes under the durable fence that belongs to the machine's. Where it no longer holds, another
+    /// machine has taken the study, and the machine's fence breaks too.
     fn under(&self, fence: &Fence, write: impl Fn(&Fence) -> Receipt) -> Result<(), StoreError> {
         let fences = lock(&self.fences);
         let fenced = || StoreError::Fenced { study: fence.study().to_owned() };

@@ -19,8 +19,8 @@ pub(crate) struct Durable {
     pub(crate) covered: AtomicU64,
 }
 
-/// The result of a future that never waits: those of the memory store. Not under the runtime's budget, by which a task
-/// that has polled many futures in a row is made to wait for no other reason.
+/// The result of a future that never waits: those of the memory store. Not under the runtime's budget, by
+/// which a task that has polled many futures in a row is made to wait for no other reason.
 pub(crate) fn now<T>(future: impl Future<Output = T>) -> T {
     let mut future = std::pin::pin!(unconstrained(future));
     let mut context = std::task::Context::from_waker(std::task::Waker::noop());

@@ -147,8 +147,8 @@ impl Ledger {
         self.acknowledged.len() as i64
     }
 
-    /// A machine answers a client, and is held to it from now on, whether the answer arrives or not. `known`: how many
-    /// reports had been acknowledged when the request came.
+    /// A machine answers a client, and is held to it from now on, whether the answer arrives or not. `known`:
+    /// how many reports had been acknowledged when the request came.
     pub(crate) fn answered(
         &mut self,
         (at_ms, known): (i64, i64),
@@ -232,7 +232,8 @@ impl Ledger {
                 self.handed.insert(number, handed);
             }
         }
-        // The answer may have been under way for so long that the lease ran out and retention removed the trial.
+        // The answer may have been under way for so long that the lease ran out and retention removed the
+        // trial.
         let is_gone = now(durable.store.get_trial("world", number)).is_err();
         if is_gone && !self.removed.contains(&number) {
             self.wrong(at_ms, format!("trial {number} was handed out and is not stored"));
@@ -272,8 +273,8 @@ impl Ledger {
         }
     }
 
-    /// Retention has removed trials: they were over, a checkpoint on the disk covers them, and they are no longer where a
-    /// new trial's number could come from.
+    /// Retention has removed trials: they were over, a checkpoint on the disk covers them, and they are no
+    /// longer where a new trial's number could come from.
     pub(crate) fn removed(&mut self, trials: &[RawTrial], covered: u64, durable: &Durable) {
         for trial in
             trials.iter().filter(|trial| now(durable.store.get_trial("world", trial.number)).is_err())

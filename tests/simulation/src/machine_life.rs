@@ -75,8 +75,8 @@ async fn save_checkpoints(world: Arc<World>, tuning: Arc<Tuning>, alive: Arc<Ato
     }
 }
 
-/// Removes old trials, as the service does where it is asked to. The policy's predictor never changes, so that no trial
-/// may still have to be taught.
+/// Removes old trials, as the service does where it is asked to. The policy's predictor never changes, so
+/// that no trial may still have to be taught.
 async fn thin_trials(world: Arc<World>, tuning: Arc<Tuning>, keep: u64, alive: Arc<AtomicBool>) {
     while alive.load(Ordering::SeqCst) && !world.is_over() {
         sleep(Duration::from_secs(2)).await;

@@ -7,12 +7,12 @@ use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use treewright_simulation::{Bug, Counts, Plan, run};
 
-/// Runs the real service in simulated worlds in which messages are lost, disks fail and machines crash, and checks after
-/// every step that nothing acknowledged is lost, no trial is handed to two clients, budgets are kept, every call is
-/// answered and the service comes back by itself.
+/// Runs the real service in simulated worlds in which messages are lost, disks fail and machines crash, and
+/// checks after every step that nothing acknowledged is lost, no trial is handed to two clients, budgets are
+/// kept, every call is answered and the service comes back by itself.
 ///
-/// Prints a JSON object. Exit code 1 when something was wrong: the seed is told, and `--seed SEED --worlds 1` runs the
-/// same world again.
+/// Prints a JSON object. Exit code 1 when something was wrong: the seed is told, and `--seed SEED --worlds 1`
+/// runs the same world again.
 #[derive(Debug, Parser)]
 struct Arguments {
     /// The first seed.

@@ -74,8 +74,8 @@ pub struct Plan {
     pub lease_s: i32,
     /// Configurations that a state's search may try.
     pub trials_per_state: i32,
-    /// Whether the study is searched and predicted as it is by default, with models that are fitted apart. Otherwise points
-    /// are drawn at random and nearest states answer, which is a hundred times quicker.
+    /// Whether the study is searched and predicted as it is by default, with models that are fitted apart.
+    /// Otherwise points are drawn at random and nearest states answer, which is a hundred times quicker.
     pub default_policy: bool,
     /// What is planted.
     pub bug: Option<Bug>,

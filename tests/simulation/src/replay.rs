@@ -1,6 +1,6 @@
-//! What a machine has learnt is what follows from the trials that are stored: at the end of a world a fresh service goes
-//! through them, and has to answer as the machine does that has held the study. That machine has ended every lease by
-//! then that has run out.
+//! What a machine has learnt is what follows from the trials that are stored: at the end of a world a fresh
+//! service goes through them, and has to answer as the machine does that has held the study. That machine has
+//! ended every lease by then that has run out.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,4 +1,5 @@
-//! A world: its time, its chance, its troubles, its machines and its books, shared by everything that lives in it.
+//! A world: its time, its chance, its troubles, its machines and its books, shared by everything that lives
+//! in it.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -228,7 +229,8 @@ impl World {
     pub(crate) fn look_for_stuck_calls(&self) {
         let now = Instant::now();
         let slept = |inner: &Inner| inner.asleep.iter().flatten().any(|(_, until)| *until + PATIENCE > now);
-        // Who sleeps answers nobody, and who asked it waits; the last look comes when all have long been awake.
+        // Who sleeps answers nobody, and who asked it waits; the last look comes when all have long been
+        // awake.
         if !self.is_calm() && slept(&self.lock()) {
             return;
         }

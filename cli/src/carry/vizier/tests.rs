@@ -1,4 +1,5 @@
-//! Studies of Vizier read: from messages made here, and from a database that Vizier 0.1.24 wrote, against what its own client reads.
+//! Studies of Vizier read: from messages made here, and from a database that Vizier 0.1.24 wrote, against
+//! what its own client reads.
 
 use prost_types::value::Kind;
 

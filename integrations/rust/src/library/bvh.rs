@@ -17,9 +17,10 @@ use treewright_client::{Configuration, Space, SpaceError};
 use super::{Cost, processor_ms, trace};
 use crate::mesh::Mesh;
 
-/// Ways through the tree. `collect` is what the crate's documentation shows: every box that the ray meets, in a list. `culled` visits
-/// them one by one and leaves out those behind the nearest hit so far; `nearest_child` visits the nearer child first and looks at all;
-/// `flat` walks the array that the crate makes of a tree.
+/// Ways through the tree. `collect` is what the crate's documentation shows: every box that the ray meets, in
+/// a list. `culled` visits them one by one and leaves out those behind the nearest hit so far;
+/// `nearest_child` visits the nearer child first and looks at all; `flat` walks the array that the crate
+/// makes of a tree.
 const TRAVERSALS: [&str; 4] = ["collect", "culled", "nearest_child", "flat"];
 
 pub(super) fn space() -> Result<Space, SpaceError> {
@@ -31,8 +32,8 @@ pub(super) fn fixed() -> Vec<(String, Configuration)> {
     TRAVERSALS.map(one).to_vec()
 }
 
-/// A triangle as the crate wants it. Whether a ray meets it is computed by `obvhs`: the crate's own test leaves out triangles that are
-/// seen from behind.
+/// A triangle as the crate wants it. Whether a ray meets it is computed by `obvhs`: the crate's own test
+/// leaves out triangles that are seen from behind.
 #[derive(Debug)]
 struct Shape {
     triangle: Triangle,

@@ -1,4 +1,5 @@
-//! The libraries whose builders are tuned, as one conditional space: which library, and the options of the one that is taken.
+//! The libraries whose builders are tuned, as one conditional space: which library, and the options of the
+//! one that is taken.
 
 mod bvh;
 mod obvhs;
@@ -41,7 +42,8 @@ impl Library {
     }
 }
 
-/// The spaces of these libraries, joined below a parameter that says which is taken; the default is the first as its documentation uses it.
+/// The spaces of these libraries, joined below a parameter that says which is taken; the default is the first
+/// as its documentation uses it.
 pub(crate) fn space(libraries: &[Library]) -> Result<Space, SpaceError> {
     let names: Vec<Value> = libraries.iter().map(|library| library.name().into()).collect();
     let default = names.first().cloned().unwrap_or_else(|| "".into());
@@ -64,7 +66,8 @@ pub(crate) fn space(libraries: &[Library]) -> Result<Space, SpaceError> {
     joined.build()
 }
 
-/// Settings to compare with, by name, the first library's default first: presets, or what stands for them in a library without.
+/// Settings to compare with, by name, the first library's default first: presets, or what stands for them in
+/// a library without.
 pub(crate) fn fixed(libraries: &[Library]) -> Vec<(String, Configuration)> {
     let of = |library: &Library| {
         let fixed = match library {
@@ -109,8 +112,9 @@ fn processor_ms() -> f64 {
     now.tv_sec as f64 * 1e3 + now.tv_nsec as f64 / 1e6
 }
 
-/// Times the rays of a tree whose build began at `start_ms`. `closest` says how far along a direction of length 1 the nearest triangle is,
-/// infinity where there is none. Rays go from the middle of the mesh and on from where they hit, as a path does.
+/// Times the rays of a tree whose build began at `start_ms`. `closest` says how far along a direction of
+/// length 1 the nearest triangle is, infinity where there is none. Rays go from the middle of the mesh and on
+/// from where they hit, as a path does.
 fn trace(mesh: &Mesh, rays: u32, start_ms: f64, closest: impl Fn(Vec3A, Vec3A) -> f32) -> Cost {
     let built_ms = processor_ms();
     let (min, max) = mesh.bounds();
@@ -119,7 +123,8 @@ fn trace(mesh: &Mesh, rays: u32, start_ms: f64, closest: impl Fn(Vec3A, Vec3A) -
     for _ in 0..rays {
         let direction = random.direction();
         let distance = closest(origin, direction);
-        // From the immediate neighbourhood of a surface a path could not leave: rounding would decide what it hits.
+        // From the immediate neighbourhood of a surface a path could not leave: rounding would decide what it
+        // hits.
         let goes_on = distance.is_finite() && distance > shortest;
         origin = if goes_on { origin + direction * (distance * 0.999) } else { center };
         hits += u32::from(distance.is_finite());

@@ -11,8 +11,9 @@ use crate::mesh::Mesh;
 
 /// A binned builder, and one with spatial splits.
 const BUILDERS: [&str; 2] = ["binned", "spatial"];
-/// The binary tree that is built; and the eight-wide one that it can be turned into, whose leaves hold four: the crate offers its
-/// traversal only to programs that are compiled for AVX2 (`RUSTFLAGS="-C target-cpu=native"`).
+/// The binary tree that is built; and the eight-wide one that it can be turned into, whose leaves hold four:
+/// the crate offers its traversal only to programs that are compiled for AVX2
+/// (`RUSTFLAGS="-C target-cpu=native"`).
 const LAYOUTS: &[&str] = if cfg!(target_feature = "avx2") { &["binary", "wide"] } else { &["binary"] };
 
 pub(super) fn space() -> Result<Space, SpaceError> {
@@ -65,8 +66,9 @@ pub(super) fn run(configuration: &Configuration, mesh: &Mesh, rays: u32) -> Resu
     Ok(trace(mesh, rays, start_ms, |origin, direction| closest(&tree, origin, direction)))
 }
 
-/// A ray with the room that the C++ side takes it to have. In 0.1.0-beta.3 its rays are 128 bytes long and those of Rust 64, so that the
-/// crate's own `Ray::new` overwrites 64 bytes of its caller; hence rays are put together here.
+/// A ray with the room that the C++ side takes it to have. In 0.1.0-beta.3 its rays are 128 bytes long and
+/// those of Rust 64, so that the crate's own `Ray::new` overwrites 64 bytes of its caller; hence rays are put
+/// together here.
 #[repr(C, align(64))]
 struct Query {
     ray: Ray,

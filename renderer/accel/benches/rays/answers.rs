@@ -57,7 +57,8 @@ impl Answers {
 fn same(this: Option<Hit>, that: Option<Hit>) -> bool {
     match (this, that) {
         (Some(this), Some(that)) => {
-            // The distance of a triangle that is met at a glancing angle hangs on the last digits of the test.
+            // The distance of a triangle that is met at a glancing angle hangs on the last digits of the
+            // test.
             let tolerance = if this.triangle == that.triangle { 1e-2 } else { 1e-4 };
             (this.t - that.t).abs() <= tolerance * (1.0 + this.t)
         }
@@ -65,8 +66,8 @@ fn same(this: Option<Hit>, that: Option<Hit>) -> bool {
     }
 }
 
-/// Checks every structure on every set, in every packing it has of its own: robust ones against native Embree's robust one,
-/// the others against the reference, whose answers are returned.
+/// Checks every structure on every set, in every packing it has of its own: robust ones against native
+/// Embree's robust one, the others against the reference, whose answers are returned.
 pub(crate) fn check(
     name: &str,
     recording: &Recording,
@@ -93,7 +94,8 @@ pub(crate) fn check(
         }
         expected.push(answers);
     }
-    // Between others rays slip through that robust structures hold, so these are compared with native Embree's.
+    // Between others rays slip through that robust structures hold, so these are compared with native
+    // Embree's.
     let robust = contenders.iter().find(|built| built.robust && built.maker == Maker::Native);
     for built in contenders {
         for (set, expected) in recording.sets.iter().zip(&expected) {

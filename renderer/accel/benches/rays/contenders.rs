@@ -163,8 +163,8 @@ fn recipes(tinybvh: Option<Arc<Tinybvh>>) -> Vec<(&'static str, Recipe)> {
     all
 }
 
-/// Builds every structure whose name contains one of `filters`, in interleaved rounds. One that cannot be built for
-/// this scene is left out with a word on standard error.
+/// Builds every structure whose name contains one of `filters`, in interleaved rounds. One that cannot be
+/// built for this scene is left out with a word on standard error.
 pub(crate) fn build_all(
     device: &Device,
     recording: &Recording,

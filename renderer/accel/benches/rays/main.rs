@@ -2,11 +2,12 @@
 //!
 //! `cargo bench -p treewright-accel -- --rounds 21 --json rays.json`
 //!
-//! `TREEWRIGHT_RAYS` names recordings (files or folders, separated as in `PATH`) that `treewright-render rays`
-//! has made of real frames; without it, three procedural scenes with rays of their own serve. Every round runs
-//! every structure once on every set of rays, and a ratio is taken within a round, so that a slow spell of the
-//! machine hits both sides. Nothing is timed before its answers have been compared ray by ray with native
-//! Embree's, and those of native Embree with brute force. `tools/tinybvh.sh` compiles one more peer.
+//! `TREEWRIGHT_RAYS` names recordings (files or folders, separated as in `PATH`) that
+//! `treewright-render rays` has made of real frames; without it, three procedural scenes with rays of their
+//! own serve. Every round runs every structure once on every set of rays, and a ratio is taken within a
+//! round, so that a slow spell of the machine hits both sides. Nothing is timed before its answers have been
+//! compared ray by ray with native Embree's, and those of native Embree with brute force. `tools/tinybvh.sh`
+//! compiles one more peer.
 
 mod answers;
 mod bandwidth;

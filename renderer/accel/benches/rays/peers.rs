@@ -1,7 +1,7 @@
 //! Two crates of the registry as further peers: `bvh` and `obvhs`, used as their documentation advises.
 //!
-//! Neither knows of packets. `bvh` has no distance culling of its own, so the query carries the nearest hit so
-//! far and refuses boxes behind it. `obvhs` comes as a binary tree and as a compressed eight-wide one; its
+//! Neither knows of packets. `bvh` has no distance culling of its own, so the query carries the nearest hit
+//! so far and refuses boxes behind it. `obvhs` comes as a binary tree and as a compressed eight-wide one; its
 //! triangles are put into the order of the tree's leaves.
 
 use std::cell::Cell;

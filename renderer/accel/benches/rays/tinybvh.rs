@@ -1,7 +1,8 @@
-//! tinybvh as a further peer: its eight-wide tree for processors, from a library that `tools/tinybvh.sh` compiles.
+//! tinybvh as a further peer: its eight-wide tree for processors, from a library that `tools/tinybvh.sh`
+//! compiles.
 //!
-//! The crate `tinybvh-rs` has no question for any hit, and none of the wide tree unless the whole program is compiled for
-//! AVX2. Hence a few lines of C++ of our own, loaded where `TREEWRIGHT_TINYBVH` names them.
+//! The crate `tinybvh-rs` has no question for any hit, and none of the wide tree unless the whole program is
+//! compiled for AVX2. Hence a few lines of C++ of our own, loaded where `TREEWRIGHT_TINYBVH` names them.
 
 use std::error::Error;
 use std::ffi::{c_int, c_void};
@@ -52,8 +53,9 @@ impl Tinybvh {
         let Some(path) = std::env::var_os(LIBRARY) else {
             return Ok(None);
         };
-        // SAFETY: the user names the library that tools/tinybvh.sh made of tinybvh.cpp, which runs nothing when it is loaded
-        // and has these four functions with these arguments; the library is kept as long as they are.
+        // SAFETY: the user names the library that tools/tinybvh.sh made of tinybvh.cpp, which runs nothing
+        // when it is loaded and has these four functions with these arguments; the library is kept as long as
+        // they are.
         unsafe {
             let library =
                 Library::new(&path).map_err(|error| format!("{LIBRARY}={}: {error}", path.display()))?;

@@ -125,9 +125,9 @@ impl Device {
         }
     }
 
-    /// Another device of as many threads, on which Embree may hold `bytes` at most at any one time: builds that
-    /// need more fail with [`BuildError::OutOfMemory`](crate::BuildError::OutOfMemory). Memory that is not
-    /// Embree's, such as a list of references, is not counted.
+    /// Another device of as many threads, on which Embree may hold `bytes` at most at any one time: builds
+    /// that need more fail with [`BuildError::OutOfMemory`](crate::BuildError::OutOfMemory). Memory that is
+    /// not Embree's, such as a list of references, is not counted.
     pub fn with_memory_budget(&self, bytes: usize) -> Result<Self, DeviceError> {
         Self::new(self.inner.threads, "", Heard::new(isize::try_from(bytes).unwrap_or(isize::MAX)))
     }
@@ -229,7 +229,8 @@ impl Heard {
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        // SAFETY: the handle is valid and ours; `heard` is dropped after it; structures hold a `Device` and so outlive none of this.
+        // SAFETY: the handle is valid and ours; `heard` is dropped after it; structures hold a `Device` and
+        // so outlive none of this.
         unsafe { ffi::rtcReleaseDevice(self.handle) };
     }
 }
@@ -245,8 +246,8 @@ unsafe extern "C" fn hear_error(_user: *mut c_void, _code: c_uint, text: *const 
     });
 }
 
-/// `RTCMemoryMonitorFunction`: called before memory is taken (`after` false) or once it is taken or given back.
-/// Answering no makes the call that wanted it fail with "out of memory".
+/// `RTCMemoryMonitorFunction`: called before memory is taken (`after` false) or once it is taken or given
+/// back. Answering no makes the call that wanted it fail with "out of memory".
 unsafe extern "C" fn hear_memory(user: *mut c_void, bytes: isize, after: bool) -> bool {
     // SAFETY: `user` is the device's `Heard`.
     let heard = unsafe { &*user.cast::<Heard>() };

@@ -161,8 +161,8 @@ unsafe extern "C" {
 /// `RTCFilterFunctionN`.
 pub(crate) type Filter = Option<unsafe extern "C" fn(*const FilterArguments)>;
 
-/// `RTCFilterFunctionNArguments`: the same in 4.2 and 4.4. Rays and hits are `count` numbers a field, the fields in
-/// the order of [`RtcRay`] and [`RtcHit`].
+/// `RTCFilterFunctionNArguments`: the same in 4.2 and 4.4. Rays and hits are `count` numbers a field, the
+/// fields in the order of [`RtcRay`] and [`RtcHit`].
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FilterArguments {

@@ -13,8 +13,8 @@ use crate::geometry::{Ray, Triangles};
 /// Lets a geometry's hits be filtered by the masks of its triangles, or not if they have none.
 ///
 /// # Safety
-/// The geometry is valid, its primitives are numbered as `triangles`, and these stay where they are and live as
-/// long as anything is traced through it, or until this is called again.
+/// The geometry is valid, its primitives are numbered as `triangles`, and these stay where they are and live
+/// as long as anything is traced through it, or until this is called again.
 pub(super) unsafe fn set_masks(geometry: ffi::RTCGeometry, triangles: *const Triangles) {
     // SAFETY: the caller vouches for the triangles.
     let filter: ffi::Filter = if unsafe { (*triangles).has_masks() } { Some(keep_solid) } else { None };
@@ -26,8 +26,8 @@ pub(super) unsafe fn set_masks(geometry: ffi::RTCGeometry, triangles: *const Tri
     }
 }
 
-/// `RTCFilterFunctionN`: takes back the hits where a mask lets the ray through. It cannot panic on what Embree hands
-/// over: primitives are numbers of triangles.
+/// `RTCFilterFunctionN`: takes back the hits where a mask lets the ray through. It cannot panic on what
+/// Embree hands over: primitives are numbers of triangles.
 unsafe extern "C" fn keep_solid(arguments: *const ffi::FilterArguments) {
     // SAFETY: Embree hands over `count` rays and hits, field by field, and what `set_masks` gave it.
     let (triangles, rays, primitives, valid) = unsafe {

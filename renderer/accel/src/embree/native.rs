@@ -24,8 +24,8 @@ pub struct NativeScene {
     refits: bool,
     /// The scene reads these vertices and lives on this device: both must outlive it.
     triangles: Arc<Triangles>,
-    /// The scene reads these indices. A refit takes new vertices but keeps the indices it was built with, even
-    /// where the new triangles bring an equal copy.
+    /// The scene reads these indices. A refit takes new vertices but keeps the indices it was built with,
+    /// even where the new triangles bring an equal copy.
     _indexed: Arc<Triangles>,
     device: Device,
 }
@@ -56,7 +56,8 @@ impl NativeScene {
         Self::build_as(device, triangles, options, false)
     }
 
-    /// As [`NativeScene::build`]; or, for refits, a scene of the kind whose geometries keep trees of their own.
+    /// As [`NativeScene::build`]; or, for refits, a scene of the kind whose geometries keep trees of their
+    /// own.
     fn build_as(
         device: &Device,
         triangles: &Arc<Triangles>,
@@ -66,8 +67,8 @@ impl NativeScene {
         let before = device.bytes_held();
         let scene = new_scene(device, options)?;
         if refits {
-            // SAFETY: the scene is valid and not committed yet. Embree refits nothing but in scenes of two levels,
-            // which are those of low quality; the quality of the tree below is the geometry's.
+            // SAFETY: the scene is valid and not committed yet. Embree refits nothing but in scenes of two
+            // levels, which are those of low quality; the quality of the tree below is the geometry's.
             unsafe { ffi::rtcSetSceneBuildQuality(scene.0, ffi::RTCBuildQuality::LOW) };
         }
         if !triangles.is_empty() {
@@ -77,8 +78,9 @@ impl NativeScene {
         Ok(Self { refits, ..scene })
     }
 
-    /// Follows moved triangles; there is no partial update, so it is a refit too. The first refit builds a scene
-    /// that can do it, and later ones refit that. Embree takes the changed vertices and fits its own boxes.
+    /// Follows moved triangles; there is no partial update, so it is a refit too. The first refit builds a
+    /// scene that can do it, and later ones refit that. Embree takes the changed vertices and fits its own
+    /// boxes.
     pub(crate) fn update(&mut self, triangles: &Arc<Triangles>, update: Update) -> Result<(), BuildError> {
         BuildError::same_count(self.triangles.len(), triangles.len())?;
         update.check()?;
@@ -89,9 +91,9 @@ impl NativeScene {
         } else if !self.refits || !self.triangles.same_indices(triangles) {
             *self = Self::build_as(&device, triangles, &options, true)?;
         } else {
-            // SAFETY: the scene is valid and has the one geometry that `attach` gave it, under number 0. The old
-            // vertices live until the scene is committed with the new ones, and these with the scene, which is also
-            // as long as masks are asked.
+            // SAFETY: the scene is valid and has the one geometry that `attach` gave it, under number 0. The
+            // old vertices live until the scene is committed with the new ones, and these with the scene,
+            // which is also as long as masks are asked.
             unsafe {
                 let geometry = ffi::rtcGetGeometry(self.scene.0, 0);
                 set_positions(geometry, triangles);
@@ -155,7 +157,8 @@ pub(super) fn new_scene(device: &Device, options: &NativeOptions) -> Result<Scen
     Ok(scene)
 }
 
-/// Commits a scene that reads `triangles`, or whose instances were built with `options`; `before` is what Embree held when its build began.
+/// Commits a scene that reads `triangles`, or whose instances were built with `options`; `before` is what
+/// Embree held when its build began.
 pub(super) fn commit(
     device: &Device,
     scene: SceneHandle,
@@ -192,8 +195,9 @@ fn attach(
         return Err(failure(device));
     }
     let indices = triangles.indices();
-    // SAFETY: the arrays and the triangles themselves do not move while the scene's `Arc` holds them; indices are in
-    // range by the invariant of `Triangles`. Attaching retains the geometry, so our own reference is released at once.
+    // SAFETY: the arrays and the triangles themselves do not move while the scene's `Arc` holds them; indices
+    // are in range by the invariant of `Triangles`. Attaching retains the geometry, so our own reference is
+    // released at once.
     unsafe {
         if refits {
             ffi::rtcSetGeometryBuildQuality(geometry, ffi::RTCBuildQuality::REFIT);

@@ -48,9 +48,9 @@ const _: () = {
     assert!(align_of::<PlacedPart>() > TAG_BITS);
 };
 
-/// A pointer to a node or to the items of a leaf: blocks of triangles, or placed parts in the upper level of two. All
-/// are aligned to 32 bytes or more, which leaves
-/// five bits: whether it is a leaf, and of how many blocks.
+/// A pointer to a node or to the items of a leaf: blocks of triangles, or placed parts in the upper level of
+/// two. All are aligned to 32 bytes or more, which leaves five bits: whether it is a leaf, and of how many
+/// blocks.
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
 pub(crate) struct NodeRef(*mut u8);

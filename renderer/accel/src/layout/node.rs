@@ -18,7 +18,8 @@ pub(crate) trait TreeNode: Copy + Send + Sync + 'static {
     /// The same, to be set.
     fn children_mut(&mut self) -> &mut [NodeRef];
 
-    /// Puts the child of place `order[p]` into place `p`; of the order, the first [`TreeNode::WIDTH`] places count.
+    /// Puts the child of place `order[p]` into place `p`; of the order, the first [`TreeNode::WIDTH`] places
+    /// count.
     fn permute(&mut self, order: &[u8; WIDTH_MAX]);
 
     /// How many places are in use.

@@ -3,8 +3,8 @@
 use super::NodeRef;
 use crate::instances::Instance;
 
-/// A part of a placed object: where in the object's tree a ray goes on, and how it gets into the object's space. One
-/// cache line.
+/// A part of a placed object: where in the object's tree a ray goes on, and how it gets into the object's
+/// space. One cache line.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct PlacedPart {

@@ -1,8 +1,9 @@
 //! Counts what queries do: nodes visited, blocks of triangles tested, bytes they lie in. For analyses; slow.
 //!
-//! The walk is that of the queries ([`super::kernel`]) with counters around its two tests, on portable vectors: what is
-//! visited does not depend on the instruction set. Such counts explain measured times (Aila, Karras and Laine, "On Quality
-//! Metrics of Bounding Volume Hierarchies", 2013) and, unlike these, repeat to the last digit.
+//! The walk is that of the queries ([`super::kernel`]) with counters around its two tests, on portable
+//! vectors: what is visited does not depend on the instruction set. Such counts explain measured times (Aila,
+//! Karras and Laine, "On Quality Metrics of Bounding Volume Hierarchies", 2013) and, unlike these, repeat to
+//! the last digit.
 
 use std::cell::Cell;
 use std::marker::PhantomData;
@@ -102,7 +103,8 @@ pub(crate) struct Queries<'a> {
 /// # Safety
 /// The tree below `root` was built with these parameters and lives.
 pub(crate) unsafe fn visits(root: &Root, parameters: &TreeParameters, queries: &Queries<'_>) -> Visits {
-    // SAFETY: the kinds of nodes and blocks are those of the parameters, and portable vectors need no features.
+    // SAFETY: the kinds of nodes and blocks are those of the parameters, and portable vectors need no
+    // features.
     unsafe {
         match (parameters.active_format(), parameters.branching_factor) {
             (NodeFormat::Full, 2) => of_nodes::<Node<2>, Portable<2>>(root, parameters, queries),

@@ -1,5 +1,5 @@
-//! Instruction sets the kernels are compiled for, and a way to compile a caller's loops for them as well. The build script
-//! says which (`kernels_NAME`): each, or that of the machine alone.
+//! Instruction sets the kernels are compiled for, and a way to compile a caller's loops for them as well. The
+//! build script says which (`kernels_NAME`): each, or that of the machine alone.
 
 use std::sync::OnceLock;
 
@@ -28,9 +28,9 @@ impl Isa {
         allowed.into_iter().find(|isa| isa.is_available()).unwrap_or(Self::Scalar)
     }
 
-    /// Keeps this process from anything wider, Embree's kernels included, as if the processor had no more. To be called
-    /// before the first device is opened, which is where Embree is told. `false` where the set is not available here, or
-    /// another one was named before.
+    /// Keeps this process from anything wider, Embree's kernels included, as if the processor had no more. To
+    /// be called before the first device is opened, which is where Embree is told. `false` where the set is
+    /// not available here, or another one was named before.
     pub fn limit(self) -> bool {
         self.is_available() && *WIDEST.get_or_init(|| self) == self
     }
@@ -86,8 +86,8 @@ impl Isa {
     }
 }
 
-/// Loops that are worth compiling for each instruction set. Results do not depend on which one runs: no operation is
-/// fused or reordered that the source does not fuse or reorder.
+/// Loops that are worth compiling for each instruction set. Results do not depend on which one runs: no
+/// operation is fused or reordered that the source does not fuse or reorder.
 pub trait Work {
     /// What comes of it.
     type Output;

@@ -21,7 +21,8 @@ use crate::layout::{NodeRef, Root, TreeNode};
 /// What a ray does in a leaf: tests triangles, or goes on in the objects that are placed there.
 ///
 /// # Safety
-/// Both functions require a leaf of the kind they test, which lives, and the processor features they are made for.
+/// Both functions require a leaf of the kind they test, which lives, and the processor features they are made
+/// for.
 pub(crate) trait Leaves {
     /// Replaces `hit` by a nearer one in the leaf, if there is one.
     unsafe fn closest(&self, leaf: NodeRef, hit: &mut Hit);

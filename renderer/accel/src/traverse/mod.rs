@@ -152,8 +152,9 @@ impl LevelKernels {
     /// The nearest hit.
     ///
     /// # Safety
-    /// The upper level has nodes of [`LEVEL_WIDTH`] children and leaves of placed parts, whose nodes are of the objects
-    /// in `lower`; its kernels are those of the objects' trees; everything lives. So for the functions below.
+    /// The upper level has nodes of [`LEVEL_WIDTH`] children and leaves of placed parts, whose nodes are of
+    /// the objects in `lower`; its kernels are those of the objects' trees; everything lives. So for the
+    /// functions below.
     #[inline(always)]
     pub(crate) unsafe fn closest(&self, root: &Root, lower: &Lower, ray: &Ray) -> Option<Hit> {
         let mut hit = Hit::none(ray.t_max);

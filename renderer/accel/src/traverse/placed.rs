@@ -1,8 +1,8 @@
 //! Rays into placed objects: what happens in the leaves of the upper level of two.
 //!
-//! A ray is taken into the object's space and given to the object's own kernels. Its direction is not normalised
-//! there, so that distances mean the same in both spaces and the nearest hit so far ends the walks of both levels.
-//! A packet stays together: all its rays are taken over at once and go on as a packet below.
+//! A ray is taken into the object's space and given to the object's own kernels. Its direction is not
+//! normalised there, so that distances mean the same in both spaces and the nearest hit so far ends the walks
+//! of both levels. A packet stays together: all its rays are taken over at once and go on as a packet below.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
@@ -31,7 +31,8 @@ pub(crate) struct Lower {
     pub(crate) kernels: Kernels,
 }
 
-/// The ray in another space, given by rows of three factors and a translation. [`Bundle::moved`] does the same.
+/// The ray in another space, given by rows of three factors and a translation. [`Bundle::moved`] does the
+/// same.
 #[inline(always)]
 pub(crate) fn moved(ray: &Ray, rows: &[[f32; 4]; 3], t_max: f32) -> Ray {
     let turned = |[x, y, z, _]: [f32; 4], v: glam::Vec3| v.x * x + v.y * y + v.z * z;

@@ -18,8 +18,8 @@ use crate::layout::{Block, NodeRef, is_any_met, is_met};
 pub(crate) trait Blocks<const B: usize>: Copy {
     unsafe fn new(ray: &Ray) -> Self;
 
-    /// Replaces `hit` by a nearer one in the block, if there is one. `ray` is what this was made of, `all` the
-    /// triangles that blocks are made of.
+    /// Replaces `hit` by a nearer one in the block, if there is one. `ray` is what this was made of, `all`
+    /// the triangles that blocks are made of.
     unsafe fn closest(&self, block: &Block<B>, ray: &Ray, all: &Triangles, hit: &mut Hit);
 
     /// Whether a triangle of the block is hit before the ray ends.
@@ -66,8 +66,8 @@ pub(crate) struct Found<L> {
     pub(crate) scale: L,
 }
 
-/// Replaces `hit` by the nearest of the lanes' hits that is nearer. `times` are their true distances, `triangles`
-/// their numbers among `all`.
+/// Replaces `hit` by the nearest of the lanes' hits that is nearer. `times` are their true distances,
+/// `triangles` their numbers among `all`.
 ///
 /// # Safety
 /// As for [`Lanes`].

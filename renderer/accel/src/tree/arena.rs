@@ -8,12 +8,12 @@ use crate::error::BuildError;
 /// Cache lines: nodes start on one.
 const LINE: usize = 64;
 
-/// A huge page. Blocks of at least this size start on one and ask the kernel for them: a ray touches nodes all
-/// over the tree, and with small pages most of them would also miss the page table cache.
+/// A huge page. Blocks of at least this size start on one and ask the kernel for them: a ray touches nodes
+/// all over the tree, and with small pages most of them would also miss the page table cache.
 const HUGE_PAGE: usize = 2 << 20;
 
-/// One block of memory, aligned to cache lines. It is not zeroed, which would be done by one thread and before the kernel
-/// knows of huge pages: what is read was written before.
+/// One block of memory, aligned to cache lines. It is not zeroed, which would be done by one thread and
+/// before the kernel knows of huge pages: what is read was written before.
 #[derive(Debug)]
 pub(super) struct Arena {
     start: NonNull<u8>,

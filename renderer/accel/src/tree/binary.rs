@@ -1,7 +1,8 @@
 //! A binary tree over single triangles in two arrays, as the optimiser and the collapse want it.
 //!
-//! Node 0 is the root. The two children of a node lie side by side at an even number and the odd one behind it,
-//! so that both come with one cache line and a node finds its sibling without being told. Number 1 is unused.
+//! Node 0 is the root. The two children of a node lie side by side at an even number and the odd one behind
+//! it, so that both come with one cache line and a node finds its sibling without being told. Number 1 is
+//! unused.
 
 use glam::Vec3A;
 
@@ -89,7 +90,8 @@ impl BinaryTree {
     /// Copies a sketch of single-triangle leaves, depth first: the nodes below a node follow its children.
     ///
     /// # Safety
-    /// `root` is the root of a finished build of width 2 with at most one triangle a leaf, whose memory lives.
+    /// `root` is the root of a finished build of width 2 with at most one triangle a leaf, whose memory
+    /// lives.
     pub(super) unsafe fn from_sketch(root: SketchRef, bounds: Bounds) -> Self {
         Self::copied(&Sketches(()), root, bounds)
     }
@@ -166,7 +168,8 @@ pub(super) trait Source: Sync {
     fn leaves(&self, item: Self::Item) -> u32;
 }
 
-/// A sketch by Embree's builder. Only [`BinaryTree::from_sketch`] makes it, whose caller vouches for all references.
+/// A sketch by Embree's builder. Only [`BinaryTree::from_sketch`] makes it, whose caller vouches for all
+/// references.
 struct Sketches(());
 
 impl Source for Sketches {
@@ -199,8 +202,8 @@ impl Source for Sketches {
     }
 }
 
-/// Copies an item. What is below it goes into `below`, the first place of which has the number `first`; `node` is the
-/// number its own copy will have. Recursion is as deep as the tree.
+/// Copies an item. What is below it goes into `below`, the first place of which has the number `first`;
+/// `node` is the number its own copy will have. Recursion is as deep as the tree.
 fn copy<S: Source>(
     source: &S,
     item: S::Item,

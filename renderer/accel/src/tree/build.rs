@@ -6,8 +6,8 @@
 //! | builder | any other | it makes a sketch, which is then written in that order to memory of ours |
 //! | optimal | any | it makes a binary sketch of single triangles; that is optimised, collapsed and written |
 //!
-//! With our own builder ([`Builder::Ploc`]) the binary tree of single triangles is always there first: it is opened
-//! to wide nodes as it is, in place or by a plan, or goes the third way.
+//! With our own builder ([`Builder::Ploc`]) the binary tree of single triangles is always there first: it is
+//! opened to wide nodes as it is, in place or by a plan, or goes the third way.
 
 use std::sync::Arc;
 

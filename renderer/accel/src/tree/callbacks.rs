@@ -200,8 +200,8 @@ macro_rules! split_primitive {
             right: *mut ffi::RTCBounds,
             user: *mut c_void,
         ) {
-            // SAFETY: as above; `primID` is the number of a triangle, whose indices are in range; the last cut is
-            // this thread's alone, and no reference to it leaves this function.
+            // SAFETY: as above; `primID` is the number of a triangle, whose indices are in range; the last
+            // cut is this thread's alone, and no reference to it leaves this function.
             unsafe {
                 let context = &*user.cast::<Context<'_>>();
                 // Corner, geometry number, corner, triangle number: a box in which the numbers do no harm.

@@ -1,11 +1,11 @@
 //! From the binary tree to the wide tree of least expected cost.
 //!
-//! Dynamic programming over the binary tree, as Ylitie, Karras and Laine describe it ("Efficient Incoherent Ray
-//! Traversal on GPUs Through Compressed Wide BVHs", 2017, section 3.1; the cost is that of Wald, Benthin and
-//! Boulos, "Getting Rid of Packets", 2008): what does it cost at least to make a subtree into at most `i`
-//! children of one wide node? For one child it becomes a leaf or a node of its own, whose children are at most as
-//! many as fit; for more its two halves share them. The answers for the halves give those for the whole, and
-//! going down again from the root the decisions are read off.
+//! Dynamic programming over the binary tree, as Ylitie, Karras and Laine describe it ("Efficient Incoherent
+//! Ray Traversal on GPUs Through Compressed Wide BVHs", 2017, section 3.1; the cost is that of Wald, Benthin
+//! and Boulos, "Getting Rid of Packets", 2008): what does it cost at least to make a subtree into at most `i`
+//! children of one wide node? For one child it becomes a leaf or a node of its own, whose children are at
+//! most as many as fit; for more its two halves share them. The answers for the halves give those for the
+//! whole, and going down again from the root the decisions are read off.
 
 use super::binary::{BinaryNode, BinaryTree};
 use super::plan::Plan;
@@ -15,7 +15,8 @@ use crate::parameters::TreeParameters;
 /// Fewest leaves of a subtree that is worth a task of its own.
 const LEAVES_PER_TASK: u32 = 4096;
 
-/// Levels on which tasks are split off. Below, and where the tree is very uneven, everything is done in a row.
+/// Levels on which tasks are split off. Below, and where the tree is very uneven, everything is done in a
+/// row.
 const TASK_LEVELS: u32 = 32;
 
 /// Cost of a subtree as at most `i + 1` children of one node, for each `i`.
@@ -44,8 +45,8 @@ impl Model {
         }
     }
 
-    /// Probability that a ray that meets the root's box meets this one. Where nothing has an area, boxes are as good
-    /// as equal.
+    /// Probability that a ray that meets the root's box meets this one. Where nothing has an area, boxes are
+    /// as good as equal.
     fn share(&self, node: &BinaryNode) -> f32 {
         if self.area > 0.0 { (node.bounds().half_area() / self.area) as f32 } else { 1.0 }
     }

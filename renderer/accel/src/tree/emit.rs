@@ -1,5 +1,5 @@
-//! A clustered tree becomes memory at once: wide nodes and their leaves as they are met, each thread in slabs of its
-//! own, children in the order for shadow rays. For builds that have no time for a plan.
+//! A clustered tree becomes memory at once: wide nodes and their leaves as they are met, each thread in slabs
+//! of its own, children in the order for shadow rays. For builds that have no time for a plan.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -44,8 +44,8 @@ struct Emitter<'a> {
     per_task: u32,
     slab: usize,
     slabs: Mutex<Vec<Arena>>,
-    /// What ended tasks left of theirs, for the next ones: a slab that each took for itself would stay mostly empty, and
-    /// the kernel zeroes the whole of it.
+    /// What ended tasks left of theirs, for the next ones: a slab that each took for itself would stay mostly
+    /// empty, and the kernel zeroes the whole of it.
     rooms: Mutex<Vec<Room>>,
 }
 

@@ -1,5 +1,5 @@
-//! Objects that are copied into the world: what is small, or placed once, is met sooner as part of one tree than as an
-//! object of its own, whose box overlaps others and into whose space every ray has to be taken.
+//! Objects that are copied into the world: what is small, or placed once, is met sooner as part of one tree
+//! than as an object of its own, whose box overlaps others and into whose space every ray has to be taken.
 
 use std::sync::Arc;
 
@@ -14,8 +14,8 @@ use crate::layout::Bounds;
 use crate::limits::{FLATTENED_TRIANGLES_MAX, INSTANCES_MAX};
 use crate::parameters::TreeParameters;
 
-/// Vertices between the first and the last that an object names may be so many times its triangles; else its corners
-/// are copied one by one.
+/// Vertices between the first and the last that an object names may be so many times its triangles; else its
+/// corners are copied one by one.
 const VERTICES_PER_TRIANGLE: usize = 3;
 
 /// The tree of what was copied.
@@ -26,8 +26,8 @@ pub(super) struct Flat {
     pub(super) numbers: Vec<(u32, u32)>,
 }
 
-/// Which objects are copied: those whose placed triangles are at most as many as the parameters say, the smallest first
-/// as far as the limit of all together goes.
+/// Which objects are copied: those whose placed triangles are at most as many as the parameters say, the
+/// smallest first as far as the limit of all together goes.
 pub(super) fn flattened(instances: &Instances, parameters: &TreeParameters) -> Vec<bool> {
     let mut placed: Vec<u64> = vec![0; instances.objects().len()];
     for instance in instances.placed() {
@@ -57,8 +57,8 @@ pub(super) fn in_the_world(object: usize) -> Instance {
 const _: () = assert!(INSTANCES_MAX < u32::MAX as usize);
 
 impl Flat {
-    /// Copies the flattened objects and builds their tree; `None` if there are none, or if they end up beyond the
-    /// coordinates that triangles may have.
+    /// Copies the flattened objects and builds their tree; `None` if there are none, or if they end up beyond
+    /// the coordinates that triangles may have.
     pub(super) fn build(
         device: &Device,
         triangles: &Triangles,

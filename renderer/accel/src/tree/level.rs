@@ -1,9 +1,9 @@
 //! The upper level of two: a tree over placed objects, or parts of them.
 //!
-//! Its leaves hold one part each, because what lies in a leaf costs a walk of its own. Objects whose boxes overlap are
-//! opened, the largest first: in place of the object its nodes are placed, so that a ray enters only what it comes near
-//! to. That is partial re-braiding (Benthin, Woop, Wald and Afra, "Improved Two-Level BVHs using Partial Re-Braiding",
-//! 2017), done before the build instead of during it.
+//! Its leaves hold one part each, because what lies in a leaf costs a walk of its own. Objects whose boxes
+//! overlap are opened, the largest first: in place of the object its nodes are placed, so that a ray enters
+//! only what it comes near to. That is partial re-braiding (Benthin, Woop, Wald and Afra, "Improved Two-Level
+//! BVHs using Partial Re-Braiding", 2017), done before the build instead of during it.
 
 use std::collections::BinaryHeap;
 use std::sync::Arc;
@@ -133,7 +133,8 @@ impl Level {
         self.nodes * size_of::<Node<LEVEL_WIDTH>>() + self.parts * size_of::<PlacedPart>()
     }
 
-    /// Calls `visit` for every node below the root and every leaf with its depth, its box, and what a leaf holds.
+    /// Calls `visit` for every node below the root and every leaf with its depth, its box, and what a leaf
+    /// holds.
     pub(super) fn walk(&self, visit: &mut impl FnMut(u32, Bounds, Option<&PlacedPart>)) {
         let mut stack = vec![(0, self.root.bounds, self.root.node)];
         while let Some((depth, bounds, node)) = stack.pop() {
@@ -154,7 +155,8 @@ impl Level {
     }
 }
 
-/// The upper parts of all objects' trees. One that is placed once may be opened as far as all others together.
+/// The upper parts of all objects' trees. One that is placed once may be opened as far as all others
+/// together.
 fn outlines(below: &[Below<'_>], places: &[Place], parameters: &TreeParameters) -> Vec<Outline> {
     let mut times = vec![0usize; below.len()];
     for (_, instance) in places {

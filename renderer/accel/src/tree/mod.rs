@@ -1,6 +1,6 @@
-//! The tunable tree: built by Embree's `rtcBuildBVH` or by a builder of our own, kept in our own layout, walked by our
-//! own kernels; on the way it can be optimised, collapsed to wide nodes of least cost, and put into an order that caches
-//! like.
+//! The tunable tree: built by Embree's `rtcBuildBVH` or by a builder of our own, kept in our own layout,
+//! walked by our own kernels; on the way it can be optimised, collapsed to wide nodes of least cost, and put
+//! into an order that caches like.
 
 mod arena;
 mod binary;
@@ -68,7 +68,8 @@ enum Memory {
     Slabs(Vec<Arena>),
 }
 
-// SAFETY: after the build nobody writes to the nodes, and Embree allows release from any thread; so does the allocator.
+// SAFETY: after the build nobody writes to the nodes, and Embree allows release from any thread; so does the
+// allocator.
 unsafe impl Send for Tree {}
 // SAFETY: as above.
 unsafe impl Sync for Tree {}
@@ -89,8 +90,8 @@ impl Tree {
         self.isa
     }
 
-    /// What queries by these rays, one after the other, do in the tree: for any hit, or for the nearest. Takes some ten times
-    /// as long as the queries.
+    /// What queries by these rays, one after the other, do in the tree: for any hit, or for the nearest.
+    /// Takes some ten times as long as the queries.
     pub fn visits(&self, rays: &[Ray], any: bool) -> Visits {
         // SAFETY: the parameters are those that the tree was built with.
         unsafe { count::visits(&self.root, &self.parameters, &count::Queries { rays, any }) }

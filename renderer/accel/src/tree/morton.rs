@@ -1,9 +1,10 @@
 //! Triangles along a curve that fills space: their boxes, and their numbers in the order of Morton codes.
 //!
-//! The code of a triangle is that of its box's centre on a grid of 2048 cells an axis (Lauterbach et al., "Fast BVH
-//! Construction on GPUs", 2009). Codes stand before numbers in one word. These are first parted by the highest eleven bits of
-//! the code, all threads together, and then each part is sorted by whichever thread takes it, mostly in its own cache
-//! (radix sort from the most significant digit, with one digit: Knuth, The Art of Computer Programming 3, 5.2.5).
+//! The code of a triangle is that of its box's centre on a grid of 2048 cells an axis (Lauterbach et al.,
+//! "Fast BVH Construction on GPUs", 2009). Codes stand before numbers in one word. These are first parted by
+//! the highest eleven bits of the code, all threads together, and then each part is sorted by whichever
+//! thread takes it, mostly in its own cache (radix sort from the most significant digit, with one digit:
+//! Knuth, The Art of Computer Programming 3, 5.2.5).
 
 use glam::Vec3A;
 use rayon::prelude::*;
@@ -19,7 +20,8 @@ const NUMBER_BITS: u32 = TRIANGLES_MAX.ilog2();
 /// Bits of the digit by which keys are parted.
 const DIGIT_BITS: u32 = 11;
 
-/// Bits of a code: those of a digit for each axis, so that a grid has as many cells an axis as a digit values.
+/// Bits of a code: those of a digit for each axis, so that a grid has as many cells an axis as a digit
+/// values.
 const CODE_BITS: u32 = 3 * DIGIT_BITS;
 
 const DIGIT_VALUES: usize = 1 << DIGIT_BITS;
@@ -49,8 +51,8 @@ impl Key {
         (self.0 & ((1 << NUMBER_BITS) - 1)) as u32
     }
 
-    /// Where sorted keys part: at the first with the highest bit in which codes differ, or in the middle if none does.
-    /// There are two or more.
+    /// Where sorted keys part: at the first with the highest bit in which codes differ, or in the middle if
+    /// none does. There are two or more.
     pub(super) fn middle(keys: &[Self]) -> usize {
         let (first, last) = (keys[0].0 >> NUMBER_BITS, keys[keys.len() - 1].0 >> NUMBER_BITS);
         if first == last {
@@ -118,8 +120,8 @@ fn spread(value: u32) -> u32 {
     (value | value << 2) & 0x4924_9249
 }
 
-/// Sorts by code keys whose codes differ only below a place; those with one code stay as they were. `bits` is the number of
-/// bits that may differ, and `room` is as long as the keys.
+/// Sorts by code keys whose codes differ only below a place; those with one code stay as they were. `bits` is
+/// the number of bits that may differ, and `room` is as long as the keys.
 fn sort(keys: &mut [Key], room: &mut [Key], bits: u32) {
     if keys.len() < COUNTED_MIN {
         keys.sort_unstable();
@@ -155,7 +157,8 @@ fn sort(keys: &mut [Key], room: &mut [Key], bits: u32) {
         let parted = &parted;
         for key in keys {
             let place = &mut places[digit(key)];
-            // SAFETY: of the places, as many as there are keys, each chunk has those of its own digits for itself.
+            // SAFETY: of the places, as many as there are keys, each chunk has those of its own digits for
+            // itself.
             unsafe { parted.0.add(*place as usize).write(*key) };
             *place += 1;
         }

@@ -6,10 +6,10 @@
 //!
 //! A partial update also compares costs with those of the last build. Where a subtree's cost, seen from a ray
 //! that hits its box, has grown beyond the threshold, the subtree alone is built anew and grafted on; where
-//! that holds for the nodes above, whole subtrees have drifted apart, and everything is built anew. Rebuilding
-//! by how far the heuristic's cost has grown is Lauterbach et al.'s ("RT-DEFORM: Interactive Ray Tracing of
-//! Dynamic Scenes using BVHs", 2006), doing so for parts Yoon, Curtis and Manocha's ("Ray Tracing Dynamic
-//! Scenes using Selective Restructuring", 2007).
+//! that holds for the nodes above, whole subtrees have drifted apart, and everything is built anew.
+//! Rebuilding by how far the heuristic's cost has grown is Lauterbach et al.'s ("RT-DEFORM: Interactive Ray
+//! Tracing of Dynamic Scenes using BVHs", 2006), doing so for parts Yoon, Curtis and Manocha's ("Ray Tracing
+//! Dynamic Scenes using Selective Restructuring", 2007).
 
 use std::sync::Arc;
 
@@ -65,8 +65,8 @@ enum Below {
     Subtree(usize),
 }
 
-// SAFETY: the references lead into the tree that owns this and its grafts; they are followed by `Tree::update`
-// alone, which has that tree to itself.
+// SAFETY: the references lead into the tree that owns this and its grafts; they are followed by
+// `Tree::update` alone, which has that tree to itself.
 unsafe impl Send for Motion {}
 // SAFETY: as above.
 unsafe impl Sync for Motion {}
@@ -199,8 +199,8 @@ impl Motion {
         Below::Above(number)
     }
 
-    /// Fits the nodes above to their subtrees, which may have moved in memory. Gives the box around everything
-    /// and the cost of these nodes and the subtrees' boxes.
+    /// Fits the nodes above to their subtrees, which may have moved in memory. Gives the box around
+    /// everything and the cost of these nodes and the subtrees' boxes.
     ///
     /// # Safety
     /// The nodes are of kind `N`, live, and nobody else looks at them.

@@ -1,11 +1,12 @@
 //! In which order a ray that looks for any hit visits the children of a node.
 //!
-//! Any hit will do for a shadow ray, so it should first go where a hit is likely and cheap: by the probability that it is
-//! blocked below a child, over what it costs to find out (Ogaki and Derouet-Jourdan, "An N-ary BVH Child Node Sorting
-//! Technique for Occlusion Tests", 2016). Both are estimated from the finished tree alone. A line that meets a box crosses
-//! the surfaces in it `their area / half the area of the box` times on average (Cauchy and Crofton); of a ray that begins
-//! inside, half of the line is left. Costs are those of the surface area heuristic, where what lies behind a likely hit
-//! hardly counts.
+//! Any hit will do for a shadow ray, so it should first go where a hit is likely and cheap: by the
+//! probability that it is blocked below a child, over what it costs to find out (Ogaki and Derouet-Jourdan,
+//! "An N-ary BVH Child Node Sorting Technique for Occlusion Tests", 2016). Both are estimated from the
+//! finished tree alone. A line that meets a box crosses the surfaces in it
+//! `their area / half the area of the box` times on average (Cauchy and Crofton); of a ray that begins
+//! inside, half of the line is left. Costs are those of the surface area heuristic, where what lies behind a
+//! likely hit hardly counts.
 //!
 //! Rays go on with the last child they meet ([`crate::traverse`]), so the one to visit first comes last.
 
@@ -32,13 +33,14 @@ impl Prospect {
 
     /// Of a leaf with blocks of triangles of such an area in a box of such half an area.
     pub(super) fn leaf(blocks: usize, area: f32, half_area: f32, parameters: &TreeParameters) -> Self {
-        // Close to what independent crossings would give, `1 - exp(-crossings / 2)`, and the same on every machine. A box
-        // without area of its own is as good as full.
+        // Close to what independent crossings would give, `1 - exp(-crossings / 2)`, and the same on every
+        // machine. A box without area of its own is as good as full.
         let blocked = if half_area > 0.0 { area / (area + 2.0 * half_area) } else { 1.0 };
         Self { blocked, cost: parameters.intersection_cost * blocks as f32 }
     }
 
-    /// Of a node of such half an area, whose children come in the order they are visited, with half their areas.
+    /// Of a node of such half an area, whose children come in the order they are visited, with half their
+    /// areas.
     fn node(
         children: impl Iterator<Item = (f32, Self)>,
         half_area: f32,
@@ -59,7 +61,8 @@ impl Prospect {
     }
 }
 
-/// The order that the parameters ask for among the children of a node of such half an area, and what awaits a ray there.
+/// The order that the parameters ask for among the children of a node of such half an area, and what awaits a
+/// ray there.
 pub(super) fn order_of<T>(
     children: &[(Bounds, T)],
     prospects: &[Prospect; WIDTH_MAX],
@@ -82,8 +85,8 @@ pub(super) fn order_of<T>(
 /// Brings the children of every node into the order that the parameters ask for.
 ///
 /// # Safety
-/// `root` is of a tree of nodes `N` and blocks of `B` triangles of these parameters, which lives, and nobody else looks at it
-/// meanwhile.
+/// `root` is of a tree of nodes `N` and blocks of `B` triangles of these parameters, which lives, and nobody
+/// else looks at it meanwhile.
 pub(super) unsafe fn sort_children<N: TreeNode, const B: usize>(
     root: NodeRef,
     bounds: Bounds,
@@ -109,7 +112,8 @@ struct Subtree {
     task_levels: u32,
 }
 
-// SAFETY: what is below two different children of a node is disjoint, and each task has one of them for itself.
+// SAFETY: what is below two different children of a node is disjoint, and each task has one of them for
+// itself.
 unsafe impl Send for Subtree {}
 // SAFETY: as above.
 unsafe impl Sync for Subtree {}

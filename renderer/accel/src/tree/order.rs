@@ -1,15 +1,15 @@
 //! In which order nodes and leaves lie in memory.
 //!
-//! A ray goes down the tree, so what it visits one after the other should lie close together: in the same cache
-//! lines, pages and prefetch streams.
+//! A ray goes down the tree, so what it visits one after the other should lie close together: in the same
+//! cache lines, pages and prefetch streams.
 //!
 //! * Depth first: a node's largest child, the likeliest next step, lies right behind it.
-//! * Van Emde Boas: the upper half of the levels lies in front, then each subtree below, all arranged the same
-//!   way. Whatever the size of a cache's blocks is, few are touched on the way down (Prokop 1999; for bounding
-//!   volumes Yoon and Manocha, "Cache-Efficient Layouts of Bounding Volume Hierarchies", 2006).
-//! * Treelets: connected pieces of a few kilobytes, grown by the probability that a ray visits a node, which is
-//!   the area of its box over that of the root (after Aila and Karras, "Architecture Considerations for Tracing
-//!   Incoherent Rays", 2010). The hottest treelets come first.
+//! * Van Emde Boas: the upper half of the levels lies in front, then each subtree below, all arranged the
+//!   same way. Whatever the size of a cache's blocks is, few are touched on the way down (Prokop 1999; for
+//!   bounding volumes Yoon and Manocha, "Cache-Efficient Layouts of Bounding Volume Hierarchies", 2006).
+//! * Treelets: connected pieces of a few kilobytes, grown by the probability that a ray visits a node, which
+//!   is the area of its box over that of the root (after Aila and Karras, "Architecture Considerations for
+//!   Tracing Incoherent Rays", 2010). The hottest treelets come first.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -56,8 +56,8 @@ fn depth_first(plan: &Plan, sequence: &mut Vec<Link>) {
     }
 }
 
-/// Arranges `levels` levels from `top` down, and lists in `below` what hangs underneath. Recursion is as deep as
-/// the number of levels has bits.
+/// Arranges `levels` levels from `top` down, and lists in `below` what hangs underneath. Recursion is as deep
+/// as the number of levels has bits.
 fn van_emde_boas(plan: &Plan, top: Link, levels: u32, sequence: &mut Vec<Link>, below: &mut Vec<Link>) {
     if levels == 1 {
         sequence.push(top);

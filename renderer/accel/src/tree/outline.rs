@@ -23,7 +23,8 @@ pub(super) struct Outline {
     parts: Vec<Part>,
 }
 
-// SAFETY: the references are read by `Outline::of` alone, which borrows their tree; after that they are only handed on.
+// SAFETY: the references are read by `Outline::of` alone, which borrows their tree; after that they are only
+// handed on.
 unsafe impl Send for Outline {}
 // SAFETY: as above.
 unsafe impl Sync for Outline {}
@@ -73,8 +74,8 @@ impl Outline {
         first as usize..(first + count) as usize
     }
 
-    /// A box around what is below a node after `by`: that of the boxes farthest down, each of which is turned by
-    /// itself, so that it is tighter than the turned box of the node.
+    /// A box around what is below a node after `by`: that of the boxes farthest down, each of which is turned
+    /// by itself, so that it is tighter than the turned box of the node.
     pub(super) fn placed(&self, number: usize, by: &Affine3A) -> Bounds {
         let children = self.children(number);
         if children.is_empty() {

@@ -53,7 +53,8 @@ impl Run {
     }
 }
 
-/// The tree: nodes are runs of children, leaves are runs of triangle numbers. Nodes are numbered level by level.
+/// The tree: nodes are runs of children, leaves are runs of triangle numbers. Nodes are numbered level by
+/// level.
 #[derive(Debug)]
 pub(super) struct Plan {
     pub(super) root: Child,
@@ -101,10 +102,10 @@ impl Plan {
         }
     }
 
-    /// Grows the tree level by level from `root`. `open` either adds a leaf for what it is given and returns it, or
-    /// lists the children of a node. They stay in the order it gives them: that of the builder's cuts through space,
-    /// of which shadow rays, which begin with the last, make the best (measured; sorted by area, either way round,
-    /// they take up to twice as long).
+    /// Grows the tree level by level from `root`. `open` either adds a leaf for what it is given and returns
+    /// it, or lists the children of a node. They stay in the order it gives them: that of the builder's cuts
+    /// through space, of which shadow rays, which begin with the last, make the best (measured; sorted by
+    /// area, either way round, they take up to twice as long).
     pub(super) fn grow<T: Copy>(
         &mut self,
         root: (Bounds, T),

@@ -1,13 +1,14 @@
 //! Our own builder: a binary tree bottom up, from triangles along a space-filling curve.
 //!
-//! Parallel locally-ordered clustering (Meister and Bittner, "Parallel Locally-Ordered Clustering for Bounding Volume
-//! Hierarchy Construction", 2018; Benthin et al., "PLOC++", 2022): each cluster looks at a few neighbours along the
-//! curve for the one with which it makes the smallest box, and pairs that choose each other are joined. Done on parts
-//! of the curve as Benthin, Meister, Barczak, Mehalwal, Tsakok and Kensler do ("H-PLOC: Hierarchical Parallel
-//! Locally-Ordered Clustering for Bounding Volume Hierarchy Construction", 2024): a part hands up a handful of clusters,
-//! which are joined with those of the part beside it. So everything a thread works on lies in its first cache, and
-//! parts are as independent as the halves of a sort. Where there is no time for that, the lowest clusters are runs of
-//! the curve (`cluster_size`), as those of a tree by Morton codes: most of the work is done on the lowest levels, and
+//! Parallel locally-ordered clustering (Meister and Bittner, "Parallel Locally-Ordered Clustering for
+//! Bounding Volume Hierarchy Construction", 2018; Benthin et al., "PLOC++", 2022): each cluster looks at a
+//! few neighbours along the curve for the one with which it makes the smallest box, and pairs that choose
+//! each other are joined. Done on parts of the curve as Benthin, Meister, Barczak, Mehalwal, Tsakok and
+//! Kensler do ("H-PLOC: Hierarchical Parallel Locally-Ordered Clustering for Bounding Volume Hierarchy
+//! Construction", 2024): a part hands up a handful of clusters, which are joined with those of the part
+//! beside it. So everything a thread works on lies in its first cache, and parts are as independent as the
+//! halves of a sort. Where there is no time for that, the lowest clusters are runs of the curve
+//! (`cluster_size`), as those of a tree by Morton codes: most of the work is done on the lowest levels, and
 //! least is lost there, since what ends up in one leaf need not be ordered at all.
 //!
 //! The tree is the same with any number of threads and with every instruction set.
@@ -36,7 +37,8 @@ struct Joined {
     triangles: u32,
     /// Whether those are best tested as one leaf.
     is_leaf: bool,
-    /// It is a leaf of triangles side by side on the curve, without halves: those from its first child's number on.
+    /// It is a leaf of triangles side by side on the curve, without halves: those from its first child's
+    /// number on.
     is_run: bool,
 }
 
@@ -68,8 +70,8 @@ struct Costs {
     max_leaf_size: u32,
 }
 
-/// A build in progress. At most `P` less the radius clusters are looked at at once, a multiple of [`LANES`]; parts hand up
-/// half as many.
+/// A build in progress. At most `P` less the radius clusters are looked at at once, a multiple of [`LANES`];
+/// parts hand up half as many.
 struct Builder<'a, const R: usize, const P: usize> {
     boxes: &'a [Bounds],
     costs: Costs,
@@ -117,9 +119,9 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
         self.join(clusters, base, Self::HANDED_UP, (nodes, first));
     }
 
-    /// Adds the first clusters of a few triangles: as many of them as one cluster may begin with are joined where the
-    /// curve parts them, without a look at any neighbour. The nodes are those from number `first` on; `next` is the number
-    /// of the first triangle's own.
+    /// Adds the first clusters of a few triangles: as many of them as one cluster may begin with are joined
+    /// where the curve parts them, without a look at any neighbour. The nodes are those from number `first`
+    /// on; `next` is the number of the first triangle's own.
     fn begin(&self, keys: &[Key], nodes: &mut [Joined], (first, next): (u32, u32), clusters: &mut Clusters) {
         if let [key] = keys {
             let number = key.number();
@@ -158,7 +160,8 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
         }
     }
 
-    /// Joins the clusters from `base` on until there are at most so many. The nodes are those from number `first` on.
+    /// Joins the clusters from `base` on until there are at most so many. The nodes are those from number
+    /// `first` on.
     fn join(&self, clusters: &mut Clusters, base: usize, most: usize, (nodes, first): (&mut [Joined], u32)) {
         let mut best = [0; P];
         while clusters.rest.len() - base > most {
@@ -297,8 +300,8 @@ impl Ploc {
         }
     }
 
-    /// The children of a wide node made of `link`, which is no leaf: in place of the largest come its halves, as long
-    /// as there is room for `width`. They stay in their order along the curve.
+    /// The children of a wide node made of `link`, which is no leaf: in place of the largest come its halves,
+    /// as long as there is room for `width`. They stay in their order along the curve.
     pub(super) fn children(&self, link: ClusterLink, width: usize, found: &mut Vec<(Bounds, ClusterLink)>) {
         /// Of what is not opened.
         const CLOSED: f64 = f64::NEG_INFINITY;

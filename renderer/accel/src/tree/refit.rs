@@ -1,8 +1,8 @@
 //! New boxes and blocks for an old tree: which triangles are together stays, where they are does not.
 //!
-//! Refitting from the leaves up is van den Bergen's ("Efficient Collision Detection of Complex Deformable Models
-//! using AABB Trees", 1997). On the way back the cost by the surface area heuristic falls out, so that decay can
-//! be seen.
+//! Refitting from the leaves up is van den Bergen's ("Efficient Collision Detection of Complex Deformable
+//! Models using AABB Trees", 1997). On the way back the cost by the surface area heuristic falls out, so that
+//! decay can be seen.
 
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};

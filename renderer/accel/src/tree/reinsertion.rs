@@ -1,18 +1,18 @@
 //! Makes a finished binary tree cheaper by taking subtrees out and putting them back where they cost least.
 //!
-//! The method is insertion-based optimisation (Bittner, Hapala and Havran, "Fast Insertion-Based Optimization of
-//! Bounding Volume Hierarchies", 2013) in its parallel form (Meister and Bittner, "Parallel Reinsertion for
-//! Bounding Volume Hierarchy Optimization", 2018): in each pass many nodes look for a better place at once, in a
-//! tree that stands still, by branch and bound; then the moves are carried out, those of most gain first. Where
-//! moves get in each other's way the later one is given up, and so is one that turns out not to pay after the
-//! earlier ones: the cost never rises. Nothing depends on the number of threads.
+//! The method is insertion-based optimisation (Bittner, Hapala and Havran, "Fast Insertion-Based Optimization
+//! of Bounding Volume Hierarchies", 2013) in its parallel form (Meister and Bittner, "Parallel Reinsertion
+//! for Bounding Volume Hierarchy Optimization", 2018): in each pass many nodes look for a better place at
+//! once, in a tree that stands still, by branch and bound; then the moves are carried out, those of most gain
+//! first. Where moves get in each other's way the later one is given up, and so is one that turns out not to
+//! pay after the earlier ones: the cost never rises. Nothing depends on the number of threads.
 
 use rayon::prelude::*;
 
 use super::binary::{BinaryNode, BinaryTree, half_area};
 
-/// In the first passes one of so many nodes looks for a better place. Measured: four such passes bring nine tenths
-/// of what any number can.
+/// In the first passes one of so many nodes looks for a better place. Measured: four such passes bring nine
+/// tenths of what any number can.
 const EARLY_SHARE: usize = 32;
 
 /// How many passes are early ones.
@@ -56,8 +56,9 @@ pub(super) fn optimise(tree: &mut BinaryTree, passes: u32) {
     }
 }
 
-/// The nodes of this pass: those that promise most by the measure of Bittner, Hapala and Havran (section 3.2), which
-/// asks of the parent whether it is large, larger than its children together, and larger than the smaller one.
+/// The nodes of this pass: those that promise most by the measure of Bittner, Hapala and Havran (section
+/// 3.2), which asks of the parent whether it is large, larger than its children together, and larger than the
+/// smaller one.
 fn candidates(tree: &BinaryTree, pass: u32) -> Vec<u32> {
     let area = |number: usize| {
         let node = &tree.nodes[number];
@@ -201,8 +202,8 @@ fn place(tree: &mut BinaryTree, number: usize, node: BinaryNode) {
     }
 }
 
-/// Moves `node` from below `parent` to beside `sibling`, and gives the change of the sum of inner areas. The old
-/// sibling takes the parent's number, `sibling` that of the old sibling, and a new parent of both that of
+/// Moves `node` from below `parent` to beside `sibling`, and gives the change of the sum of inner areas. The
+/// old sibling takes the parent's number, `sibling` that of the old sibling, and a new parent of both that of
 /// `sibling`: so all numbers remain in use and the pair stays a pair.
 fn relink(tree: &mut BinaryTree, node: usize, parent: usize, sibling: usize) -> f64 {
     let mut change = -tree.nodes[parent].bounds().half_area();

@@ -1,8 +1,9 @@
-//! What Embree's builder leaves behind when the tree is to be arranged afterwards: who is whose child, boxes, and
-//! triangle numbers, in Embree's memory. It lives only until [`super::plan`] or [`super::binary`] has read it.
+//! What Embree's builder leaves behind when the tree is to be arranged afterwards: who is whose child, boxes,
+//! and triangle numbers, in Embree's memory. It lives only until [`super::plan`] or [`super::binary`] has
+//! read it.
 //!
-//! The functions that Embree calls are like those of [`super::callbacks`]. A node also counts what is below it,
-//! so that whoever reads the sketch can share the work between threads beforehand.
+//! The functions that Embree calls are like those of [`super::callbacks`]. A node also counts what is below
+//! it, so that whoever reads the sketch can share the work between threads beforehand.
 
 use std::ffi::c_void;
 
@@ -24,8 +25,8 @@ pub(super) struct Sketch<const W: usize> {
     references: u32,
 }
 
-/// A node, or a leaf: several triangles lie behind a pointer, after their number; a single one, the usual case in
-/// binary trees, stands in the reference itself.
+/// A node, or a leaf: several triangles lie behind a pointer, after their number; a single one, the usual
+/// case in binary trees, stands in the reference itself.
 #[derive(Clone, Copy)]
 #[repr(transparent)]
 pub(super) struct SketchRef(*mut u8);
@@ -59,8 +60,8 @@ impl SketchRef {
     /// Follows the reference.
     ///
     /// # Safety
-    /// It came from [`create_node`] or [`create_leaf`] of width `W` in a build without failure, whose memory lives
-    /// as long as `'a`.
+    /// It came from [`create_node`] or [`create_leaf`] of width `W` in a build without failure, whose memory
+    /// lives as long as `'a`.
     pub(super) unsafe fn follow<'a, const W: usize>(self) -> Sketched<'a, W> {
         let address = self.0.addr();
         if address & SINGLE_BIT != 0 {
@@ -155,8 +156,8 @@ pub(super) unsafe extern "C" fn set_children<const W: usize>(
     count: u32,
     user: *mut c_void,
 ) {
-    // SAFETY: `node` is null or came from `create_node`; `children` has `count` entries, each null or made by one
-    // of these functions, finished.
+    // SAFETY: `node` is null or came from `create_node`; `children` has `count` entries, each null or made by
+    // one of these functions, finished.
     unsafe {
         guarded(user, (), |_| {
             let Some(node) = node.cast::<Sketch<W>>().as_mut() else {

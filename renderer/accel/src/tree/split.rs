@@ -53,8 +53,8 @@ impl Along {
         (Self::select(swapped, other, self), Self::select(swapped, self, other))
     }
 
-    /// How an edge to a corner further up moves with each step along the axis. Not finite where both are as good as
-    /// level.
+    /// How an edge to a corner further up moves with each step along the axis. Not finite where both are as
+    /// good as level.
     #[inline(always)]
     fn slope(self, up: Self) -> Vec3A {
         let slope = (up.corner - self.corner) / (up.at - self.at);
@@ -64,16 +64,17 @@ impl Along {
 
 /// A triangle prepared to be cut by planes across one axis.
 ///
-/// A builder asks for tens of millions of cuts, several in a row of the same triangle and axis, and the answers of
-/// the comparisons are as good as random: what does not depend on the plane is kept, and every choice is a
-/// selection between two values, none is a jump.
+/// A builder asks for tens of millions of cuts, several in a row of the same triangle and axis, and the
+/// answers of the comparisons are as good as random: what does not depend on the plane is kept, and every
+/// choice is a selection between two values, none is a jump.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cutter {
     /// The corners in order along the axis.
     low: Along,
     middle: Along,
     high: Along,
-    /// Slopes of the edges from the low corner to the high one, to the middle one, and from that to the high one.
+    /// Slopes of the edges from the low corner to the high one, to the middle one, and from that to the high
+    /// one.
     long: Vec3A,
     lower: Vec3A,
     upper: Vec3A,
@@ -126,8 +127,9 @@ impl Cutter {
         }
     }
 
-    /// Boxes of the parts below and above the plane at `position`, both inside `within`, the box of the piece being
-    /// cut. A side without any part gets an inverted box, which tells the builder to leave the piece whole.
+    /// Boxes of the parts below and above the plane at `position`, both inside `within`, the box of the piece
+    /// being cut. A side without any part gets an inverted box, which tells the builder to leave the piece
+    /// whole.
     #[inline(always)]
     pub(crate) fn cut(&self, within: &Piece, position: f32) -> (Piece, Piece) {
         let Self { low, middle, high, axis, .. } = *self;

@@ -71,8 +71,8 @@ impl Around {
     }
 }
 
-/// A binary tree over at least one box, whose leaves are numbered like the boxes. As deep as the heuristic may go and
-/// the halving of all boxes after it.
+/// A binary tree over at least one box, whose leaves are numbered like the boxes. As deep as the heuristic
+/// may go and the halving of all boxes after it.
 pub(super) fn binary_over(boxes: &[Bounds]) -> BinaryTree {
     let mut items: Vec<Item> = (0..)
         .zip(boxes)
@@ -89,8 +89,8 @@ pub(super) fn binary_over(boxes: &[Bounds]) -> BinaryTree {
     BinaryTree { nodes, parents }
 }
 
-/// Makes the node over a set. What is below it goes into `below`, the first place of which has the number `first`;
-/// `node` is the number it will have itself.
+/// Makes the node over a set. What is below it goes into `below`, the first place of which has the number
+/// `first`; `node` is the number it will have itself.
 fn grow(
     items: &mut [Item],
     node: usize,

@@ -1,10 +1,10 @@
 //! Two levels: a tree for each object in its own space, and one over the instances in the world.
 //!
 //! Memory goes with what is unique. A ray walks the upper level; where it meets an instance's box it is taken
-//! into the object's space and given to the object's own kernel (`traverse::placed`). The idea is as old as Kay
-//! and Kajiya's "Ray Tracing Complex Scenes" (1986); the arrangement is Wald, Benthin and Slusallek's "Distributed
-//! Interactive Ray Tracing of Dynamic Scenes" (2003). What is small can be copied into the world instead
-//! (`flat`), and is then one more object.
+//! into the object's space and given to the object's own kernel (`traverse::placed`). The idea is as old as
+//! Kay and Kajiya's "Ray Tracing Complex Scenes" (1986); the arrangement is Wald, Benthin and Slusallek's
+//! "Distributed Interactive Ray Tracing of Dynamic Scenes" (2003). What is small can be copied into the world
+//! instead (`flat`), and is then one more object.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -40,8 +40,8 @@ pub struct TwoLevel {
 }
 
 impl TwoLevel {
-    /// Builds the objects' trees, one after the other and each with all threads, then the upper level. Objects
-    /// that nothing places are left empty.
+    /// Builds the objects' trees, one after the other and each with all threads, then the upper level.
+    /// Objects that nothing places are left empty.
     pub(crate) fn build(
         device: &Device,
         triangles: &Triangles,
@@ -141,8 +141,8 @@ impl TwoLevel {
         self.objects.iter().chain(self.flat.as_ref().map(|flat| &flat.tree))
     }
 
-    /// Sums over both levels. The cost is that of the whole: the upper level's nodes, and below each placed part
-    /// that of its tree with the probability that its box is hit.
+    /// Sums over both levels. The cost is that of the whole: the upper level's nodes, and below each placed
+    /// part that of its tree with the probability that its box is hit.
     pub fn statistics(&self) -> TreeStatistics {
         let mut sum = TreeStatistics { bytes: self.level.bytes(), ..TreeStatistics::default() };
         for tree in self.trees() {
@@ -176,8 +176,8 @@ impl TwoLevel {
         self.objects.get(object as usize).unwrap_or_else(copied)
     }
 
-    /// Checks every object's tree, and that the upper level holds every part of every instance of something once, in
-    /// a box that covers it.
+    /// Checks every object's tree, and that the upper level holds every part of every instance of something
+    /// once, in a box that covers it.
     pub fn validate(&self) -> Result<(), TreeFault> {
         self.trees().try_for_each(Tree::validate)?;
         let mut parts: HashMap<(u32, u32), HashSet<usize>> = HashMap::new();

@@ -66,7 +66,8 @@ pub(crate) fn natives() -> Vec<NativeOptions> {
     all
 }
 
-/// Builds over the triangles in every way and hands each structure to `check`, trees once per instruction set.
+/// Builds over the triangles in every way and hands each structure to `check`, trees once per instruction
+/// set.
 pub(crate) fn each(triangles: &Arc<Triangles>, mut check: impl FnMut(&str, &dyn Intersector)) {
     for parameters in trees() {
         let choice = BuildChoice::Tree(parameters);

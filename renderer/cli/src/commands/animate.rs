@@ -1,8 +1,8 @@
 //! `treewright-render animate`: ways to follow a moving scene, frame by frame and interleaved.
 //!
 //! Each way keeps a structure of its own. Every frame all of them are brought to the scene's new moment and
-//! rendered with, one after the other and beginning with another one each time; what is told are ratios within
-//! frames. The first frame builds and is not counted.
+//! rendered with, one after the other and beginning with another one each time; what is told are ratios
+//! within frames. The first frame builds and is not counted.
 
 use std::path::PathBuf;
 

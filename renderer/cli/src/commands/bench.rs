@@ -1,7 +1,7 @@
 //! `treewright-render bench`: named ways to render, measured interleaved.
 //!
-//! In every round everybody builds and renders, so that one run answers for both objectives: with a whole build
-//! in each frame, and with a thousandth of one.
+//! In every round everybody builds and renders, so that one run answers for both objectives: with a whole
+//! build in each frame, and with a thousandth of one.
 
 use std::path::PathBuf;
 
@@ -169,8 +169,8 @@ fn fixed_name(objective: Objective) -> String {
     format!("{BEST_FIXED} ({})", objective.name())
 }
 
-/// The standings for an objective: of native Embree used well the quality that is best there, and of the two best fixed
-/// configurations its own under the plain name.
+/// The standings for an objective: of native Embree used well the quality that is best there, and of the two
+/// best fixed configurations its own under the plain name.
 fn ranked(measured: &[Measured], objective: Objective) -> Vec<Standing> {
     let mut standings = keep_best_native(standings(measured, objective.frames_per_build()));
     for one in &mut standings {

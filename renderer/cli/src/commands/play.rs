@@ -4,8 +4,8 @@
 //! little or answers at once from what it knows. In progressive rendering a structure is kept as long as the
 //! configuration stays the same; in real-time rendering each frame builds its own.
 //!
-//! With `--rounds` the scene moves as well, and each frame brings the structure along in the way that `--update`
-//! says.
+//! With `--rounds` the scene moves as well, and each frame brings the structure along in the way that
+//! `--update` says.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -91,8 +91,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "P", value_parser = unit_interval)]
     epsilon: Option<f32>,
 
-    /// Also render each frame with native Embree's default (in the paper's space: with the paper's recommended
-    /// default), and show the difference.
+    /// Also render each frame with native Embree's default (in the paper's space: with the paper's
+    /// recommended default), and show the difference.
     #[arg(long)]
     compare: bool,
 
@@ -350,8 +350,8 @@ impl Flight {
         }
     }
 
-    /// Builds unless what is kept serves, and tells whether it did. Configurations that differ only in how they
-    /// render share a structure where frames do.
+    /// Builds unless what is kept serves, and tells whether it did. Configurations that differ only in how
+    /// they render share a structure where frames do.
     fn make_ready(&mut self, configuration: &Configuration) -> Result<bool, Outcome> {
         let choice = self.space.choice(configuration).map_err(|error| Outcome::failed(error.to_string()))?;
         if let Some(kept) = &mut self.kept
@@ -374,8 +374,8 @@ impl Flight {
         Ok(true)
     }
 
-    /// Brings the structure to another moment. One that was built by another choice is first built anew over the
-    /// moment before, so that what is timed is the following.
+    /// Brings the structure to another moment. One that was built by another choice is first built anew over
+    /// the moment before, so that what is timed is the following.
     fn follow(&mut self, scene: Arc<Scene>, choice: &Choice) -> Result<f64, BuildError> {
         let update = self.update.unwrap_or(choice.update);
         let stranger = self.kept.as_ref().is_none_or(|kept| kept.choice.build != choice.build);

@@ -1,13 +1,16 @@
-//! `treewright-render sample`: measures random configurations (paper, section 4.1) and records them as trials.
+//! `treewright-render sample`: measures random configurations (paper, section 4.1) and records them as
+//! trials.
 //!
-//! What is measured is decided here and not by the service: sample 17 of a camera is a certain configuration, drawn evenly
-//! over the space ([`sampling`](treewright_renderer::tuning::sampling)). Its number stands among the measurements, so that
-//! the database alone says which samples are there. A run that was killed goes on with what is missing.
+//! What is measured is decided here and not by the service: sample 17 of a camera is a certain configuration,
+//! drawn evenly over the space ([`sampling`](treewright_renderer::tuning::sampling)). Its number stands among
+//! the measurements, so that the database alone says which samples are there. A run that was killed goes on
+//! with what is missing.
 //!
-//! Several renderers share a study without knowing of each other. Each takes a sample by opening a trial of it, and then
-//! looks at all trials since it last looked: whoever finds the same sample opened under a lower number gives its own back.
-//! Numbers are handed out one after the other, so of any two at least the later one sees the other. A result that comes
-//! after the trial's lease is thrown away, since somebody else may have taken over by then.
+//! Several renderers share a study without knowing of each other. Each takes a sample by opening a trial of
+//! it, and then looks at all trials since it last looked: whoever finds the same sample opened under a lower
+//! number gives its own back. Numbers are handed out one after the other, so of any two at least the later
+//! one sees the other. A result that comes after the trial's lease is thrown away, since somebody else may
+//! have taken over by then.
 
 mod claims;
 
@@ -92,8 +95,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 1)]
     sample_seed: u64,
 
-    /// Who this is, unique among renderers at one time. One that is restarted under its old name takes up at once what it
-    /// held; else that waits for the end of a lease.
+    /// Who this is, unique among renderers at one time. One that is restarted under its old name takes up at
+    /// once what it held; else that waits for the end of a lease.
     #[arg(long, value_name = "ID")]
     name: Option<String>,
 }
@@ -117,7 +120,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let whole = arguments.space.of(&scene, Objective::Render, arguments.frame.threads)?;
         let id = arguments.server.study.clone().unwrap_or_else(|| format!("sample-{}", whole.name()));
         if study.as_ref() != Some(&id) {
-            // What is learnt is of no use here, and a model that is fitted would disturb the next measurement.
+            // What is learnt is of no use here, and a model that is fitted would disturb the next
+            // measurement.
             let policy = Policy::new().predictor(PredictorMethod::NearestNeighbour).epsilon(0.0);
             client.study(&id, specification(&whole, Objective::Render, policy)?)?;
             if study.replace(id).is_some() {

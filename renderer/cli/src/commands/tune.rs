@@ -77,8 +77,9 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 
-    /// Interleaved rounds in which the winner is measured again, beside the start and native Embree. Who is not shown to be faster
-    /// than the start there does not replace it; fewer than six rounds show nothing by themselves.
+    /// Interleaved rounds in which the winner is measured again, beside the start and native Embree. Who is
+    /// not shown to be faster than the start there does not replace it; fewer than six rounds show nothing by
+    /// themselves.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
@@ -94,13 +95,13 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "P", default_value_t = 1.0, value_parser = unit_interval)]
     epsilon: f32,
 
-    /// Stop a trial once it has cost this many times as much as the best so far; its build is always finished.
-    /// Default: the study's policy.
+    /// Stop a trial once it has cost this many times as much as the best so far; its build is always
+    /// finished. Default: the study's policy.
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, value_parser = factor)]
     abort_above: Option<f64>,
 
-    /// How long to wait for an answer of the daemon, in seconds, before the search goes on with what it has. A daemon
-    /// that is slow, or is started again, loses no trial.
+    /// How long to wait for an answer of the daemon, in seconds, before the search goes on with what it has.
+    /// A daemon that is slow, or is started again, loses no trial.
     #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     patience_s: u64,
 
@@ -292,8 +293,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Creates or finds the study and explores this scene and view in this session: their search gets room for the trials
-/// to come.
+/// Creates or finds the study and explores this scene and view in this session: their search gets room for
+/// the trials to come.
 fn open_study(
     client: &Client,
     id: &str,

@@ -1,5 +1,5 @@
-//! Runs a program with scratch folders and looks at how it ends. The test that uses this names it as `PROGRAM`; the
-//! laboratory's tests share the file.
+//! Runs a program with scratch folders and looks at how it ends. The test that uses this names it as
+//! `PROGRAM`; the laboratory's tests share the file.
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -1,5 +1,5 @@
-//! What every generator of a built-in scene works with: the assembler that collects its meshes, a seeded random number
-//! generator, and the counts that go with the level of detail.
+//! What every generator of a built-in scene works with: the assembler that collects its meshes, a seeded
+//! random number generator, and the counts that go with the level of detail.
 
 use glam::{Affine3A, Vec3, Vec4};
 use rand::{RngExt as _, SeedableRng as _};
@@ -100,7 +100,8 @@ impl<'a> Generator<'a> {
         self.assembler.material(material)
     }
 
-    /// Adds a picture of `size` pixels, given by its colours from 0 to 1 (as they are stored) over texture coordinates.
+    /// Adds a picture of `size` pixels, given by its colours from 0 to 1 (as they are stored) over texture
+    /// coordinates.
     pub(super) fn picture(
         &mut self,
         name: &str,

@@ -1,10 +1,10 @@
 //! Built-in scenes, generated from a name, a level of detail and a seed: the same three give the same bytes.
 //!
-//! They cover what makes acceleration structures differ: architecture with large and small triangles side
-//! by side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`, `needles`), one
+//! They cover what makes acceleration structures differ: architecture with large and small triangles side by
+//! side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`, `needles`), one
 //! dense surface (`statue`), wide extent (`city`, and `model`, which asks next to nothing of shading), more
-//! than fits memory but as instances (`forest`), cards that are mostly holes (`grove`), a mesh that deforms (`sea`), parts that move (`needles`, `sea`), and a
-//! small one for trials (`quick`).
+//! than fits memory but as instances (`forest`), cards that are mostly holes (`grove`), a mesh that deforms
+//! (`sea`), parts that move (`needles`, `sea`), and a small one for trials (`quick`).
 
 mod architecture;
 mod city;

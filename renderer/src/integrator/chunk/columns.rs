@@ -1,6 +1,7 @@
 //! A chunk of hits as columns: one array a number, so that a loop over them becomes vector instructions.
 //!
-//! Each group of columns has a `get` and a `set` with the type the scalar code knows, so that a pass reads like it.
+//! Each group of columns has a `get` and a `set` with the type the scalar code knows, so that a pass reads
+//! like it.
 
 use glam::Vec3;
 

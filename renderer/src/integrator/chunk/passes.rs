@@ -1,7 +1,7 @@
 //! The passes over a chunk: loops without a branch that leaves them, each over few columns.
 //!
-//! They compute what `vertex` computes, with the same functions in the same order of operations, so that the picture
-//! is the same bit for bit.
+//! They compute what `vertex` computes, with the same functions in the same order of operations, so that the
+//! picture is the same bit for bit.
 
 use std::ops::Range;
 
@@ -169,8 +169,8 @@ fn light_one_by_one(columns: &mut Columns, lights: &Lights, lanes: Range<usize>)
     }
 }
 
-/// `light` gives the light and whether it is sound, from the picked lamp, the position, the choice between lamps and
-/// sun, and two numbers.
+/// `light` gives the light and whether it is sound, from the picked lamp, the position, the choice between
+/// lamps and sun, and two numbers.
 #[inline(always)]
 fn sample(
     columns: &mut Columns,
@@ -201,8 +201,8 @@ fn select(first: bool, a: LightSample, b: LightSample) -> LightSample {
     }
 }
 
-/// The shadow ray and its light: `value` is the surface's value times the cosine, `pdf` the density with which its
-/// own sampling draws the direction.
+/// The shadow ray and its light: `value` is the surface's value times the cosine, `pdf` the density with
+/// which its own sampling draws the direction.
 #[inline(always)]
 fn shadow(columns: &mut Columns, lane: usize, surface: &Surface, light: &LightSample, value: Vec3, pdf: f32) {
     let Columns { arrivals, departures, lit, .. } = columns;

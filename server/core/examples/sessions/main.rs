@@ -1,9 +1,9 @@
 //! Sessions of several clients under every policy, search and predictor, and every answer they get.
 //!
-//! The tuner is deterministic, so the output of two versions that should behave alike can be compared line by line:
-//! `cargo run -p treewright-core --example sessions > before.txt`, the same after a change, and `diff`. A section does not
-//! depend on the place of its policy, search or predictor among the others. The last column
-//! is what is said to people; the others are what clients act on and what is learnt.
+//! The tuner is deterministic, so the output of two versions that should behave alike can be compared line by
+//! line: `cargo run -p treewright-core --example sessions > before.txt`, the same after a change, and `diff`.
+//! A section does not depend on the place of its policy, search or predictor among the others. The last
+//! column is what is said to people; the others are what clients act on and what is learnt.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -5,16 +5,17 @@ use std::f64::consts::PI;
 use super::regression::Posterior;
 use crate::statistics::distribution::{normal_cdf, normal_density};
 
-/// So many deviations out, tails of the normal distribution come from a continued fraction, because densities and
-/// probabilities vanish there, and differences of them lose their digits before.
+/// So many deviations out, tails of the normal distribution come from a continued fraction, because densities
+/// and probabilities vanish there, and differences of them lose their digits before.
 const FAR: f64 = 5.0;
 /// Terms of the fraction: from [`FAR`] on further ones change nothing in double precision.
 const FRACTION_TERMS: u32 = 24;
 
-/// The logarithm of the expected improvement over `best`: of the mean of `best` minus the value where that is positive,
-/// and zero elsewhere (Jones, Schonlau and Welch, "Efficient global optimization of expensive black-box functions",
-/// Journal of Global Optimization 13, 1998, equation 15). In logarithms, so that it tells points apart where it would
-/// otherwise vanish (Ament et al., "Unexpected improvements to expected improvement", NeurIPS 2023).
+/// The logarithm of the expected improvement over `best`: of the mean of `best` minus the value where that is
+/// positive, and zero elsewhere (Jones, Schonlau and Welch, "Efficient global optimization of expensive
+/// black-box functions", Journal of Global Optimization 13, 1998, equation 15). In logarithms, so that it
+/// tells points apart where it would otherwise vanish (Ament et al., "Unexpected improvements to expected
+/// improvement", NeurIPS 2023).
 pub(crate) fn log_expected_improvement(best: f64, belief: Posterior) -> f64 {
     log_improvement((best - belief.mean) / belief.deviation) + libm::log(belief.deviation)
 }
@@ -29,8 +30,9 @@ fn log_improvement(z: f64) -> f64 {
     -0.5 * x * x - 0.5 * libm::log(2.0 * PI) + libm::log(excess) - libm::log(x + excess)
 }
 
-/// By how much the hazard `phi(x) / Phi(-x)` of the standard normal is above `x`, from [`FAR`] on: Laplace's continued
-/// fraction `1 / (x + 2 / (x + 3 / (x + ...)))` (Abramowitz and Stegun, "Handbook of Mathematical Functions", 26.2.14).
+/// By how much the hazard `phi(x) / Phi(-x)` of the standard normal is above `x`, from [`FAR`] on: Laplace's
+/// continued fraction `1 / (x + 2 / (x + 3 / (x + ...)))` (Abramowitz and Stegun, "Handbook of Mathematical
+/// Functions", 26.2.14).
 fn hazard_excess(x: f64) -> f64 {
     (1..=FRACTION_TERMS).rev().fold(0.0, |rest, term| f64::from(term) / (x + rest))
 }
@@ -51,8 +53,8 @@ pub(crate) fn probability_below(threshold: f64, belief: Posterior, noise: f64) -
     normal_cdf((threshold - belief.mean) / (belief.deviation * belief.deviation + noise).sqrt())
 }
 
-/// The mean of what is believed of a measurement with so much noise (a variance), given that it is above a bound: that of
-/// a truncated normal.
+/// The mean of what is believed of a measurement with so much noise (a variance), given that it is above a
+/// bound: that of a truncated normal.
 pub(crate) fn mean_above(bound: f64, belief: Posterior, noise: f64) -> f64 {
     let deviation = (belief.deviation * belief.deviation + noise).sqrt();
     let z = (bound - belief.mean) / deviation;

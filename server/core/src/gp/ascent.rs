@@ -1,9 +1,10 @@
-//! Climbing one coordinate at a time by the signs of a gradient: iRprop (Igel and Hüsken, "Improving the Rprop learning
-//! algorithm", 2000). It needs no scale of the gradient, so that one step a lesson is enough and the next goes on where
-//! the last one ended.
+//! Climbing one coordinate at a time by the signs of a gradient: iRprop (Igel and Hüsken, "Improving the
+//! Rprop learning algorithm", 2000). It needs no scale of the gradient, so that one step a lesson is enough
+//! and the next goes on where the last one ended.
 
-/// Moves a coordinate up its slope. The step grows while the slope keeps its sign and is halved when it turns; after a
-/// turn the coordinate rests once. `step` stays within `range`, and `sign` is that of the last slope, 0 after a turn.
+/// Moves a coordinate up its slope. The step grows while the slope keeps its sign and is halved when it
+/// turns; after a turn the coordinate rests once. `step` stays within `range`, and `sign` is that of the last
+/// slope, 0 after a turn.
 pub(crate) fn ascend(value: &mut f64, step: &mut f64, sign: &mut i8, slope: f64, range: [f64; 2]) {
     let now = i8::from(slope > 0.0) - i8::from(slope < 0.0);
     let turned = now * *sign;

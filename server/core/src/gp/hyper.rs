@@ -1,9 +1,10 @@
-//! What is learnt of the covariance: lengths, noise and the share of a trend, by climbing their posterior density.
+//! What is learnt of the covariance: lengths, noise and the share of a trend, by climbing their posterior
+//! density.
 //!
-//! A few dozen measurements say little about lengths, so that the prior matters. Its middle grows with the root of the
-//! dimension, so that a few points do not look unrelated in many dimensions (Hvarfner, Hellsten and Nardi, "Vanilla
-//! Bayesian optimization performs great in high dimensions", ICML 2024). The steps are those of `ascent`, which need
-//! signs of the gradient only and go on where they stood when points are added.
+//! A few dozen measurements say little about lengths, so that the prior matters. Its middle grows with the
+//! root of the dimension, so that a few points do not look unrelated in many dimensions (Hvarfner, Hellsten
+//! and Nardi, "Vanilla Bayesian optimization performs great in high dimensions", ICML 2024). The steps are
+//! those of `ascent`, which need signs of the gradient only and go on where they stood when points are added.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,8 +14,9 @@ use super::kernel::FeatureKind;
 /// Hyperparameters as logarithms, with where their ascent stands. Stored with searches and predictors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Hyperparameters {
-    /// Of each feature's weight (the inverse square of its length; of a linear feature the variance of its coefficient),
-    /// then of the noise's variance and, where there is a trend, the trend's, as shares of the values' variance.
+    /// Of each feature's weight (the inverse square of its length; of a linear feature the variance of its
+    /// coefficient), then of the noise's variance and, where there is a trend, the trend's, as shares of the
+    /// values' variance.
     log: Vec<f64>,
     /// Step sizes of the ascent.
     steps: Vec<f64>,
@@ -37,8 +39,8 @@ pub(crate) struct Prior {
     pub(crate) noise_spread: f64,
     /// It stays within this.
     pub(crate) noise_range: [f64; 2],
-    /// What the prior adds to the sum of squares of the values: that of one more value, so that few values, or equal
-    /// ones, do not pin the variance to zero.
+    /// What the prior adds to the sum of squares of the values: that of one more value, so that few values,
+    /// or equal ones, do not pin the variance to zero.
     pub(crate) squares: f64,
     /// The longest step of the ascent.
     pub(crate) step_max: f64,

@@ -1,7 +1,8 @@
-//! The likelihood of measurements under a covariance, and its gradient (Rasmussen and Williams, chapter 5.4.1).
+//! The likelihood of measurements under a covariance, and its gradient (Rasmussen and Williams, chapter
+//! 5.4.1).
 //!
-//! Mean and variance of the values are not hyperparameters: for any correlations the likeliest have a closed form,
-//! and the likelihood is taken at them.
+//! Mean and variance of the values are not hyperparameters: for any correlations the likeliest have a closed
+//! form, and the likelihood is taken at them.
 
 use super::hyper::{Hyperparameters, Prior};
 use super::sample::Sample;
@@ -34,8 +35,9 @@ impl Profile {
     }
 }
 
-/// The gradient of [`Profile::log_density`] by the logarithms of the hyperparameters. `slopes` are the derivatives that
-/// came with the correlations, `inverse` is their inverse, `alpha` the inverse times the values less their mean.
+/// The gradient of [`Profile::log_density`] by the logarithms of the hyperparameters. `slopes` are the
+/// derivatives that came with the correlations, `inverse` is their inverse, `alpha` the inverse times the
+/// values less their mean.
 pub(super) fn gradient(
     sample: &Sample,
     hyper: &Hyperparameters,

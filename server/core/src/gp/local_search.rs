@@ -1,9 +1,9 @@
-//! Local search for the point of highest score: the best of many starts climb by small changes, and each change that
-//! scores higher is kept.
+//! Local search for the point of highest score: the best of many starts climb by small changes, and each
+//! change that scores higher is kept.
 //!
-//! Changing one parameter at a time suits mixed and conditional spaces, where there is no gradient to follow (SMAC:
-//! Hutter, Hoos and Leyton-Brown, "Sequential model-based optimization for general algorithm configuration", LION 5,
-//! 2011).
+//! Changing one parameter at a time suits mixed and conditional spaces, where there is no gradient to follow
+//! (SMAC: Hutter, Hoos and Leyton-Brown, "Sequential model-based optimization for general algorithm
+//! configuration", LION 5, 2011).
 
 use rand::RngExt;
 use rand::seq::SliceRandom;
@@ -90,8 +90,8 @@ pub(crate) trait Moves {
     fn kept(&mut self, _kept: bool) {}
 }
 
-/// Tries so many changes of a candidate, one after the other. `judge` is given a changed point and the score to beat, and
-/// answers `None` where that is not beaten, or the point is not wanted.
+/// Tries so many changes of a candidate, one after the other. `judge` is given a changed point and the score
+/// to beat, and answers `None` where that is not beaten, or the point is not wanted.
 pub(crate) fn climb<T>(
     from: ScoredPoint<T>,
     changes: usize,
@@ -114,7 +114,8 @@ pub(crate) fn climb<T>(
     climber
 }
 
-/// Step sizes along an axis, as shares of it, at the beginning and at the end of a climb. They shrink geometrically.
+/// Step sizes along an axis, as shares of it, at the beginning and at the end of a climb. They shrink
+/// geometrically.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Radii {
     pub(crate) first: f64,
@@ -201,8 +202,8 @@ impl<N: Neighbourhood> Moves for RandomAxes<'_, N> {
     }
 }
 
-/// Normal steps along all axes, now and then along one, which grow with success and shrink without: for coordinates
-/// without bounds in which all axes are alike.
+/// Normal steps along all axes, now and then along one, which grow with success and shrink without: for
+/// coordinates without bounds in which all axes are alike.
 #[derive(Debug)]
 pub(crate) struct NormalSteps<'a> {
     start: f64,

@@ -47,8 +47,8 @@ pub(crate) struct Schedule {
     pub(crate) ahead: bool,
 }
 
-/// The covariances of one point with all points of the sample and with itself, as shares of the variance. A buffer:
-/// it is filled by [`Process::covariances`] and used up by [`Process::deviation`].
+/// The covariances of one point with all points of the sample and with itself, as shares of the variance. A
+/// buffer: it is filled by [`Process::covariances`] and used up by [`Process::deviation`].
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Covariances {
     others: Vec<f64>,
@@ -76,8 +76,9 @@ impl Process {
     }
 
     /// Climbs to likelier hyperparameters and fits the process. `views` are the values seen through several
-    /// transformations, each with the logarithm of its Jacobian: the likeliest at the start is taken, and its index
-    /// returned. `None`, and `hyper` not moved any further, without points or when numbers are not finite.
+    /// transformations, each with the logarithm of its Jacobian: the likeliest at the start is taken, and its
+    /// index returned. `None`, and `hyper` not moved any further, without points or when numbers are not
+    /// finite.
     pub(crate) fn learn(
         sample: Sample,
         views: &[(Vec<f64>, f64)],
@@ -132,7 +133,8 @@ impl Process {
         &self.weights
     }
 
-    /// Logarithm of the likelihood of the values it was fitted to, their Jacobian counted, but for a constant.
+    /// Logarithm of the likelihood of the values it was fitted to, their Jacobian counted, but for a
+    /// constant.
     pub(crate) fn log_likelihood(&self) -> f64 {
         self.log_likelihood
     }

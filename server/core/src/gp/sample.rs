@@ -17,13 +17,14 @@ pub(crate) struct Sample {
     centred: Vec<f64>,
     /// The linear feature, if there is one.
     pub(super) linear: Option<usize>,
-    /// Squared distances along each feature of each pair of points `p > q`, pair by pair; see [`Sample::prepared`].
+    /// Squared distances along each feature of each pair of points `p > q`, pair by pair; see
+    /// [`Sample::prepared`].
     pairs: Option<Vec<f64>>,
 }
 
 impl Sample {
-    /// `points` are features, one for each of `kinds`. `counts`, above 0, are the measurements that each stands for:
-    /// its noise is divided by them.
+    /// `points` are features, one for each of `kinds`. `counts`, above 0, are the measurements that each
+    /// stands for: its noise is divided by them.
     pub(crate) fn new(kinds: Vec<FeatureKind>, points: &[&[f64]], counts: Vec<f64>) -> Self {
         let columns: Vec<Vec<f64>> =
             (0..kinds.len()).map(|axis| points.iter().map(|point| point[axis]).collect()).collect();
@@ -84,8 +85,8 @@ impl Sample {
         }
     }
 
-    /// The correlations of all points, with noise on the diagonal, and the derivatives of the kernel by the squared
-    /// distance: full rows, of which the lower triangle counts.
+    /// The correlations of all points, with noise on the diagonal, and the derivatives of the kernel by the
+    /// squared distance: full rows, of which the lower triangle counts.
     pub(super) fn correlations(&self, hyper: &Hyperparameters) -> (Vec<f64>, Vec<f64>) {
         let (n, dimension) = (self.len(), self.dimension());
         let (weights, trend) = (hyper.weights(dimension), hyper.trend(dimension));

@@ -1,4 +1,5 @@
-//! The blend of all predictors: a mean of their estimates, weighted by how small the errors of each were of late.
+//! The blend of all predictors: a mean of their estimates, weighted by how small the errors of each were of
+//! late.
 
 use std::collections::BTreeMap;
 
@@ -10,10 +11,10 @@ use crate::predict::Estimate;
 use crate::predict::prequential::{ErrorInterval, ErrorStatistics, error};
 use crate::predict::registry::METHODS;
 
-/// Half the error is worth so many doublings of the weight; errors below the least are all the same. The weights go by
-/// the last twenty tests or so: who errs in a state is likely to err there again. On the streams of
-/// `examples/predictors` powers of 6 to 10 and 12 to 30 tests do about as well; a power of 4 over 400 tests left the
-/// blend up to a tenth above the best single predictor.
+/// Half the error is worth so many doublings of the weight; errors below the least are all the same. The
+/// weights go by the last twenty tests or so: who errs in a state is likely to err there again. On the
+/// streams of `examples/predictors` powers of 6 to 10 and 12 to 30 tests do about as well; a power of 4 over
+/// 400 tests left the blend up to a tenth above the best single predictor.
 const WEIGHT_POWER: i32 = 8;
 const ERROR_LEAST: f64 = 1e-6;
 
@@ -26,8 +27,8 @@ pub(super) type MethodEstimate = (PredictorMethod, Option<Estimate>);
 pub(super) struct PredictorErrors(BTreeMap<PredictorMethod, ErrorStatistics>);
 
 impl PredictorErrors {
-    /// Notes how far each was off a measured cost, and the blend as it was before. The first trial of all, of which
-    /// nobody had a word, is nobody's fault.
+    /// Notes how far each was off a measured cost, and the blend as it was before. The first trial of all, of
+    /// which nobody had a word, is nobody's fault.
     pub(super) fn take(&mut self, words: &[MethodEstimate], cost: f64) {
         let Some(blend) = self.blend(words) else {
             return;
@@ -60,10 +61,11 @@ impl PredictorErrors {
         self.0.iter().filter_map(interval).collect()
     }
 
-    /// The word of all, weighted by how little each erred in the last tests: the mean of logarithms, since errors
-    /// are ratios. To follow one at a time would pay for every change of the lead; and since weights rest on errors
-    /// that fade, whoever was bad for long is back after a few good tests, which is what sharing weights does for
-    /// those who track the best expert (Herbster and Warmuth, Machine Learning 32, 1998).
+    /// The word of all, weighted by how little each erred in the last tests: the mean of logarithms, since
+    /// errors are ratios. To follow one at a time would pay for every change of the lead; and since weights
+    /// rest on errors that fade, whoever was bad for long is back after a few good tests, which is what
+    /// sharing weights does for those who track the best expert (Herbster and Warmuth, Machine Learning 32,
+    /// 1998).
     pub(super) fn blend(&self, words: &[MethodEstimate]) -> Option<Estimate> {
         let said: Vec<(f64, Estimate)> =
             words.iter().filter_map(|(method, word)| Some((self.weight(*method), (*word)?))).collect();

@@ -19,16 +19,17 @@ use crate::space::Space;
 const TESTS_EAGER: u64 = 256;
 /// From then on one trial in so many is a test, so that a report stays cheap.
 const TESTS_SHARE: u64 = 16;
-/// The contextual model answers and proposes unless it errs by more than this times the least error, and by more
-/// than this altogether: it alone knows of configurations that nobody tried. By error alone the choice would
-/// confirm itself: who always repeats one configuration predicts its cost well.
+/// The contextual model answers and proposes unless it errs by more than this times the least error, and by
+/// more than this altogether: it alone knows of configurations that nobody tried. By error alone the choice
+/// would confirm itself: who always repeats one configuration predicts its cost well.
 const TRUSTED: f64 = 3.0;
 const TRUSTED_ERROR: f64 = 0.25;
 /// Fewer tests than this do not tell predictors apart.
 const TESTS_MIN: u64 = 8;
 
-/// The predictors that a study's policy needs: its own, or for [`PredictorMethod::Auto`] all of them, each trained on
-/// every trial, and what they were tested to be worth. Those that learn nothing are always among them.
+/// The predictors that a study's policy needs: its own, or for [`PredictorMethod::Auto`] all of them, each
+/// trained on every trial, and what they were tested to be worth. Those that learn nothing are always among
+/// them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Predictors {
     /// In the order of the registry.
@@ -37,7 +38,8 @@ pub struct Predictors {
     chooses: bool,
     trials: u64,
     tallies: PredictorErrors,
-    /// What is yet to be computed, oldest first. It all [is](Predictors::apply_all) before a checkpoint is stored.
+    /// What is yet to be computed, oldest first. It all [is](Predictors::apply_all) before a checkpoint is
+    /// stored.
     #[serde(skip)]
     deferred: Vec<Arc<DeferredUpdate>>,
 }
@@ -304,7 +306,8 @@ impl Predictors {
         }
     }
 
-    /// What has to be answered before [`Predictors::predict`] is a matter of microseconds; `None` if it is already.
+    /// What has to be answered before [`Predictors::predict`] is a matter of microseconds; `None` if it is
+    /// already.
     pub(crate) fn request(&self, method: PredictorMethod, query: &Query<'_>) -> Option<FitRequest> {
         self.thinker(method).map(|model| model.request(query))
     }

@@ -1,9 +1,9 @@
 //! Deferred updates: what learning a trial leaves to be computed later, because it takes a fit.
 //!
-//! A trial is noted at once. Two things take a fit of the contextual model each: the update of its lengths, and its error
-//! on the trial's cost. These are deferred, in the order of the trials, and computed on a copy where nobody waits; then
-//! the result is applied. Since they are computed in order, and each holds its inputs, the outcome does not depend on
-//! when that happens.
+//! A trial is noted at once. Two things take a fit of the contextual model each: the update of its lengths,
+//! and its error on the trial's cost. These are deferred, in the order of the trials, and computed on a copy
+//! where nobody waits; then the result is applied. Since they are computed in order, and each holds its
+//! inputs, the outcome does not depend on when that happens.
 
 use std::sync::Arc;
 
@@ -17,8 +17,8 @@ use crate::space::Space;
 /// One of them.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum DeferredUpdate {
-    /// To add the predictors' errors on a measured cost to their tallies. The prediction of the contextual model is
-    /// still to be computed, the others are complete.
+    /// To add the predictors' errors on a measured cost to their tallies. The prediction of the contextual
+    /// model is still to be computed, the others are complete.
     Test {
         words: Vec<MethodEstimate>,
         local_data: Option<LocalData>,

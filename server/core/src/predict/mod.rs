@@ -156,8 +156,8 @@ pub struct Answer {
 /// Maps states to configurations. All methods are deterministic, and their answers do not change when all
 /// costs are multiplied by one positive number (but for rounding).
 ///
-/// The first two methods are what makes a predictor. All others are ways in which it may take part in more than
-/// answering; each says what it means not to. Answers are a matter of microseconds, but for those of
+/// The first two methods are what makes a predictor. All others are ways in which it may take part in more
+/// than answering; each says what it means not to. Answers are a matter of microseconds, but for those of
 /// [`Contextual`], which are asked for ahead and whose learning is deferred.
 pub trait Predictor {
     /// What it expects of one configuration in the asked state. `None` when nothing is known.
@@ -168,14 +168,14 @@ pub trait Predictor {
     fn predict(&self, query: &Query<'_>) -> Option<Answer>;
 
     /// A configuration from which much can be learnt in the asked state without losing much, where the
-    /// predictor can say. `number` makes answers differ from one question to the next. A predictor that only knows
-    /// configurations that were tried has none.
+    /// predictor can say. `number` makes answers differ from one question to the next. A predictor that only
+    /// knows configurations that were tried has none.
     fn propose(&self, _query: &Query<'_>, _number: u64) -> Option<Answer> {
         None
     }
 
-    /// Whether predictors of this kind [learn](Predictor::learn). One that does not is always at hand, whatever the
-    /// policy names.
+    /// Whether predictors of this kind [learn](Predictor::learn). One that does not is always at hand,
+    /// whatever the policy names.
     fn learns() -> bool
     where
         Self: Sized,
@@ -183,24 +183,24 @@ pub trait Predictor {
         true
     }
 
-    /// Learns from a completed trial, whose result the table of its state holds already. A predictor that answers from
-    /// the tables has nothing to learn.
+    /// Learns from a completed trial, whose result the table of its state holds already. A predictor that
+    /// answers from the tables has nothing to learn.
     fn learn(&mut self, _lesson: &Lesson<'_>) {}
 
-    /// Whether it sees indicators as features that are fixed when it begins, so that it has to begin anew where others
-    /// of them are left out. A predictor that weighs indicators at each question does not.
+    /// Whether it sees indicators as features that are fixed when it begins, so that it has to begin anew
+    /// where others of them are left out. A predictor that weighs indicators at each question does not.
     fn has_features(&self) -> bool {
         false
     }
 
-    /// Whether it learns costs as they are on the first machine, so that what it says has to be translated for others.
-    /// A predictor that looks at tables has translated what it found there.
+    /// Whether it learns costs as they are on the first machine, so that what it says has to be translated
+    /// for others. A predictor that looks at tables has translated what it found there.
     fn speaks_of_first_machine(&self) -> bool {
         false
     }
 
-    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space. A predictor
-    /// that stores all it needs is whole.
+    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space. A
+    /// predictor that stores all it needs is whole.
     fn settle(&mut self, _space: &Space) -> bool {
         true
     }

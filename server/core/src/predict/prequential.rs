@@ -1,9 +1,9 @@
 //! How wrong predictors are: each is asked about every trial before it learns from it.
 //!
-//! Dawid, "Statistical theory: the prequential approach", JRSS A 147, 1984; Gama, Sebastião and Rodrigues, "On
-//! evaluating stream learning algorithms", Machine Learning 90, 2013. The error of a prediction is the
-//! logarithm of the ratio of expected and measured cost, without its sign: 0.1 is ten percent off. It does not
-//! change with the unit of the cost.
+//! Dawid, "Statistical theory: the prequential approach", JRSS A 147, 1984; Gama, Sebastião and Rodrigues,
+//! "On evaluating stream learning algorithms", Machine Learning 90, 2013. The error of a prediction is the
+//! logarithm of the ratio of expected and measured cost, without its sign: 0.1 is ten percent off. It does
+//! not change with the unit of the cost.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! The predictors of the registry (`model/src/policy/registry.rs`) as one type.
 //!
-//! A row there names a type of a module here, which implements [`Predictor`] and is plain data through serde, and its
-//! constructor. All else follows.
+//! A row there names a type of a module here, which implements [`Predictor`] and is plain data through serde,
+//! and its constructor. All else follows.
 
 use std::ops::{Deref, DerefMut};
 
@@ -12,7 +12,8 @@ use crate::policy::PredictorMethod;
 
 macro_rules! predictors {
     ($($(#[doc = $about:literal])+ $method:ident = $number:literal, $word:literal, $module:ident::$predictor:ident::$make:ident;)+) => {
-        /// One of the predictors, as it is stored. All that can be done with it are the methods of [`Predictor`].
+        /// One of the predictors, as it is stored. All that can be done with it are the methods of
+        /// [`Predictor`].
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(rename_all = "snake_case")]
         pub(super) enum AnyPredictor {
@@ -56,7 +57,8 @@ macro_rules! predictors {
             }
         }
 
-        /// Whether predictors of a method [learn](Predictor::learn): all others answer from the tables of the states.
+        /// Whether predictors of a method [learn](Predictor::learn): all others answer from the tables of the
+        /// states.
         pub(super) fn learns(method: PredictorMethod) -> bool {
             match method {
                 $(PredictorMethod::$method => <super::$module::$predictor as Predictor>::learns(),)+
@@ -64,7 +66,8 @@ macro_rules! predictors {
             }
         }
 
-        /// All methods that are predictors of their own, in the order of the registry: the first is preferred among equals.
+        /// All methods that are predictors of their own, in the order of the registry: the first is preferred
+        /// among equals.
         pub const METHODS: &[PredictorMethod] = &[$(PredictorMethod::$method,)+];
     };
 }

@@ -100,8 +100,8 @@ pub struct SourceRun {
 
 /// An explorer of one state. Lengths of points are the setup's dimension; costs are finite.
 ///
-/// The first three methods are what makes a search. All others are ways in which it may take part in more than asking
-/// and being told; each says what it means not to.
+/// The first three methods are what makes a search. All others are ways in which it may take part in more
+/// than asking and being told; each says what it means not to.
 pub trait Search {
     /// The next point to measure. `None` while the search waits for points that are pending.
     fn ask(&mut self) -> Option<Point>;
@@ -112,24 +112,24 @@ pub trait Search {
     /// Takes a point back whose client went away; it is the next to be asked, under the same id.
     fn withdraw(&mut self, id: u64);
 
-    /// How many of the answers were to [`Step::Replicate`], and so added no configuration. A search without replicates
-    /// has none.
+    /// How many of the answers were to [`Step::Replicate`], and so added no configuration. A search without
+    /// replicates has none.
     fn repeats(&self) -> u64 {
         0
     }
 
-    /// Leaves axes where they are, from the next point on: places in the space, and coordinates in 0..1. `false` when
-    /// the search cannot; its points must then be moved by whoever asks.
+    /// Leaves axes where they are, from the next point on: places in the space, and coordinates in 0..1.
+    /// `false` when the search cannot; its points must then be moved by whoever asks.
     fn hold(&mut self, _held: &[(usize, f64)]) -> bool {
         false
     }
 
-    /// Tells of a point that was measured before the search began. A search without a model has no use for it: what it
-    /// asks and is known is answered at once.
+    /// Tells of a point that was measured before the search began. A search without a model has no use for
+    /// it: what it asks and is known is answered at once.
     fn know(&mut self, _x: Vec<f64>, _verdict: Verdict) {}
 
-    /// Tells of a point that was measured beside the search; whatever was planned goes on. A search without a model has
-    /// no use for it.
+    /// Tells of a point that was measured beside the search; whatever was planned goes on. A search without a
+    /// model has no use for it.
     fn hear(&mut self, _x: Vec<f64>, _verdict: Verdict) {}
 
     /// Whether searches of this kind [follow](Search::follow) what other states know.
@@ -144,26 +144,27 @@ pub trait Search {
     /// the default, and `runs` say what can be run. A search that does not hear others begins as always.
     fn follow(&mut self, _main_effects: MainEffects, _first: Vec<Vec<f64>>, _runs: Vec<SourceRun>) {}
 
-    /// Whether the next [`ask`](Search::ask) is a matter of microseconds: no model has to be fitted for it. A search
-    /// without a model is always ready.
+    /// Whether the next [`ask`](Search::ask) is a matter of microseconds: no model has to be fitted for it. A
+    /// search without a model is always ready.
     fn is_ready(&self) -> bool {
         true
     }
 
-    /// A next point that takes microseconds, for who cannot wait until somebody else has thought for this search: one that
-    /// was thought of in reserve, else a guess. A search without a model asks as always.
+    /// A next point that takes microseconds, for who cannot wait until somebody else has thought for this
+    /// search: one that was thought of in reserve, else a guess. A search without a model asks as always.
     fn ask_at_once(&mut self) -> Option<Point> {
         self.ask()
     }
 
-    /// Thinks of the next point on a copy, and of so many more in `reserve`: what takes milliseconds is done here, where
-    /// nobody waits. `None` where there is nothing to think about.
+    /// Thinks of the next point on a copy, and of so many more in `reserve`: what takes milliseconds is done
+    /// here, where nobody waits. `None` where there is nothing to think about.
     fn plan(&self, _reserve: usize) -> Option<PlannedPoint> {
         None
     }
 
-    /// Takes over what a copy of this search has [planned](Search::plan), if it is still worth something. Asked next,
-    /// a search that was not told anything since gives the same point as if it had thought of it itself.
+    /// Takes over what a copy of this search has [planned](Search::plan), if it is still worth something.
+    /// Asked next, a search that was not told anything since gives the same point as if it had thought of it
+    /// itself.
     fn adopt(&mut self, _plan: PlannedPoint) {}
 }
 

@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::search::{Point, Step};
 
-/// The pending points of one search, and those that came back unmeasured. Field names are those of stored rows.
+/// The pending points of one search, and those that came back unmeasured. Field names are those of stored
+/// rows.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct PendingPoints {
     next_id: u64,

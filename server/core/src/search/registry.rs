@@ -1,7 +1,7 @@
 //! The searches of the registry (`model/src/policy/registry.rs`) as one type.
 //!
-//! A row there names a type of a module here, which implements [`Search`] and is plain data through serde, and its
-//! constructor. All else follows.
+//! A row there names a type of a module here, which implements [`Search`] and is plain data through serde,
+//! and its constructor. All else follows.
 
 use std::ops::{Deref, DerefMut};
 
@@ -13,8 +13,8 @@ use crate::policy::SearchMethod;
 /// What `auto` stands for in this version.
 ///
 /// It is one search for all studies: for budgets of 20 to 80 trials it came out ahead on the suites of
-/// `examples/search_quality`, whatever the kind of the axes, but for one recorded landscape of trees, where Nelder-Mead
-/// was level. Studies that ask for `auto` get another one when a later version recommends it.
+/// `examples/search_quality`, whatever the kind of the axes, but for one recorded landscape of trees, where
+/// Nelder-Mead was level. Studies that ask for `auto` get another one when a later version recommends it.
 const RECOMMENDED: SearchMethod = SearchMethod::Model;
 
 const _: () = assert!(!matches!(RECOMMENDED, SearchMethod::Auto), "it would stand for itself");

@@ -1,22 +1,24 @@
 //! What a cost would have been without the noise that other measurements explain.
 //!
-//! A client may report quantities beside its costs that say something of them: the processor time of a frame, which hardly
-//! knows of other programs, or the counted work of its rays, which has no noise at all (that counts predict the time of
-//! tracing rays: Aila, Karras and Laine, "On quality metrics of bounding volume hierarchies", High-Performance Graphics
-//! 2013). The regression of cost on them over configurations predicts a cost by itself; how far that is off, and how noisy
-//! costs and predictions are, is told by configurations that were measured again. Of the measured cost and the predicted
-//! one the combination of least variance is taken, with the covariance of their noises: the method of control variates
-//! (Nelson, "Control variate remedies", Operations Research 38, 1990). Where the other quantities say nothing, the cost is
-//! left as it was measured.
+//! A client may report quantities beside its costs that say something of them: the processor time of a frame,
+//! which hardly knows of other programs, or the counted work of its rays, which has no noise at all (that
+//! counts predict the time of tracing rays: Aila, Karras and Laine, "On quality metrics of bounding volume
+//! hierarchies", High-Performance Graphics 2013). The regression of cost on them over configurations predicts
+//! a cost by itself; how far that is off, and how noisy costs and predictions are, is told by configurations
+//! that were measured again. Of the measured cost and the predicted one the combination of least variance is
+//! taken, with the covariance of their noises: the method of control variates (Nelson, "Control variate
+//! remedies", Operations Research 38, 1990). Where the other quantities say nothing, the cost is left as it
+//! was measured.
 //!
-//! Other programs come and go in spells that last for many trials. What was measured in one spell only would seem to be badly
-//! predicted, and where a search meets better configurations later the regression takes a spell for their merit. So it is also
-//! made over the differences between trials that follow each other, which cancel what lasts (differencing against serial
-//! correlation: Hamilton, "Time Series Analysis", 1994, chapter 8), and what a prediction is off is also told by the nearer
-//! of a trial's two neighbours: a spell that begins or ends is far from one of them, a badly predicted configuration from both.
+//! Other programs come and go in spells that last for many trials. What was measured in one spell only would
+//! seem to be badly predicted, and where a search meets better configurations later the regression takes a
+//! spell for their merit. So it is also made over the differences between trials that follow each other,
+//! which cancel what lasts (differencing against serial correlation: Hamilton, "Time Series Analysis", 1994,
+//! chapter 8), and what a prediction is off is also told by the nearer of a trial's two neighbours: a spell
+//! that begins or ends is far from one of them, a badly predicted configuration from both.
 //!
-//! What disturbs costs may not have happened yet when all this is learnt: so costs are taken to be a little noisier than they
-//! were seen to be (`UNSEEN_NOISE`), which decides where both are as good.
+//! What disturbs costs may not have happened yet when all this is learnt: so costs are taken to be a little
+//! noisier than they were seen to be (`UNSEEN_NOISE`), which decides where both are as good.
 
 use serde::{Deserialize, Serialize};
 
@@ -29,13 +31,16 @@ const REPEATS_LEAST: usize = 5;
 const CONFIGURATIONS_SPARE: usize = 4;
 /// Coefficients are drawn to zero by so much, in variances of the quantity.
 const RIDGE: f64 = 1e-3;
-/// The standard deviation of the noise that costs alone may have beyond what was seen: other programs that did not run yet.
+/// The standard deviation of the noise that costs alone may have beyond what was seen: other programs that
+/// did not run yet.
 const UNSEEN_NOISE: f64 = 0.03;
-/// Differences that are off by more than so many of their standard deviations are where a spell begins or ends.
+/// Differences that are off by more than so many of their standard deviations are where a spell begins or
+/// ends.
 const SPELL_BEGINS: f64 = 3.0;
 /// The median of the absolute value of a normal variable of unit variance.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
-/// The mean square difference between a normal variable of unit variance and the nearer of two others: 2 − 2√3/π.
+/// The mean square difference between a normal variable of unit variance and the nearer of two others: 2 −
+/// 2√3/π.
 const NEARER_OF_TWO: f64 = 0.8973;
 /// Variances of less are rounding.
 const VARIANCE_LEAST: f64 = 1e-18;
@@ -123,8 +128,8 @@ impl Row {
     }
 }
 
-/// The slopes by the differences between trials that follow each other, without those between spells, and the variance that
-/// they leave to a trial, spells included. `None` where there are too few.
+/// The slopes by the differences between trials that follow each other, without those between spells, and the
+/// variance that they leave to a trial, spells included. `None` where there are too few.
 fn slopes_in_time(observations: &[Observation], width: usize) -> Option<(Vec<f64>, f64)> {
     let pairs = observations.iter().zip(&observations[1..]);
     let pairs = pairs.filter(|(one, next)| one.configuration != next.configuration);
@@ -147,8 +152,8 @@ fn slopes_in_time(observations: &[Observation], width: usize) -> Option<(Vec<f64
 }
 
 impl Denoiser {
-    /// Learns from observations in the order in which they were made, all with the same auxiliary measurements. `None` where there are too few, or too few
-    /// repeats, to tell what helps.
+    /// Learns from observations in the order in which they were made, all with the same auxiliary
+    /// measurements. `None` where there are too few, or too few repeats, to tell what helps.
     pub fn of(observations: &[Observation]) -> Option<Denoiser> {
         let width = observations.first()?.auxiliary.len();
         let groups = groups(observations);
@@ -205,8 +210,8 @@ impl Denoiser {
         denoiser.slopes.iter().all(|slope| slope.is_finite()).then_some(denoiser)
     }
 
-    /// An upper bound of the variance by which predictions are off, noise included, that spells do not raise: from each trial
-    /// and the nearer of its neighbours in time. Infinite where there are none.
+    /// An upper bound of the variance by which predictions are off, noise included, that spells do not raise:
+    /// from each trial and the nearer of its neighbours in time. Infinite where there are none.
     fn off_in_time_2(&self, observations: &[Observation]) -> f64 {
         let off = |one: &Observation| one.log_cost - self.predicted(&one.auxiliary);
         let (mut sum, mut count) = (0.0, 0.0);
@@ -232,7 +237,8 @@ impl Denoiser {
         (1.0 - self.weight) * log_cost + self.weight * self.predicted(auxiliary)
     }
 
-    /// How much the auxiliary measurements have a say: 0 leaves costs as they were measured, 1 takes what is predicted.
+    /// How much the auxiliary measurements have a say: 0 leaves costs as they were measured, 1 takes what is
+    /// predicted.
     pub fn weight(&self) -> f64 {
         self.weight
     }
@@ -318,8 +324,8 @@ mod tests {
         }
     }
 
-    /// A search of 120 trials that finds better and better, the first configuration every eighth time, on a machine that is
-    /// slower for whole spells; the true costs by configuration.
+    /// A search of 120 trials that finds better and better, the first configuration every eighth time, on a
+    /// machine that is slower for whole spells; the true costs by configuration.
     fn search_in_spells(seed: u64, unlike: impl Fn(usize) -> f64) -> (Vec<Observation>, Vec<f64>) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let truths: Vec<f64> = (0..120_i32)
@@ -363,8 +369,8 @@ mod tests {
     fn what_predicts_some_configurations_badly_is_not_believed_of_them() {
         let mut sum = 0.0;
         for seed in 0..20 {
-            // A search that ends among configurations which do half the work at the same cost, as those that leave a
-            // thread idle do by processor time.
+            // A search that ends among configurations which do half the work at the same cost, as those that
+            // leave a thread idle do by processor time.
             let halved = |configuration: usize| if configuration > 60 { 0.69 } else { 0.0 };
             let (observations, truths) = search_in_spells(seed, halved);
             let denoiser = Denoiser::of(&observations).expect("there are repeats");
@@ -389,7 +395,8 @@ mod tests {
             let (observations, truths) = trials(seed, |_, _, random| normal(random));
             let denoiser = Denoiser::of(&observations);
             let (denoised, raw) = errors(&observations, &truths, denoiser.as_ref());
-            // Drawing everything to the mean is as good as such noise allows, and no worse than the costs themselves.
+            // Drawing everything to the mean is as good as such noise allows, and no worse than the costs
+            // themselves.
             assert!(denoised < 1.05 * raw, "{denoised} of {raw}");
         }
     }

@@ -1,25 +1,28 @@
 //! Whether a challenger is better than the incumbent: a race of paired measurements.
 //!
-//! In every round each contender that still stands is measured once, so that what disturbs the machine disturbs all of
-//! them. What is compared are logarithms of ratios of costs within a round. The evidence for "the challenger is better by
-//! more than m" is an e-value: a quantity that, where the statement is wrong, exceeds 1/α at any time with a probability
-//! of at most α, so that one may look after each round and stop as soon as it is convincing (Ramdas, Grünwald, Vovk
-//! and Shafer, "Game-theoretic statistics and safe anytime-valid inference", Statistical Science 38, 2023). It is the
-//! mean of self-normalised supermartingales `exp(λS - λ²V/2)`, mixed over λ in closed form (Robbins, "Statistical methods
-//! related to the law of the iterated logarithm", Annals of Mathematical Statistics 41, 1970), with two choices of V:
-//! - the sum of the squares, which needs nothing but that a ratio and its inverse are as likely where both cost the same
-//!   (de la Peña, "A general class of exponential inequalities for martingales and ratios", Annals of Probability 27,
-//!   1999),
-//! - where the noise of a measurement is known, a third of that sum and two thirds of the expected one, which only needs
-//!   that the noise is no larger (Delyon, "Exponential inequalities for sums of weakly dependent variables", Electronic
-//!   Journal of Probability 14, 2009). It is convinced of large differences after few rounds.
+//! In every round each contender that still stands is measured once, so that what disturbs the machine
+//! disturbs all of them. What is compared are logarithms of ratios of costs within a round. The evidence for
+//! "the challenger is better by more than m" is an e-value: a quantity that, where the statement is wrong,
+//! exceeds 1/α at any time with a probability of at most α, so that one may look after each round and stop as
+//! soon as it is convincing (Ramdas, Grünwald, Vovk and Shafer, "Game-theoretic statistics and safe
+//! anytime-valid inference", Statistical Science 38, 2023). It is the mean of self-normalised
+//! supermartingales `exp(λS - λ²V/2)`, mixed over λ in closed form (Robbins, "Statistical methods related to
+//! the law of the iterated logarithm", Annals of Mathematical Statistics 41, 1970), with two choices of V:
+//! - the sum of the squares, which needs nothing but that a ratio and its inverse are as likely where both
+//!   cost the same (de la Peña, "A general class of exponential inequalities for martingales and ratios",
+//!   Annals of Probability 27, 1999),
+//! - where the noise of a measurement is known, a third of that sum and two thirds of the expected one, which
+//!   only needs that the noise is no larger (Delyon, "Exponential inequalities for sums of weakly dependent
+//!   variables", Electronic Journal of Probability 14, 2009). It is convinced of large differences after few
+//!   rounds.
 //!
-//! All values of m that are not refuted make a confidence interval that is valid at every time. Nobody replaces the
-//! incumbent without evidence: where no challenger is proven better, the verdict says so.
+//! All values of m that are not refuted make a confidence interval that is valid at every time. Nobody
+//! replaces the incumbent without evidence: where no challenger is proven better, the verdict says so.
 //!
-//! On a noisy machine a gain that is worth having takes many rounds to be seen ([`rounds_needed`]). All contenders run in
-//! the first few of them; after those the best one goes on alone against the incumbent, if it is ahead at all, as in
-//! successive halving (Karnin, Koren and Somekh, "Almost optimal exploration in multi-armed bandits", ICML 2013).
+//! On a noisy machine a gain that is worth having takes many rounds to be seen ([`rounds_needed`]). All
+//! contenders run in the first few of them; after those the best one goes on alone against the incumbent, if
+//! it is ahead at all, as in successive halving (Karnin, Koren and Somekh, "Almost optimal exploration in
+//! multi-armed bandits", ICML 2013).
 
 use serde::{Deserialize, Serialize};
 
@@ -32,7 +35,8 @@ pub const ERROR_MAX: f64 = 0.05;
 pub const PROVEN_ERROR_MAX: f64 = 0.01;
 /// A gain of less is not worth another round.
 pub const GAIN_LEAST: f64 = 0.01;
-/// Nor is one over somebody who is proven better than the incumbent, of less than this share of what that one gains.
+/// Nor is one over somebody who is proven better than the incumbent, of less than this share of what that one
+/// gains.
 const GAIN_LEAST_SHARE: f64 = 0.1;
 /// Pairs that lie further from the typical one than so many deviations count as if they were no further away.
 const WILD: f64 = 6.0;
@@ -44,14 +48,16 @@ pub const ROUNDS_OF_ALL: usize = 10;
 const GAIN_SOUGHT: f64 = 0.02;
 /// In deviations of the mean of the rounds: beyond what counts as a proof, so that chance seldom hides it.
 const GAIN_SOUGHT_DEVIATIONS: f64 = 2.5;
-/// Scales of V at which evidence is sought: variances of logarithms of ratios, from a quiet clock to a busy machine.
+/// Scales of V at which evidence is sought: variances of logarithms of ratios, from a quiet clock to a busy
+/// machine.
 const SCALES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
 /// Largest magnitude of a logarithm of a ratio that is looked for when an interval is sought.
 const LOG_RATIO_MAX: f64 = 20.0;
 /// Halvings when the end of an interval is sought.
 const HALVINGS: usize = 50;
 
-/// Paired comparisons of a challenger with the incumbent: logarithms of the incumbent's cost over the challenger's.
+/// Paired comparisons of a challenger with the incumbent: logarithms of the incumbent's cost over the
+/// challenger's.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pairs {
     log_ratios: Vec<f64>,
@@ -60,8 +66,8 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    /// No pairs yet. `noise` is the standard deviation of the logarithm of one measurement, if it is known; it must not
-    /// be too small for what is proven to hold.
+    /// No pairs yet. `noise` is the standard deviation of the logarithm of one measurement, if it is known;
+    /// it must not be too small for what is proven to hold.
     pub fn new(noise: Option<f64>) -> Self {
         Pairs { log_ratios: Vec::new(), variance: noise.map(|noise| 2.0 * noise * noise) }
     }
@@ -100,8 +106,8 @@ impl Pairs {
         self.evidence(0.0, 1.0)
     }
 
-    /// The interval of the logarithm of the ratio of the incumbent's cost over the challenger's, at any time with a
-    /// probability of at least 1 - `error`. Infinite ends say that nothing is known.
+    /// The interval of the logarithm of the ratio of the incumbent's cost over the challenger's, at any time
+    /// with a probability of at least 1 - `error`. Infinite ends say that nothing is known.
     pub fn interval(&self, error: f64) -> (f64, f64) {
         let end = |sign: f64| {
             // In steps of `sign`: refuted at `from`, not refuted at `to`.
@@ -124,14 +130,16 @@ impl Pairs {
         self.log_ratios.iter().sum::<f64>() / self.log_ratios.len().max(1) as f64
     }
 
-    /// The typical logarithm, whatever a few pairs are that a disturbance parted (Hodges and Lehmann's location); 0 of none.
+    /// The typical logarithm, whatever a few pairs are that a disturbance parted (Hodges and Lehmann's
+    /// location); 0 of none.
     pub fn location(&self) -> f64 {
         robust::location(&self.log_ratios)
     }
 
-    /// The probability that the challenger costs less, for one who looks once, when all rounds are over: by the signed
-    /// ranks (Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1, 1945), of which a few disturbed
-    /// pairs say no more than any others. One half of fewer than [`ROUNDS_OF_ALL`] pairs.
+    /// The probability that the challenger costs less, for one who looks once, when all rounds are over: by
+    /// the signed ranks (Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1, 1945),
+    /// of which a few disturbed pairs say no more than any others. One half of fewer than [`ROUNDS_OF_ALL`]
+    /// pairs.
     pub fn probability_better(&self) -> f64 {
         let mut pairs = self.log_ratios.clone();
         pairs.retain(|log_ratio| *log_ratio != 0.0);
@@ -148,8 +156,8 @@ impl Pairs {
     }
 }
 
-/// How many rounds it takes to see a gain of 2 % where one measurement has so much noise (the standard deviation of its
-/// logarithm): at least [`ROUNDS_OF_ALL`], and at most `rounds_max`.
+/// How many rounds it takes to see a gain of 2 % where one measurement has so much noise (the standard
+/// deviation of its logarithm): at least [`ROUNDS_OF_ALL`], and at most `rounds_max`.
 pub fn rounds_needed(noise: f64, rounds_max: usize) -> usize {
     let needed = 2.0 * (GAIN_SOUGHT_DEVIATIONS * noise / GAIN_SOUGHT).powi(2);
     (needed.ceil() as usize).max(ROUNDS_OF_ALL).min(rounds_max)
@@ -217,8 +225,9 @@ impl Race {
         Race { contenders: vec![Racer::default(); contenders], noise, rounds_max }
     }
 
-    /// Who is to be measured next: whoever has run least among those that stand. `running` tells how often each is being
-    /// measured just now. `None` once the race is decided, or while only measurements that are out can decide it.
+    /// Who is to be measured next: whoever has run least among those that stand. `running` tells how often
+    /// each is being measured just now. `None` once the race is decided, or while only measurements that are
+    /// out can decide it.
     pub fn next(&self, running: impl Fn(usize) -> usize) -> Option<usize> {
         if self.verdict() != RaceResult::Open {
             return None;
@@ -248,8 +257,8 @@ impl Race {
         }
     }
 
-    /// The pairs of two contenders, round by round: logarithms of the first one's cost over the second's. Those that a
-    /// disturbance parted are drawn in.
+    /// The pairs of two contenders, round by round: logarithms of the first one's cost over the second's.
+    /// Those that a disturbance parted are drawn in.
     pub fn pairs(&self, one: usize, other: usize) -> Pairs {
         let rounds = self.contenders[one].log_costs.iter().zip(&self.contenders[other].log_costs);
         let logs: Vec<f64> = rounds.map(|(a, b)| a - b).collect();
@@ -264,12 +273,14 @@ impl Race {
         pairs
     }
 
-    /// What every statement of the race may be wrong with, so that all of them together are with `error` at most.
+    /// What every statement of the race may be wrong with, so that all of them together are with `error` at
+    /// most.
     fn error_each(&self, error: f64) -> f64 {
         error / (self.contenders.len().max(2) - 1) as f64
     }
 
-    /// Whether costs are the same in each round, as counts are and times never: then one look tells who is better.
+    /// Whether costs are the same in each round, as counts are and times never: then one look tells who is
+    /// better.
     fn is_exact(&self) -> bool {
         let ran = self.contenders.iter().filter(|contender| !contender.is_out);
         let is_same = |contender: &Racer| {
@@ -279,9 +290,9 @@ impl Race {
         !self.contenders[0].is_out && ran.into_iter().all(is_same)
     }
 
-    /// The gain of one contender over another by the rounds alone: the logarithm of the ratio of their costs with its 95 %
-    /// interval, which holds for all of them together and at whichever moment one looks, and the probability that it is
-    /// above 0. `None` without a round of both.
+    /// The gain of one contender over another by the rounds alone: the logarithm of the ratio of their costs
+    /// with its 95 % interval, which holds for all of them together and at whichever moment one looks, and
+    /// the probability that it is above 0. `None` without a round of both.
     pub fn gain(&self, of: usize, over: usize) -> Option<RaceGain> {
         let pairs = self.pairs(over, of);
         if pairs.count() == 0 {
@@ -309,8 +320,9 @@ impl Race {
         (1..self.contenders.len()).filter(|&place| !self.contenders[place].is_out)
     }
 
-    /// Drops challengers that cannot gain enough any more, and those that another one is proven better than. Once all have
-    /// run their part of the rounds only the best one is left, and that only as long as it is ahead.
+    /// Drops challengers that cannot gain enough any more, and those that another one is proven better than.
+    /// Once all have run their part of the rounds only the best one is left, and that only as long as it is
+    /// ahead.
     fn sort_out(&mut self) {
         let bar = 1.0 / self.error_each(ERROR_MAX);
         for place in 1..self.contenders.len() {
@@ -347,8 +359,8 @@ impl Race {
         }
     }
 
-    /// Whether one challenger is proven better than the incumbent, ahead of another, and the other one cannot gain enough over it
-    /// to be worth more rounds.
+    /// Whether one challenger is proven better than the incumbent, ahead of another, and the other one cannot
+    /// gain enough over it to be worth more rounds.
     fn is_as_good(&self, one: usize, other: usize, bar: f64) -> bool {
         let between = self.pairs(one, other);
         let gain = self.pairs(0, one).location();
@@ -357,15 +369,16 @@ impl Race {
             && self.is_proven(one)
     }
 
-    /// Who is better than the incumbent by the rounds themselves, once they are over: the best challenger, where chance
-    /// alone would put it so far ahead with a probability of at most `error` for all of them together.
+    /// Who is better than the incumbent by the rounds themselves, once they are over: the best challenger,
+    /// where chance alone would put it so far ahead with a probability of at most `error` for all of them
+    /// together.
     pub fn better_by_rounds(&self, error: f64) -> Option<usize> {
         let probability = |place: usize| self.pairs(0, place).probability_better();
         self.standing().find(|&place| probability(place) >= 1.0 - self.error_each(error))
     }
 
-    /// What the race came to so far. It is decided once the one challenger that is left is proven better, nobody is left,
-    /// or the rounds are over.
+    /// What the race came to so far. It is decided once the one challenger that is left is proven better,
+    /// nobody is left, or the rounds are over.
     pub fn verdict(&self) -> RaceResult {
         let standing: Vec<usize> = self.standing().collect();
         if standing.is_empty() {

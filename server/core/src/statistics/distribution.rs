@@ -12,10 +12,11 @@ pub fn normal_cdf(z: f64) -> f64 {
     0.5 * libm::erfc(-z * FRAC_1_SQRT_2)
 }
 
-/// The probability that a variable of Student's distribution with `freedom` degrees of freedom, at least 1, is at
-/// most `t`. By the transformation to a normal variable of Wallace ("Bounds on normal approximations to Student's and
-/// the chi-square distributions", Annals of Mathematical Statistics 30, 1959) with the constant of Hill's algorithm
-/// 395 (Communications of the ACM 13, 1970); off by less than 0.002 from three degrees of freedom on.
+/// The probability that a variable of Student's distribution with `freedom` degrees of freedom, at least 1,
+/// is at most `t`. By the transformation to a normal variable of Wallace ("Bounds on normal approximations to
+/// Student's and the chi-square distributions", Annals of Mathematical Statistics 30, 1959) with the constant
+/// of Hill's algorithm 395 (Communications of the ACM 13, 1970); off by less than 0.002 from three degrees of
+/// freedom on.
 pub fn student_cdf(t: f64, freedom: f64) -> f64 {
     if !t.is_finite() {
         return if t > 0.0 { 1.0 } else { 0.0 };
@@ -25,8 +26,8 @@ pub fn student_cdf(t: f64, freedom: f64) -> f64 {
     normal_cdf(if t < 0.0 { -z } else { z })
 }
 
-/// The expectation of how far a variable of Student's distribution with `freedom` degrees of freedom, more than 1, lies above
-/// `t`, counted as 0 where it lies below: the integral of its upper tail, in closed form.
+/// The expectation of how far a variable of Student's distribution with `freedom` degrees of freedom, more
+/// than 1, lies above `t`, counted as 0 where it lies below: the integral of its upper tail, in closed form.
 pub fn student_excess(t: f64, freedom: f64) -> f64 {
     if !t.is_finite() {
         return if t > 0.0 { 0.0 } else { f64::INFINITY };

@@ -1,17 +1,18 @@
 //! How fast a client's machine is at the moment.
 //!
-//! Clocks rise and fall, and other programs come and go: all costs of a client are multiplied by one factor that changes
-//! over time. Its logarithm is taken for a random walk and followed by a scalar Kalman filter (Kalman, "A new approach to
-//! linear filtering and prediction problems", Journal of Basic Engineering 82, 1960). What it is held by are repeated
-//! measurements of the incumbent, whose cost is known; every other measurement is divided by the factor of its time. A step
-//! that is far outside of what the walk allows is a jump: the filter then forgets what it held and believes what it
-//! sees (a gate on the normalised innovation: Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking
-//! and navigation", 2001, section 5.4).
+//! Clocks rise and fall, and other programs come and go: all costs of a client are multiplied by one factor
+//! that changes over time. Its logarithm is taken for a random walk and followed by a scalar Kalman filter
+//! (Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic Engineering 82,
+//! 1960). What it is held by are repeated measurements of the incumbent, whose cost is known; every other
+//! measurement is divided by the factor of its time. A step that is far outside of what the walk allows is a
+//! jump: the filter then forgets what it held and believes what it sees (a gate on the normalised innovation:
+//! Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking and navigation", 2001, section
+//! 5.4).
 
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of one step of the walk, from one trial to the next, in deviations of a measurement: what changes
-/// by less cannot be seen anyhow.
+/// Standard deviation of one step of the walk, from one trial to the next, in deviations of a measurement:
+/// what changes by less cannot be seen anyhow.
 const STEP: f64 = 0.25;
 /// What the filter is unsure of after a jump, and at the beginning of a session.
 const JUMP: f64 = 0.5;
@@ -26,7 +27,8 @@ pub struct Speed {
     /// Logarithm of the factor on all costs, and its variance.
     log_factor: f64,
     variance: f64,
-    /// The last innovation went over the gate: the next one decides whether it was a jump or a wild measurement.
+    /// The last innovation went over the gate: the next one decides whether it was a jump or a wild
+    /// measurement.
     suspects: Option<f64>,
     jumps: u64,
 }
@@ -44,8 +46,8 @@ impl Speed {
         self.variance = (self.variance + step * step).min(JUMP * JUMP);
     }
 
-    /// Takes a measurement of a configuration whose cost is known to be `expected` at the factor 1. Both costs are above 0. One measurement far off is taken for
-    /// an accident; a second one like it for a jump.
+    /// Takes a measurement of a configuration whose cost is known to be `expected` at the factor 1. Both
+    /// costs are above 0. One measurement far off is taken for an accident; a second one like it for a jump.
     pub fn hold(&mut self, cost: f64, expected: f64, noise: f64) {
         let seen = libm::log(cost.max(f64::MIN_POSITIVE)) - libm::log(expected.max(f64::MIN_POSITIVE));
         let innovation = seen - self.log_factor;
@@ -99,8 +101,9 @@ mod tests {
     use super::*;
     use crate::statistics::simulated::normal;
 
-    /// Runs 80 trials of challengers of cost 8 on a machine with that factor, the incumbent of cost 10 whenever it is due;
-    /// the mean error of the corrected and the raw logarithms, and how often the incumbent ran.
+    /// Runs 80 trials of challengers of cost 8 on a machine with that factor, the incumbent of cost 10
+    /// whenever it is due; the mean error of the corrected and the raw logarithms, and how often the
+    /// incumbent ran.
     fn run(factor: impl Fn(usize) -> f64, noise: f64) -> (f64, f64, usize) {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let mut speed = Speed::default();

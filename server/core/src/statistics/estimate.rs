@@ -1,30 +1,33 @@
 //! What the configurations of a state really cost, and what the best of them gains.
 //!
-//! The lowest of many noisy measurements is mostly luck: on a landscape where everything costs the same, the best of 80
-//! measurements with 7 % noise looks 15 % better than the rest. The cure is a posterior with a prior that the
-//! measurements themselves shape: expected values of a choice among posteriors are not inflated by the choice (Smith and
-//! Winkler, "The optimizer's curse: skepticism and postdecision surprise in decision analysis", Management Science 52,
-//! 2006; empirical Bayes: Efron and Morris, "Stein's estimation rule and its competitors", JASA 68, 1973).
+//! The lowest of many noisy measurements is mostly luck: on a landscape where everything costs the same, the
+//! best of 80 measurements with 7 % noise looks 15 % better than the rest. The cure is a posterior with a
+//! prior that the measurements themselves shape: expected values of a choice among posteriors are not
+//! inflated by the choice (Smith and Winkler, "The optimizer's curse: skepticism and postdecision surprise in
+//! decision analysis", Management Science 52, 2006; empirical Bayes: Efron and Morris, "Stein's estimation
+//! rule and its competitors", JASA 68, 1973).
 //!
-//! The logarithm of a configuration's cost is a level plus a Gaussian process over configurations plus noise; similar
-//! configurations so speak for each other, and repeats for themselves. In some of the models a part of what a
-//! configuration costs is its own, shared with not even the most similar one: cliffs, and valleys narrower than the
-//! distances between what was measured (the nugget effect of geostatistics, as far as it is not error of measurement:
-//! Cressie, "Statistics for spatial data", 1993). Unlike noise that is the same in each repeat, which tells the two apart;
-//! without it a rough landscape is taken for a noisy one, and what was really found is shrunk away as luck.
+//! The logarithm of a configuration's cost is a level plus a Gaussian process over configurations plus noise;
+//! similar configurations so speak for each other, and repeats for themselves. In some of the models a part
+//! of what a configuration costs is its own, shared with not even the most similar one: cliffs, and valleys
+//! narrower than the distances between what was measured (the nugget effect of geostatistics, as far as it is
+//! not error of measurement: Cressie, "Statistics for spatial data", 1993). Unlike noise that is the same in
+//! each repeat, which tells the two apart; without it a rough landscape is taken for a noisy one, and what
+//! was really found is shrunk away as luck.
 //!
-//! Machines change their speed, by more than what is looked for: clocks rise and fall, neighbours come and go. In some of
-//! the models all costs of a client are therefore multiplied by one factor whose logarithm wanders about its usual value
-//! (a process of Ornstein and Uhlenbeck over the trials; its covariance falls off exponentially with their distance).
-//! What ran next to each other then compares well, and what ran at different times badly, as it is with blocks in the
-//! design of experiments. Without these models a configuration that was lucky enough to run in a fast minute only is taken
-//! for a fast one.
+//! Machines change their speed, by more than what is looked for: clocks rise and fall, neighbours come and
+//! go. In some of the models all costs of a client are therefore multiplied by one factor whose logarithm
+//! wanders about its usual value (a process of Ornstein and Uhlenbeck over the trials; its covariance falls
+//! off exponentially with their distance). What ran next to each other then compares well, and what ran at
+//! different times badly, as it is with blocks in the design of experiments. Without these models a
+//! configuration that was lucky enough to run in a fast minute only is taken for a fast one.
 //!
-//! How far likeness reaches, how rough the landscape is, and how large the differences are beside the noise is not
-//! estimated but averaged over a grid, each model weighed by its marginal likelihood (Hoeting, Madigan, Raftery and
-//! Volinsky, "Bayesian model averaging", Statistical Science 14, 1999), and the scale is integrated out in closed form
-//! (Rasmussen and Williams, "Gaussian processes for machine learning", 2006, section 2.7 for the level). Some of the
-//! models say that all configurations cost the same: where it is not refuted, little gain is told.
+//! How far likeness reaches, how rough the landscape is, and how large the differences are beside the noise
+//! is not estimated but averaged over a grid, each model weighed by its marginal likelihood (Hoeting,
+//! Madigan, Raftery and Volinsky, "Bayesian model averaging", Statistical Science 14, 1999), and the scale is
+//! integrated out in closed form (Rasmussen and Williams, "Gaussian processes for machine learning", 2006,
+//! section 2.7 for the level). Some of the models say that all configurations cost the same: where it is not
+//! refuted, little gain is told.
 
 use std::rc::Rc;
 
@@ -54,10 +57,10 @@ struct Drift {
     trials: f64,
 }
 
-/// The smooth and the rough. How rough matters little: shares of a tenth or a half find the same. Differences as small as
-/// the noise are not told apart from it, so that rough models are left out there, and their lengths can be fewer. The more
-/// probable they are beforehand, the more luck is believed where the landscape is flat or smooth; where it is rough, even a
-/// small probability is soon overruled.
+/// The smooth and the rough. How rough matters little: shares of a tenth or a half find the same. Differences
+/// as small as the noise are not told apart from it, so that rough models are left out there, and their
+/// lengths can be fewer. The more probable they are beforehand, the more luck is believed where the landscape
+/// is flat or smooth; where it is rough, even a small probability is soon overruled.
 const FAMILIES: [Family; 2] = [
     Family {
         probability: 0.72,
@@ -91,7 +94,8 @@ const FLAT_PRIOR: f64 = 0.2;
 /// The noise of logarithms of costs that is expected beforehand, and how many measurements that is worth.
 const NOISE_PRIOR: f64 = 0.05;
 const NOISE_PRIOR_COUNT: f64 = 3.0;
-/// Measurements of a configuration are one where they ran within so many trials: speed does not wander far in that time.
+/// Measurements of a configuration are one where they ran within so many trials: speed does not wander far in
+/// that time.
 const CELL_TRIALS: u64 = 2;
 /// Models of less weight beside the heaviest are left out.
 const WEIGHT_LEAST: f64 = 1e-3;
@@ -157,7 +161,8 @@ struct Model {
     factor: Factor,
     /// How alike configurations are; `None` for a model in which everything costs the same.
     likeness: Option<Rc<[f64]>>,
-    /// The variance that like configurations share, and that which is each one's own, in variances of the noise.
+    /// The variance that like configurations share, and that which is each one's own, in variances of the
+    /// noise.
     shared: f64,
     own: f64,
     #[cfg(test)]
@@ -190,16 +195,18 @@ pub struct Comparison {
     pub gain_high: f64,
     /// The probability that the first is the cheaper one; what is equal is not cheaper.
     pub probability_better: f64,
-    /// How far the first is expected to be below the other, counted as 0 where it is above: a logarithm of a ratio.
+    /// How far the first is expected to be below the other, counted as 0 where it is above: a logarithm of a
+    /// ratio.
     pub expected_gain: f64,
     /// The same the other way round: what is to be lost by it.
     pub expected_loss: f64,
 }
 
 impl Comparison {
-    /// Whether what is to be gained by the first is at least so many times what is to be lost. Equals are neither: a
-    /// landscape that may be flat is no reason to stay (Keating and Shadwick, "A universal performance measure", Journal of
-    /// Performance Measurement 6, 2002, whose ratio Omega this is, at a threshold of no gain).
+    /// Whether what is to be gained by the first is at least so many times what is to be lost. Equals are
+    /// neither: a landscape that may be flat is no reason to stay (Keating and Shadwick, "A universal
+    /// performance measure", Journal of Performance Measurement 6, 2002, whose ratio Omega this is, at a
+    /// threshold of no gain).
     pub fn is_worth(&self, times: f64) -> bool {
         self.expected_gain > 0.0 && self.expected_gain >= times * self.expected_loss
     }
@@ -212,8 +219,8 @@ fn matern(distance_2: f64) -> f64 {
 }
 
 impl CostPosterior {
-    /// The posterior of what was measured. `distance_2` gives the squared distance between features. `None` for no
-    /// samples. The work grows with the cube of their number.
+    /// The posterior of what was measured. `distance_2` gives the squared distance between features. `None`
+    /// for no samples. The work grows with the cube of their number.
     pub fn of(
         samples: &[ConfigurationSample],
         distance_2: impl Fn(&[f64], &[f64]) -> f64,
@@ -312,7 +319,8 @@ impl CostPosterior {
         let Some(likeness) = model.likeness.as_ref().filter(|_| one != other) else {
             return StudentT { weight: model.weight, mean, deviation: 0.0, freedom: model.freedom };
         };
-        // Of the difference: what it is expected to be, less what the measurements explain, and what the level adds.
+        // Of the difference: what it is expected to be, less what the measurements explain, and what the
+        // level adds.
         let mut difference = self.with_cells(model, one);
         difference.iter_mut().zip(self.with_cells(model, other)).for_each(|(a, b)| *a -= b);
         model.factor.forward(&mut difference);
@@ -337,7 +345,8 @@ impl CostPosterior {
     }
 }
 
-/// The measurements as cells. Where there are too many, those of a configuration are one cell, without a time.
+/// The measurements as cells. Where there are too many, those of a configuration are one cell, without a
+/// time.
 fn cells(samples: &[ConfigurationSample]) -> Vec<Cell> {
     let mut cells = Vec::new();
     for (configuration, sample) in samples.iter().enumerate() {
@@ -394,8 +403,9 @@ impl<'a> Grid<'a> {
         Grid { cells, of, configurations, distances, offset: 0.0 }
     }
 
-    /// The same with one cell for each configuration, which is all that a steady machine's models need to know: for them the
-    /// means of a configuration's cells are repeats, whose likelihood given their mean does not depend on the model.
+    /// The same with one cell for each configuration, which is all that a steady machine's models need to
+    /// know: for them the means of a configuration's cells are repeats, whose likelihood given their mean
+    /// does not depend on the model.
     fn merged(samples: &[ConfigurationSample], cells: &[Cell], distances: &'a [f64]) -> Self {
         let whole = whole(samples);
         let logs = |cells: &[Cell]| cells.iter().map(|cell| libm::log(cell.count)).sum::<f64>();
@@ -459,7 +469,8 @@ impl<'a> Grid<'a> {
         matrix
     }
 
-    /// Fits one model: the logarithm of its marginal likelihood, but for what is the same for all of them, and its posterior.
+    /// Fits one model: the logarithm of its marginal likelihood, but for what is the same for all of them,
+    /// and its posterior.
     fn model(
         &self,
         matrix: Vec<f64>,
@@ -487,7 +498,8 @@ impl<'a> Grid<'a> {
             - factor.half_log_determinant()
             - 0.5 * libm::log(precision)
             - 0.5 * freedom * libm::log(sum);
-        // What each configuration is expected to be apart from the level, and what of the level it does not know by itself.
+        // What each configuration is expected to be apart from the level, and what of the level it does not
+        // know by itself.
         let (mut means, mut by_level) = (vec![level; self.configurations], vec![1.0; self.configurations]);
         if let Some(likeness) = &likeness {
             let (mut of_misfits, mut of_levels) =
@@ -542,7 +554,8 @@ impl StudentT {
         self.weight * probability
     }
 
-    /// How far it is expected to be above zero, counted as 0 where it is below; with `sign` -1 the other way round.
+    /// How far it is expected to be above zero, counted as 0 where it is below; with `sign` -1 the other way
+    /// round.
     fn excess(&self, sign: f64) -> f64 {
         let mean = sign * self.mean;
         let excess = if self.deviation > 0.0 {

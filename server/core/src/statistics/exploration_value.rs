@@ -1,21 +1,22 @@
 //! Whether the next few trials pay for themselves.
 //!
-//! A search gains most in its first trials and less with every doubling of their number, so its value is weighed octave
-//! by octave: what going on until the number of trials has doubled, once or several times, gains for all later frames,
-//! against what the trials cost above the reference. It goes on while any such horizon pays, and only to the end of the
-//! first octave, then it is weighed again: the knowledge gradient with a look ahead of several steps (Frazier, Powell and
-//! Dayanik, "The knowledge-gradient policy for correlated normal beliefs", INFORMS Journal on Computing 21, 2009; that one
-//! step is not enough where the first measurements gain little: Frazier and Powell, "Paradoxes in learning and the marginal
-//! value of information", Decision Analysis 7, 2010).
+//! A search gains most in its first trials and less with every doubling of their number, so its value is
+//! weighed octave by octave: what going on until the number of trials has doubled, once or several times,
+//! gains for all later frames, against what the trials cost above the reference. It goes on while any such
+//! horizon pays, and only to the end of the first octave, then it is weighed again: the knowledge gradient
+//! with a look ahead of several steps (Frazier, Powell and Dayanik, "The knowledge-gradient policy for
+//! correlated normal beliefs", INFORMS Journal on Computing 21, 2009; that one step is not enough where the
+//! first measurements gain little: Frazier and Powell, "Paradoxes in learning and the marginal value of
+//! information", Decision Analysis 7, 2010).
 //!
-//! What an octave gains is expected to be what it gained in other states, drawn towards a prior while there are few of
-//! them, times how much more or less this state has gained so far than was expected of it. So a landscape on which
-//! nothing is found is left after a few trials, and one that keeps giving is searched on.
+//! What an octave gains is expected to be what it gained in other states, drawn towards a prior while there
+//! are few of them, times how much more or less this state has gained so far than was expected of it. So a
+//! landscape on which nothing is found is left after a few trials, and one that keeps giving is searched on.
 
 /// Octaves: up to 2^17 trials in a state.
 pub const OCTAVES: usize = 17;
-/// What the octaves gain together where no search has shown anything: the paper's average gain over its scenes (section
-/// 7.1.2), which its searches took 80 trials for.
+/// What the octaves gain together where no search has shown anything: the paper's average gain over its
+/// scenes (section 7.1.2), which its searches took 80 trials for.
 const GAIN_PRIOR: f64 = 0.11;
 const OCTAVES_PRIOR: f64 = 6.0;
 /// How many states that is worth.
@@ -67,7 +68,8 @@ pub struct SearchProgress<'a> {
 pub struct Outlook {
     /// How many trials to go on for before it is weighed again; 0 where it does not pay.
     pub trials: usize,
-    /// By which share costs are expected to fall over the horizon that pays most, or costs least beyond what it brings.
+    /// By which share costs are expected to fall over the horizon that pays most, or costs least beyond what
+    /// it brings.
     pub gain: f64,
     /// What that horizon's trials cost, in frames of the reference.
     pub exploring_cost: f64,
@@ -113,8 +115,8 @@ mod tests {
 
     use super::*;
 
-    /// Follows the rule through a stay of so many frames in a state whose octaves gain so much; how many trials it
-    /// explored.
+    /// Follows the rule through a stay of so many frames in a state whose octaves gain so much; how many
+    /// trials it explored.
     fn explored(gains: &Gains, octaves: &[f64], frames: usize, excess: f64) -> usize {
         let (mut tried, mut frame) = (1usize, 1);
         while frame < frames {

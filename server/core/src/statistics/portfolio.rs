@@ -1,41 +1,43 @@
 //! The few configurations that together serve all known states best.
 //!
-//! What is minimised is the mean over states of the best that any member costs there, relative to the state's own best:
-//! the price of having the portfolio in place of a search. The reduction of it is a submodular function of the set, so
-//! adding the member that helps most, one after the other, is within 63 % of the best portfolio of the same size
-//! (Nemhauser, Wolsey and Fisher, "An analysis of approximations for maximizing submodular set functions", Mathematical
-//! Programming 14, 1978). Portfolios from configurations of other instances: Xu, Hoos and Leyton-Brown, "Hydra", AAAI
-//! 2010; Kadioglu, Malitsky, Sellmann and Tierney, "ISAC", ECAI 2010; as the beginning of a search: Feurer et al.,
-//! "Auto-sklearn 2.0", JMLR 23, 2022.
+//! What is minimised is the mean over states of the best that any member costs there, relative to the state's
+//! own best: the price of having the portfolio in place of a search. The reduction of it is a submodular
+//! function of the set, so adding the member that helps most, one after the other, is within 63 % of the best
+//! portfolio of the same size (Nemhauser, Wolsey and Fisher, "An analysis of approximations for maximizing
+//! submodular set functions", Mathematical Programming 14, 1978). Portfolios from configurations of other
+//! instances: Xu, Hoos and Leyton-Brown, "Hydra", AAAI 2010; Kadioglu, Malitsky, Sellmann and Tierney,
+//! "ISAC", ECAI 2010; as the beginning of a search: Feurer et al., "Auto-sklearn 2.0", JMLR 23, 2022.
 //!
-//! The first member is the best fixed configuration: of those known in many states the one that is best on average, so nobody
-//! who begins with the portfolio does worse than it. In that average what a configuration loses in a state is bounded (as in
-//! Huber, "Robust estimation of a location parameter", Annals of Mathematical Statistics 35, 1964). Without the bound one state
-//! that gains threefold by what no other wants would choose it for all of them, and a few percent would be lost in each. What
-//! such a state wants is among the members after the first, and runs a few frames later.
+//! The first member is the best fixed configuration: of those known in many states the one that is best on
+//! average, so nobody who begins with the portfolio does worse than it. In that average what a configuration
+//! loses in a state is bounded (as in Huber, "Robust estimation of a location parameter", Annals of
+//! Mathematical Statistics 35, 1964). Without the bound one state that gains threefold by what no other wants
+//! would choose it for all of them, and a few percent would be lost in each. What such a state wants is among
+//! the members after the first, and runs a few frames later.
 //!
-//! Not everything was measured everywhere. What is missing is completed by a sum of a level of the state and an effect of the
-//! configuration, the effect drawn towards that of a mediocre configuration by how few states it was seen in, so that one
-//! lucky scene makes nobody a member.
+//! Not everything was measured everywhere. What is missing is completed by a sum of a level of the state and
+//! an effect of the configuration, the effect drawn towards that of a mediocre configuration by how few
+//! states it was seen in, so that one lucky scene makes nobody a member.
 //!
-//! Effects differ in size from state to state: where a build costs most of a frame, all good configurations are far below
-//! the mediocre ones. Who was measured in such a state alone would look better than whoever did well everywhere. So every
-//! configuration is compared, in the states that both know, with one good configuration that is known in many: the
-//! anchor. What good configurations have in common in a state drops out of the difference. How much a state adds to an
-//! effect is estimated from those that are known in many states, and the best fixed configuration is one of these. So are the
-//! members after it, as long as they help: what a search found in one state looks there as if nothing could help more,
-//! for it is the luckiest of hundreds that were measured once each. Such finds are members in what room is left.
+//! Effects differ in size from state to state: where a build costs most of a frame, all good configurations
+//! are far below the mediocre ones. Who was measured in such a state alone would look better than whoever did
+//! well everywhere. So every configuration is compared, in the states that both know, with one good
+//! configuration that is known in many: the anchor. What good configurations have in common in a state drops
+//! out of the difference. How much a state adds to an effect is estimated from those that are known in many
+//! states, and the best fixed configuration is one of these. So are the members after it, as long as they
+//! help: what a search found in one state looks there as if nothing could help more, for it is the luckiest
+//! of hundreds that were measured once each. Such finds are members in what room is left.
 
 /// How many members a portfolio has.
 pub const MEMBERS: usize = 8;
-/// Variance of what a state adds to a configuration's effect, in squares of logarithms, before it is estimated and at the
-/// least, and of the effects.
+/// Variance of what a state adds to a configuration's effect, in squares of logarithms, before it is
+/// estimated and at the least, and of the effects.
 const INTERACTION: f64 = 0.1 * 0.1;
 const EFFECT: f64 = 0.2 * 0.2;
 /// A configuration that cannot be run in a state counts as so much dearer there, as a logarithm.
 const INFEASIBLE: f64 = 1.0;
-/// What a configuration costs in a state above the best of those known in many states counts as so much at most, a
-/// logarithm, when the first member is chosen.
+/// What a configuration costs in a state above the best of those known in many states counts as so much at
+/// most, a logarithm, when the first member is chosen.
 const EXCESS_MOST: f64 = 0.25;
 /// A member that lowers the mean logarithm of costs by less is not worth a measurement.
 const HELP_LEAST: f64 = 1e-4;
@@ -70,10 +72,11 @@ pub struct CostTable {
 }
 
 impl CostTable {
-    /// Whether a configuration is proven to cost less than another one, for a further state of the same kind: by the states
-    /// in which both were measured, at least `PROVING_STATES`, the mean of the logarithms of their ratios is below 0
-    /// with 97.5 %, and so is a single one with 84 % (Student's prediction interval, with its factors for few states
-    /// rounded up). A state that cannot run the first of them proves the contrary.
+    /// Whether a configuration is proven to cost less than another one, for a further state of the same kind:
+    /// by the states in which both were measured, at least `PROVING_STATES`, the mean of the logarithms of
+    /// their ratios is below 0 with 97.5 %, and so is a single one with 84 % (Student's prediction interval,
+    /// with its factors for few states rounded up). A state that cannot run the first of them proves the
+    /// contrary.
     pub fn is_proven(&self, one: usize, reference: usize) -> bool {
         let mut ratios = Vec::new();
         for row in &self.rows {
@@ -105,8 +108,8 @@ impl CostTable {
         self.rows.iter().filter(known).map(Vec::as_slice).collect()
     }
 
-    /// What each configuration is expected to cost above the best of its state: logarithms of ratios, 0 for the
-    /// best. Rows without anything measured are left out.
+    /// What each configuration is expected to cost above the best of its state: logarithms of ratios, 0 for
+    /// the best. Rows without anything measured are left out.
     fn completed(&self) -> Vec<Vec<f64>> {
         let rows = self.measured();
         let mut fit = Fit::new(&rows);
@@ -145,8 +148,8 @@ impl CostTable {
         completed
     }
 
-    /// What each configuration is expected to cost above the best of a state, on average: mean logarithms of ratios. Empty
-    /// where nothing was measured.
+    /// What each configuration is expected to cost above the best of a state, on average: mean logarithms of
+    /// ratios. Empty where nothing was measured.
     pub fn mean_prices(&self) -> Vec<f64> {
         let completed = self.completed();
         let count = completed.first().map_or(0, Vec::len);
@@ -155,9 +158,10 @@ impl CostTable {
         (0..count).map(mean).collect()
     }
 
-    /// The members of a portfolio, at most so many: places of configurations, the best fixed one first, then whoever helps
-    /// most beside those before; those known in many states, then `always`, then the others. `always` are members whether they
-    /// help or not; all of them count towards the number. Empty where nothing was measured.
+    /// The members of a portfolio, at most so many: places of configurations, the best fixed one first, then
+    /// whoever helps most beside those before; those known in many states, then `always`, then the others.
+    /// `always` are members whether they help or not; all of them count towards the number. Empty where
+    /// nothing was measured.
     pub fn portfolio(&self, members: usize, always: &[usize]) -> Vec<usize> {
         let all: Vec<usize> = (0..self.rows.first().map_or(0, Vec::len)).collect();
         self.portfolio_among(&all, members, always)
@@ -197,8 +201,9 @@ impl CostTable {
     }
 }
 
-/// The best fixed configuration among those: the one whose excess over the best of them in a state is least on average, where
-/// no state in which it can be run counts for more than [`EXCESS_MOST`]. The first of equals.
+/// The best fixed configuration among those: the one whose excess over the best of them in a state is least
+/// on average, where no state in which it can be run counts for more than [`EXCESS_MOST`]. The first of
+/// equals.
 fn first_of(among: &[usize], rows: &[&[CostEntry]], completed: &[Vec<f64>]) -> Option<usize> {
     let best_of =
         |expected: &Vec<f64>| among.iter().map(|&place| expected[place]).fold(f64::INFINITY, f64::min);
@@ -234,7 +239,8 @@ impl Chosen<'_> {
         self.places.push(place);
     }
 
-    /// Adds whoever of them helps most, one after the other, until there are so many members or nobody helps by so much.
+    /// Adds whoever of them helps most, one after the other, until there are so many members or nobody helps
+    /// by so much.
     fn add_while_helpful(&mut self, among: &[usize], members: usize, help_least: f64) {
         while self.places.len() < members {
             let others = among.iter().filter(|place| !self.places.contains(place));
@@ -276,7 +282,8 @@ impl Fit {
         sum / weight
     }
 
-    /// The effects of all configurations: what each costs above the levels of its states, drawn towards 0, a mediocre one.
+    /// The effects of all configurations: what each costs above the levels of its states, drawn towards 0, a
+    /// mediocre one.
     fn effects_over(&self, rows: &[&[CostEntry]]) -> Vec<f64> {
         let effect = |place: usize| {
             let (mut sum, mut weight) = (0.0, 1.0 / EFFECT);
@@ -295,8 +302,8 @@ impl Fit {
         (0..self.effects.len()).map(effect).collect()
     }
 
-    /// The variance of what a state adds to an effect, by the well-known configurations beside the anchor: what the squares
-    /// of the residuals around the mean of each say beyond the noise, by their median.
+    /// The variance of what a state adds to an effect, by the well-known configurations beside the anchor:
+    /// what the squares of the residuals around the mean of each say beyond the noise, by their median.
     fn interaction_of(&self, rows: &[&[CostEntry]], well_known: &[usize], anchor: usize) -> f64 {
         let mut squares = Vec::new();
         for &place in well_known.iter().filter(|&&place| place != anchor) {
@@ -407,8 +414,8 @@ mod tests {
 
     #[test]
     fn a_state_where_everything_matters_more_makes_no_best_fixed_configuration() {
-        // The last was measured in one state, where good ones are far below mediocre ones, and did no better there than the
-        // third, which is good everywhere.
+        // The last was measured in one state, where good ones are far below mediocre ones, and did no better
+        // there than the third, which is good everywhere.
         let costs = table(&[
             &[10.0, 10.5, 8.0, 0.0],
             &[20.0, 21.0, 16.0, 0.0],

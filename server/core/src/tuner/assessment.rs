@@ -1,13 +1,13 @@
 //! What is proven of the configurations of a state, and what is exploited there for it.
 //!
 //! The lowest of many noisy costs is mostly luck. So what a state's own measurements answer is read from a
-//! [posterior](crate::statistics::estimate): the configuration that is expected to cost least among those by which much more is
-//! to be gained than lost ([`WORTH`]) over the state's incumbent; where there is none, the incumbent. That is the
-//! best of other states or the study's default configuration, until a [confirmation](super::confirmation) has put another
-//! one in its place.
+//! [posterior](crate::statistics::estimate): the configuration that is expected to cost least among those by
+//! which much more is to be gained than lost ([`WORTH`]) over the state's incumbent; where there is none, the
+//! incumbent. That is the best of other states or the study's default configuration, until a
+//! [confirmation](super::confirmation) has put another one in its place.
 //!
-//! An assessment takes a few milliseconds. It is made apart from the tuner, from a copy of the state's table, and kept until
-//! that changes; who cannot wait for one gets what the last one said.
+//! An assessment takes a few milliseconds. It is made apart from the tuner, from a copy of the state's table,
+//! and kept until that changes; who cannot wait for one gets what the last one said.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -25,7 +25,8 @@ use crate::statistics::confirm::GAIN_LEAST;
 use crate::statistics::estimate::{Comparison, ConfigurationSample, CostPosterior, Measurement};
 use crate::study::StudySpec;
 
-/// The probability of being better by all that was measured that settles what the rounds of a confirmation leave open.
+/// The probability of being better by all that was measured that settles what the rounds of a confirmation
+/// leave open.
 const PROBABLE: f64 = 0.95;
 /// What is to be gained by an answer over the incumbent is at least so many times what is to be lost by it.
 const WORTH: f64 = 20.0;
@@ -59,8 +60,8 @@ pub struct Assessment {
     is_settled: bool,
     /// The configuration to exploit.
     pub(super) answer: Configuration,
-    /// The one that is expected to cost least among those that are better than the incumbent with a probability of at least
-    /// [`PROBABLE`].
+    /// The one that is expected to cost least among those that are better than the incumbent with a
+    /// probability of at least [`PROBABLE`].
     pub(super) probable: Option<Configuration>,
     /// Its cost, with the ends of the 95 % interval.
     pub(super) cost: f64,
@@ -162,8 +163,8 @@ fn gain(comparison: Comparison) -> Gain {
     Gain { share, low: told(gain_low), high: told(gain_high), probability_better: Some(probability_better) }
 }
 
-/// The measured configurations that a posterior is made from: the best half, and of the others as many as there is room
-/// for, evenly spread over their ranks, so that the best are seen beside all.
+/// The measured configurations that a posterior is made from: the best half, and of the others as many as
+/// there is room for, evenly spread over their ranks, so that the best are seen beside all.
 fn chosen<'a>(results: &'a ResultTable, named: [&Configuration; 2]) -> Vec<&'a Record> {
     let ranked: Vec<&Record> = results.ranked().collect();
     if ranked.len() <= ASSESSED_MAX {
@@ -196,10 +197,10 @@ fn posterior(
     })
 }
 
-/// What was measured of configurations, as far as one absurd report among it does no harm. Measurements that others of the
-/// same configuration contradict are passed over or drawn in. What lies far above everything else and above what is `told`
-/// (places of records) counts as no further away: how much dearer it is does not matter. What lies far below, and was
-/// measured once, is drawn in likewise.
+/// What was measured of configurations, as far as one absurd report among it does no harm. Measurements that
+/// others of the same configuration contradict are passed over or drawn in. What lies far above everything
+/// else and above what is `told` (places of records) counts as no further away: how much dearer it is does
+/// not matter. What lies far below, and was measured once, is drawn in likewise.
 pub(super) fn samples(
     records: &[&Record],
     layout: &Layout,
@@ -235,9 +236,10 @@ pub(super) fn samples(
     records.iter().enumerate().map(one).collect()
 }
 
-/// Lets configurations whose measurements scatter more than is usual count for less: the posterior knows one noise for
-/// all, and some are restless by themselves, as a builder is whose threads meet by chance. Each one's own variance is
-/// drawn towards the usual one, as if that had been seen in [`USUAL_COUNT`] measurements of it.
+/// Lets configurations whose measurements scatter more than is usual count for less: the posterior knows one
+/// noise for all, and some are restless by themselves, as a builder is whose threads meet by chance. Each
+/// one's own variance is drawn towards the usual one, as if that had been seen in [`USUAL_COUNT`]
+/// measurements of it.
 fn weigh(samples: &mut [ConfigurationSample]) {
     let freedom = |sample: &ConfigurationSample| sample.measurements.len() as f64 - 1.0;
     let mut variances: Vec<(f64, f64)> = samples
@@ -261,7 +263,8 @@ fn weigh(samples: &mut [ConfigurationSample]) {
     }
 }
 
-/// The measurements of one configuration; wild ones are passed over or drawn in. Costs count as `least` at least.
+/// The measurements of one configuration; wild ones are passed over or drawn in. Costs count as `least` at
+/// least.
 fn sample(features: Vec<f64>, evidence: &Evidence, least: f64, usual: Option<f64>) -> ConfigurationSample {
     let places = trusted(evidence.values(), usual);
     let mut logs: Vec<f64> =
@@ -272,7 +275,8 @@ fn sample(features: Vec<f64>, evidence: &Evidence, least: f64, usual: Option<f64
     ConfigurationSample { features, measurements, weight: 1.0 }
 }
 
-/// The last assessment of each state, of those that were assessed last. What stands here can always be made again.
+/// The last assessment of each state, of those that were assessed last. What stands here can always be made
+/// again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Assessments {
     made: BTreeMap<StateId, (u64, Arc<Assessment>)>,

@@ -1,8 +1,8 @@
 //! Costs without the noise that auxiliary measurements explain, state by state.
 //!
-//! A study may name metrics beside those of its objective. What they say of a cost is learnt from the state's own trials
-//! (see [`Denoiser`]), and learnt anew every few of them; the table is then stated anew, because what is taken out of a
-//! cost depends on it. All of it follows from the completed trials in their order.
+//! A study may name metrics beside those of its objective. What they say of a cost is learnt from the state's
+//! own trials (see [`Denoiser`]), and learnt anew every few of them; the table is then stated anew, because
+//! what is taken out of a cost depends on it. All of it follows from the completed trials in their order.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,8 @@ use crate::tuner::confirmation::Stored;
 
 /// The regression is learnt anew after so many trials.
 const LEARNT_EVERY: u64 = 4;
-/// What was put down to the speed of a machine is judged anew once the auxiliary measurements have so much more of a say.
+/// What was put down to the speed of a machine is judged anew once the auxiliary measurements have so much
+/// more of a say.
 const WEIGHT_GROWN: f64 = 0.25;
 /// Costs of zero have no logarithm.
 const COST_LEAST: f64 = 1e-300;
@@ -122,8 +123,8 @@ impl Auxiliaries {
         })
     }
 
-    /// Takes a trial. Where the regression was learnt anew, tells the costs of all configurations by it, and whether the
-    /// speeds of machines are to be judged anew, because it explains what seemed to be speed.
+    /// Takes a trial. Where the regression was learnt anew, tells the costs of all configurations by it, and
+    /// whether the speeds of machines are to be judged anew, because it explains what seemed to be speed.
     pub(super) fn take(
         &mut self,
         state: StateId,

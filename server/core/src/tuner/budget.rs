@@ -4,22 +4,24 @@
 //!
 //! > what exploring cost above the reference  <=  b x the cost of all frames that did not explore.
 //!
-//! The reference is what would have been run without exploring: the study's default, or the best that was measured in
-//! the state, whichever is cheaper. Both are measured by this client in this stay, the default once before anything is
-//! explored, because what is remembered of a state may no longer hold. Reserving for the worst case before each
-//! exploratory action is the idea of conservative bandits (Wu, Shariff, Lattimore and Szepesvári, "Conservative
-//! bandits", ICML 2016); here costs are bounded because trials are stopped at a cap, and nothing is assumed of how they
-//! are distributed.
+//! The reference is what would have been run without exploring: the study's default, or the best that was
+//! measured in the state, whichever is cheaper. Both are measured by this client in this stay, the default
+//! once before anything is explored, because what is remembered of a state may no longer hold. Reserving for
+//! the worst case before each exploratory action is the idea of conservative bandits (Wu, Shariff, Lattimore
+//! and Szepesvári, "Conservative bandits", ICML 2016); here costs are bounded because trials are stopped at a
+//! cap, and nothing is assumed of how they are distributed.
 //!
-//! - A trial is only handed out when the budget left covers its whole cap, as if the reference cost nothing. A
-//!   client that cannot stop in time is taken to cost `worst_factor` times the reference instead.
-//! - Once it is reported it is charged all it cost, until the next frame of the reference in the same state shows what
-//!   that costs now. Then the charge falls to what it cost above [`GUARD`] times the cheapest of the last few frames
-//!   of the reference, before or after, so that neither noise nor a machine that changes its speed hides regret.
-//! - A trial that is handed out again because its report never came may have been run each time: what was set aside is
-//!   charged, and as much set aside anew; where too little is left for that, the client gets another answer.
-//! - A trial that comes back without a cost, or never, stays charged with its worst case. Trials that did better than
-//!   the reference earn nothing.
+//! - A trial is only handed out when the budget left covers its whole cap, as if the reference cost nothing.
+//!   A client that cannot stop in time is taken to cost `worst_factor` times the reference instead.
+//! - Once it is reported it is charged all it cost, until the next frame of the reference in the same state
+//!   shows what that costs now. Then the charge falls to what it cost above [`GUARD`] times the cheapest of
+//!   the last few frames of the reference, before or after, so that neither noise nor a machine that changes
+//!   its speed hides regret.
+//! - A trial that is handed out again because its report never came may have been run each time: what was set
+//!   aside is charged, and as much set aside anew; where too little is left for that, the client gets another
+//!   answer.
+//! - A trial that comes back without a cost, or never, stays charged with its worst case. Trials that did
+//!   better than the reference earn nothing.
 
 use std::collections::BTreeMap;
 
@@ -101,8 +103,9 @@ pub(super) enum Denied {
     TooLittle(Leave),
 }
 
-/// The terms of the policy that an account keeps: the share of the frames' cost that exploring may cost, and by which
-/// factors of the reference's cost trials are stopped, or taken to cost at worst where they cannot be.
+/// The terms of the policy that an account keeps: the share of the frames' cost that exploring may cost, and
+/// by which factors of the reference's cost trials are stopped, or taken to cost at worst where they cannot
+/// be.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Terms {
     pub(super) budget: f64,
@@ -164,8 +167,8 @@ impl Account {
         budget * self.kept.value() - self.charged.value() - unsettled - out
     }
 
-    /// Whether an exploring trial may be handed out, and on what terms. Where the default cannot be run in the state,
-    /// the frames that did not explore are all the reference there is.
+    /// Whether an exploring trial may be handed out, and on what terms. Where the default cannot be run in
+    /// the state, the frames that did not explore are all the reference there is.
     pub(super) fn leave(&self, terms: Terms, can_abort: bool, default_runs: bool) -> Result<Leave, Denied> {
         let kept = lower_median(&self.references);
         let default = self.default.or(kept.filter(|_| !default_runs)).ok_or(Denied::NoReference)?;
@@ -190,20 +193,22 @@ impl Account {
         }
     }
 
-    /// Whether a trial that is out may be handed out again: something is set aside for it, and as much is left.
+    /// Whether a trial that is out may be handed out again: something is set aside for it, and as much is
+    /// left.
     pub(super) fn covers_again(&self, trial: u64, budget: f64) -> bool {
         self.out.get(&trial).is_some_and(|&worst| self.left(budget) >= worst)
     }
 
-    /// Hands a trial out again, whose report never came. Whoever asks for it may have run it, so what was set aside
-    /// is charged, and as much is set aside once more.
+    /// Hands a trial out again, whose report never came. Whoever asks for it may have run it, so what was set
+    /// aside is charged, and as much is set aside once more.
     pub(super) fn again(&mut self, trial: u64) {
         if let Some(&worst) = self.out.get(&trial) {
             add(&mut self.charged, worst);
         }
     }
 
-    /// Takes a report. `cost` is what the frame cost, as far as it is known. Trials of other sessions are passed over.
+    /// Takes a report. `cost` is what the frame cost, as far as it is known. Trials of other sessions are
+    /// passed over.
     pub(super) fn report(&mut self, trial: u64, state_id: u64, cost: Option<f64>, is_default: bool) {
         if trial < self.first_trial {
             return;

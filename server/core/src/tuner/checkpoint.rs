@@ -1,9 +1,10 @@
-//! What a tuner learnt from completed trials, as bytes: so that a restart need not go through all of them again.
+//! What a tuner learnt from completed trials, as bytes: so that a restart need not go through all of them
+//! again.
 //!
-//! A checkpoint is an accelerator and nothing else. It says which version wrote it and which specification it holds
-//! for, carries a check sum, and is passed over wherever one of these does not fit; the trials are then gone through
-//! from the first. What follows from it is the same to the bit, which the replay tests hold. Searches, visits and
-//! open trials have rows of their own and are no part of it.
+//! A checkpoint is an accelerator and nothing else. It says which version wrote it and which specification it
+//! holds for, carries a check sum, and is passed over wherever one of these does not fit; the trials are then
+//! gone through from the first. What follows from it is the same to the bit, which the replay tests hold.
+//! Searches, visits and open trials have rows of their own and are no part of it.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -27,7 +28,8 @@ use crate::tuner::{Checkpoint, Tuner};
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
 const VERSION: u64 = 10;
 
-/// What a tuner learnt. Taken in a moment, since it shares its tables with the tuner until either changes them.
+/// What a tuner learnt. Taken in a moment, since it shares its tables with the tuner until either changes
+/// them.
 #[derive(Clone, Debug)]
 pub struct Learnt {
     mark: u64,
@@ -102,8 +104,8 @@ impl Tuner {
         }
     }
 
-    /// Takes over what a checkpoint holds, into a tuner that has its states and has learnt nothing. An error says
-    /// why it is of no use; nothing was changed then.
+    /// Takes over what a checkpoint holds, into a tuner that has its states and has learnt nothing. An error
+    /// says why it is of no use; nothing was changed then.
     pub(super) fn take_over(&mut self, checkpoint: &Checkpoint) -> Result<(), String> {
         let (head, packed) = checkpoint.bytes.split_at_checked(16).ok_or("it is cut off")?;
         let word = |place: usize| {

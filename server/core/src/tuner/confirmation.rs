@@ -1,11 +1,13 @@
-//! The last stage of a state's search: its best few run against the incumbent, in rounds, until one is proven better.
+//! The last stage of a state's search: its best few run against the incumbent, in rounds, until one is proven
+//! better.
 //!
-//! The incumbent of a state is what did best in other states, else the study's default configuration, until a race replaces
-//! it. Contenders are chosen by the state's [assessment](super::assessment), and measured by whichever clients explore there. What the
-//! [race](crate::statistics::confirm) leaves open when its rounds are over is settled by a test of the rounds alone, and else by
-//! one more assessment, which looks at all that was ever measured of the contenders. What that finds is answered, and told as
-//! likely: proven is only what the rounds prove. From then on the verdict is what is exploited, and nothing has to be computed
-//! for it. The default runs in every race, so that what is told of the winner was measured beside it.
+//! The incumbent of a state is what did best in other states, else the study's default configuration, until a
+//! race replaces it. Contenders are chosen by the state's [assessment](super::assessment), and measured by
+//! whichever clients explore there. What the [race](crate::statistics::confirm) leaves open when its rounds
+//! are over is settled by a test of the rounds alone, and else by one more assessment, which looks at all
+//! that was ever measured of the contenders. What that finds is answered, and told as likely: proven is only
+//! what the rounds prove. From then on the verdict is what is exploited, and nothing has to be computed for
+//! it. The default runs in every race, so that what is told of the winner was measured beside it.
 
 use std::collections::BTreeMap;
 
@@ -28,7 +30,8 @@ use crate::tuner::proposal::ProposedTrial;
 
 /// How many of a search's best run against the incumbent.
 const CHALLENGERS_MAX: usize = 4;
-/// The noise is taken to be larger than it was seen to be by so much: what is proven holds only if it is not larger still.
+/// The noise is taken to be larger than it was seen to be by so much: what is proven holds only if it is not
+/// larger still.
 const NOISE_MARGIN: f64 = 1.25;
 /// Noise is never taken to be less: timers and clocks are not that good.
 const NOISE_LEAST: f64 = 0.01;
@@ -296,8 +299,8 @@ impl Tuner {
         Some(Answered { configuration, cost, gain: None, gain_at_most: None, nothing_better: None })
     }
 
-    /// The next measurement of a state's confirmation, in a state whose search is at its end. `None` where it is over,
-    /// or waits for what others measure.
+    /// The next measurement of a state's confirmation, in a state whose search is at its end. `None` where it
+    /// is over, or waits for what others measure.
     pub(super) fn confirm(
         &mut self,
         state: StateId,
@@ -333,8 +336,9 @@ impl Tuner {
         Some(ProposedTrial { configuration, predicted_cost, point })
     }
 
-    /// Decides what follows from a race that is over: its winner is the incumbent from now on, else the challenger that is proven
-    /// better by all rounds together, else the one that is likely to be better by all that was measured or by the rounds.
+    /// Decides what follows from a race that is over: its winner is the incumbent from now on, else the
+    /// challenger that is proven better by all rounds together, else the one that is likely to be better by
+    /// all that was measured or by the rounds.
     fn settle_race(&mut self, state: StateId, planned: &Planned) -> Option<()> {
         let race = self.race(state).filter(|race| race.is_decided() && !race.settled)?;
         let winner = match race.winner().or_else(|| race.better_by_rounds(PROVEN_ERROR_MAX)) {
@@ -342,7 +346,8 @@ impl Tuner {
             None => {
                 let (assessment, _) =
                     self.assessment(state, planned).filter(|(_, is_current)| *is_current)?;
-                // Where the machine was disturbed meanwhile, costs of different times compare badly: only pairs count.
+                // Where the machine was disturbed meanwhile, costs of different times compare badly: only
+                // pairs count.
                 let is_disturbed = self.states.results(state).disturbances() > race.disturbances;
                 let probable = assessment.probable.as_ref();
                 let assessed = probable.filter(|probable| !is_disturbed && race.is_challenger(probable));

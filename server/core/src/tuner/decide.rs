@@ -74,10 +74,11 @@ impl Tuner {
         })
     }
 
-    /// The number of the visit that a decision is to be taken for in a state, known or not; `None` where the last
-    /// one holds, which it does not for a session that wants something else. A kept configuration that proved infeasible or clearly worse than another here meanwhile is decided
-    /// anew, and so is whether to explore, by the dice or by what pays, whenever a stay has doubled its length, so that
-    /// nobody who stays is left for ever at what the dice gave first.
+    /// The number of the visit that a decision is to be taken for in a state, known or not; `None` where the
+    /// last one holds, which it does not for a session that wants something else. A kept configuration that
+    /// proved infeasible or clearly worse than another here meanwhile is decided anew, and so is whether to
+    /// explore, by the dice or by what pays, whenever a stay has doubled its length, so that nobody who stays
+    /// is left for ever at what the dice gave first.
     pub(super) fn decides(&self, ask: &Ask, state: Option<StateId>) -> Option<u64> {
         let client_id = &ask.client_id;
         let Some(visit) = self.visits.of(client_id) else {
@@ -173,8 +174,8 @@ impl Tuner {
         VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate }
     }
 
-    /// Whether a client explores a state for which the decision of visit `number` is to be taken, as far as that can be
-    /// told without asking what would be exploited.
+    /// Whether a client explores a state for which the decision of visit `number` is to be taken, as far as
+    /// that can be told without asking what would be exploited.
     pub(super) fn explores(&self, ask: &Ask, number: u64, state: StateId) -> bool {
         let (policy, session) = (&self.spec.policy, &ask.session_policy);
         if self.is_finished_for(session, state) {
@@ -315,8 +316,8 @@ impl Tuner {
         self.spec.policy.confirm_rounds == 0 || !is_single
     }
 
-    /// The nearest neighbour names the luckiest configuration of the nearest state; in its place the one that is proven
-    /// there is answered.
+    /// The nearest neighbour names the luckiest configuration of the nearest state; in its place the one that
+    /// is proven there is answered.
     fn proven(&self, answer: Answer, here: Option<StateId>, planned: &Planned) -> Answer {
         let Some(state) = answer.neighbours.first().map(|nearest| StateId(nearest.state_id)) else {
             return answer;

@@ -12,8 +12,8 @@ use crate::space::Space;
 use crate::tuner::confirmation::{Confirming, Stored};
 use crate::tuner::screening::HeldParameters;
 
-/// The search of one state and its points in flight. Once its budget is spent the search itself is dropped: what it
-/// found stands in the state's table. Opaque, exact through serde.
+/// The search of one state and its points in flight. Once its budget is spent the search itself is dropped:
+/// what it found stands in the state's table. Opaque, exact through serde.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exploration {
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -32,7 +32,8 @@ pub struct Exploration {
     /// The race of the best few against the incumbent, once the search is over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) confirming: Option<Confirming>,
-    /// The incumbent where that is not the default configuration: proven better here, or expected to be by other states.
+    /// The incumbent where that is not the default configuration: proven better here, or expected to be by
+    /// other states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) confirmed: Option<Stored>,
     /// Leases that were lost in the state, of configurations that were never measured there; the latest last.

@@ -20,18 +20,19 @@ use crate::tuner::{Exploration, Tuner, few, searches};
 /// Most of the best configurations that a search is told which goes on where another one ended.
 const TOLD_MAX: usize = 128;
 
-/// An incumbent of other states that another configuration beats is measured again each time that so many more were tried,
-/// until it was measured so often.
+/// An incumbent of other states that another configuration beats is measured again each time that so many
+/// more were tried, until it was measured so often.
 const DOUBTED_EVERY: u64 = 3;
 const DOUBTED_UNTIL: u64 = 3;
 
-/// Once so many configurations were tried, and this share of the budget is spent, those of so many leaders that are not clearly
-/// better than the incumbent by that are measured again. Before, a new configuration is worth more than a repeat: what was lucky
-/// is told by the repeats at the end as well.
+/// Once so many configurations were tried, and this share of the budget is spent, those of so many leaders
+/// that are not clearly better than the incumbent by that are measured again. Before, a new configuration is
+/// worth more than a repeat: what was lucky is told by the repeats at the end as well.
 const LEADERS_FROM: usize = 8;
 const LEADERS_LATE: f64 = 0.6;
 const LEADERS: usize = 3;
-/// Beside the incumbent so many deviations of their difference are clear once they were measured so often at the least,
+/// Beside the incumbent so many deviations of their difference are clear once they were measured so often at
+/// the least,
 const LEADERS_CLEAR: f64 = 2.5;
 const LEADERS_MEASURED_LEAST: u64 = 3;
 /// until they were so often at the most, and as long as that is no more than this share of what was tried.
@@ -141,9 +142,9 @@ impl Tuner {
         Explored::Nothing { instead, rule }
     }
 
-    /// The incumbent, where it is to be measured again while others are explored: by it the speed of the client's machine
-    /// is told. One that other states named and that does badly here is measured again soon, so that it gives way. Once the
-    /// search is spent the confirmation measures it anyway.
+    /// The incumbent, where it is to be measured again while others are explored: by it the speed of the
+    /// client's machine is told. One that other states named and that does badly here is measured again soon,
+    /// so that it gives way. Once the search is spent the confirmation measures it anyway.
     fn incumbent_again(&self, client_id: &str, room: usize, state: StateId) -> Option<ProposedTrial> {
         let (results, incumbent) = (self.states.results(state), self.incumbent(state));
         let goes_on = self.searches.taken(state, results, &self.spec.policy) < room && !results.is_exact();
@@ -165,12 +166,13 @@ impl Tuner {
         Some(ProposedTrial { configuration: incumbent.clone(), predicted_cost, point })
     }
 
-    /// One of the few that look better than the incumbent, where it is not clear yet whether they are. The incumbent is
-    /// measured again and again, and a challenger that ran once is not proven by whatever else is tried: so a part of the
-    /// search's measurements goes to the leaders, as in the racing of Maron and Moore ("Hoeffding races", NIPS 1993). The
-    /// lucky ones fall back behind others, which are measured again next. Where the policy wants nothing confirmed, and in the
-    /// searches that are followed as they were published, nothing is.
-    /// What was measured once and lies far from everything else is measured again at once, wherever the search is.
+    /// One of the few that look better than the incumbent, where it is not clear yet whether they are. The
+    /// incumbent is measured again and again, and a challenger that ran once is not proven by whatever else
+    /// is tried: so a part of the search's measurements goes to the leaders, as in the racing of Maron and
+    /// Moore ("Hoeffding races", NIPS 1993). The lucky ones fall back behind others, which are measured again
+    /// next. Where the policy wants nothing confirmed, and in the searches that are followed as they were
+    /// published, nothing is. What was measured once and lies far from everything else is measured again at
+    /// once, wherever the search is.
     fn leader_again(&self, room: usize, state: StateId) -> Option<ProposedTrial> {
         let (results, incumbent) = (self.states.results(state), self.incumbent(state));
         let (tried, taken) = (results.tried(), self.searches.taken(state, results, &self.spec.policy));
@@ -238,8 +240,8 @@ impl Tuner {
     }
 
     /// What to run where nothing was measured yet, if the predictor can say from elsewhere where much may be
-    /// gained. A client that stays goes on with the state's search; where every input is met once, this is all
-    /// the exploring there is.
+    /// gained. A client that stays goes on with the state's search; where every input is met once, this is
+    /// all the exploring there is.
     fn first_of_a_state(
         &self,
         state: StateId,
@@ -255,10 +257,10 @@ impl Tuner {
         Some(ProposedTrial { configuration, predicted_cost, point })
     }
 
-    /// Sees that the state has a search of the policy's kind, unless its budget is spent. Trials that carry points
-    /// of an earlier search only feed the table from then on. Where an earlier one was dropped because its budget
-    /// was spent, and the budget was raised since, the new one is told what the table knows, and so it is where that was
-    /// taken over from other machines or other databases.
+    /// Sees that the state has a search of the policy's kind, unless its budget is spent. Trials that carry
+    /// points of an earlier search only feed the table from then on. Where an earlier one was dropped because
+    /// its budget was spent, and the budget was raised since, the new one is told what the table knows, and
+    /// so it is where that was taken over from other machines or other databases.
     fn ensure_exploration(&mut self, room: usize, state: StateId, planned: &mut Planned) {
         // What the policy allows anyway need not be noted.
         let more = if room > self.spec.policy.trials_per_state as usize { room } else { 0 };
@@ -316,8 +318,8 @@ impl Tuner {
         self.states.note_search(state);
     }
 
-    /// The axes that the next point of a state's search leaves where they are: decided anew every few trials, and
-    /// now and then none, so that there is evidence against it.
+    /// The axes that the next point of a state's search leaves where they are: decided anew every few trials,
+    /// and now and then none, so that there is evidence against it.
     fn hold(&mut self, state: StateId) -> Vec<(usize, f64)> {
         let goes_on = |exploration: &&Exploration| exploration.search.is_some();
         let Some(mut held) = self.searches.of(state).filter(goes_on).map(|own| own.held.clone()) else {

@@ -1,8 +1,9 @@
 //! Spaces of so few configurations that a search tries them all.
 //!
-//! Once every one of them has a verdict there is nothing to search for, and what is left of the budget goes to telling the best
-//! of them apart, as in a race (Maron and Moore, "Hoeffding races", NIPS 1993): each is measured again until it is clearly
-//! dearer than the best, or was measured often enough for a confirmation to choose among them.
+//! Once every one of them has a verdict there is nothing to search for, and what is left of the budget goes
+//! to telling the best of them apart, as in a race (Maron and Moore, "Hoeffding races", NIPS 1993): each is
+//! measured again until it is clearly dearer than the best, or was measured often enough for a confirmation
+//! to choose among them.
 
 use std::sync::Arc;
 
@@ -46,8 +47,8 @@ impl FewConfigurations {
     }
 }
 
-/// The configuration of an exhausted space that is to be measured again next, of those that nobody runs. `None` where it is
-/// clear enough which are the best, and where costs are exact.
+/// The configuration of an exhausted space that is to be measured again next, of those that nobody runs.
+/// `None` where it is clear enough which are the best, and where costs are exact.
 pub(super) fn next_of_race(
     results: &ResultTable,
     is_running: impl Fn(&Configuration) -> bool,

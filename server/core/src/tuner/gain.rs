@@ -1,5 +1,5 @@
-//! The rules beside the epsilon-greedy draw: whether the gain to expect pays for exploring, and whether an exploited
-//! configuration gives way to one that was measured to be better.
+//! The rules beside the epsilon-greedy draw: whether the gain to expect pays for exploring, and whether an
+//! exploited configuration gives way to one that was measured to be better.
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
@@ -36,12 +36,12 @@ impl GainEvidence<'_> {
         self.policy.epsilon * half / (half + self.history.visits(state) as f64)
     }
 
-    /// What going on with the search of a state is expected to bring this client's frames and all others: the next few
-    /// trials first, see [`exploration_value`](crate::statistics::exploration_value).
+    /// What going on with the search of a state is expected to bring this client's frames and all others: the
+    /// next few trials first, see [`exploration_value`](crate::statistics::exploration_value).
     pub(super) fn prospect(&self, client_id: &str, state: StateId) -> Prospect {
         let results = self.states.results(state);
-        // What clients wanted themselves was tried too, and does not count. What the search measured and was taken back
-        // again, because the machine's speed jumped, is not tried any more and stays searched.
+        // What clients wanted themselves was tried too, and does not count. What the search measured and was
+        // taken back again, because the machine's speed jumped, is not tried any more and stays searched.
         let beside = results.tried().saturating_sub(results.searched());
         let frames = self.history.frames_ahead(client_id, state);
         // What was spent on repeats is not left for anything new.

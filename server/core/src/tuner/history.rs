@@ -1,5 +1,5 @@
-//! What a study's trials tell of states in general: how long clients stay, how much searching gained and what it
-//! cost. All of it follows from the completed trials in their order, so a restored tuner has it again.
+//! What a study's trials tell of states in general: how long clients stay, how much searching gained and what
+//! it cost. All of it follows from the completed trials in their order, so a restored tuner has it again.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -26,8 +26,8 @@ const EXCESS_INFEASIBLE: f64 = 1.0;
 struct StateHistory {
     visits: u64,
     frames: u64,
-    /// By which share each octave of its search that is over lowered the best cost, as estimated: the trials until 2
-    /// configurations were tried, until 4, until 8, ...
+    /// By which share each octave of its search that is over lowered the best cost, as estimated: the trials
+    /// until 2 configurations were tried, until 4, until 8, ...
     gained: Vec<f64>,
     /// The configuration that was best when the last of them ended.
     best: Option<RawConfiguration>,
@@ -38,8 +38,8 @@ struct StateHistory {
 pub(super) struct History {
     /// Shared with what is being saved.
     states: Vec<Arc<StateHistory>>,
-    /// Where each client reported from last, and how often in a row. With half as many as a study remembers they become
-    /// the earlier ones, and those before are forgotten unless they have reported again since.
+    /// Where each client reported from last, and how often in a row. With half as many as a study remembers
+    /// they become the earlier ones, and those before are forgotten unless they have reported again since.
     clients: BTreeMap<String, (usize, u64)>,
     earlier_clients: BTreeMap<String, (usize, u64)>,
     visits: u64,
@@ -87,7 +87,8 @@ impl History {
         self.visits += u64::from(!stays);
     }
 
-    /// Whether an octave of a state's search is over that was not noted yet, after so many tried configurations.
+    /// Whether an octave of a state's search is over that was not noted yet, after so many tried
+    /// configurations.
     pub(super) fn octave_is_over(&self, state: StateId, tried: usize) -> bool {
         let history = &self.states[place(state)];
         match &history.best {
@@ -101,7 +102,8 @@ impl History {
         self.states[place(state)].best.as_ref()
     }
 
-    /// Notes the end of an octave: the best configuration now, and by which share it costs less than the best before.
+    /// Notes the end of an octave: the best configuration now, and by which share it costs less than the best
+    /// before.
     pub(super) fn octave_ends(&mut self, state: StateId, best: RawConfiguration, gain: f64) {
         let history = Arc::make_mut(&mut self.states[place(state)]);
         if history.best.is_some() {
@@ -115,7 +117,8 @@ impl History {
         &self.states[place(state)].gained
     }
 
-    /// Notes what an exploring trial cost above the best known, as a share of that; `None` when it cannot be run.
+    /// Notes what an exploring trial cost above the best known, as a share of that; `None` when it cannot be
+    /// run.
     pub(super) fn explored(&mut self, excess: Option<f64>) {
         self.excess += excess.unwrap_or(EXCESS_INFEASIBLE).clamp(0.0, EXCESS_MAX);
         self.explored += 1;
@@ -137,10 +140,10 @@ impl History {
         known.filter(|(current, _)| *current == place(state)).map_or(0, |(_, length)| *length)
     }
 
-    /// How many more frames a state is expected to see: as many visits again as it has had, of the length that
-    /// visits to it have, drawn towards those of all states; and a stay lasts on for as long as it has lasted (what
-    /// has no scale of its own is half over on average: Gott, "Implications of the Copernican principle for our
-    /// future prospects", 1993).
+    /// How many more frames a state is expected to see: as many visits again as it has had, of the length
+    /// that visits to it have, drawn towards those of all states; and a stay lasts on for as long as it has
+    /// lasted (what has no scale of its own is half over on average: Gott, "Implications of the Copernican
+    /// principle for our future prospects", 1993).
     pub(super) fn frames_ahead(&self, client_id: &str, state: StateId) -> f64 {
         let mean = if self.visits == 0 { 1.0 } else { self.frames as f64 / self.visits as f64 };
         let history = &self.states[place(state)];

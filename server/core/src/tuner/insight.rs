@@ -19,8 +19,8 @@ pub struct Insight {
     pub visits: u64,
     /// How many frames were reported from it.
     pub frames: u64,
-    /// How much repeated measurements differ, relative to the cost: a robust standard deviation. `None` before
-    /// anything was measured twice.
+    /// How much repeated measurements differ, relative to the cost: a robust standard deviation. `None`
+    /// before anything was measured twice.
     pub noise: Option<f64>,
     /// Measurements that were set aside as outliers.
     pub outliers: u64,
@@ -34,8 +34,8 @@ pub struct Insight {
     pub standing: Option<Standing>,
 }
 
-/// What exploring a state is expected to bring and to cost. Relative to the best known cost, so that it can be told
-/// of states in which nothing was measured yet.
+/// What exploring a state is expected to bring and to cost. Relative to the best known cost, so that it can
+/// be told of states in which nothing was measured yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prospect {
     /// By how much the cost of each later frame falls, as a share: by the trials that pay most.
@@ -51,8 +51,8 @@ pub struct Prospect {
 /// Something that is left out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Omission {
-    /// The parameter, or for [`OmissionReason::Constant`] and [`OmissionReason::Redundant`] the indicator; `None` for
-    /// the whole search of the state.
+    /// The parameter, or for [`OmissionReason::Constant`] and [`OmissionReason::Redundant`] the indicator;
+    /// `None` for the whole search of the state.
     pub parameter: Option<String>,
     /// Why.
     pub reason: OmissionReason,

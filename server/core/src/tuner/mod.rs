@@ -9,14 +9,14 @@
 //! or is rebuilt from them: a tuner that is [restored](Tuner::restore) gives the same next answers, byte for
 //! byte, as one that never stopped.
 //!
-//! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and what is known of each state),
-//! `trials` (what is open, and who holds it), `visits` (where clients are, and their budgets), `searches`, `models`,
-//! `history`, `screening`, `assessment`s, `speeds` and `auxiliaries`. What it does with them is in the files of its steps:
-//! `decide` and `gain` take decisions, `explore` and `within_budget` walk a search, `confirmation` lets its best run against
-//! the incumbent, `transfer` is the door for what other states and machines say (`warm_start` and `portfolio` make of it what a search begins
-//! with), `planning` copies what is slow to compute and `plan` computes it apart,
-//! `suggest` and `report` are the two halves of a client's frame, `leases` is what happens where one never comes back, `restore` and
-//! `checkpoint` rebuild.
+//! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and what is known of each
+//! state), `trials` (what is open, and who holds it), `visits` (where clients are, and their budgets),
+//! `searches`, `models`, `history`, `screening`, `assessment`s, `speeds` and `auxiliaries`. What it does with
+//! them is in the files of its steps: `decide` and `gain` take decisions, `explore` and `within_budget` walk
+//! a search, `confirmation` lets its best run against the incumbent, `transfer` is the door for what other
+//! states and machines say (`warm_start` and `portfolio` make of it what a search begins with), `planning`
+//! copies what is slow to compute and `plan` computes it apart, `suggest` and `report` are the two halves of
+//! a client's frame, `leases` is what happens where one never comes back, `restore` and `checkpoint` rebuild.
 
 mod assessment;
 mod auxiliaries;
@@ -92,8 +92,8 @@ use crate::tuner::visits::Visits;
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.
 ///
-/// No call costs more when there are more trials; recognising a state grows with the logarithm of their number. What
-/// takes milliseconds all the same can be computed [apart](PlanRequest).
+/// No call costs more when there are more trials; recognising a state grows with the logarithm of their
+/// number. What takes milliseconds all the same can be computed [apart](PlanRequest).
 #[derive(Clone, Debug)]
 pub struct Tuner {
     spec: Arc<StudySpec>,
@@ -114,7 +114,8 @@ pub struct Tuner {
     pardoned_until_ms: i64,
 }
 
-/// A client's question with its indicators normalised and its state recognised. Good until the tuner is changed.
+/// A client's question with its indicators normalised and its state recognised. Good until the tuner is
+/// changed.
 #[derive(Clone, Debug)]
 pub struct Question<'a> {
     ask: &'a Ask,
@@ -159,14 +160,15 @@ impl Tuner {
     /// Hands out a trial under a lease, and tells what must be stored before the client may hear of it.
     ///
     /// A client that still holds an open trial for the state gets that one again with a fresh lease (its
-    /// answer was lost), unless the policy began or ceased to pin since, or the client's regret budget does not
-    /// allow it to be run once more. `now_ms` is the caller's clock.
+    /// answer was lost), unless the policy began or ceased to pin since, or the client's regret budget does
+    /// not allow it to be run once more. `now_ms` is the caller's clock.
     pub fn suggest(&mut self, ask: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
         let question = self.question(ask)?;
         self.answer(question, self.pinned(), Planned::AtOnce, now_ms)
     }
 
-    /// [`Tuner::suggest`] in microseconds, where [`Tuner::plan`] has just found nothing to be computed before.
+    /// [`Tuner::suggest`] in microseconds, where [`Tuner::plan`] has just found nothing to be computed
+    /// before.
     pub fn suggest_now(
         &mut self,
         question: Question<'_>,
@@ -268,9 +270,10 @@ impl Tuner {
         }
     }
 
-    /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back. A configuration
-    /// that loses its [last](crate::limits::LEASES_LOST_MAX) lease in the state without ever having been measured there
-    /// is completed as infeasible, unless the lease is [pardoned](Tuner::pardon_leases) or its client never showed that it lives.
+    /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back. A
+    /// configuration that loses its [last](crate::limits::LEASES_LOST_MAX) lease in the state without ever
+    /// having been measured there is completed as infeasible, unless the lease is
+    /// [pardoned](Tuner::pardon_leases) or its client never showed that it lives.
     pub fn expire(&mut self, now_ms: i64) -> Change {
         let mut change = Change::default();
         let mut states = BTreeSet::new();
@@ -290,9 +293,9 @@ impl Tuner {
         change
     }
 
-    /// Leases that end up to `until_ms` say nothing of their configurations, since nobody was there who could have taken a
-    /// report: they are ended as any other, and not counted as lost. An earlier time than one that was told before changes
-    /// nothing.
+    /// Leases that end up to `until_ms` say nothing of their configurations, since nobody was there who could
+    /// have taken a report: they are ended as any other, and not counted as lost. An earlier time than one
+    /// that was told before changes nothing.
     pub fn pardon_leases(&mut self, until_ms: i64) {
         self.pardoned_until_ms = self.pardoned_until_ms.max(until_ms);
     }
@@ -330,9 +333,9 @@ impl Tuner {
         self.prediction(indicators, fingerprint, &planned)
     }
 
-    /// The best known configuration of the state that matches the indicators, or of all states where none are given.
-    /// `None` when nothing has been measured there. The state is that of the named machine if it has been there, else of
-    /// the one that has reported the most frames from it.
+    /// The best known configuration of the state that matches the indicators, or of all states where none are
+    /// given. `None` when nothing has been measured there. The state is that of the named machine if it has
+    /// been there, else of the one that has reported the most frames from it.
     pub fn best(
         &self,
         indicators: Option<&BTreeMap<String, f64>>,
@@ -355,8 +358,8 @@ impl Tuner {
         Ok(state.and_then(|state| self.best_answer(state, &planned)))
     }
 
-    /// What the configuration costs that is exploited in a state, as far as that was looked at; `None` when nothing has
-    /// been measured there.
+    /// What the configuration costs that is exploited in a state, as far as that was looked at; `None` when
+    /// nothing has been measured there.
     pub fn best_cost(&self, state: impl Into<StateId>) -> Option<f64> {
         let state = state.into();
         let known = self.states.contains(state).then(|| self.states.results(state))?;
@@ -375,9 +378,9 @@ impl Tuner {
     ///
     /// Only the models that the policy's predictor needs are kept. Where the new predictor needs others, they
     /// begin with the completed trials of now: they are taught the latest
-    /// [`MODELS_TRIALS_MAX`](crate::limits::MODELS_TRIALS_MAX) of them, with the tables as they stand, and all that
-    /// follow. The tuner does not have these trials any more, so the answer `true` asks the caller to store the
-    /// policy with [`Tuner::models_since`], to drop this tuner, and to [restore](Restoring) it.
+    /// [`MODELS_TRIALS_MAX`](crate::limits::MODELS_TRIALS_MAX) of them, with the tables as they stand, and
+    /// all that follow. The tuner does not have these trials any more, so the answer `true` asks the caller
+    /// to store the policy with [`Tuner::models_since`], to drop this tuner, and to [restore](Restoring) it.
     #[must_use = "a tuner that lacks its models must be restored"]
     pub fn set_policy(&mut self, policy: Policy) -> Result<bool, StudyError> {
         policy.validate(&self.spec.space)?;

@@ -1,9 +1,9 @@
 //! The models of a study's predictor: teaching them trials, and the updates that are deferred.
 //!
-//! Invariants: only the models of the policy's predictor are kept; they know the trials that were completed after
-//! [`Models::since`], and the last ones before. Learning a trial is quick: fits that take long are deferred updates,
-//! which whoever has the time computes apart, on a copy. They are computed in the order of the trials, and each holds
-//! what it rests on, so the outcome is the same whenever that is.
+//! Invariants: only the models of the policy's predictor are kept; they know the trials that were completed
+//! after [`Models::since`], and the last ones before. Learning a trial is quick: fits that take long are
+//! deferred updates, which whoever has the time computes apart, on a copy. They are computed in the order of
+//! the trials, and each holds what it rests on, so the outcome is the same whenever that is.
 
 use crate::configuration::Configuration;
 use crate::ids::{MachineId, StateId};
@@ -107,7 +107,8 @@ impl Models {
         }
     }
 
-    /// Holds a measured cost against what each predictor would have said, before anything of the trial is learnt.
+    /// Holds a measured cost against what each predictor would have said, before anything of the trial is
+    /// learnt.
     pub(super) fn test(&mut self, query: &Query<'_>, configuration: &Configuration, cost: f64) {
         self.predictors.test(query, configuration, cost);
     }
@@ -130,8 +131,8 @@ impl Models {
         });
     }
 
-    /// Begins the models of features anew where other indicators are left out than before, and teaches them what the
-    /// tables hold of the states that were met last.
+    /// Begins the models of features anew where other indicators are left out than before, and teaches them
+    /// what the tables hold of the states that were met last.
     pub(super) fn begin_features(&mut self, spec: &StudySpec, states: &States) {
         if !self.predictors.have_features() {
             return;

@@ -1,12 +1,13 @@
 //! Planning a suggestion apart from the tuner: what takes long is computed on copies, before, and without it.
 //!
-//! A suggestion is a matter of microseconds but for three things: a search with a model fits it, a search that begins
-//! is told what other states know, and the contextual predictor fits a process to what was measured near by. Where
-//! many clients share a tuner they must not wait for that. So whoever holds the tuner makes a [`PlanRequest`] of a
-//! question, lets go of the tuner, [computes](PlanRequest::compute) it, and hands the [`SuggestionPlan`] in with the
-//! question. A question with a plan never fits a model: where the plan has nothing for what it turns out to need
-//! (another client changed the state meanwhile, or plans for the same search), it gets what the search has in reserve, or
-//! an answer from the tables, because a client never waits. A client that is alone gets the same answers either way. One thing is still done at once
+//! A suggestion is a matter of microseconds but for three things: a search with a model fits it, a search
+//! that begins is told what other states know, and the contextual predictor fits a process to what was
+//! measured near by. Where many clients share a tuner they must not wait for that. So whoever holds the tuner
+//! makes a [`PlanRequest`] of a question, lets go of the tuner, [computes](PlanRequest::compute) it, and
+//! hands the [`SuggestionPlan`] in with the question. A question with a plan never fits a model: where the
+//! plan has nothing for what it turns out to need (another client changed the state meanwhile, or plans for
+//! the same search), it gets what the search has in reserve, or an answer from the tables, because a client
+//! never waits. A client that is alone gets the same answers either way. One thing is still done at once
 //! where nobody planned it, once for a state: what others tell a search that begins.
 
 use std::sync::Arc;
@@ -135,7 +136,8 @@ impl Planned {
         }
     }
 
-    /// The best of a portfolio for these indicators, as it was computed before; `None` where it is to be computed now.
+    /// The best of a portfolio for these indicators, as it was computed before; `None` where it is to be
+    /// computed now.
     pub(super) fn of_portfolio(&self, normalised: &[f64]) -> Option<Option<&Configuration>> {
         match self {
             Planned::AtOnce => None,

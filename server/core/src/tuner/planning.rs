@@ -1,4 +1,5 @@
-//! Which plan a question needs, the copies that are made of the tuner for a [`PlanRequest`], and the models' updates that are computed apart.
+//! Which plan a question needs, the copies that are made of the tuner for a [`PlanRequest`], and the models'
+//! updates that are computed apart.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,8 +24,8 @@ impl Tuner {
         self.models.defer();
     }
 
-    /// The updates that reports have deferred, to be computed apart; `None` where there are none. What is not computed
-    /// in time is computed by a later report.
+    /// The updates that reports have deferred, to be computed apart; `None` where there are none. What is not
+    /// computed in time is computed by a later report.
     pub fn deferred_updates(&self) -> Option<DeferredUpdates> {
         self.models.deferred()
     }
@@ -199,8 +200,8 @@ impl Tuner {
         })
     }
 
-    /// The state whose own measurements answer a question, as far as can be told before it is answered: the one it is
-    /// about where anything was measured there, else the nearest.
+    /// The state whose own measurements answer a question, as far as can be told before it is answered: the
+    /// one it is about where anything was measured there, else the nearest.
     fn state_that_answers(&self, query: &Query<'_>, here: Option<StateId>) -> Option<StateId> {
         let answers_itself = |state: &StateId| self.states.results(*state).best().is_some();
         let nearest = || {
@@ -216,8 +217,8 @@ impl Tuner {
         held.is_some_and(|trial| self.still_fits(trial, None))
     }
 
-    /// A copy of the state's search, if its next point takes a fit and will be asked for, and how many more points to think
-    /// of in reserve.
+    /// A copy of the state's search, if its next point takes a fit and will be asked for, and how many more
+    /// points to think of in reserve.
     fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>, usize)> {
         let (policy, results) = (&self.spec.policy, self.states.results(state));
         let exploration = self.searches.of(state)?;

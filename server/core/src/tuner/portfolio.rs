@@ -1,4 +1,5 @@
-//! The portfolio of a study, as it is seen from one state: the few configurations with which its search begins.
+//! The portfolio of a study, as it is seen from one state: the few configurations with which its search
+//! begins.
 //!
 //! From the nearest states come the candidates: what each answers, what was measured in several, and the
 //! best known of every branch of a conditional space. What was measured once, in one state, is mostly luck,
@@ -159,8 +160,8 @@ fn candidates(space: &Space, elsewhere: &MeasuredElsewhere) -> (Vec<Configuratio
     (candidates, answers)
 }
 
-/// The best known of every branch of the space in which the best fixed configuration does not lie: places of candidates.
-/// A branch is a value of a parameter that is always active and beside whose values others are.
+/// The best known of every branch of the space in which the best fixed configuration does not lie: places of
+/// candidates. A branch is a value of a parameter that is always active and beside whose values others are.
 fn branches(space: &Space, table: &CostTable, candidates: &[Configuration]) -> Vec<usize> {
     let prices = table.mean_prices();
     let by_price = |a: &usize, b: &usize| prices[*a].total_cmp(&prices[*b]);

@@ -1,4 +1,5 @@
-//! What a part of the tuner proposes, before it is decided: a configuration to exploit, or one to measure, and why.
+//! What a part of the tuner proposes, before it is decided: a configuration to exploit, or one to measure,
+//! and why.
 
 use crate::configuration::Configuration;
 use crate::decision::{

@@ -18,7 +18,8 @@ pub enum RecordedVisitDecision {
     Before(VisitDecisionBefore),
 }
 
-/// A visit's decision as versions stored it that stored reasons; what was weighed for exploring stood beside it.
+/// A visit's decision as versions stored it that stored reasons; what was weighed for exploring stood beside
+/// it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VisitDecisionBefore {

@@ -58,7 +58,8 @@ impl Tuner {
         if learnt.has_jumped
             && let Some(exploration) = self.searches.change(state)
         {
-            // It was told costs that are not believed any more: another one begins with what the table still holds.
+            // It was told costs that are not believed any more: another one begins with what the table still
+            // holds.
             exploration.end();
         }
         if !matches!(completed.outcome, Some(Outcome::Failed { .. })) {
@@ -87,14 +88,16 @@ impl Tuner {
         change
     }
 
-    /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt. Tells what was learnt.
+    /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt. Tells what
+    /// was learnt.
     pub(super) fn complete(&mut self, completed: &Trial) -> LearntCost {
         self.completed += 1;
         self.last_completion = completed.completion.unwrap_or(self.last_completion + 1);
         let state = StateId(completed.state_id);
         let mut learnt = self.understood(completed);
         let understood = Trial { cost: learnt.cost, ..completed.clone() };
-        // The table keeps every measurement and tells itself which of them count; everybody else learns what is believed.
+        // The table keeps every measurement and tells itself which of them count; everybody else learns what
+        // is believed.
         let results = self.states.results(state);
         let is_flaky = results.is_flaky(&completed.configuration);
         learnt.believed = learnt.cost.map(|cost| results.believed(&completed.configuration, cost));
@@ -146,8 +149,8 @@ impl Tuner {
         learnt
     }
 
-    /// What a completed trial's cost is without what its auxiliary measurements explain, and without what the speed of
-    /// its client's machine makes of it at the moment.
+    /// What a completed trial's cost is without what its auxiliary measurements explain, and without what the
+    /// speed of its client's machine makes of it at the moment.
     fn understood(&mut self, trial: &Trial) -> LearntCost {
         let unchanged = LearntCost { cost: trial.cost, believed: trial.cost, has_jumped: false };
         let state = StateId(trial.state_id);

@@ -14,15 +14,15 @@ use crate::trial::{Trial, TrialState};
 use crate::tuner::trials::OpenTrials;
 use crate::tuner::{Checkpoint, Exploration, RestoreError, Snapshot, StateRecord, Tuner, Visit};
 
-/// A tuner that is being rebuilt. The driver reads the completed trials behind [`after`](Restoring::after) in the
-/// order of completion and [learns](Restoring::learn) them, again and again until there are none, and then
-/// [finishes](Restoring::finish).
+/// A tuner that is being rebuilt. The driver reads the completed trials behind [`after`](Restoring::after) in
+/// the order of completion and [learns](Restoring::learn) them, again and again until there are none, and
+/// then [finishes](Restoring::finish).
 ///
-/// Where the policy's predictor was changed at some completion, [`after`](Restoring::after) goes back there once: the
-/// new models are taught the last trials before.
+/// Where the policy's predictor was changed at some completion, [`after`](Restoring::after) goes back there
+/// once: the new models are taught the last trials before.
 ///
-/// Trials may be missing between those that are there, where retention removed them: what they taught is then known
-/// from the checkpoint, or not any more.
+/// Trials may be missing between those that are there, where retention removed them: what they taught is then
+/// known from the checkpoint, or not any more.
 #[derive(Debug)]
 pub struct Restoring {
     tuner: Tuner,
@@ -69,8 +69,8 @@ impl Restoring {
     }
 
     /// Learns the next completed trial; its configuration was made by the study's space. Where
-    /// [`after`](Restoring::after) then stands before the trial, it was not learnt: it went back, and the trial comes
-    /// again in its place.
+    /// [`after`](Restoring::after) then stands before the trial, it was not learnt: it went back, and the
+    /// trial comes again in its place.
     pub fn learn(&mut self, trial: &Trial) -> Result<(), RestoreError> {
         self.tuner.check_trial(trial)?;
         let Some(completion) = trial
@@ -153,8 +153,9 @@ impl Restoring {
 }
 
 impl Tuner {
-    /// Rebuilds a tuner from all its trials at once. `trials`: the open ones in any place, the completed ones by
-    /// rising `completion`; others are not needed and passed over. All configurations were made by `spec.space`.
+    /// Rebuilds a tuner from all its trials at once. `trials`: the open ones in any place, the completed ones
+    /// by rising `completion`; others are not needed and passed over. All configurations were made by
+    /// `spec.space`.
     pub fn restore(
         spec: Arc<StudySpec>,
         snapshot: Snapshot,

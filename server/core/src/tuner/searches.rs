@@ -1,7 +1,7 @@
 //! The searches of a study's states, and which of their rows are to be written.
 //!
-//! Invariant: whoever changes a search counts the change, so that comparing two counts tells whether the state's row
-//! is still what is stored.
+//! Invariant: whoever changes a search counts the change, so that comparing two counts tells whether the
+//! state's row is still what is stored.
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
@@ -69,7 +69,8 @@ impl Searches {
         self.record(state).filter(|exploration| exploration.is_begun())
     }
 
-    /// What is stored of a state's search, and of leases that were lost there, whether or not a search was begun.
+    /// What is stored of a state's search, and of leases that were lost there, whether or not a search was
+    /// begun.
     pub(super) fn record(&self, state: StateId) -> Option<&Exploration> {
         self.of_states[place(state)].exploration.as_ref()
     }
@@ -103,8 +104,8 @@ impl Searches {
         begun
     }
 
-    /// Begins a search in a state; one that was there before is dropped, and what it confirmed stays. Where it confirmed
-    /// nothing, what other states expect to be best is the incumbent.
+    /// Begins a search in a state; one that was there before is dropped, and what it confirmed stays. Where
+    /// it confirmed nothing, what other states expect to be best is the incumbent.
     pub(super) fn begin(&mut self, state: StateId, search: AnySearch, incumbent: Option<Configuration>) {
         let own = &mut self.of_states[place(state)];
         let exploration = own.exploration.get_or_insert_with(Exploration::unbegun);
@@ -113,9 +114,10 @@ impl Searches {
         own.changes += 1;
     }
 
-    /// How many trials of a state count towards the budget of its search: every one that explored it, whatever it ran, and as one
-    /// where the policy wants each configuration measured several times. Of
-    /// states that an earlier version searched those are known that tried something new, and the search's own repeats.
+    /// How many trials of a state count towards the budget of its search: every one that explored it,
+    /// whatever it ran, and as one where the policy wants each configuration measured several times. Of
+    /// states that an earlier version searched those are known that tried something new, and the search's own
+    /// repeats.
     pub(super) fn taken(&self, state: StateId, results: &ResultTable, policy: &Policy) -> usize {
         taken(self.of(state), results, policy.replicates)
     }

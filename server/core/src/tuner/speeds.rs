@@ -1,9 +1,10 @@
 //! How fast each client's machine is at the moment.
 //!
-//! Clocks rise and fall, and other programs come and go. While a state is searched its incumbent is measured again now and
-//! then; by that, and by whatever else was measured often enough to be known, the [speed](Speed) of the client is held,
-//! and every cost is divided by its factor before it is learnt. Where the speed is found to have jumped, nobody can tell
-//! which of the trials since the last hold came before the jump: they are taken back, and may be measured again.
+//! Clocks rise and fall, and other programs come and go. While a state is searched its incumbent is measured
+//! again now and then; by that, and by whatever else was measured often enough to be known, the
+//! [speed](Speed) of the client is held, and every cost is divided by its factor before it is learnt. Where
+//! the speed is found to have jumped, nobody can tell which of the trials since the last hold came before the
+//! jump: they are taken back, and may be measured again.
 //!
 //! All of it follows from the completed trials in their order, so a restored tuner has it again.
 
@@ -22,17 +23,20 @@ use crate::tuner::confirmation::Stored;
 const NOISE_PRIOR: f64 = 0.05;
 const NOISE_LEAST: f64 = 0.01;
 const NOISE_MAX: f64 = 0.2;
-/// So many measurements make the cost of a configuration known; of the default one, with which every search begins, one.
+/// So many measurements make the cost of a configuration known; of the default one, with which every search
+/// begins, one.
 const KNOWN_AFTER: usize = 4;
 /// After so many trials the incumbent is due, and after twice as many once it agreed with what was expected.
 const INTERVAL: u64 = 8;
-/// The same where the speed is seen to wander: what ran near the incumbent compares well with it whatever the speed is.
+/// The same where the speed is seen to wander: what ran near the incumbent compares well with it whatever the
+/// speed is.
 const INTERVAL_WANDERING: u64 = 4;
 /// The same while it is not known yet what auxiliary measurements explain, for which repeats are needed.
 const INTERVAL_HURRIED: u64 = 3;
 /// After a jump the incumbent runs so many times more, because what it costs now was only measured twice.
 const SETTLING: u64 = 3;
-/// Factors nearer to 1 than so many deviations of a measurement may be nothing but noise, and are not applied.
+/// Factors nearer to 1 than so many deviations of a measurement may be nothing but noise, and are not
+/// applied.
 const FACTOR_LEAST: f64 = 2.0;
 
 /// A trial that was learnt since the speed was last held.
@@ -105,8 +109,8 @@ pub(super) struct Held {
 }
 
 impl Speeds {
-    /// Takes a cost that a client measured in a state, before the state's table learns it. Where it does not hold the
-    /// speed, because it is not understood yet, the trial is only counted.
+    /// Takes a cost that a client measured in a state, before the state's table learns it. Where it does not
+    /// hold the speed, because it is not understood yet, the trial is only counted.
     pub(super) fn take(
         &mut self,
         (client_id, trial, state): (&str, u64, StateId),
@@ -147,7 +151,8 @@ impl Speeds {
         client.settling = client.settling.saturating_sub(u64::from(known.is_some()));
         let mut jumped = None;
         if let Some(known) = known {
-            // What is restless by itself says little of the machine. A measurement under suspicion is no noise of it.
+            // What is restless by itself says little of the machine. A measurement under suspicion is no
+            // noise of it.
             if !client.speed.is_suspicious() {
                 client.own_noise = known.evidence.log_deviation(noise).max(noise);
             }
@@ -176,9 +181,10 @@ impl Speeds {
         Held { factor, jumped }
     }
 
-    /// Whether the incumbent of the client's state should be measured before anything else; it is due sooner where `hurried`,
-    /// and where the machine is seen to wander. While it is hurried costs do not hold the speed, so that a suspicion which the
-    /// client brings from another state waits: the incumbent alone would never tell what else is to be known first.
+    /// Whether the incumbent of the client's state should be measured before anything else; it is due sooner
+    /// where `hurried`, and where the machine is seen to wander. While it is hurried costs do not hold the
+    /// speed, so that a suspicion which the client brings from another state waits: the incumbent alone would
+    /// never tell what else is to be known first.
     pub(super) fn is_due(&self, client_id: &str, state: StateId, hurried: bool, wanders: bool) -> bool {
         let Some(client) = self.clients.get(client_id).filter(|client| client.state == state.0) else {
             return false;

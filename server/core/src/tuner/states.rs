@@ -1,7 +1,7 @@
 //! The states of a study: which one given indicators are on which machine, and what is known of each.
 //!
-//! Invariants: state `n` is the `n`-th that was founded; every state is in the index, and every machine that founded
-//! one is among the machines; the number of remembered configurations is that of all tables together.
+//! Invariants: state `n` is the `n`-th that was founded; every state is in the index, and every machine that
+//! founded one is among the machines; the number of remembered configurations is that of all tables together.
 
 use std::cmp::Reverse;
 use std::ops::Index;
@@ -155,11 +155,11 @@ impl States {
         Query { state: normalised, here, known, state_index: index, space, machines, machine, rival: None }
     }
 
-    /// The machine's state that matches the normalised indicators: every one within the study's tolerance of the
-    /// state's anchor. The client's `current` state is kept while it matches, so that a client between two anchors
-    /// does not flicker; else the nearest matching state is taken, the oldest among equally near ones. `None` when no
-    /// state matches, as long as there may be more: beyond that, the machine's nearest state is taken whether it matches
-    /// or not, so that an input that never rests goes on for ever.
+    /// The machine's state that matches the normalised indicators: every one within the study's tolerance of
+    /// the state's anchor. The client's `current` state is kept while it matches, so that a client between
+    /// two anchors does not flicker; else the nearest matching state is taken, the oldest among equally near
+    /// ones. `None` when no state matches, as long as there may be more: beyond that, the machine's nearest
+    /// state is taken whether it matches or not, so that an input that never rests goes on for ever.
     pub(super) fn recognise(
         &self,
         current: Option<StateId>,
@@ -178,8 +178,8 @@ impl States {
             })
     }
 
-    /// The state of the machine, if one is named that has been there, else of the machine with the most frames there,
-    /// the first among equals.
+    /// The state of the machine, if one is named that has been there, else of the machine with the most
+    /// frames there, the first among equals.
     pub(super) fn recognise_for(
         &self,
         fingerprint: Option<&Fingerprint>,
@@ -278,8 +278,8 @@ impl States {
         self.forget_above = RECORDS_PER_STUDY_MAX.max(self.remembered + self.remembered / 8);
     }
 
-    /// The states that were reported from last, latest first, as many as remember no more than `most` configurations
-    /// together.
+    /// The states that were reported from last, latest first, as many as remember no more than `most`
+    /// configurations together.
     pub(super) fn latest(&self, most: usize) -> Vec<StateId> {
         let mut latest: Vec<StateId> = self.ids().collect();
         latest.sort_unstable_by_key(|&id| Reverse((self[id].results.latest(), id)));
@@ -294,8 +294,8 @@ impl States {
         latest
     }
 
-    /// Takes over what was learnt before: tables of the first states, in their order, made whole with the space; what
-    /// comparisons taught of the first machines; and how far indicators reach.
+    /// Takes over what was learnt before: tables of the first states, in their order, made whole with the
+    /// space; what comparisons taught of the first machines; and how far indicators reach.
     pub(super) fn take_over(
         &mut self,
         tables: Vec<Arc<ResultTable>>,

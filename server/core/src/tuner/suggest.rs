@@ -88,8 +88,8 @@ impl Tuner {
         Ok(())
     }
 
-    /// Notes a change of the client's state and decides for the new visit. Where that makes one client too many, another
-    /// is forgotten.
+    /// Notes a change of the client's state and decides for the new visit. Where that makes one client too
+    /// many, another is forgotten.
     fn visit(&mut self, ask: &Ask, normalised: &[f64], state: StateId, planned: &Planned) -> Option<String> {
         let number = self.decides(ask, Some(state))?;
         let decision = self.decide(ask, number, normalised, state, planned);
@@ -112,8 +112,8 @@ impl Tuner {
             }
             None if trial.mode() == Mode::Pinned => false,
             None if trial.decision.explores() => {
-                // What an earlier session explored, or what was handed out before there was a budget, is not covered;
-                // nor is another run where there is too little left for one.
+                // What an earlier session explored, or what was handed out before there was a budget, is not
+                // covered; nor is another run where there is too little left for one.
                 let account = self.visits.account(&trial.client_id);
                 let covers =
                     |budget| account.is_some_and(|account| account.covers_again(trial.number, budget));
@@ -194,8 +194,8 @@ impl Tuner {
         self.renew(number, now_ms)
     }
 
-    /// Counts the trial that is about to be handed out in its session, and tells whether it is not to be learnt. One
-    /// that is carried over is not run, so it warms nothing up.
+    /// Counts the trial that is about to be handed out in its session, and tells whether it is not to be
+    /// learnt. One that is carried over is not run, so it warms nothing up.
     fn is_silent(&mut self, ask: &Ask) -> bool {
         let warm_up = u64::from(self.spec.policy.warm_up);
         let frozen = self.spec.policy.operation == Operation::Freeze;

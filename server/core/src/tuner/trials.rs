@@ -1,7 +1,7 @@
 //! The open trials of a study: their leases, and who holds what.
 //!
-//! Invariants: every open trial has one lease, one holder and one entry among what runs in its state; a client holds
-//! at most one trial of a state; numbers rise by one.
+//! Invariants: every open trial has one lease, one holder and one entry among what runs in its state; a
+//! client holds at most one trial of a state; numbers rise by one.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -16,7 +16,8 @@ pub(super) struct OpenTrials {
     /// When their leases run out, in milliseconds of the caller's clock, soonest first.
     leases: BTreeSet<(i64, TrialNumber)>,
     held: BTreeMap<String, BTreeMap<StateId, TrialNumber>>,
-    /// How many open trials run each configuration in each state. Only looked up, so its order does not matter.
+    /// How many open trials run each configuration in each state. Only looked up, so its order does not
+    /// matter.
     running: HashMap<StateId, HashMap<Configuration, u32>>,
     last: TrialNumber,
 }

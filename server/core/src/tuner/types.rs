@@ -38,8 +38,8 @@ pub struct Ask {
     pub session: u64,
     /// The client stops every trial when its cost reaches the cap it is told.
     pub can_abort: bool,
-    /// What the session wants for itself, instead of what the study's policy says. Its deadline is only looked at by
-    /// [`Ask::at`].
+    /// What the session wants for itself, instead of what the study's policy says. Its deadline is only
+    /// looked at by [`Ask::at`].
     pub session_policy: SessionPolicy,
     /// Where a wanted configuration was measured before; at most 200 printable characters.
     pub origin: Option<String>,
@@ -79,7 +79,8 @@ pub struct Visit<C = Configuration> {
     pub state_id: u64,
     /// How many visits the client has made, this one included.
     pub number: u64,
-    /// The last trial that had been handed out when this was last decided: clients with the lowest are forgotten first.
+    /// The last trial that had been handed out when this was last decided: clients with the lowest are
+    /// forgotten first.
     #[serde(default)]
     pub since: u64,
     /// Explore or exploit.
@@ -196,7 +197,8 @@ pub struct Prediction {
     pub predicted_cost: Option<f64>,
     /// Why this configuration was chosen.
     pub decision: Decision,
-    /// What is known of the state, where [`crate::tuner::Tuner::predict`] was asked about one that was met before.
+    /// What is known of the state, where [`crate::tuner::Tuner::predict`] was asked about one that was met
+    /// before.
     pub insight: Option<Insight>,
 }
 

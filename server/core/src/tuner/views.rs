@@ -23,7 +23,8 @@ impl Tuner {
         }
     }
 
-    /// The place in the order of completion at which the models in use were begun; to be stored with the policy.
+    /// The place in the order of completion at which the models in use were begun; to be stored with the
+    /// policy.
     pub fn models_since(&self) -> u64 {
         self.models.since()
     }

@@ -1,14 +1,14 @@
 //! Warm start: what a search that begins in a new state is told of other states.
 //!
-//! It is the states nearest to it in which a search was begun, on whatever machine: what the nearest few measured makes
-//! [`MainEffects`], and the [portfolio](super::portfolio) of all of them, then the favourite of those
-//! effects, are the first points. A portfolio of the best configurations of other instances is how
+//! It is the states nearest to it in which a search was begun, on whatever machine: what the nearest few
+//! measured makes [`MainEffects`], and the [portfolio](super::portfolio) of all of them, then the favourite
+//! of those effects, are the first points. A portfolio of the best configurations of other instances is how
 //! algorithm configurators begin as well (Feurer, Springenberg and Hutter, "Initializing Bayesian
 //! hyperparameter optimization via meta-learning", AAAI 2015).
 //!
 //! Fitting takes some milliseconds, so what it rests on is copied and computed apart where the tuner is
-//! shared (see `plan`). A beginning is all that is taken over. The search is stored with its effects, so that a tuner
-//! that is restored has the same, whatever the others have learnt since.
+//! shared (see `plan`). A beginning is all that is taken over. The search is stored with its effects, so that
+//! a tuner that is restored has the same, whatever the others have learnt since.
 
 use crate::configuration::Configuration;
 use crate::limits::REWARD_COST_MIN;
@@ -16,7 +16,8 @@ use crate::search::{Layout, MainEffects, SourceMeasurement, SourceRun, on_grid};
 use crate::space::Space;
 use crate::tuner::portfolio::MeasuredElsewhere;
 
-/// How many of the nearest states main effects are fitted to, and how many of their measured configurations: the best of each.
+/// How many of the nearest states main effects are fitted to, and how many of their measured configurations:
+/// the best of each.
 pub(super) const STATES: usize = 8;
 const RECORDS: usize = 640;
 /// Most configurations of theirs that say what can be run.
@@ -31,7 +32,8 @@ pub(super) struct WarmStart {
     pub(super) first: Vec<Vec<f64>>,
     /// What ran and what failed elsewhere; nothing where nothing failed.
     pub(super) runs: Vec<SourceRun>,
-    /// The best fixed configuration of the other states, which is the incumbent here where it is not the default.
+    /// The best fixed configuration of the other states, which is the incumbent here where it is not the
+    /// default.
     pub(super) incumbent: Option<Configuration>,
 }
 
@@ -54,9 +56,9 @@ impl MeasuredElsewhere {
         if !first.contains(&downhill) {
             first.push(downhill);
         }
-        // What other states expect to be best is what is to be beaten here. That needs no proof: neither it nor the default
-        // is known here, and where it does badly the first few measurements say so. As it will be run: a point says a
-        // number less exactly than whoever measured it.
+        // What other states expect to be best is what is to be beaten here. That needs no proof: neither it
+        // nor the default is known here, and where it does badly the first few measurements say so. As it
+        // will be run: a point says a number less exactly than whoever measured it.
         let incumbent = Some(space.decode(&on_grid(&first[0]))).filter(|first| first != space.default_ref());
         Some(WarmStart { main_effects, first, runs: self.runs(space), incumbent })
     }

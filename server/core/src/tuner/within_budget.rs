@@ -1,4 +1,5 @@
-//! Exploring within a budget: what a client that explores gets where the policy limits what exploring may cost.
+//! Exploring within a budget: what a client that explores gets where the policy limits what exploring may
+//! cost.
 //!
 //! [`budget`](super::budget) keeps the account; here it is asked before, and what it says decides the answer.
 
@@ -80,8 +81,8 @@ impl Tuner {
         }
     }
 
-    /// What is run while the budget does not allow exploring: the default once in each stay, so that what exploring
-    /// costs can be told, then the best that was measured there. `None` where there is neither.
+    /// What is run while the budget does not allow exploring: the default once in each stay, so that what
+    /// exploring costs can be told, then the best that was measured there. `None` where there is neither.
     fn baseline(&self, denied: Denied, state: StateId, planned: &Planned) -> Option<Exploitation> {
         if matches!(denied, Denied::NoReference) && self.default_runs(state) {
             return Some(Exploitation {

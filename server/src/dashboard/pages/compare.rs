@@ -1,4 +1,5 @@
-//! Several studies side by side: how their best so far came down beside their own defaults, and what is proven in each.
+//! Several studies side by side: how their best so far came down beside their own defaults, and what is
+//! proven in each.
 
 use askama::Template;
 use treewright_core::standing::StandingVerdict;

@@ -1,5 +1,5 @@
-//! The context map: where the states of a study lie by two of their indicators, coloured by gain, cost, or the value of a
-//! parameter in what is best there.
+//! The context map: where the states of a study lie by two of their indicators, coloured by gain, cost, or
+//! the value of a parameter in what is best there.
 
 use askama::Template;
 use treewright_core::indicator::Indicator;
@@ -98,8 +98,8 @@ fn position(indicator: &Indicator, trial: &v1::Trial) -> f64 {
     indicator.normalise(value).clamp(0.0, 1.0)
 }
 
-/// Two indicators that set the states apart: the one by which they differ most, and the one that differs most beside it,
-/// since what follows the first in a straight line would place all states on one line.
+/// Two indicators that set the states apart: the one by which they differ most, and the one that differs most
+/// beside it, since what follows the first in a straight line would place all states on one line.
 fn widest(indicators: &[Indicator], states: &[StateStands]) -> (usize, usize) {
     let columns: Vec<Vec<f64>> = indicators
         .iter()

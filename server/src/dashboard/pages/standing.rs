@@ -51,8 +51,8 @@ pub(super) async fn read_state(
     Ok(Some(StateStands { state, trial, best, standing }))
 }
 
-/// What is best; `None` where nothing was measured, or where another replica has the study. A study that is being read
-/// into memory is waited for.
+/// What is best; `None` where nothing was measured, or where another replica has the study. A study that is
+/// being read into memory is waited for.
 async fn read_best(visitor: &Visitor<'_>, request: v1::GetBestRequest) -> Result<Option<v1::Best>, Error> {
     let mut waits = 0;
     loop {
@@ -67,8 +67,8 @@ async fn read_best(visitor: &Visitor<'_>, request: v1::GetBestRequest) -> Result
     }
 }
 
-/// The cost that a search which goes on is expected to reach in the end: the answer's, lowered by the gain that is still
-/// expected. Once the search is over that is the answer's own.
+/// The cost that a search which goes on is expected to reach in the end: the answer's, lowered by the gain
+/// that is still expected. Once the search is over that is the answer's own.
 pub(super) async fn roofline(visitor: &Visitor<'_>, id: &str, of: &StateStands) -> Option<f64> {
     let request = v1::PredictRequest {
         study: format!("studies/{id}"),
@@ -80,8 +80,8 @@ pub(super) async fn roofline(visitor: &Visitor<'_>, id: &str, of: &StateStands) 
     Some(of.standing?.cost * (1.0 - expected.clamp(0.0, 1.0)))
 }
 
-/// What each state saved within a day until now. `latest` are the newest trials; where there may be more of that day, the
-/// time that these span counts for all of it.
+/// What each state saved within a day until now. `latest` are the newest trials; where there may be more of
+/// that day, the time that these span counts for all of it.
 pub(super) fn benefits(
     states: &[StateStands],
     latest: &[v1::Trial],

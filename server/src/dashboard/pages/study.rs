@@ -141,8 +141,8 @@ fn fixed(states: &[StateStands], latest: &[v1::Trial], beside: &Defaults) -> Opt
     benefit::best_fixed(&runs, &defaults)
 }
 
-/// What the curve of a state is held against: its default, the best fixed configuration, and what the search expects to
-/// reach.
+/// What the curve of a state is held against: its default, the best fixed configuration, and what the search
+/// expects to reach.
 async fn levels(visitor: &Visitor<'_>, id: &str, chosen: &StateStands, fixed: Option<&Fixed>) -> Vec<Level> {
     let fixed = fixed.and_then(|fixed| fixed.by_state.get(&chosen.state).copied());
     let level = |cost: Option<f64>, name, class| cost.map(|cost| Level { cost, name, class });

@@ -1,7 +1,8 @@
 //! Whether a study has the parameters and indicators that a filter names.
 //!
-//! A comparison with a name that a study does not have would match no trial, which looks like an answer. Names of
-//! measurements are not checked: clients may report whatever they like beside the objective's metrics.
+//! A comparison with a name that a study does not have would match no trial, which looks like an answer.
+//! Names of measurements are not checked: clients may report whatever they like beside the objective's
+//! metrics.
 
 use treewright_core::study::StudySpec;
 
@@ -17,7 +18,8 @@ impl Filter {
         self.comparisons.iter().any(is_named)
     }
 
-    /// Refuses parameters and indicators that the study does not have. `text` is what the filter was parsed from.
+    /// Refuses parameters and indicators that the study does not have. `text` is what the filter was parsed
+    /// from.
     ///
     /// # Errors
     /// [`FilterError`] with the place of the first such name, and the names that there are.

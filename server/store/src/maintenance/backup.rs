@@ -1,8 +1,9 @@
 //! A copy of a database while a daemon runs.
 //!
-//! `VACUUM INTO` reads one snapshot and writes all of it anew: whatever was acknowledged before it began is in the
-//! copy, whatever came later is not, and writes go on meanwhile (<https://sqlite.org/lang_vacuum.html>). SQLite leaves
-//! the copy to the system's memory, so it is made durable here; then it is checked, and only then does it get its name.
+//! `VACUUM INTO` reads one snapshot and writes all of it anew: whatever was acknowledged before it began is
+//! in the copy, whatever came later is not, and writes go on meanwhile
+//! (<https://sqlite.org/lang_vacuum.html>). SQLite leaves the copy to the system's memory, so it is made
+//! durable here; then it is checked, and only then does it get its name.
 
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
@@ -14,8 +15,8 @@ use super::files::{self, PartialFile};
 use super::{Inventory, MaintenanceError, check_closed, connect, schema_version};
 use crate::sqlite::file;
 
-/// Writes a copy of `database` to the file `to`, which may exist only if it is to be replaced. While it is written,
-/// the database's write-ahead log cannot be folded and grows by what is written to it.
+/// Writes a copy of `database` to the file `to`, which may exist only if it is to be replaced. While it is
+/// written, the database's write-ahead log cannot be folded and grows by what is written to it.
 ///
 /// # Errors
 /// [`MaintenanceError`]; then `to` is as it was.

@@ -1,8 +1,8 @@
-//! Keeping a database file over the years: copies of it while a daemon runs, putting one back, and looking whether it
-//! is sound.
+//! Keeping a database file over the years: copies of it while a daemon runs, putting one back, and looking
+//! whether it is sound.
 //!
-//! All three work on the file itself, beside the daemon or without one. `backup` writes copies, `restore` puts them
-//! back, `files` holds what both need of the file system. For PostgreSQL its own tools do all that.
+//! All three work on the file itself, beside the daemon or without one. `backup` writes copies, `restore`
+//! puts them back, `files` holds what both need of the file system. For PostgreSQL its own tools do all that.
 
 mod backup;
 mod files;
@@ -100,9 +100,9 @@ pub struct Inventory {
     pub bytes: u64,
 }
 
-/// Looks at all of a database, whether a daemon has it or not: pages, indexes, references, and documents that can be
-/// read. It takes minutes for ten gigabytes. Writes go on meanwhile, into a write-ahead log that grows until the check
-/// is done.
+/// Looks at all of a database, whether a daemon has it or not: pages, indexes, references, and documents that
+/// can be read. It takes minutes for ten gigabytes. Writes go on meanwhile, into a write-ahead log that grows
+/// until the check is done.
 ///
 /// # Errors
 /// [`MaintenanceError::Damaged`] with what was found, or why one could not look.

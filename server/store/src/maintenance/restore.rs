@@ -1,8 +1,8 @@
 //! Putting a backup in the place of a database.
 //!
-//! The backup is copied beside the database, made durable and checked there, so that what is checked is what will be
-//! used. Then the database so far gets further names, with its write-ahead log, which must not lie beside the new file:
-//! SQLite would take it for that file's own. One rename puts the new file in place.
+//! The backup is copied beside the database, made durable and checked there, so that what is checked is what
+//! will be used. Then the database so far gets further names, with its write-ahead log, which must not lie
+//! beside the new file: SQLite would take it for that file's own. One rename puts the new file in place.
 
 use std::fs::{self, File};
 use std::io;
@@ -25,8 +25,8 @@ pub struct Restored {
 /// Puts a copy of the backup `from` in the place of `database`, whether or not there is one.
 ///
 /// # Errors
-/// [`MaintenanceError`], chiefly when a daemon has the database, or the backup is damaged or of a newer schema. Nothing was
-/// changed then.
+/// [`MaintenanceError`], chiefly when a daemon has the database, or the backup is damaged or of a newer
+/// schema. Nothing was changed then.
 pub async fn restore(from: &Path, database: &Path) -> Result<Restored, MaintenanceError> {
     files::need(from)?;
     if files::are_same(from, database) {

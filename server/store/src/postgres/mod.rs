@@ -6,8 +6,8 @@
 //! more of it: the fencing token of M. Kleppmann, "Designing Data-Intensive Applications", chapter 8.
 //!
 //! `open` connects, `replica` keeps this replica alive in the eyes of the others and hears what they do,
-//! `claim` takes studies, `writer` and `batch` write, `read` and `studies` ask, `filter` translates questions,
-//! `statements` holds the SQL, `shared` what they all know. `tokens` stands for itself.
+//! `claim` takes studies, `writer` and `batch` write, `read` and `studies` ask, `filter` translates
+//! questions, `statements` holds the SQL, `shared` what they all know. `tokens` stands for itself.
 
 mod batch;
 mod claim;

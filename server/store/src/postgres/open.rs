@@ -28,8 +28,8 @@ pub struct PostgresAddress {
 }
 
 impl PostgresAddress {
-    /// Reads `postgres://USER:PASSWORD@HOST:PORT/DATABASE`, to which the usual parameters may be added, such as
-    /// `?sslmode=verify-full`. What is not said there is taken from the environment (`PGPASSWORD`,
+    /// Reads `postgres://USER:PASSWORD@HOST:PORT/DATABASE`, to which the usual parameters may be added, such
+    /// as `?sslmode=verify-full`. What is not said there is taken from the environment (`PGPASSWORD`,
     /// `PGPASSFILE`, ...) as PostgreSQL's own programs do.
     ///
     /// # Errors
@@ -103,8 +103,9 @@ pub(super) fn silent() -> sqlx::Error {
     sqlx::Error::Io(std::io::Error::new(std::io::ErrorKind::TimedOut, "the server does not answer"))
 }
 
-/// Connects and brings the schema up to date, waiting up to `patience` for a server that is not there yet, and for as
-/// long as it takes for one that says it is starting: to recover after a crash can take many minutes.
+/// Connects and brings the schema up to date, waiting up to `patience` for a server that is not there yet,
+/// and for as long as it takes for one that says it is starting: to recover after a crash can take many
+/// minutes.
 pub(super) async fn open(address: &PostgresAddress, patience: Duration) -> Result<PgConnection, OpenError> {
     let mut until = Instant::now() + patience;
     let mut said: Option<Instant> = None;

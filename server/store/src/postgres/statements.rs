@@ -113,7 +113,8 @@ pub(super) const NAME_LEFT: &str = concat!(
     "ON CONFLICT (name) DO UPDATE SET last_trial = greatest(former_names.last_trial, excluded.last_trial)"
 );
 
-/// Of more than `$1` former names those with the lowest numbers are no longer listed: the empty name stands for them.
+/// Of more than `$1` former names those with the lowest numbers are no longer listed: the empty name stands
+/// for them.
 pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_trial) SELECT '', highest FROM \
      (SELECT max(last_trial) AS highest FROM (SELECT last_trial FROM former_names WHERE name <> '' \
      ORDER BY last_trial DESC OFFSET $1) AS lowest) AS rest WHERE highest IS NOT NULL \
@@ -173,8 +174,8 @@ pub(super) const STUDY_CLAIM: &str = concat!(
 pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $3::json, models_since = $4 \
      WHERE id = $1 AND epoch = $2 AND name IS NOT NULL";
 
-/// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count; trial
-/// numbers leave some out; each is one look at the end of an index.
+/// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count;
+/// trial numbers leave some out; each is one look at the end of an index.
 macro_rules! study_select {
     ($rest:literal) => {
         concat!(
@@ -284,8 +285,8 @@ pub(super) const PART_UPSERT: &str = "WITH held AS (SELECT id FROM studies \
      INSERT INTO checkpoints (study, completion, part, parts, bytes) SELECT id, $3, $4, $5, $6 FROM held \
      ON CONFLICT (study, completion, part) DO UPDATE SET parts = excluded.parts, bytes = excluded.bytes";
 
-/// Removes closed trials of a study whose epoch still holds, unless completed after `$4`: whether it does, and how many
-/// that were.
+/// Removes closed trials of a study whose epoch still holds, unless completed after `$4`: whether it does,
+/// and how many that were.
 pub(super) const TRIALS_DELETE: &str = "WITH held AS MATERIALIZED (SELECT id FROM studies \
      WHERE id = $1 AND epoch = $2 AND name IS NOT NULL FOR NO KEY UPDATE), \
      gone AS (DELETE FROM trials t USING held WHERE t.study = held.id AND t.number = ANY($3) \

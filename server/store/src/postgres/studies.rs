@@ -74,8 +74,8 @@ pub(super) async fn rename(connection: &mut PgConnection, study: &str, to: &str)
     Ok(key)
 }
 
-/// Notes which numbers a study has handed out under the name that it is about to lose, and returns its key; none where no
-/// study has the name. Until the end of the transaction nobody stores more of it.
+/// Notes which numbers a study has handed out under the name that it is about to lose, and returns its key;
+/// none where no study has the name. Until the end of the transaction nobody stores more of it.
 async fn leave_name(connection: &mut PgConnection, study: &str) -> Result<Option<i64>, sqlx::Error> {
     let found: Option<i64> =
         sqlx::query_scalar(sql::STUDY_LOCK).bind(study).fetch_optional(&mut *connection).await?;

@@ -1,8 +1,8 @@
 //! Tokens in PostgreSQL, where every replica finds them.
 //!
-//! Each replica asks for the [revision](TokenStore::revision) often, so that a token made or revoked through any of
-//! them, or by the command line, counts everywhere soon. Changes of tokens wait for each other at the one row of
-//! the revision; what tokens used is added up by the database, whoever used it.
+//! Each replica asks for the [revision](TokenStore::revision) often, so that a token made or revoked through
+//! any of them, or by the command line, counts everywhere soon. Changes of tokens wait for each other at the
+//! one row of the revision; what tokens used is added up by the database, whoever used it.
 
 use std::time::Duration;
 

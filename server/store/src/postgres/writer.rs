@@ -215,7 +215,8 @@ impl Writer {
         claimed
     }
 
-    /// A write that shares no statement: a policy, a part of a checkpoint, or a commit under a broken fence, which is refused.
+    /// A write that shares no statement: a policy, a part of a checkpoint, or a commit under a broken fence,
+    /// which is refused.
     async fn alone(&mut self, job: &StudyJob) -> Result<(), StoreError> {
         match job {
             StudyJob::Policy { fence, policy, models_since, .. } => {

@@ -1,8 +1,8 @@
-//! Is a database file sound? The tables against what the migrations make, the pages by SQLite's own checks, and
-//! what SQLite cannot know: that documents can be read and counts agree.
+//! Is a database file sound? The tables against what the migrations make, the pages by SQLite's own checks,
+//! and what SQLite cannot know: that documents can be read and counts agree.
 //!
-//! At every start the same is done for a moment only, so that a start takes no longer with a long history; the rest
-//! is left to `treewrightd check`.
+//! At every start the same is done for a moment only, so that a start takes no longer with a long history;
+//! the rest is left to `treewrightd check`.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -109,8 +109,8 @@ async fn strays(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsoun
     Ok(sqlx::query_scalar(sql).fetch_all(connection).await?)
 }
 
-/// Documents that cannot be read: SQLite keeps no check sums, so that a bit that fell over inside a text shows, if
-/// anywhere, here.
+/// Documents that cannot be read: SQLite keeps no check sums, so that a bit that fell over inside a text
+/// shows, if anywhere, here.
 async fn contents(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
     let sql = "SELECT 'trial ' || number || ' of study ' || study || ' cannot be read' FROM trials \
                WHERE NOT (json_valid(configuration) AND json_valid(indicators) AND json_valid(measurements) \
@@ -120,8 +120,8 @@ async fn contents(connection: &mut SqliteConnection) -> Result<Vec<String>, Unso
     Ok(sqlx::query_scalar(sql).fetch_all(connection).await?)
 }
 
-/// Tables, indexes and triggers that are missing or differ from what the migrations make. What somebody added for
-/// his own questions is let be.
+/// Tables, indexes and triggers that are missing or differ from what the migrations make. What somebody added
+/// for his own questions is let be.
 async fn schema(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
     let found = objects(connection).await?;
     let mut fresh = SqliteConnection::connect("sqlite::memory:").await?;

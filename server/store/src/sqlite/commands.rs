@@ -183,8 +183,8 @@ async fn save_part(
     Ok(())
 }
 
-/// Removes closed trials, and gives pages back to the system where many are free. Some are kept for what comes next:
-/// to let a file shrink and grow again and again helps nobody.
+/// Removes closed trials, and gives pages back to the system where many are free. Some are kept for what
+/// comes next: to let a file shrink and grow again and again helps nobody.
 async fn remove(
     connection: &mut SqliteConnection,
     study: i64,

@@ -1,8 +1,8 @@
 //! Whether the files that are written are still those that lie under the database's name.
 //!
-//! SQLite goes on writing to a file that was moved, deleted or replaced meanwhile, and what it acknowledges is gone with
-//! the last handle on it. So the writer looks at the names before each transaction, which takes a few microseconds,
-//! and refuses while they mean something else. Once the files are back, it goes on.
+//! SQLite goes on writing to a file that was moved, deleted or replaced meanwhile, and what it acknowledges
+//! is gone with the last handle on it. So the writer looks at the names before each transaction, which takes
+//! a few microseconds, and refuses while they mean something else. Once the files are back, it goes on.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt as _;
@@ -14,7 +14,8 @@ use crate::error::StoreError;
 const DATABASE_REMEDY: &str =
     "put it back, and writes go on; where it is gone for good, stop the daemon and restore a backup";
 
-/// The log is open still, and closing the database folds it into the file, whatever lies under the log's name.
+/// The log is open still, and closing the database folds it into the file, whatever lies under the log's
+/// name.
 const LOG_REMEDY: &str = "stop the daemon with SIGTERM, which writes all that it has acknowledged into the database, and \
                           start it again. Restore no backup: nothing is lost unless another program wrote meanwhile";
 

@@ -1,9 +1,9 @@
-//! One daemon, one database: an advisory lock (`flock`), which the system releases when its holder dies, however it
-//! dies.
+//! One daemon, one database: an advisory lock (`flock`), which the system releases when its holder dies,
+//! however it dies.
 //!
-//! `FILE.lock` is locked and holds the process id for the error message. The database file itself is not even opened:
-//! that is left to SQLite, as [`place`](super::place) explains. A second name of the file, for which the lock would be
-//! another one, is refused there.
+//! `FILE.lock` is locked and holds the process id for the error message. The database file itself is not even
+//! opened: that is left to SQLite, as [`place`](super::place) explains. A second name of the file, for which
+//! the lock would be another one, is refused there.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read as _, Seek as _, Write as _};
@@ -42,7 +42,8 @@ impl DatabaseLock {
     }
 }
 
-/// Opens the file, which nobody else may open: who can read a file can lock it, and would keep the daemon from starting.
+/// Opens the file, which nobody else may open: who can read a file can lock it, and would keep the daemon
+/// from starting.
 fn open(path: &Path) -> std::io::Result<File> {
     let mut options = OpenOptions::new();
     options.read(true).write(true).create(true).truncate(false).mode(place::PRIVATE);
@@ -69,8 +70,8 @@ fn holder(file: &File) -> Option<u32> {
     let inode = format!(":{}", file.metadata().ok()?.ino());
     let locks = std::fs::read_to_string("/proc/locks").ok()?;
     locks.lines().find_map(|line| {
-        // Number, kind, "ADVISORY", "WRITE", process, DEVICE:INODE, first and last byte. Some file systems show another device
-        // here than to everybody else.
+        // Number, kind, "ADVISORY", "WRITE", process, DEVICE:INODE, first and last byte. Some file systems
+        // show another device here than to everybody else.
         let words: Vec<&str> = line.split_whitespace().collect();
         let [_, "FLOCK", _, _, process, of, ..] = words[..] else { return None };
         of.ends_with(&inode).then(|| process.parse().ok()).flatten().filter(|&pid| pid > 0)

@@ -1,8 +1,9 @@
 //! The store on SQLite: a write-ahead log, one writer, a few readers.
 //!
-//! `open` readies the file, `place` looks at where it lies, `lock` keeps a second daemon out, `check` looks whether it is
-//! sound, `identity` whether it lies where it did, `writer`, `commands` and `script` write, `read`
-//! reads, `reap` removes what was deleted, `filter` translates questions, `statements` holds the fixed SQL.
+//! `open` readies the file, `place` looks at where it lies, `lock` keeps a second daemon out, `check` looks
+//! whether it is sound, `identity` whether it lies where it did, `writer`, `commands` and `script` write,
+//! `read` reads, `reap` removes what was deleted, `filter` translates questions, `statements` holds the fixed
+//! SQL.
 
 mod check;
 mod codes;

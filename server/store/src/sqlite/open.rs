@@ -39,14 +39,16 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     let options = options.journal_mode(SqliteJournalMode::Wal);
     let mut making = options.clone();
     if std::fs::metadata(path).is_ok_and(|file| file.len() == 0) {
-        // What retention frees can then be given back to the system piece by piece. Only a new file takes this on.
+        // What retention frees can then be given back to the system piece by piece. Only a new file takes
+        // this on.
         making = making.auto_vacuum(SqliteAutoVacuum::Incremental);
     }
     let mut writer = SqliteConnection::connect_with(&making).await.map_err(|error| explain(path, &error))?;
     migrate(path, &mut writer).await?;
     look_at(path, &mut writer).await?;
 
-    // All of them now and for good: while the file is moved away none can be opened, and reads go on all the same.
+    // All of them now and for good: while the file is moved away none can be opened, and reads go on all the
+    // same.
     let readers = SqlitePoolOptions::new()
         .min_connections(limits::READERS)
         .max_connections(limits::READERS)
@@ -104,7 +106,8 @@ pub(crate) fn options(path: &Path) -> SqliteConnectOptions {
         .pragma("journal_size_limit", limits::WAL_BYTES_KEPT.to_string())
 }
 
-/// Readies a connection to a file that a daemon may have. Where none has, the schema is brought up to date first.
+/// Readies a connection to a file that a daemon may have. Where none has, the schema is brought up to date
+/// first.
 pub(super) async fn beside(path: &Path) -> Result<SqliteConnectOptions, OpenError> {
     match open(path).await {
         Ok(Opened { lock, writer, readers }) => {

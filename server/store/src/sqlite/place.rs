@@ -1,10 +1,10 @@
 //! Where a database lies, and who may read it: what can be known without opening the file.
 //!
-//! Nothing in a process that has a database open may open one of its files but SQLite itself. SQLite's locks (`fcntl`) belong to
-//! the process and not to a descriptor, and the system drops all of them when the process closes *any* descriptor of the
-//! file: another program then takes itself for the only one, folds the write-ahead log into the file and deletes it
-//! (<https://sqlite.org/howtocorrupt.html>, 2.2). So everything here asks by name: `stat(2)`, `statx(2)`, `statfs(2)`,
-//! `access(2)`, `chmod(2)`.
+//! Nothing in a process that has a database open may open one of its files but SQLite itself. SQLite's locks
+//! (`fcntl`) belong to the process and not to a descriptor, and the system drops all of them when the process
+//! closes *any* descriptor of the file: another program then takes itself for the only one, folds the
+//! write-ahead log into the file and deletes it (<https://sqlite.org/howtocorrupt.html>, 2.2). So everything
+//! here asks by name: `stat(2)`, `statx(2)`, `statfs(2)`, `access(2)`, `chmod(2)`.
 
 use std::fs::{self, OpenOptions, Permissions};
 use std::io::ErrorKind;
@@ -57,8 +57,9 @@ pub(crate) fn check_name(path: &Path) -> Result<(), OpenError> {
     }
 }
 
-/// Refuses a file with a second name: SQLite's write-ahead log and our lock lie beside the name that is given, so two
-/// programs that use different names do not see each other, and what is in the log is missing under the other name.
+/// Refuses a file with a second name: SQLite's write-ahead log and our lock lie beside the name that is
+/// given, so two programs that use different names do not see each other, and what is in the log is missing
+/// under the other name.
 pub(crate) fn check_names(path: &Path) -> Result<(), OpenError> {
     let Ok(file) = fs::metadata(path) else { return Ok(()) };
     let path = path.to_owned();
@@ -69,7 +70,8 @@ pub(crate) fn check_names(path: &Path) -> Result<(), OpenError> {
     }
 }
 
-/// Whether the file itself, and not the folder that it lies in, was mounted, as containers do it with volumes of one file.
+/// Whether the file itself, and not the folder that it lies in, was mounted, as containers do it with volumes
+/// of one file.
 fn is_mounted_alone(path: &Path) -> bool {
     #[cfg(target_os = "linux")]
     {
@@ -84,8 +86,8 @@ fn is_mounted_alone(path: &Path) -> bool {
     }
 }
 
-/// Makes the database where there is none yet, and keeps others from it and from the files beside it, to which SQLite gives
-/// the rights of the database. To be called under the lock.
+/// Makes the database where there is none yet, and keeps others from it and from the files beside it, to
+/// which SQLite gives the rights of the database. To be called under the lock.
 pub(super) fn make_private(path: &Path) -> Result<(), OpenError> {
     // A file that is new is nobody's yet, so that closing it drops no lock.
     match OpenOptions::new().write(true).create_new(true).mode(PRIVATE).open(path) {
@@ -105,7 +107,8 @@ pub(super) fn make_private(path: &Path) -> Result<(), OpenError> {
     Ok(())
 }
 
-/// Takes the rights of everybody but the owner, where others have any. Where that is not ours to do it is told.
+/// Takes the rights of everybody but the owner, where others have any. Where that is not ours to do it is
+/// told.
 pub(super) fn tighten(path: &Path) {
     let Ok(file) = fs::metadata(path) else { return };
     if file.mode() & 0o077 == 0 {
@@ -122,8 +125,8 @@ pub(super) fn tighten(path: &Path) {
     }
 }
 
-/// Says so where the file lies on another machine: SQLite's write-ahead log needs memory that all who use it share
-/// (<https://sqlite.org/wal.html>), and many servers lock or sync otherwise than they say.
+/// Says so where the file lies on another machine: SQLite's write-ahead log needs memory that all who use it
+/// share (<https://sqlite.org/wal.html>), and many servers lock or sync otherwise than they say.
 pub(super) fn warn_of_network(path: &Path) {
     let system = rustix::fs::statfs(folder(path)).ok().and_then(|found| network(found.f_type as u64));
     if let Some(system) = system {
@@ -136,7 +139,8 @@ pub(super) fn warn_of_network(path: &Path) {
     }
 }
 
-/// The name of a file system that is reached over a network, or by way of another program, by its number (`statfs(2)`).
+/// The name of a file system that is reached over a network, or by way of another program, by its number
+/// (`statfs(2)`).
 fn network(number: u64) -> Option<&'static str> {
     // Some are negative as 32 bits, and are widened on the way.
     Some(match number & 0xffff_ffff {

@@ -1,8 +1,8 @@
 //! Removing the rows of deleted studies, a piece at a time.
 //!
-//! To delete a study of 100,000 trials takes half a second, for which every other write would have to wait. So deleting
-//! only gives the study a name that nobody can ask for, which is one small write; its rows go afterwards, in pieces
-//! between the other writes, also after a restart.
+//! To delete a study of 100,000 trials takes half a second, for which every other write would have to wait.
+//! So deleting only gives the study a name that nobody can ask for, which is one small write; its rows go
+//! afterwards, in pieces between the other writes, also after a restart.
 
 use sqlx::sqlite::SqliteConnection;
 

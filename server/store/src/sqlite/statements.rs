@@ -40,7 +40,8 @@ pub(super) const NAME_LEFT: &str = concat!(
     "ON CONFLICT (name) DO UPDATE SET last_trial = max(former_names.last_trial, excluded.last_trial)"
 );
 
-/// Of more than `$1` former names those with the lowest numbers are no longer listed: the empty name stands for them.
+/// Of more than `$1` former names those with the lowest numbers are no longer listed: the empty name stands
+/// for them.
 pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_trial) SELECT '', highest FROM \
      (SELECT max(last_trial) AS highest FROM (SELECT last_trial FROM former_names WHERE name <> '' \
      ORDER BY last_trial DESC LIMIT -1 OFFSET $1)) WHERE highest IS NOT NULL \
@@ -61,8 +62,8 @@ pub(super) const STUDY_RENAME: &str = concat!(
 
 pub(super) const STUDY_OF_UID: &str = "SELECT name FROM studies WHERE uid = $1 AND name < '~'";
 
-/// Gives a study a name that no study can have and that sorts behind all others. [`REAP_TRIALS`] and the following take
-/// its rows away.
+/// Gives a study a name that no study can have and that sorts behind all others. [`REAP_TRIALS`] and the
+/// following take its rows away.
 pub(super) const STUDY_DELETE: &str = "UPDATE studies SET name = '~' || id WHERE id = $1";
 
 /// A study whose rows are to be taken away.
@@ -84,8 +85,8 @@ pub(super) const REAP_STUDY: &str = "DELETE FROM studies WHERE id = $1";
 
 pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $2, models_since = $3 WHERE id = $1";
 
-/// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count; trial
-/// numbers leave some out; each is one look at the end of an index.
+/// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count;
+/// trial numbers leave some out; each is one look at the end of an index.
 macro_rules! study_select {
     ($rest:literal) => {
         concat!(
@@ -151,8 +152,8 @@ pub(super) const TRIAL_UPSERT: &str = concat!(
 pub(super) const TRIAL_BY_NUMBER: &str =
     concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND number = $2");
 
-/// The sign before the number keeps the index of open trials in use: the order of the numbers would otherwise be had by
-/// reading all trials of the study.
+/// The sign before the number keeps the index of open trials in use: the order of the numbers would otherwise
+/// be had by reading all trials of the study.
 pub(super) const OPEN_TRIALS: &str =
     concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY +number");
 

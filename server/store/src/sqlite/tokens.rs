@@ -1,7 +1,7 @@
 //! Tokens in the SQLite file, over a connection of their own.
 //!
-//! The daemon's lock on the file keeps a second daemon out, and is not taken here: SQLite's own locks suffice for
-//! a few small rows, so the command line can make and revoke tokens while the daemon runs.
+//! The daemon's lock on the file keeps a second daemon out, and is not taken here: SQLite's own locks suffice
+//! for a few small rows, so the command line can make and revoke tokens while the daemon runs.
 
 use std::path::Path;
 
@@ -24,8 +24,8 @@ pub struct SqliteTokens {
 }
 
 impl SqliteTokens {
-    /// Opens the tokens of a database file, also while a daemon has it. Where none has, the file is created and its
-    /// schema brought up to date first.
+    /// Opens the tokens of a database file, also while a daemon has it. Where none has, the file is created
+    /// and its schema brought up to date first.
     ///
     /// # Errors
     /// [`OpenError`] with the cause and a remedy.
@@ -33,7 +33,8 @@ impl SqliteTokens {
         Self::connect(path, open::beside(path).await?).await
     }
 
-    /// Opens the tokens of a database that this process serves, and has therefore locked and brought up to date.
+    /// Opens the tokens of a database that this process serves, and has therefore locked and brought up to
+    /// date.
     ///
     /// # Errors
     /// [`OpenError`] with the cause and a remedy.

@@ -1,12 +1,13 @@
 //! Tokens as they are stored: who may do what, until when and how much of it.
 //!
-//! [`TokenStore`] stands beside [`Store`](crate::Store) and in the same database, so that a backup of the one is a
-//! backup of the other and several daemons on one database agree on who may enter. Only the SHA-256 of a
-//! token's secret is kept. A slow password hash would buy nothing: the secret is 256 random bits and not a word out
-//! of somebody's head, so that guessing is hopeless at any speed, while every request pays for the hash.
+//! [`TokenStore`] stands beside [`Store`](crate::Store) and in the same database, so that a backup of the one
+//! is a backup of the other and several daemons on one database agree on who may enter. Only the SHA-256 of a
+//! token's secret is kept. A slow password hash would buy nothing: the secret is 256 random bits and not a
+//! word out of somebody's head, so that guessing is hopeless at any speed, while every request pays for the
+//! hash.
 //!
-//! The command line writes to the same tables while the daemon runs. [`TokenStore::revision`] tells the daemon
-//! cheaply that it did.
+//! The command line writes to the same tables while the daemon runs. [`TokenStore::revision`] tells the
+//! daemon cheaply that it did.
 
 mod memory;
 pub(crate) mod rows;

@@ -44,8 +44,8 @@ const ENTRIES: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;
 /// What the rays of a packet do in a leaf, and where one of them goes on alone.
 ///
 /// # Safety
-/// All functions require nodes and leaves of the tree they are given, which lives, and the processor features they
-/// are made for.
+/// All functions require nodes and leaves of the tree they are given, which lives, and the processor features
+/// they are made for.
 pub(crate) trait PacketLeaves {
     /// One lane a ray.
     type Rays: Lanes;
@@ -117,7 +117,8 @@ impl Stack {
     }
 }
 
-/// Rays that cannot be traced together: those whose bits differ in any of these, signs of directions and classes.
+/// Rays that cannot be traced together: those whose bits differ in any of these, signs of directions and
+/// classes.
 struct Kinds([u32; 5]);
 
 impl Kinds {
@@ -142,8 +143,8 @@ impl Kinds {
     }
 }
 
-/// Replaces the hits of the `active` rays by nearer ones below `start`. Rays that are not valid keep theirs. Rays go
-/// together with those of their kind; too few of a kind go alone.
+/// Replaces the hits of the `active` rays by nearer ones below `start`. Rays that are not valid keep theirs.
+/// Rays go together with those of their kind; too few of a kind go alone.
 ///
 /// # Safety
 /// The processor has the features of `F`, `X` and `P`; the tree has nodes `N` and leaves `P` tests.

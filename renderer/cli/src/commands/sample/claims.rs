@@ -1,4 +1,5 @@
-//! Which samples of a study are there, and which are being measured by others: read from the service, trial by trial.
+//! Which samples of a study are there, and which are being measured by others: read from the service, trial
+//! by trial.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -38,7 +39,8 @@ impl Claims {
         Self { own: own.to_owned(), ..Self::default() }
     }
 
-    /// Looks at all trials that were handed out since the last look, and now and then at what others had open.
+    /// Looks at all trials that were handed out since the last look, and now and then at what others had
+    /// open.
     pub(super) fn look(&mut self, client: &Client, study: &str) -> Result<(), ClientError> {
         if self.held.len() >= HELD_MAX {
             self.look_again(client)?;

@@ -1,4 +1,5 @@
-//! A forest around a lake: ten million triangles, placed by some thousand instances of a few plants and stones.
+//! A forest around a lake: ten million triangles, placed by some thousand instances of a few plants and
+//! stones.
 //!
 //! What is unique stays below half a million triangles: the ground, and three to four of each kind. Nothing
 //! but the ground and the water stands in the world itself.

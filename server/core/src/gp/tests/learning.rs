@@ -128,7 +128,8 @@ fn the_prior_is_where_it_says() {
     assert!(weights[..4].iter().all(|&weight| close(weight, 1.0 / (0.25 * 5.0))), "{weights:?}");
     assert!(close(weights[4], 1.0) && close(hyper.noise(5), 0.05) && hyper.trend(5) == 0.0);
     assert!(close(Hyperparameters::with_trend(&KINDS, &prior).trend(5), 1.0));
-    // Displaced by a half, a hyperparameter is drawn back by a slope of half the inverse variance of its logarithm.
+    // Displaced by a half, a hyperparameter is drawn back by a slope of half the inverse variance of its
+    // logarithm.
     for (index, spread) in [(0, 2.0 * 0.7), (4, 2.0), (5, 1.5), (6, 2.0)] {
         for displaced in [0.5, -0.5] {
             for stronger in [0.99, 1.01] {

@@ -1,4 +1,5 @@
-//! The process against references of other making: a dense one by `nalgebra`, finite differences, random draws.
+//! The process against references of other making: a dense one by `nalgebra`, finite differences, random
+//! draws.
 
 mod acquisition;
 mod learning;

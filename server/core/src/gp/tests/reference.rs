@@ -7,8 +7,8 @@ use super::super::{Covariances, Hyperparameters, Process, Sample};
 use super::*;
 use crate::matrix::Factor;
 
-/// Coordinates whose plain Euclidean distances are those of the kernel: an ordered feature lies along one axis, its
-/// inactive point beside the middle of it; categories are one-hot.
+/// Coordinates whose plain Euclidean distances are those of the kernel: an ordered feature lies along one
+/// axis, its inactive point beside the middle of it; categories are one-hot.
 fn coordinates(kinds: &[FeatureKind], weights: &[f64], point: &[f64]) -> DVector<f64> {
     let mut all = Vec::new();
     for ((kind, weight), &x) in kinds.iter().zip(weights).zip(point) {

@@ -6,7 +6,8 @@ const COSTS: [f64; 7] = [3.0, 1.0, 10.0, 2.5, 400.0, 2.0, 5.0];
 
 #[test]
 fn the_jacobian_of_a_view_agrees_with_finite_differences() {
-    // The least cost is 1, the median of those above it 5; with both held, a view is a function of each cost alone.
+    // The least cost is 1, the median of those above it 5; with both held, a view is a function of each cost
+    // alone.
     let views = |costs: &[f64]| ShiftedLog::new(costs).views();
     // The unit in which the Jacobian counts is their distance.
     let unit = 5.0 - 1.0;

@@ -2,8 +2,8 @@
 //!
 //! Noise grows with the cost and costs span magnitudes, so the process looks at logarithms; and since one
 //! thousandfold outlier must not hide all that lies between the others, what is further from the median than
-//! a few quartile distances is drawn in, itself by a logarithm. All is relative to the median: the unit of the
-//! cost does not matter.
+//! a few quartile distances is drawn in, itself by a logarithm. All is relative to the median: the unit of
+//! the cost does not matter.
 
 /// Where values begin to be drawn in, in distances of the quartiles.
 const REACH: f64 = 2.0;

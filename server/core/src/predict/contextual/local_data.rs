@@ -1,7 +1,8 @@
 //! The measurements near a state, and a Gaussian process fitted to them when a question is answered.
 //!
-//! Collecting them takes microseconds; they are shared with the study's tables, not copied. Fitting the process and
-//! searching it for its least value takes milliseconds, so callers do that apart from the study, without its lock.
+//! Collecting them takes microseconds; they are shared with the study's tables, not copied. Fitting the
+//! process and searching it for its least value takes milliseconds, so callers do that apart from the study,
+//! without its lock.
 
 use std::sync::Arc;
 
@@ -174,8 +175,8 @@ impl LocalData {
                 Some(here) if here.ran(&configuration).is_some() => return false,
                 _ => {}
             }
-            // Limits of what can be run are sharp, and the model of them is not: beside a rival, where anything failed
-            // near by, what ran in none of the near states is no answer.
+            // Limits of what can be run are sharp, and the model of them is not: beside a rival, where
+            // anything failed near by, what ran in none of the near states is no answer.
             let ran_near = || self.sources.iter().any(|source| source.results.ran(&configuration).is_some());
             if asked.rival.is_some() && running.knows_failures() && !ran_near() {
                 return true;

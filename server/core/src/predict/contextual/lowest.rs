@@ -16,8 +16,8 @@ const CHANGES: usize = 40;
 /// Steps along a continuous axis over the climb.
 const RADII: Radii = Radii { first: 0.2, last: 0.01 };
 
-/// What is looked for: the least mean less `optimism` deviations, in the state of the context. More than zero looks for
-/// what may be good, less for what is surely good.
+/// What is looked for: the least mean less `optimism` deviations, in the state of the context. More than zero
+/// looks for what may be good, less for what is surely good.
 pub(super) struct LowestBound<'a> {
     pub(super) process: &'a Process,
     pub(super) layout: &'a Layout,
@@ -41,8 +41,8 @@ impl LowestBound<'_> {
         ScoredPoint { x, score: -confidence_bound(belief, self.optimism), detail: belief }
     }
 
-    /// The best of `known`, of random points and of what the best of both lead to, but for points that `excludes`
-    /// names: canonical coordinates, and what is believed of them.
+    /// The best of `known`, of random points and of what the best of both lead to, but for points that
+    /// `excludes` names: canonical coordinates, and what is believed of them.
     pub(super) fn search(
         &self,
         known: impl Iterator<Item = Vec<f64>>,

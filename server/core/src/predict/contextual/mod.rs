@@ -2,11 +2,11 @@
 //!
 //! Where every input is met once, no search inside one state gets anywhere, and the best known configuration
 //! of a neighbour is the best of very few. What helps is a model of cost over indicators and parameters
-//! together: a contextual Gaussian process (Krause and Ong, "Contextual Gaussian process bandit optimization",
-//! NIPS 2011). What was measured stays in the states' tables; a question fits a small process to the
-//! measurements of the states nearest to it (local fits after Gramacy and Apley, "Local Gaussian process
-//! approximation for large computer experiments", 2015), so that an answer costs the same after a million
-//! trials. Lessons only move lengths and noise, one step each while there are few.
+//! together: a contextual Gaussian process (Krause and Ong, "Contextual Gaussian process bandit
+//! optimization", NIPS 2011). What was measured stays in the states' tables; a question fits a small process
+//! to the measurements of the states nearest to it (local fits after Gramacy and Apley, "Local Gaussian
+//! process approximation for large computer experiments", 2015), so that an answer costs the same after a
+//! million trials. Lessons only move lengths and noise, one step each while there are few.
 
 mod local_data;
 mod lowest;

@@ -1,8 +1,8 @@
 //! The function approximation of paper section 6.2: features whose coefficients are trained by Greedy-GQ with
 //! gamma = 0.
 //!
-//! The value of running action `a` in state `s` is `Q(s, a) = theta . phi(s, a)`. With gamma = 0 the update of
-//! Greedy-GQ (Maei, Szepesvári, Bhatnagar and Sutton, ICML 2010) becomes
+//! The value of running action `a` in state `s` is `Q(s, a) = theta . phi(s, a)`. With gamma = 0 the update
+//! of Greedy-GQ (Maei, Szepesvári, Bhatnagar and Sutton, ICML 2010) becomes
 //! `theta += alpha (R - theta . phi) phi`, where the reward `R` is the inverse of the cost. Memory and time
 //! are linear in the features and do not grow with the number of trials.
 
@@ -22,8 +22,8 @@ use crate::space::Space;
 /// reproduce the reward exactly; beyond twice that, updates diverge. Of the rates 0.03, 0.1, 0.3, 0.5 and 1,
 /// this is the smallest that learns a smooth cost from 6,000 trials about as well as the largest (mean errors
 /// of the reward 0.108 and 0.106). Gaussian features are so small in many dimensions that a fixed step would
-/// learn nothing; there the rate is a share of `1 / |phi|^2` (normalised least mean squares: Haykin, "Adaptive
-/// Filter Theory", chapter 6).
+/// learn nothing; there the rate is a share of `1 / |phi|^2` (normalised least mean squares: Haykin,
+/// "Adaptive Filter Theory", chapter 6).
 const ALPHA: f64 = 0.3;
 /// Features whose squares sum to less than this lie beyond all centres, and teach nothing.
 const SQUARE_MIN: f64 = 1e-200;

@@ -1,11 +1,12 @@
 //! Least squares over the paper's features, for each machine, each group of machines and the whole fleet.
 //!
-//! The paper leaves per-node prediction to future work ("hierarchical optimization or per node optimization is
-//! promising"). Here every lesson teaches three models of the logarithm of cost: the fleet's, that of the
+//! The paper leaves per-node prediction to future work ("hierarchical optimization or per node optimization
+//! is promising"). Here every lesson teaches three models of the logarithm of cost: the fleet's, that of the
 //! machine's group (same processor and software) and the machine's own. An answer weighs them by precision
 //! (Gelman et al., "Bayesian Data Analysis", chapter 5): the inverse of how much each model missed this
-//! machine's trials by, plus what the model does not know yet about the asked point. A new machine's own model
-//! knows nothing, so the fleet answers; as its trials come in, its own takes over as far as it is better.
+//! machine's trials by, plus what the model does not know yet about the asked point. A new machine's own
+//! model knows nothing, so the fleet answers; as its trials come in, its own takes over as far as it is
+//! better.
 
 use std::collections::BTreeMap;
 

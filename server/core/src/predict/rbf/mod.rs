@@ -1,10 +1,10 @@
 //! Radial basis functions over indicators and parameters (paper section 6.2).
 //!
-//! The paper calls its features Gaussians and prints `exp(-omega |x - c|)`, the norm without a square. The two
-//! differ: the printed form has a cusp at its centre and a long tail, so that in the paper's 28 dimensions a
-//! typical feature is 0.1; a Gaussian of the same width is smooth and a tenth of that. [`Shape::Printed`] is
-//! the formula, [`Shape::Gaussian`] the words. `omega = 1`; centres come from a Latin hypercube; there are 3.5
-//! times as many features as parameters and indicators.
+//! The paper calls its features Gaussians and prints `exp(-omega |x - c|)`, the norm without a square. The
+//! two differ: the printed form has a cusp at its centre and a long tail, so that in the paper's 28
+//! dimensions a typical feature is 0.1; a Gaussian of the same width is smooth and a tenth of that.
+//! [`Shape::Printed`] is the formula, [`Shape::Gaussian`] the words. `omega = 1`; centres come from a Latin
+//! hypercube; there are 3.5 times as many features as parameters and indicators.
 
 mod candidates;
 mod greedy_gq;
@@ -31,8 +31,8 @@ pub enum Shape {
     Gaussian,
 }
 
-/// `ceil(3.5 (parameters + indicators))`, in whole numbers. Indicators that are left out count, so that a model keeps
-/// its size.
+/// `ceil(3.5 (parameters + indicators))`, in whole numbers. Indicators that are left out count, so that a
+/// model keeps its size.
 pub fn feature_count(parameters: usize, indicators: usize) -> usize {
     (7 * (parameters + indicators)).div_ceil(2)
 }

@@ -5,8 +5,8 @@
 //! factorisation); Haykin, "Adaptive Filter Theory", chapter 15. Covariances, which the textbook recursion
 //! updates by subtraction, lose their positive definiteness to rounding after some thousand steps; here only
 //! rotations touch the factor, whose condition is the root of that of the normal equations. Old lessons fade;
-//! what fades is replaced by the prior, one axis after the other, so that the factor is never worse conditioned
-//! than the prior allows (leakage).
+//! what fades is replaced by the prior, one axis after the other, so that the factor is never worse
+//! conditioned than the prior allows (leakage).
 
 use serde::{Deserialize, Serialize};
 

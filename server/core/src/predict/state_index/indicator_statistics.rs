@@ -1,12 +1,14 @@
-//! Statistics of the indicators over all states of a study: the range that each really has, and which of them add nothing.
+//! Statistics of the indicators over all states of a study: the range that each really has, and which of them
+//! add nothing.
 //!
-//! A study declares a range for each indicator before anything was measured. Where states lie far outside of it, that one
-//! indicator would dominate every distance. So distances along an axis are divided by the range that holds all but a
-//! fiftieth of the states, where that is wider than the declared one. Stored coordinates do not change: states are
-//! recognised by the declared scale.
+//! A study declares a range for each indicator before anything was measured. Where states lie far outside of
+//! it, that one indicator would dominate every distance. So distances along an axis are divided by the range
+//! that holds all but a fiftieth of the states, where that is wider than the declared one. Stored coordinates
+//! do not change: states are recognised by the declared scale.
 //!
-//! An indicator that has the same value in all states is left out, and so is one that is a linear function of another,
-//! which would count twice. The first state that contradicts brings a redundant indicator back for good.
+//! An indicator that has the same value in all states is left out, and so is one that is a linear function of
+//! another, which would count twice. The first state that contradicts brings a redundant indicator back for
+//! good.
 
 use serde::{Deserialize, Serialize};
 
@@ -133,8 +135,8 @@ impl IndicatorStatistics {
         omitted
     }
 
-    /// Weights for the squares of distances: 1 within the declared range, less where states reach further, 0 for
-    /// what is left out.
+    /// Weights for the squares of distances: 1 within the declared range, less where states reach further, 0
+    /// for what is left out.
     pub(crate) fn weights(&self) -> Vec<f64> {
         let rank = (self.states / BEYOND_SHARE).max(1) as usize;
         let bound =

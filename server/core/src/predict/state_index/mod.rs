@@ -1,7 +1,7 @@
 //! The state index: which known states are nearest to a question, and which one is met again.
 //!
-//! A k-d tree (Bentley, "Multidimensional binary search trees used for associative searching", CACM 18, 1975) for each
-//! kind of query, with distances scaled by the range that each indicator has in the states so far.
+//! A k-d tree (Bentley, "Multidimensional binary search trees used for associative searching", CACM 18, 1975)
+//! for each kind of query, with distances scaled by the range that each indicator has in the states so far.
 
 mod indicator_statistics;
 mod tree;
@@ -68,9 +68,9 @@ impl StateIndex {
         }
     }
 
-    /// Takes a state's indicators for evidence of how far they reach. To be told once of each state, in the order in
-    /// which something was measured first in them, so that it comes out the same when that is gone through again.
-    /// `true` where other indicators are left out than before.
+    /// Takes a state's indicators for evidence of how far they reach. To be told once of each state, in the
+    /// order in which something was measured first in them, so that it comes out the same when that is gone
+    /// through again. `true` where other indicators are left out than before.
     pub(crate) fn weigh(&mut self, anchor: &[f64]) -> bool {
         let before = self.statistics.omitted();
         self.statistics.take(anchor);
@@ -131,9 +131,9 @@ impl StateIndex {
         self.all.values().filter_map(move |tree| Some(tree.within(state, tolerance)?.name as usize))
     }
 
-    /// The `count` nearest states in which something was measured, nearest first. `further` gives the square of what
-    /// counts as distance beside that of the indicators, and `None` for states to leave out. `explored` leaves out
-    /// those without a search.
+    /// The `count` nearest states in which something was measured, nearest first. `further` gives the square
+    /// of what counts as distance beside that of the indicators, and `None` for states to leave out.
+    /// `explored` leaves out those without a search.
     pub(crate) fn nearest(
         &self,
         state: &[f64],

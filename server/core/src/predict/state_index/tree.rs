@@ -1,10 +1,10 @@
 //! An exact index of points that grows one point at a time: a k-d tree whose nodes know their bounding boxes.
 //!
 //! Bentley, "Multidimensional binary search trees used for associative searching", 1975; bounding boxes make
-//! pruning follow the data's own dimension instead of the space's, which for scene indicators is low. A subtree
-//! that grew lopsided is built anew (Galperin and Rivest, "Scapegoat trees", 1993), so that depth stays
-//! logarithmic whatever order points come in. Distances are weighted axis by axis at the time of the question:
-//! weights may change without a new tree.
+//! pruning follow the data's own dimension instead of the space's, which for scene indicators is low. A
+//! subtree that grew lopsided is built anew (Galperin and Rivest, "Scapegoat trees", 1993), so that depth
+//! stays logarithmic whatever order points come in. Distances are weighted axis by axis at the time of the
+//! question: weights may change without a new tree.
 
 /// A leaf is split when it holds more points than this.
 const LEAF_MAX: usize = 24;
@@ -86,8 +86,9 @@ impl KdTree {
         }
     }
 
-    /// The `count` points nearest to `state`, nearest first, the first named first among equals. `further` gives
-    /// what is added to the square of a point's distance, at least 0, and `None` for points to leave out.
+    /// The `count` points nearest to `state`, nearest first, the first named first among equals. `further`
+    /// gives what is added to the square of a point's distance, at least 0, and `None` for points to leave
+    /// out.
     pub(super) fn nearest(
         &self,
         state: &[f64],

@@ -1,16 +1,18 @@
-//! Main effects: which values of each parameter were cheap in other states of a study, as a start for the search of a new one.
+//! Main effects: which values of each parameter were cheap in other states of a study, as a start for the
+//! search of a new one.
 //!
-//! Scenes differ, but much of what makes a configuration good is common to them. Before a search begins in a new state, the
-//! logarithms of the costs that were measured in other states are fitted by a sum: one level for each state, and one
-//! effect for each active parameter. This is an analysis of variance by main effects (Box, Hunter and Hunter, "Statistics
-//! for Experimenters", 1978). Effects are shrunk towards zero by ridge regression (Hoerl and Kennard, Technometrics 12,
-//! 1970). Hundreds of noisy measurements come down to a few numbers for each parameter, so that effects of a few percent
-//! can be told from noise.
+//! Scenes differ, but much of what makes a configuration good is common to them. Before a search begins in a
+//! new state, the logarithms of the costs that were measured in other states are fitted by a sum: one level
+//! for each state, and one effect for each active parameter. This is an analysis of variance by main effects
+//! (Box, Hunter and Hunter, "Statistics for Experimenters", 1978). Effects are shrunk towards zero by ridge
+//! regression (Hoerl and Kennard, Technometrics 12, 1970). Hundreds of noisy measurements come down to a few
+//! numbers for each parameter, so that effects of a few percent can be told from noise.
 //!
-//! The sum is not taken for true of the new state. The Gaussian process of the new state gets it as one more feature, on
-//! which costs may depend linearly (`FeatureKind::Linear` of the kernel), and learns the coefficient from what is
-//! measured there. Where the other states mislead, the coefficient goes to zero. Vizier treats earlier studies in the
-//! same spirit, by a stack of processes (Golovin et al., "Google Vizier: a service for black-box optimization", KDD 2017, section 3.3).
+//! The sum is not taken for true of the new state. The Gaussian process of the new state gets it as one more
+//! feature, on which costs may depend linearly (`FeatureKind::Linear` of the kernel), and learns the
+//! coefficient from what is measured there. Where the other states mislead, the coefficient goes to zero.
+//! Vizier treats earlier studies in the same spirit, by a stack of processes (Golovin et al., "Google Vizier:
+//! a service for black-box optimization", KDD 2017, section 3.3).
 
 use serde::{Deserialize, Serialize};
 
@@ -26,8 +28,8 @@ const RIDGE: f64 = 3.0;
 const SWEEPS: usize = 12;
 /// A standard deviation of the sums below this is rounding error, and nothing is learnt.
 const DEVIATION_MIN: f64 = 1e-9;
-/// Effects are rounded to so many steps per standard deviation. Costs in another unit then give the same effects to
-/// the bit, although their logarithms round differently.
+/// Effects are rounded to so many steps per standard deviation. Costs in another unit then give the same
+/// effects to the bit, although their logarithms round differently.
 const STEPS_PER_DEVIATION: f64 = (1u64 << 20) as f64;
 /// Most rounds over all parameters in [`MainEffects::descend`].
 const ROUNDS_MAX: usize = 16;
@@ -46,13 +48,15 @@ pub struct SourceMeasurement {
 /// The effects of all parameters. See the head of this module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MainEffects {
-    /// For each axis, at its knots or for its values by rank. In standard deviations of the sums that were measured.
+    /// For each axis, at its knots or for its values by rank. In standard deviations of the sums that were
+    /// measured.
     effects: Vec<Vec<f64>>,
     /// The mean sum over the measurements.
     mean: f64,
 }
 
-/// Between which two effects of an axis a coordinate lies: the index of the first, and the weight of the second.
+/// Between which two effects of an axis a coordinate lies: the index of the first, and the weight of the
+/// second.
 fn interpolation(layout: &Layout, axis: usize, x: f64) -> (usize, f64) {
     match layout.cells(axis) {
         0 | CELLS_MAX.. => {
@@ -73,7 +77,8 @@ fn count(layout: &Layout, axis: usize) -> usize {
 }
 
 impl MainEffects {
-    /// Fits the effects. `None` where nothing can be learnt: fewer than two measurements, or no difference between them.
+    /// Fits the effects. `None` where nothing can be learnt: fewer than two measurements, or no difference
+    /// between them.
     pub fn fit(layout: &Layout, measured: &[SourceMeasurement]) -> Option<MainEffects> {
         let dimension = layout.dimension();
         let states = measured.iter().map(|one| one.state + 1).max()?;
@@ -151,15 +156,15 @@ impl MainEffects {
         sum
     }
 
-    /// The predicted cost of a canonical point, standardised: 0 is the mean over the measurements, 1 is one standard
-    /// deviation more (in the logarithm).
+    /// The predicted cost of a canonical point, standardised: 0 is the mean over the measurements, 1 is one
+    /// standard deviation more (in the logarithm).
     pub(super) fn at(&self, layout: &Layout, x: &[f64], active: &[bool]) -> f64 {
         self.sum(layout, x, active) - self.mean
     }
 
-    /// The point of least predicted cost by coordinate descent from a point: one parameter after the other, until no
-    /// other value of any is cheaper. Begun at a configuration that was measured to be good, it stays near
-    /// measurements, where the sum is most reliable.
+    /// The point of least predicted cost by coordinate descent from a point: one parameter after the other,
+    /// until no other value of any is cheaper. Begun at a configuration that was measured to be good, it
+    /// stays near measurements, where the sum is most reliable.
     pub(crate) fn descend(&self, layout: &Layout, from: &[f64]) -> Vec<f64> {
         let enter = |mut x: Vec<f64>| {
             let active = layout.canonical(&mut x);
@@ -221,8 +226,8 @@ mod tests {
         Layout::of(&Space::new(parameters, vec![]).expect("a valid space"))
     }
 
-    /// The logarithm of a cost that is a product of factors: best with the second back end, a middling depth, the
-    /// widest nodes and a low cost.
+    /// The logarithm of a cost that is a product of factors: best with the second back end, a middling depth,
+    /// the widest nodes and a low cost.
     fn log_cost(layout: &Layout, x: &[f64]) -> f64 {
         let mut x = x.to_vec();
         let active = layout.canonical(&mut x);

@@ -1,7 +1,8 @@
 //! The next point of a model-based search, planned on a copy of it.
 //!
-//! Fitting the models takes a thousand times as long as all else that a search does. A copy can do it while the search
-//! itself is told of other points. What it found is used unless somebody has measured that point meanwhile.
+//! Fitting the models takes a thousand times as long as all else that a search does. A copy can do it while
+//! the search itself is told of other points. What it found is used unless somebody has measured that point
+//! meanwhile.
 
 use rand::RngExt;
 
@@ -10,7 +11,8 @@ use crate::gp::local_search::Neighbourhood;
 use crate::search::Step;
 use crate::search::model::{GRID, MeasuredPoint, ModelSearch, acquire, steps};
 
-/// A guess is near one of so many of the best, changed in about so many parameters, by at most this share of an axis.
+/// A guess is near one of so many of the best, changed in about so many parameters, by at most this share of
+/// an axis.
 const GUESSED_NEAR: usize = 4;
 const GUESSED_CHANGES: f64 = 2.0;
 const GUESSED_RADIUS: f64 = 0.2;
@@ -32,8 +34,9 @@ pub struct PlannedPoint {
 }
 
 impl PlannedPoint {
-    /// Thinks of the next point of a search, which is a copy: the models move in it; and of so many more in reserve. What
-    /// the first point takes is all that the search is told of, so that it goes on the same without a reserve.
+    /// Thinks of the next point of a search, which is a copy: the models move in it; and of so many more in
+    /// reserve. What the first point takes is all that the search is told of, so that it goes on the same
+    /// without a reserve.
     pub(super) fn of(mut search: ModelSearch, reserve: usize) -> PlannedPoint {
         let point = search.propose();
         let ModelSearch { cost, failure, trended, fitted, draws, .. } = search.clone();
@@ -59,8 +62,8 @@ impl ModelSearch {
         begins || designs || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
     }
 
-    /// Takes over what a copy has found. A plan that rests on fewer measurements than the last fit, or on a guide
-    /// that was dropped, is passed over.
+    /// Takes over what a copy has found. A plan that rests on fewer measurements than the last fit, or on a
+    /// guide that was dropped, is passed over.
     pub(super) fn take_over(&mut self, plan: PlannedPoint) {
         if plan.fitted < self.fitted || plan.guided != self.setup.layout.has_guide() {
             return;

@@ -1,14 +1,16 @@
 //! What is measured before there is a model.
 //!
-//! Spaces with choices begin with a Latin hypercube of a few points. In a continuous space of several axes so few
-//! points say next to nothing, and half of them lie near corners. There the design goes one step along each axis in
-//! turn, from the best so far, as Powell's COBYLA builds its first simplex ("A direct search optimization method that
-//! models the objective and constraint functions by linear interpolation", 1994): the model then knows a slope along
-//! every axis, and the steps that were gains add up. Where the default is far from the middle of the cube, the middle
-//! is measured before the steps: the optimum is nearer to it than to most other places.
+//! Spaces with choices begin with a Latin hypercube of a few points. In a continuous space of several axes so
+//! few points say next to nothing, and half of them lie near corners. There the design goes one step along
+//! each axis in turn, from the best so far, as Powell's COBYLA builds its first simplex ("A direct search
+//! optimization method that models the objective and constraint functions by linear interpolation", 1994):
+//! the model then knows a slope along every axis, and the steps that were gains add up. Where the default is
+//! far from the middle of the cube, the middle is measured before the steps: the optimum is nearer to it than
+//! to most other places.
 //!
-//! Where other states of the study are known, what did well there comes before either, and nothing is left of a Latin
-//! hypercube unless it does badly here: a point drawn at random costs twice as much as the best, and says little.
+//! Where other states of the study are known, what did well there comes before either, and nothing is left of
+//! a Latin hypercube unless it does badly here: a point drawn at random costs twice as much as the best, and
+//! says little.
 
 use std::collections::VecDeque;
 
@@ -22,8 +24,8 @@ use crate::limits::REWARD_COST_MIN;
 use crate::search::latin_hypercube::design;
 use crate::search::{MainEffects, SearchSetup};
 
-/// How far a Latin hypercube reaches along continuous axes, as a share of the cube, and from how many axes on: most
-/// of a cube of many dimensions are corners, which say nothing of the rest.
+/// How far a Latin hypercube reaches along continuous axes, as a share of the cube, and from how many axes
+/// on: most of a cube of many dimensions are corners, which say nothing of the rest.
 const REACH: f64 = 0.75;
 const REACH_FROM: usize = 3;
 /// How long the steps are, and from how many axes on they are taken.
@@ -40,8 +42,8 @@ const GUIDE_TESTED_AT: usize = 8;
 const GUIDE_CORRELATION_LEAST: f64 = 0.2;
 
 impl ModelSearch {
-    /// Has the search profit from other states, before any model was fitted. `first` are points to begin with, after
-    /// the default.
+    /// Has the search profit from other states, before any model was fitted. `first` are points to begin
+    /// with, after the default.
     pub(super) fn begin_with(&mut self, main_effects: MainEffects, first: Vec<Vec<f64>>) {
         self.setup.layout.set_main_effects(main_effects);
         let kinds = self.setup.layout.kinds();
@@ -50,8 +52,9 @@ impl ModelSearch {
         self.elsewhere = first.into();
     }
 
-    /// How many points did better than the default, and how many clearly worse; none before that was measured. Where the
-    /// default is itself what serves most states best, the others come close to it at most.
+    /// How many points did better than the default, and how many clearly worse; none before that was
+    /// measured. Where the default is itself what serves most states best, the others come close to it at
+    /// most.
     fn against_default(&self) -> (usize, usize) {
         let start = self.grid(&self.setup.start).0;
         let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.observed.rank());
@@ -63,8 +66,8 @@ impl ModelSearch {
         (better, worse)
     }
 
-    /// Whether there is something left that did well in other states, and the first of it has not shown that this
-    /// means nothing here.
+    /// Whether there is something left that did well in other states, and the first of it has not shown that
+    /// this means nothing here.
     pub(super) fn believes_others(&self) -> bool {
         let (better, worse) = self.against_default();
         !self.elsewhere.is_empty() && worse < better + PATIENCE
@@ -138,8 +141,8 @@ pub(super) fn places(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<V
     points.into()
 }
 
-/// Steps from the best so far: to the middle, unless the default is about there, then one along each axis in a random
-/// order, as far as a quarter of the budget goes.
+/// Steps from the best so far: to the middle, unless the default is about there, then one along each axis in
+/// a random order, as far as a quarter of the budget goes.
 pub(super) fn steps(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<Vec<f64>> {
     let dimension = setup.dimension();
     let to_middle: Vec<f64> = setup.start.iter().map(|x| 0.5 - x).collect();

@@ -1,7 +1,7 @@
 //! The model of failure: which points can probably be run, by what ran and what failed.
 //!
-//! It begins with what ran and what failed in other states. That counts for less than what is tried here, and is forgotten
-//! where it does not hold.
+//! It begins with what ran and what failed in other states. That counts for less than what is tried here, and
+//! is forgotten where it does not hold.
 
 use serde::{Deserialize, Serialize};
 
@@ -52,8 +52,8 @@ impl ModelSearch {
         fit.map(|(process, _)| process)
     }
 
-    /// Forgets what ran elsewhere where that does not hold here: two configurations or more turned out otherwise, and a third
-    /// of those that were tried in both.
+    /// Forgets what ran elsewhere where that does not hold here: two configurations or more turned out
+    /// otherwise, and a third of those that were tried in both.
     pub(super) fn test_elsewhere(&mut self) {
         let of_both = self.runs_elsewhere.iter().filter_map(|run| {
             let seen = self.seen.iter().find(|seen| seen.x == run.x)?;

@@ -59,7 +59,8 @@ pub(super) struct Near {
     weights: Vec<f64>,
 }
 
-/// Coordinates in which the better half of the nearest measurements is spread evenly around the best: whitened ones.
+/// Coordinates in which the better half of the nearest measurements is spread evenly around the best:
+/// whitened ones.
 struct Whitening {
     centre: Vec<f64>,
     factor: Factor,

@@ -4,9 +4,9 @@
 //! functions" (Journal of Global Optimization 13, 1998): a small design (`begin`), then again and again a
 //! Gaussian process (`gp`) is fitted to all that was measured, and the point of highest expected
 //! improvement is measured next. What was added, and from where:
-//! - *Mixed, conditional spaces.* The model sees configurations, not points of the cube (see
-//!   [`Layout`]), and the improvement is climbed by changing one parameter at a time from the best known
-//!   configurations, as in SMAC (Hutter, Hoos and Leyton-Brown, LION 5, 2011; Lindauer et al., JMLR 23, 2022).
+//! - *Mixed, conditional spaces.* The model sees configurations, not points of the cube (see [`Layout`]), and
+//!   the improvement is climbed by changing one parameter at a time from the best known configurations, as in
+//!   SMAC (Hutter, Hoos and Leyton-Brown, LION 5, 2011; Lindauer et al., JMLR 23, 2022).
 //! - *Infeasible regions.* A second process predicts whether a point can be run at all; the expected
 //!   improvement is multiplied by that probability, as in BaCO (Hellsten et al., ASPLOS 2024). A design is
 //!   left early where most of it cannot be run.
@@ -16,21 +16,21 @@
 //! - *Precision.* Every other point is the most promising one of a model of its own of the measurements
 //!   around the best (see `local`), so that the search converges where the global model is too coarse.
 //! - *Grids.* Where there is nothing continuous to look at more closely, every other point is that of a model
-//!   with a quadratic trend, if the measurements speak for one: costs of kernels and trees are near products of
-//!   powers of their parameters. A trend that is not there misleads, hence the proof and the other half.
-//! - *Doubt.* Where there are choices the model is too sure of itself: cliffs and interactions that it has not met
-//!   make it keep to the surroundings of a poor default. There deviations count the more at the points in between
-//!   the longer nothing better was found.
+//!   with a quadratic trend, if the measurements speak for one: costs of kernels and trees are near products
+//!   of powers of their parameters. A trend that is not there misleads, hence the proof and the other half.
+//! - *Doubt.* Where there are choices the model is too sure of itself: cliffs and interactions that it has
+//!   not met make it keep to the surroundings of a poor default. There deviations count the more at the
+//!   points in between the longer nothing better was found.
 //! - *Trials that were stopped early.* They count as measured at the mean of what the model expects above
 //!   the bound (Schmee and Hahn, "A simple method for regression analysis with censored data",
 //!   Technometrics 21, 1979; for model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
-//! - *Other states.* What other states of the study know, a [`MainEffects`] adds up: the search begins with what it and the
-//!   best of the others name, and costs may depend on it linearly. Its weight is learnt like a length; where it does not
-//!   agree with the first few measurements here, it is dropped.
+//! - *Other states.* What other states of the study know, a [`MainEffects`] adds up: the search begins with
+//!   what it and the best of the others name, and costs may depend on it linearly. Its weight is learnt like
+//!   a length; where it does not agree with the first few measurements here, it is dropped.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
-//! - *Several clients.* Pending points count as measured, at what the model expects of them (the
-//!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise: what has the noise of
-//!   a measurement leaves its surroundings attractive, and several clients would measure almost the same point.
+//! - *Several clients.* Pending points count as measured, at what the model expects of them (the "kriging
+//!   believer" of Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise: what has the noise of a
+//!   measurement leaves its surroundings attractive, and several clients would measure almost the same point.
 
 mod acquire;
 mod ahead;
@@ -74,8 +74,8 @@ const ROUNDS: usize = 4;
 const ROUNDS_UNTIL: usize = 32;
 /// A trend is believed in from this logarithm of a likelihood ratio on: twenty to one.
 const TREND_EVIDENCE: f64 = 3.0;
-/// Where there are choices, deviations count once more at every other point for so many configurations that were
-/// no better than the best before them, up to so many times more.
+/// Where there are choices, deviations count once more at every other point for so many configurations that
+/// were no better than the best before them, up to so many times more.
 const DOUBT_EVERY: f64 = 8.0;
 const DOUBT_MAX: f64 = 2.0;
 /// A pending point counts as so many measurements.
@@ -216,8 +216,8 @@ impl ModelSearch {
         stream(self.setup.seed, Purpose::Search, self.setup.state_id, self.draws)
     }
 
-    /// Makes a point pending at the place of its configuration, on the grid, where it is found again when it is told.
-    /// The default stays as it was given.
+    /// Makes a point pending at the place of its configuration, on the grid, where it is found again when it
+    /// is told. The default stays as it was given.
     fn make_pending(&mut self, mut x: Vec<f64>, step: Step) -> Point {
         if !matches!(step, Step::Default | Step::Replicate) {
             self.setup.layout.hold(&mut x);
@@ -240,8 +240,8 @@ impl ModelSearch {
         (steps(&x), features)
     }
 
-    /// Whether a design would waste measurements: most of it, so far, could not be run, but enough could to begin a
-    /// model with.
+    /// Whether a design would waste measurements: most of it, so far, could not be run, but enough could to
+    /// begin a model with.
     fn is_mostly_infeasible(&self) -> bool {
         let failed = self.seen.iter().filter(|seen| seen.observed == Observed::Infeasible).count();
         2 * failed >= self.seen.len() && self.seen.len() - failed >= FEASIBLE_ENOUGH
@@ -353,8 +353,8 @@ impl ModelSearch {
         acquisition.best(&known, &mut random, taken).map(|x| (x, Step::Model))
     }
 
-    /// The model of cost with a quadratic trend, if the measurements speak for it clearly: their log likelihood
-    /// without one is `plain`.
+    /// The model of cost with a quadratic trend, if the measurements speak for it clearly: their log
+    /// likelihood without one is `plain`.
     fn trended(&mut self, measured: &[&ModelledPoint], plain: f64, schedule: Schedule) -> Option<CostModel> {
         let (mut hyper, steps) = match self.trended.take() {
             // Asked for half as often, it learns twice as much at a time.
@@ -454,7 +454,8 @@ impl Search for ModelSearch {
         if let Some(point) = self.pending.resume() {
             return Some(point);
         }
-        // What did best elsewhere comes first, then the default, by which states are compared, then the others.
+        // What did best elsewhere comes first, then the default, by which states are compared, then the
+        // others.
         if self.pending.added() == 0
             && let Some(x) = self.elsewhere.pop_front()
         {

@@ -56,8 +56,8 @@ fn searched(
     all.into_iter().map(sample).collect()
 }
 
-/// Over 20 searches: the gain that is told, the true one, the one that the lowest mean tells, and how often the
-/// interval held.
+/// Over 20 searches: the gain that is told, the true one, the one that the lowest mean tells, and how often
+/// the interval held.
 fn told(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize) -> (f64, f64, f64, usize) {
     let (mut sums, mut held) = ([0.0; 3], 0);
     for seed in 0..20 {
@@ -172,8 +172,9 @@ fn few_and_equal_samples_are_fine() {
     assert!(comparison.gain.abs() < 1e-9 && comparison.gain_low <= 0.0 && comparison.gain_high >= 0.0);
 }
 
-/// On a machine whose speed wanders (deviation 0.13, 20 trials) with little noise from trial to trial (0.04): the first
-/// configuration, and others whose logarithms are lower by `gain`. Each entry of `plan` is who runs next.
+/// On a machine whose speed wanders (deviation 0.13, 20 trials) with little noise from trial to trial (0.04):
+/// the first configuration, and others whose logarithms are lower by `gain`. Each entry of `plan` is who runs
+/// next.
 fn wandering(plan: &[usize], gain: f64, seed: u64) -> Vec<ConfigurationSample> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let keep: f64 = (-1.0_f64 / 20.0).exp();

@@ -1,15 +1,16 @@
 //! Which parameters do not matter in a state any more: sequential sensitivity screening.
 //!
-//! A linear model of each parameter's own effect on the logarithm of the cost is kept for the states that were
-//! explored last, and what their effects have in common is learnt from all of them (see `regression`). Every few trials
-//! each parameter is tried: is the chance below the policy's risk that any other value of it gains more than [`GAIN`]
-//! over the best known one, here? Then the search leaves it there, and goes on with the others. The question is asked
-//! again and again, so evidence to the contrary thaws a parameter; and every [`CONTROL`]th point is free of all of
-//! this, so that there is such evidence.
+//! A linear model of each parameter's own effect on the logarithm of the cost is kept for the states that
+//! were explored last, and what their effects have in common is learnt from all of them (see `regression`).
+//! Every few trials each parameter is tried: is the chance below the policy's risk that any other value of it
+//! gains more than [`GAIN`] over the best known one, here? Then the search leaves it there, and goes on with
+//! the others. The question is asked again and again, so evidence to the contrary thaws a parameter; and
+//! every [`CONTROL`]th point is free of all of this, so that there is such evidence.
 //!
-//! What the model cannot see are effects that two parameters only have together; they count as noise, and make it
-//! careful. A parameter that decides whether others are active is never held. After Morris ("Factorial sampling
-//! plans for preliminary computational experiments", Technometrics 1991) in aim, Bayesian in method.
+//! What the model cannot see are effects that two parameters only have together; they count as noise, and
+//! make it careful. A parameter that decides whether others are active is never held. After Morris
+//! ("Factorial sampling plans for preliminary computational experiments", Technometrics 1991) in aim,
+//! Bayesian in method.
 
 mod features;
 mod regression;

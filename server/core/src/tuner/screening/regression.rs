@@ -1,9 +1,10 @@
 //! Bayesian linear regression from sums, and what several of them have in common.
 //!
-//! Each state has effects of its own, drawn around those of all states: `w_s ~ N(m, diag(t))`. Mean `m` and spread
-//! `t` are found by expectation and maximisation (Dempster, Laird and Rubin 1977) in the form of a hierarchical linear
-//! model (Gelman et al., "Bayesian Data Analysis", chapter 15). A parameter whose effects were alike everywhere is
-//! thereby known in a new state before anything is measured there, one whose effects differ is not.
+//! Each state has effects of its own, drawn around those of all states: `w_s ~ N(m, diag(t))`. Mean `m` and
+//! spread `t` are found by expectation and maximisation (Dempster, Laird and Rubin 1977) in the form of a
+//! hierarchical linear model (Gelman et al., "Bayesian Data Analysis", chapter 15). A parameter whose effects
+//! were alike everywhere is thereby known in a new state before anything is measured there, one whose effects
+//! differ is not.
 
 use serde::{Deserialize, Serialize};
 

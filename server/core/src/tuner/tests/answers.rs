@@ -198,8 +198,8 @@ fn what_is_predicted_while_a_study_is_tuned_can_mostly_be_run() {
     }
     println!("predicted, and of these failed: {predicted:?}; taken over: {taken_over:?}");
     let (count, failed) = predicted;
-    // The goal is one in a hundred. Measured were 15 of 291, and 86 of 473 where it was enough that a model of what
-    // can be run was sure; limits are sharper than the model believes.
+    // The goal is one in a hundred. Measured were 15 of 291, and 86 of 473 where it was enough that a model
+    // of what can be run was sure; limits are sharper than the model believes.
     assert!(count > 100 && 12 * failed <= count, "{failed} of {count} predictions failed");
     assert_eq!(taken_over.1, 0, "what runs in other states runs here");
 }

@@ -1,4 +1,5 @@
-//! Answers never contradict themselves: over sessions of many clients, mode and rule agree, and so do the words.
+//! Answers never contradict themselves: over sessions of many clients, mode and rule agree, and so do the
+//! words.
 
 use proptest::prelude::*;
 

@@ -166,7 +166,8 @@ fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
         }
     }
     let near = tuner.best(None, None).expect("valid").expect("measured");
-    // Each is told of its own; who has not been here is told of the one with the most frames, the first among equals.
+    // Each is told of its own; who has not been here is told of the one with the most frames, the first among
+    // equals.
     let told = |cpu: &str| {
         let Ask { indicators, fingerprint, .. } = ask_as(cpu, 8, "anybody");
         let best = tuner.best(Some(&indicators), fingerprint.as_ref()).expect("valid").expect("measured");

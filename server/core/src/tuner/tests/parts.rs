@@ -1,5 +1,5 @@
-//! The tuner's parts for themselves: searches and their counted changes, models and their deferred updates, transfer and
-//! its questions to other states.
+//! The tuner's parts for themselves: searches and their counted changes, models and their deferred updates,
+//! transfer and its questions to other states.
 
 use super::*;
 use crate::limits::DEFERRED_UPDATES_MAX;

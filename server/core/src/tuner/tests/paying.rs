@@ -128,7 +128,8 @@ fn what_clients_brought_along_serves_the_next_state() {
         wanted
     };
     let wanted: Vec<_> = (1..=7).map(by_hand).collect();
-    // Four states agree that one configuration is much better than the default: then it is where a fifth begins.
+    // Four states agree that one configuration is much better than the default: then it is where a fifth
+    // begins.
     let best = wanted[4].clone();
     for place in 0..4 {
         for configuration in &wanted {

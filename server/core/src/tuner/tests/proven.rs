@@ -1,5 +1,5 @@
-//! What is told and exploited is proven, whatever noise and machines do: the tuner's promises in small worlds whose costs
-//! are known. The laboratory's example `told_gain` measures the same at size.
+//! What is told and exploited is proven, whatever noise and machines do: the tuner's promises in small worlds
+//! whose costs are known. The laboratory's example `told_gain` measures the same at size.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -197,8 +197,8 @@ fn what_was_taken_back_keeps_no_race_from_beginning() {
     assert_eq!(rules.last(), Some(&Rule::Finished));
 }
 
-/// The first configuration of a state that is new to a study that knows two others, and what answers there after ten frames in
-/// which configurations cost what `cost_here` says, the first one being given.
+/// The first configuration of a state that is new to a study that knows two others, and what answers there
+/// after ten frames in which configurations cost what `cost_here` says, the first one being given.
 fn answer_in_a_new_state(
     cost_here: impl Fn(&Trial, &Configuration) -> f64,
 ) -> (Configuration, Configuration) {

@@ -1,4 +1,5 @@
-//! What verdicts mean, held in disturbed sessions: other programs come and go, and what is told of an answer is still true.
+//! What verdicts mean, held in disturbed sessions: other programs come and go, and what is told of an answer
+//! is still true.
 //!
 //! A larger number of `WORLDS` plays more sessions; `-- --nocapture` prints what came of them.
 
@@ -14,7 +15,8 @@ const QUIET_LEAST: f64 = 0.2;
 /// The share of worlds in which what is told lies within 5 % of that.
 const NEAR: f64 = 0.75;
 
-/// A world in which nothing, little or much can be gained, on a machine on which up to two other programs come and go.
+/// A world in which nothing, little or much can be gained, on a machine on which up to two other programs
+/// come and go.
 struct World {
     /// By which share the best configuration costs less than it would in a flat world.
     depth: f64,

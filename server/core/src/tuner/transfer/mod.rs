@@ -4,12 +4,12 @@
 //! - The predictors' best configuration, which carry knowledge from state to state: [`Transfer::answer`] to
 //!   exploit where that is worth its risk, and [`Transfer::first`] to explore where nothing was measured
 //!   yet.
-//! - What other machines found best that met the same input ([`other_machines`]): [`Transfer::best_by_machines`] to exploit,
-//!   [`Transfer::untried_by_machines`] to explore.
+//! - What other machines found best that met the same input ([`other_machines`]):
+//!   [`Transfer::best_by_machines`] to exploit, [`Transfer::untried_by_machines`] to explore.
 //! - What a search that begins is told of the nearest states (`evidence`, computed in `warm_start`).
 //!
-//! Which of them is asked in which case is decided by the callers, in `decide` and `explore`. What measurements say of
-//! all of these is learnt in `report`, and nowhere else.
+//! Which of them is asked in which case is decided by the callers, in `decide` and `explore`. What
+//! measurements say of all of these is learnt in `report`, and nowhere else.
 
 mod evidence;
 mod other_machines;
@@ -94,8 +94,8 @@ impl<'a> Transfer<'a> {
         is_worth(change, WORTH) && records().all(|record| !record.fails()) && runs_after(ran) >= RUNS_LEAST
     }
 
-    /// What to run first in a state where nothing was measured yet, if the predictor can say from elsewhere where much
-    /// may be gained. Trial `number` makes answers differ from one to the next.
+    /// What to run first in a state where nothing was measured yet, if the predictor can say from elsewhere
+    /// where much may be gained. Trial `number` makes answers differ from one to the next.
     pub(super) fn first(
         &self,
         state: StateId,
@@ -114,8 +114,8 @@ impl<'a> Transfer<'a> {
         }
     }
 
-    /// Whether the search of a state begins with what did best in others: where the states near by were searched. Where
-    /// inputs are met once, nothing was, and a predictor proposes what to run.
+    /// Whether the search of a state begins with what did best in others: where the states near by were
+    /// searched. Where inputs are met once, nothing was, and a predictor proposes what to run.
     pub(super) fn begins_with_portfolio(&self, normalised: &'a [f64], here: Option<StateId>) -> bool {
         if !self.warms_up_searches() {
             return false;

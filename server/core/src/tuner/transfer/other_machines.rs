@@ -1,14 +1,15 @@
 //! What other machines know of a state: the same input, measured elsewhere.
 //!
-//! Machines differ by a factor above all, so costs are compared as logarithms, less what the two machines differ by on
-//! the configurations that both measured in this state (the default is the first of them); where there is none, less
-//! the factor that other states showed. What is left over is that one configuration is better on one machine than on
-//! another: which share of the difference to the default carries over, and how far that is off, is learnt of each
-//! machine and level ([`Machines`](crate::machines::Machines)).
+//! Machines differ by a factor above all, so costs are compared as logarithms, less what the two machines
+//! differ by on the configurations that both measured in this state (the default is the first of them); where
+//! there is none, less the factor that other states showed. What is left over is that one configuration is
+//! better on one machine than on another: which share of the difference to the default carries over, and how
+//! far that is off, is learnt of each machine and level ([`Machines`](crate::machines::Machines)).
 //!
-//! The estimate of a configuration's cost pools four sources by their precision: that it does as well as the default,
-//! the fleet's measurements, the group's, and the machine's own. A new machine has none, so it runs what the fleet
-//! found best; whatever it measures itself soon counts for more, and where it disagrees, the others count less.
+//! The estimate of a configuration's cost pools four sources by their precision: that it does as well as the
+//! default, the fleet's measurements, the group's, and the machine's own. A new machine has none, so it runs
+//! what the fleet found best; whatever it measures itself soon counts for more, and where it disagrees, the
+//! others count less.
 
 use crate::configuration::Configuration;
 use crate::decision::{ByMachines, ExploitSource, ExploredPoint, MachineLevel};
@@ -21,7 +22,8 @@ use crate::tuner::proposal::{Exploitation, ProposedTrial};
 use crate::tuner::states::States;
 use crate::tuner::transfer::Transfer;
 
-/// By how much, as a logarithm, a configuration is taken to differ from the default before anybody measured it.
+/// By how much, as a logarithm, a configuration is taken to differ from the default before anybody measured
+/// it.
 const SPREAD: f64 = 0.3;
 /// How many of a machine's best configurations two machines are compared by, beside the default.
 const SHARED: usize = 16;
@@ -197,8 +199,8 @@ impl<'a> OtherMachines<'a> {
 }
 
 impl Transfer<'_> {
-    /// What other machines found best in this state, as long as that counts for more than what the machine measured
-    /// itself.
+    /// What other machines found best in this state, as long as that counts for more than what the machine
+    /// measured itself.
     pub(in crate::tuner) fn best_by_machines(&self, state: StateId) -> Option<Exploitation> {
         let peers = OtherMachines::of(self.states, self.spec.space.default_ref(), state);
         if peers.is_empty() {
@@ -213,8 +215,8 @@ impl Transfer<'_> {
         })
     }
 
-    /// What other machines found best and this one has not measured yet, where it is estimated to be better than what
-    /// this one has. The default comes first, by which machines are compared.
+    /// What other machines found best and this one has not measured yet, where it is estimated to be better
+    /// than what this one has. The default comes first, by which machines are compared.
     pub(in crate::tuner) fn untried_by_machines(&self, state: StateId) -> Option<ProposedTrial> {
         let results = self.states.results(state);
         let policy = &self.spec.policy;
@@ -265,7 +267,8 @@ fn by_machines(peers: &OtherMachines<'_>, estimate: &PooledEstimate) -> ByMachin
     }
 }
 
-/// Holds a measured cost against what other machines' measurements would have said of it, before it is learnt.
+/// Holds a measured cost against what other machines' measurements would have said of it, before it is
+/// learnt.
 pub(in crate::tuner) fn compare(
     states: &mut States,
     default: &Configuration,
