@@ -171,7 +171,7 @@ pub struct Prediction {
     pub state: Option<StateInsight>,
 }
 
-/// The best known configuration: what is exploited in the state, which is the default where nothing better is proven.
+/// The best known configuration: what is exploited in the state. Its standing says how sure that is.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Best {
     /// The configuration.

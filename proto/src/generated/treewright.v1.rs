@@ -1213,7 +1213,7 @@ pub struct Standing {
     #[prost(int64, tag = "7")]
     pub disturbances: i64,
 }
-/// The best known configuration: what is exploited in the state. It is the incumbent if nothing better is proven.
+/// The best known configuration: what is exploited in the state. Its standing says how sure that is.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Best {
     #[prost(message, optional, tag = "1")]
