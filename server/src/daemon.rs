@@ -229,7 +229,7 @@ fn shares(config: &ServeConfig) -> std::io::Result<DescriptorShares> {
     let (descriptors, before) = descriptors::raise()?;
     let shares = DescriptorShares::of(descriptors);
     let connections = config.capacity.connections(&shares).total;
-    tracing::info!(descriptors, raised_from = before, connections, "open files and connections are limited");
+    tracing::debug!(descriptors, raised_from = before, connections, "open files and connections are limited");
     let asked = config.capacity.max_connections.map_or(limits::CONNECTIONS, |asked| asked as usize);
     if connections < asked {
         tracing::warn!(

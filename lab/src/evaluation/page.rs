@@ -114,17 +114,22 @@ impl Told<'_> {
                     |one: &&Standing| one.split == split && one.scene.is_none() && one.entrant == entrant;
                 let Some(one) = all_standings.iter().find(of) else { continue };
                 all.push(format!(
-                    "On {}, {who} reached {} of the speed of what a search finds there, saved {:.1} % of the search's \
+                    "On {}, {who} reached {} of the speed of what a search finds there, saved {} of the search's \
                      overhead, and was {} times as fast as the best fixed configuration.",
                     split.words(),
                     percent(one.of_roofline),
-                    one.overhead_reduction * 100.0,
+                    saved(one.overhead_reduction),
                     one.over_fixed
                 ));
             }
         }
         all
     }
+}
+
+/// A share of an overhead; a dash where there was none to save.
+fn saved(share: Option<f64>) -> String {
+    share.map_or("–".to_owned(), |share| format!("{:.1} %", share * 100.0))
 }
 
 fn percent(mean: Mean) -> String {
@@ -274,7 +279,7 @@ fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
             format!("{:.2}", one.over_search.mean),
             format!("{:.2}", one.over_default.mean),
             format!("{:.2}", one.over_fixed.mean),
-            format!("{:.1} %", one.overhead_reduction * 100.0),
+            saved(one.overhead_reduction),
             one.break_even.median.map_or("–".to_owned(), |median| format!("{median:.0}")),
             one.break_even.never.to_string(),
             one.break_even.late.to_string(),
@@ -312,12 +317,12 @@ pub(crate) fn markdown(told: &Told<'_>) -> String {
                 if let Some(one) = own {
                     let _ = writeln!(
                         text,
-                        "| {name} | {} | {} | {} | {} | {:.1} % |",
+                        "| {name} | {} | {} | {} | {} | {} |",
                         percent(one.of_roofline),
                         one.over_search,
                         one.over_default,
                         one.over_fixed,
-                        one.overhead_reduction * 100.0
+                        saved(one.overhead_reduction)
                     );
                 }
             }

@@ -55,8 +55,9 @@ pub(crate) struct Standing {
     pub(crate) of_roofline_once: Mean,
     pub(crate) over_default: Mean,
     pub(crate) over_fixed: Mean,
-    /// Share of the search's overhead that the predictor saves: sums over all answers.
-    pub(crate) overhead_reduction: f64,
+    /// Share of the search's overhead that the predictor saves: sums over all answers. `None` where the search
+    /// cost nothing beyond what it found.
+    pub(crate) overhead_reduction: Option<f64>,
     pub(crate) break_even: BreakEvens,
 }
 
@@ -119,8 +120,9 @@ pub(crate) fn standings(verdict: &Verdict) -> Vec<Standing> {
             of_roofline_once: of(|row| row.of_roofline_once),
             over_default: of(|row| row.over_default),
             over_fixed: of(|row| row.over_fixed),
-            overhead_reduction: 1.0
-                - sum(|row| row.prediction_overhead_ms) / sum(|row| row.search_overhead_ms),
+            overhead_reduction: Some(sum(|row| row.search_overhead_ms))
+                .filter(|search_ms| *search_ms > 0.0)
+                .map(|search_ms| 1.0 - sum(|row| row.prediction_overhead_ms) / search_ms),
             break_even: BreakEvens::of(rows.iter().copied()),
         }
     };
