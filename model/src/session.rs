@@ -21,8 +21,8 @@ pub struct SessionPolicy {
     /// For this session a state's search ends after so many runs, repeats among them, 1 to 100,000.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials_per_state: Option<u32>,
-    /// Exploring trials are told to stop when their cost exceeds that of the reference by this factor, above 1. Where
-    /// the study keeps a regret budget, its own factor holds.
+    /// Exploring trials are stopped when their cost exceeds that of the reference by this factor, which is
+    /// above 1. Where the study keeps a regret budget, its own factor holds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub abort_above: Option<f64>,
     /// Until when the session explores, by the daemon's clock in milliseconds since 1970. From then on what

@@ -1,8 +1,10 @@
-//! The Rust code of the messages and services, and their descriptors, are made from `treewright/v1/*.proto` and kept beside the
-//! sources, so that who builds the crate needs neither a compiler of protocol buffers nor the time that one takes. This test makes
-//! them again; where they differ it writes them anew and fails, so that a change of the contract is: edit, run this, commit.
+//! The Rust code of the messages and services, and their descriptors, are made from `treewright/v1/*.proto`
+//! and kept beside the sources, so that who builds the crate needs neither a compiler of protocol buffers nor
+//! the time that one takes. This test makes them again; where they differ it writes them anew and fails, so
+//! that a change of the contract is: edit, run this, commit.
 //!
-//! The values of the two enums that name searches and predictors are written in the same way, from the registry of the model.
+//! The values of the two enums that name searches and predictors are written in the same way, from the
+//! registry of the model.
 
 use std::path::Path;
 

@@ -47,8 +47,8 @@ fn beside(database: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(format!("{}{suffix}", database.display()))
 }
 
-/// Nothing is missing after what has just been done. The kernel lists locks page by page, so one that is there
-/// can be left out while others come and go; one that was given up stays missing.
+/// Nothing is missing after what has just been done. The kernel lists locks page by page, so one that is
+/// there can be left out while others come and go; one that was given up stays missing.
 fn held(daemon: &Daemon, database: &Path, after: &str) {
     let mut missing = missing_locks(daemon, database);
     for _ in 0..20 {

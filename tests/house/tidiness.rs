@@ -7,6 +7,9 @@ use treewright_tests::programs::workspace;
 /// Longest Rust file. One room, one purpose.
 const LINES_MAX: usize = 600;
 
+/// Widest line of a comment, in characters, as of code. Tables, code and commands may be wider.
+const COLUMNS_MAX: usize = 110;
+
 /// Marks of unfinished work. Split so that this file does not find itself.
 const LEFTOVERS: &[&str] =
     &[concat!("todo", "!("), concat!("unimplemented", "!("), concat!("#[ig", "nore"), concat!("FIX", "ME")];
@@ -54,6 +57,23 @@ fn files_fit_in_the_head() {
             "{} has {lines} lines; split it by meaning (limit {LINES_MAX})",
             file.path
         );
+    }
+}
+
+#[test]
+fn comments_are_as_narrow_as_code() {
+    for file in rust_files() {
+        for (place, line) in file.text.lines().enumerate() {
+            let Some(comment) = line.trim_start().strip_prefix("//") else { continue };
+            let words = comment.trim_start_matches(['/', '!']);
+            let is_prose = !words.starts_with("    ") && !words.trim_start().starts_with(['|', '`']);
+            assert!(
+                !is_prose || line.chars().count() <= COLUMNS_MAX,
+                "{}:{} is wider than {COLUMNS_MAX} columns",
+                file.path,
+                place + 1
+            );
+        }
     }
 }
 

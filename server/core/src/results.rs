@@ -258,7 +258,7 @@ impl ResultTable {
         self.rewrite(configuration, change);
     }
 
-    /// Replaces the latest costs of a configuration, each with its trial's number; none if all were taken back.
+    /// Replaces the latest costs of a configuration, each with its trial's number; none if all were revoked.
     pub fn restate(&mut self, configuration: &Configuration, costs: &[(u64, f64)]) {
         let change = |record: &mut Record| {
             record.evidence.restate(costs);
