@@ -33,7 +33,10 @@ pub(crate) fn unpack<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, PackedError
         return Err(PackedError(format!("{size} bytes are more than {UNPACKED_BYTES_MAX}")));
     }
     let bytes = lz4_flex::decompress(packed, size).map_err(|error| PackedError(error.to_string()))?;
-    rmp_serde::from_slice(&bytes).map_err(|error| PackedError(error.to_string()))
+    // The reader of the format is compiled once, and not once for every type that a value holds.
+    let mut reader = rmp_serde::Deserializer::from_read_ref(&bytes[..]);
+    erased_serde::deserialize(&mut <dyn erased_serde::Deserializer<'_>>::erase(&mut reader))
+        .map_err(|error| PackedError(error.to_string()))
 }
 
 #[cfg(test)]
