@@ -24,6 +24,7 @@ pub fn standing_to_wire(standing: &Standing) -> v1::Standing {
             gain: gain.map(gain_to_wire),
         }),
         disturbances: signed(standing.disturbances),
+        gain_at_most: standing.gain_at_most,
     }
 }
 
@@ -46,8 +47,7 @@ pub fn standing_from_wire(wire: v1::Standing) -> Standing {
             gain: confirmation.gain.map(gain_from_wire),
         },
         disturbances: unsigned(wire.disturbances),
-        // Not said on the wire.
-        gain_at_most: None,
+        gain_at_most: wire.gain_at_most,
     }
 }
 
@@ -83,7 +83,7 @@ mod tests {
             nothing_better: false,
             confirmation,
             disturbances: 2,
-            gain_at_most: None,
+            gain_at_most: Some(0.02),
         };
         assert_eq!(standing_from_wire(standing_to_wire(&standing)), standing);
         let mut newer = standing_to_wire(&standing);

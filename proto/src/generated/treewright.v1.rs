@@ -1212,6 +1212,10 @@ pub struct Standing {
     /// which the state was first measured.
     #[prost(int64, tag = "7")]
     pub disturbances: i64,
+    /// The most that any other measured configuration may gain over the answer, with a probability of 95 %, as a share.
+    /// Unset where that is not known.
+    #[prost(double, optional, tag = "8")]
+    pub gain_at_most: ::core::option::Option<f64>,
 }
 /// The best known configuration: what is exploited in the state. Its standing says how sure that is.
 #[derive(Clone, PartialEq, ::prost::Message)]
