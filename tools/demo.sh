@@ -1,14 +1,19 @@
 #!/usr/bin/env bash
-# Tunes a built-in scene with a fresh daemon, moves the camera, and leaves demo/report.html. `make demo` calls it.
+# Shows in three acts what the service is worth to somebody who has tuned nothing, and leaves demo/report.html.
+# `make demo` calls it.
 #
 #   DEMO_SCENE       what is tuned (default builtin:voxels; also a glTF, OBJ or PLY file)
-#   DEMO_ITERATIONS  how many configurations are tried (default 50)
+#   DEMO_OTHER       what is answered without a search (default builtin:city)
+#   DEMO_UNLIKE      a scene that wants something else (default builtin:hall)
+#   DEMO_ITERATIONS  how many trials each search runs (default 40)
 #   DEMO_BIN         folder of the programs (default target/demo)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scene=${DEMO_SCENE:-builtin:voxels}
-iterations=${DEMO_ITERATIONS:-50}
+other=${DEMO_OTHER:-builtin:city}
+unlike=${DEMO_UNLIKE:-builtin:hall}
+iterations=${DEMO_ITERATIONS:-40}
 bin=${DEMO_BIN:-target/demo}
 folder=demo
 size=320x240
@@ -21,7 +26,7 @@ for program in treewrightd treewright-render; do
 done
 
 mkdir -p "$folder"
-rm -f "$folder"/tuning.db* "$folder"/daemon.log "$folder"/run.json "$folder"/flight.json "$folder"/report.html
+rm -f "$folder"/tuning.db* "$folder"/daemon.log "$folder"/{run,flight,unlike}.json "$folder"/{report,unlike}.html
 
 say() { printf '\n\033[1m%s\033[0m\n' "$*"; }
 
@@ -52,17 +57,23 @@ fi
 rm -f "$folder/daemon.out"
 echo "   listening on $url, database $folder/tuning.db"
 
-say "2. Tuning: every trial tries another way to build the tree of boxes that rays are tested against"
-"$bin/treewright-render" tune --server "$url" --scene "$scene" --objective render --iterations "$iterations" --frames 2 \
-    --size "$size" --json "$folder/run.json" --report "$folder/report.html"
+tune() {
+    "$bin/treewright-render" tune --server "$url" --start native --objective render --frames 2 --size "$size" "$@"
+}
 
-say "3. Moving the camera: the service has never seen these views, and answers at once from what it learned"
-"$bin/treewright-render" play --server "$url" --scene "$scene" --objective render --frames 12 --from 0.05 --to 0.6 \
+say "2. From native Embree's default: every trial tries another way to build the tree of boxes that rays are tested against"
+tune --scene "$scene" --iterations "$iterations" --json "$folder/run.json" --report "$folder/report.html"
+
+say "3. Another scene and a camera that moves: answered at once from what was learnt, without any search"
+"$bin/treewright-render" play --server "$url" --start native --scene "$other" --objective render --frames 12 --from 0.05 --to 0.6 \
     --size "$size" --epsilon 0 --compare --json "$folder/flight.json"
 
-say "4. Stopping the daemon"
+say "4. A scene unlike the others: what they answer is not its best, and a search of its own repairs that"
+tune --scene "$unlike" --iterations "$iterations" --json "$folder/unlike.json" --report "$folder/unlike.html"
+
+say "5. Stopping the daemon"
 stop
 trap - EXIT
 echo "   stopped; what it learned stays in $folder/tuning.db"
 
-say "Done. Open $folder/report.html in a browser: it explains what happened, with pictures."
+say "Done. Open $folder/report.html in a browser: it explains what happened, with pictures; $folder/unlike.html is of the last scene."

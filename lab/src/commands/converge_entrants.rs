@@ -23,7 +23,7 @@ use treewright_renderer::limits::ITERATIONS_MAX;
 use treewright_renderer::measure::Contender;
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::confirmation::confirm;
-use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_renderer::tuning::objective::{Objective, specification, study_id};
 use treewright_renderer::tuning::patience::Patience;
 use treewright_renderer::tuning::search;
 use treewright_renderer::tuning::verdict::{
@@ -155,7 +155,7 @@ impl EntrantArguments {
         let client = server.connect(setting.threads)?;
         let scene = renderer.scene().clone();
         let space = Arc::new(self.space.of(&scene, Objective::Render, setting.threads)?);
-        let id = server.study_id(Objective::Render, &space);
+        let id = server.study.clone().unwrap_or_else(|| study_id(Objective::Render, &space));
         let study = client.study(&id, specification(&space, Objective::Render, Policy::new())?)?;
         let mut all = Vec::new();
 

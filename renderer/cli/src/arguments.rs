@@ -14,7 +14,7 @@ pub use crate::scene_arguments::{SceneArguments, UpAxis};
 use treewright_renderer::frame::{Renderer, RendererError};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
-use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
+use treewright_renderer::space::{self, Choice, Premises, Preset, Start, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::camera_path::CameraPath;
@@ -257,6 +257,30 @@ impl SpaceArguments {
             ));
         }
         Ok(TuningSpace::new(self.space, &premises))
+    }
+}
+
+/// Where a search begins.
+#[derive(Args, Clone, Debug)]
+pub struct StartArguments {
+    /// Where the search begins, which is what clients get as long as nothing else is known: `recommended` (the
+    /// configuration that is best on most scenes), `native` (Embree's default), `paper` (the paper's default),
+    /// or a JSON file with your own configuration. Each start has a study of its own.
+    #[arg(long, value_name = "recommended|native|paper|FILE", default_value = "recommended")]
+    pub start: String,
+}
+
+impl StartArguments {
+    /// The start, and the space that begins there.
+    pub fn of(&self, space: &TuningSpace) -> Result<(Start, TuningSpace), CliError> {
+        let start = match self.start.as_str() {
+            "recommended" => Start::Recommended,
+            "native" => Start::Native,
+            "paper" => Start::Paper,
+            file => Start::Own(read_configuration(std::path::Path::new(file))?),
+        };
+        let space = space.beginning_at(&start)?;
+        Ok((start, space))
     }
 }
 

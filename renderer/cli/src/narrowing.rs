@@ -4,7 +4,7 @@
 use clap::Args;
 
 use crate::error::CliError;
-use treewright_renderer::space::{Narrowing, Recommendation, TuningSpace};
+use treewright_renderer::space::{Narrowing, Recommendation, TuningSpace, short_hash};
 
 /// Which part of the space.
 #[derive(Args, Clone, Debug, Default)]
@@ -48,9 +48,6 @@ impl NarrowingArguments {
         }
         let text: String = part.explained().map(|one| format!("{:?};", one.parameter)).collect();
         let text = text + &part.with_held(&part.default_configuration()).to_string();
-        let hash = text
-            .bytes()
-            .fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
-        format!("-part-{hash:08x}")
+        format!("-part-{}", short_hash(&text))
     }
 }

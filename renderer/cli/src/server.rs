@@ -8,8 +8,6 @@ use treewright_client::blocking::Client;
 use treewright_client::{CredentialArguments, Fingerprint, Options, detect_fingerprint};
 
 use crate::error::CliError;
-use treewright_renderer::space::TuningSpace;
-use treewright_renderer::tuning::objective::{Objective, study_id};
 
 /// Where the service is, and which study.
 #[derive(Args, Clone, Debug)]
@@ -65,10 +63,5 @@ impl ServerArguments {
         let client = Client::connect(&self.server, options)?;
         client.ping()?;
         Ok(client)
-    }
-
-    /// The study's id.
-    pub fn study_id(&self, objective: Objective, space: &TuningSpace) -> String {
-        self.study.clone().unwrap_or_else(|| study_id(objective, space))
     }
 }

@@ -5,6 +5,7 @@
 //! | `full` | the full space: native Embree and the tunable tree, and how rays are grouped |
 //! | `paper` | the eleven parameters of the paper's Table 1 |
 //! | `narrow` | parts of a space: parameters fixed or held to a range |
+//! | `start` | where a search begins, as a space's defaults |
 //! | `explained` | parameters as data, with a sentence each |
 //! | `choice` | a configuration as a build choice and render options |
 //! | `error` | why a configuration is refused |
@@ -15,6 +16,7 @@ mod explained;
 mod full;
 mod narrow;
 mod paper;
+mod start;
 #[cfg(test)]
 mod tests;
 
@@ -25,6 +27,7 @@ pub use choice::Choice;
 pub use error::ConfigurationError;
 pub use explained::Explained;
 pub use narrow::{Narrowing, Recommendation};
+pub use start::Start;
 
 /// Which parameters there are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize)]
@@ -181,6 +184,13 @@ impl TuningSpace {
             Err(problem) => Err(ConfigurationError::Space { space: self.preset.name(), problem }),
         }
     }
+}
+
+/// A few letters that are the same for the same text (FNV-1a, 32 bits).
+pub fn short_hash(text: &str) -> String {
+    let hash =
+        text.bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+    format!("{hash:08x}")
 }
 
 /// Reads `name=value,name=value`. The values are checked by [`TuningSpace::complete`].

@@ -255,8 +255,8 @@ impl Narrow {
     }
 }
 
-const LESSER: &str = "min_leaf_size";
-const GREATER: &str = "max_leaf_size";
+pub(super) const LESSER: &str = "min_leaf_size";
+pub(super) const GREATER: &str = "max_leaf_size";
 
 /// Holds one leaf size to what the other, where it is fixed, leaves possible. The error names the one that
 /// has nothing left.

@@ -10,7 +10,7 @@ use crate::disturbance::Disturbance;
 use crate::integrator::Omission;
 use crate::measure::Standing;
 use crate::space::{Explained, Preset};
-use crate::statistics::{BreakEven, Summary, quantile};
+use crate::statistics::{BreakEven, Ratio, Summary, quantile};
 
 /// A finished run.
 #[derive(Clone, Debug, Serialize)]
@@ -19,14 +19,20 @@ pub struct TuningResults {
     pub scene: SceneFacts,
     /// Pixels across and down.
     pub size: [u32; 2],
+    /// Frames rendered in each trial, where a trial does not say otherwise.
+    pub frames_per_trial: u32,
     /// What was minimised.
     pub objective: Objective,
     /// Name of the space that was tuned.
     pub space: Preset,
     /// Its parameters, each with what it does.
     pub parameters: Vec<Explained>,
-    /// Its recommended configuration, where the search began.
+    /// Where the search began.
     pub start: Configuration,
+    /// Name of its standing.
+    pub start_name: String,
+    /// What the service held for the best on the way.
+    pub milestones: Vec<Milestone>,
     /// Where the service is, and the study's id there.
     pub server: String,
     /// The study's id.
@@ -68,6 +74,18 @@ pub struct TuningResults {
     pub client: Stats,
     /// What went wrong without ending the run, one sentence each.
     pub notes: Vec<String>,
+}
+
+/// What the service held for the best after some trials of the search, measured again after it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Milestone {
+    /// How many trials were handed out by then.
+    pub trials: u32,
+    /// What a client would have got.
+    pub configuration: Configuration,
+    /// How many times faster it is than where the search began, in the rounds in which everybody else ran,
+    /// too. Absent where it was not measured.
+    pub over_start: Option<Ratio>,
 }
 
 /// What describes a scene to people.
@@ -164,6 +182,23 @@ impl TuningResults {
     pub fn speedup_over(&self, name: &str) -> Option<f64> {
         let speedup = self.standing(&self.best)?.speedup_over(self.standing(name)?);
         (speedup.count > 0).then_some(speedup.median)
+    }
+
+    /// After how many trials the service's answer is shown to be `factor` times as fast as the start, where it
+    /// stays so: its interval lies above that.
+    pub fn trials_until(&self, factor: f64) -> Option<u32> {
+        let reaches = |milestone: &&Milestone| {
+            milestone.over_start.and_then(|ratio| ratio.interval).is_some_and(|[low, _]| low >= factor)
+        };
+        let last = self.milestones.iter().rev().take_while(reaches).last();
+        last.map(|milestone| milestone.trials)
+    }
+
+    /// How many different configurations the trials ran.
+    pub fn configurations(&self) -> usize {
+        let texts: std::collections::BTreeSet<String> =
+            self.trials.iter().map(|trial| trial.configuration.to_string()).collect();
+        texts.len()
     }
 
     /// Whether the search found something that is faster than everything anybody could have had without it.

@@ -13,7 +13,7 @@ use treewright_client::Configuration;
 use super::objective::Objective;
 use super::search::SearchOutcome;
 use crate::measure::{Contender, Standing};
-use crate::space::{self, Choice, ConfigurationError, Premises, Preset, TuningSpace};
+use crate::space::{self, Choice, ConfigurationError, Premises, Preset, Start, TuningSpace};
 use crate::statistics::{BreakEven, Ratio};
 
 /// Name of the standing of the paper's recommended default.
@@ -36,6 +36,8 @@ pub const PAPER_TUNED: &str = "tuned in the paper's space";
 pub const FOUND: &str = "found by the search";
 /// Name of the standing of what a search found, once it has beaten everybody else.
 pub const TUNED: &str = "tuned";
+/// Name of the standing of a configuration of the user's, where the search began.
+pub const YOUR_START: &str = "your start";
 /// Name of the standing of the predictor's answer.
 pub const PREDICTED: &str = "first prediction";
 
@@ -56,6 +58,14 @@ pub fn baseline(preset: Preset) -> Contender {
     match preset {
         Preset::Full => named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
         Preset::Paper => named(PAPER_DEFAULT, Choice::paper_default()),
+    }
+}
+
+/// What a search that begins at `start` is compared with.
+pub fn baseline_from(space: &TuningSpace, start: &Start) -> Contender {
+    match start {
+        Start::Recommended => baseline(space.preset()),
+        other => named(start_name(space.preset(), other), space.default_choice()),
     }
 }
 
@@ -88,7 +98,7 @@ fn used_well_name(quality: &str) -> String {
 }
 
 /// Everybody that what a search found has to be compared with. `premises` are those of the scene.
-pub fn rivals(space: &TuningSpace, premises: &Premises) -> Vec<Rival> {
+pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Rival> {
     let outside = |contender| Rival { contender, configuration: None };
     let mut all: Vec<Rival> = natives().into_iter().map(outside).collect();
     let full = TuningSpace::new(Preset::Full, premises);
@@ -117,7 +127,17 @@ pub fn rivals(space: &TuningSpace, premises: &Premises) -> Vec<Rival> {
         all.retain(|rival| rival.contender.name != NATIVE_HIGH);
     }
     all.extend(own);
+    if matches!(start, Start::Own(_)) {
+        let contender = named(YOUR_START, space.default_choice());
+        all.push(Rival { contender, configuration: Some(space.default_configuration()) });
+    }
     all
+}
+
+/// Whether somebody who begins at `start` has a rival without any search. Nobody who does not begin at the
+/// recommended configuration is supposed to know it, or how to use native Embree well.
+pub fn is_had(rival: &str, start: &Start) -> bool {
+    *start == Start::Recommended || rival != BEST_FIXED && !rival.starts_with(NATIVE_USED_WELL)
 }
 
 /// Keeps of native Embree used well the quality with the lowest median, under one name. It is chosen by the
@@ -150,21 +170,28 @@ pub fn is_of(rival: &str, name: &str, standings: &[Standing]) -> bool {
 }
 
 /// Name of the standing with which a search in a space begins.
-pub fn start(preset: Preset) -> &'static str {
-    match preset {
-        Preset::Full => BEST_FIXED,
-        Preset::Paper => PAPER_DEFAULT,
+pub fn start_name(preset: Preset, start: &Start) -> &'static str {
+    match (preset, start) {
+        (_, Start::Own(_)) => YOUR_START,
+        (_, Start::Native) => NATIVE_DEFAULT,
+        (Preset::Full, Start::Recommended) => BEST_FIXED,
+        (_, Start::Paper) | (Preset::Paper, Start::Recommended) => PAPER_DEFAULT,
     }
 }
 
 /// Who is to be used. That is the standing called `start` unless somebody is shown to be faster: by the
 /// interval of pairs with it, or, for what the search found, by the service's race (`is_proven`) and the
-/// median of the pairs together. Of several it is the one with the highest median. A lucky few rounds so
-/// replace nothing, whoever had them.
+/// median of the pairs together. Of several for which `may_win` holds it is the one with the highest median.
+/// A lucky few rounds so replace nothing.
 ///
 /// What was found is renamed [`TUNED`] if it is the one, and keeps the name [`FOUND`] otherwise. Returns the
 /// name.
-pub fn crown(standings: &mut [Standing], start: &str, is_proven: bool) -> String {
+pub fn crown(
+    standings: &mut [Standing],
+    start: &str,
+    is_proven: bool,
+    may_win: impl Fn(&str) -> bool,
+) -> String {
     let works = |one: &&Standing| one.failure.is_none() && one.frame_ms.count > 0;
     let find = |name: &str| standings.iter().filter(works).find(|one| one.name == name);
     // Where the start cannot be built, what was found has nobody to prove itself against.
@@ -176,6 +203,7 @@ pub fn crown(standings: &mut [Standing], start: &str, is_proven: bool) -> String
     let better = standings
         .iter()
         .filter(works)
+        .filter(|one| may_win(&one.name))
         .map(|one| (one, one.gain_over(incumbent)))
         .filter(|(one, gain)| is_shown(one, gain))
         .max_by(|(_, a), (_, b)| a.median.total_cmp(&b.median));
@@ -198,11 +226,13 @@ pub struct Gains {
     pub over_native_default: Option<Ratio>,
     /// The best over native Embree used well.
     pub over_native_used_well: Option<Ratio>,
+    /// The best over where the search began.
+    pub over_start: Option<Ratio>,
 }
 
 impl Gains {
-    /// Of the standing called `best`.
-    pub fn of(standings: &[Standing], best: &str) -> Self {
+    /// Of the standing called `best`, found by a search that began at the one called `start`.
+    pub fn of(standings: &[Standing], best: &str, start: &str) -> Self {
         let find = |name: &str| standings.iter().find(|one| one.name == name);
         let ratio = |one: &str, other: &str| {
             let ratio = find(one)?.gain_over(find(other)?);
@@ -213,6 +243,7 @@ impl Gains {
             over_best_fixed: ratio(best, BEST_FIXED),
             over_native_default: ratio(best, NATIVE_DEFAULT),
             over_native_used_well: ratio(best, NATIVE_USED_WELL),
+            over_start: ratio(best, start),
         }
     }
 }
@@ -230,9 +261,9 @@ pub fn contender(
     Ok(named(name, space.choice(configuration)?))
 }
 
-/// Break-even from what was measured. The search's own costs are those of its time; frames with the baseline
-/// are taken at the reference of that time, `frames` of them a trial, and those with the best configuration
-/// at that over the speed-up that was measured again.
+/// Break-even from what was measured. The search's own costs are those of its time. Frames after it cost what
+/// the baseline took in the rounds that followed, and with the best configuration that over its speed-up in
+/// the same rounds. `frames` are those of each trial.
 pub fn break_even(
     found: &SearchOutcome,
     objective: Objective,
@@ -248,14 +279,16 @@ pub fn break_even(
     };
     let pair = find(best).zip(find(baseline));
     let speedup = pair.map_or(1.0, |(tuned, baseline)| tuned.speedup_over(baseline).median);
+    let baseline_ms = find(baseline).map_or(0.0, |standing| standing.frame_ms.median);
+    let frame_ms = if baseline_ms > 0.0 { baseline_ms } else { found.reference_ms };
     let trials = &found.trials;
     BreakEven {
         tuning_ms: trials.iter().map(|trial| trial.total_ms).sum(),
         frames_while_tuning: frames * trials.iter().filter(|trial| trial.times.is_some()).count() as u32,
         tuned_setup_ms: setup(best),
-        tuned_frame_ms: found.reference_ms / speedup,
+        tuned_frame_ms: frame_ms / speedup,
         default_setup_ms: setup(baseline),
-        default_frame_ms: found.reference_ms,
+        default_frame_ms: frame_ms,
     }
 }
 
@@ -288,19 +321,19 @@ mod tests {
         let mut lost = table(&beaten);
         let names: Vec<String> = lost.iter().map(Standing::title).collect();
         assert_eq!(names, ["native used well (high)", BEST_FIXED, FOUND]);
-        assert_eq!(crown(&mut lost, BEST_FIXED, true), NATIVE_USED_WELL);
+        assert_eq!(crown(&mut lost, BEST_FIXED, true, |_| true), NATIVE_USED_WELL);
         assert!(lost.iter().all(|one| one.name != TUNED));
         // What is only as good as where it began is not a finding.
         let mut level = table(&[(BEST_FIXED, 31.0), (FOUND, 31.0)]);
-        assert_eq!(crown(&mut level, BEST_FIXED, true), BEST_FIXED);
+        assert_eq!(crown(&mut level, BEST_FIXED, true, |_| true), BEST_FIXED);
         let mut won = table(&[
             (NATIVE_DEFAULT, 60.0),
             ("native used well low", 40.0),
             (BEST_FIXED, 31.0),
             (FOUND, 25.0),
         ]);
-        assert_eq!(crown(&mut won, BEST_FIXED, false), TUNED);
-        let gains = Gains::of(&won, TUNED);
+        assert_eq!(crown(&mut won, BEST_FIXED, false, |_| true), TUNED);
+        let gains = Gains::of(&won, TUNED, BEST_FIXED);
         let median = |ratio: Option<Ratio>| ratio.map_or(0.0, |ratio| ratio.median);
         assert!(
             (median(gains.start) * median(gains.over_best_fixed) - median(gains.over_native_default)).abs()
@@ -322,28 +355,28 @@ mod tests {
         // Faster in five rounds of nine.
         let lucky = [26.0, 27.0, 26.0, 28.0, 29.0, 31.0, 33.0, 36.0, 34.0];
         let native = [start.clone(), of(NATIVE_LOW, &lucky), of(FOUND, &[30.5; 9])];
-        assert_eq!(crown(&mut standings(&native, 1000), BEST_FIXED, false), BEST_FIXED);
+        assert_eq!(crown(&mut standings(&native, 1000), BEST_FIXED, false, |_| true), BEST_FIXED);
         let found = [start.clone(), of(FOUND, &lucky)];
-        assert_eq!(crown(&mut standings(&found, 1000), BEST_FIXED, false), BEST_FIXED);
+        assert_eq!(crown(&mut standings(&found, 1000), BEST_FIXED, false, |_| true), BEST_FIXED);
         // What the service's own race has proven needs no second proof, but no contradiction either.
-        assert_eq!(crown(&mut standings(&found, 1000), BEST_FIXED, true), TUNED);
+        assert_eq!(crown(&mut standings(&found, 1000), BEST_FIXED, true, |_| true), TUNED);
         let slower = [start.clone(), of(FOUND, &[31.0; 9])];
-        assert_eq!(crown(&mut standings(&slower, 1000), BEST_FIXED, true), BEST_FIXED);
+        assert_eq!(crown(&mut standings(&slower, 1000), BEST_FIXED, true, |_| true), BEST_FIXED);
         // Fewer rounds than have an interval show nothing.
         let few = [of(BEST_FIXED, &[30.0; 5]), of(FOUND, &[20.0; 5])];
-        assert_eq!(crown(&mut standings(&few, 1000), BEST_FIXED, false), BEST_FIXED);
+        assert_eq!(crown(&mut standings(&few, 1000), BEST_FIXED, false, |_| true), BEST_FIXED);
         // A start that cannot be built is nobody's choice.
         let broken = Measured { failure: Some("out of memory".into()), ..of(BEST_FIXED, &[]) };
         let alone = [broken, of(NATIVE_LOW, &[40.0; 9]), of(FOUND, &[31.0; 9])];
-        assert_eq!(crown(&mut standings(&alone, 1000), BEST_FIXED, false), TUNED);
-        assert_eq!(crown(&mut [], BEST_FIXED, false), "");
+        assert_eq!(crown(&mut standings(&alone, 1000), BEST_FIXED, false, |_| true), TUNED);
+        assert_eq!(crown(&mut [], BEST_FIXED, false, |_| true), "");
     }
 
     #[test]
     fn rivals_of_the_full_space_are_configurations_of_it() {
         let premises = Premises::all();
         let full = TuningSpace::new(Preset::Full, &premises);
-        for rival in rivals(&full, &premises) {
+        for rival in rivals(&full, &premises, &Start::Recommended) {
             let Some(configuration) = rival.configuration else {
                 assert_eq!(rival.contender.name, PAPER_DEFAULT);
                 continue;
@@ -354,8 +387,40 @@ mod tests {
         assert_eq!(used_well(&full).len(), 3);
         let robust = TuningSpace::new(Preset::Full, &Premises { robust: true, ..premises });
         assert_eq!(used_well(&robust).len(), 2, "a watertight structure of quality high is one of medium");
-        let paper = rivals(&TuningSpace::paper(), &premises);
+        let paper = rivals(&TuningSpace::paper(), &premises, &Start::Recommended);
         assert!(paper.len() == 8 && paper.iter().all(|rival| rival.configuration.is_none()));
+    }
+
+    #[test]
+    fn who_begins_elsewhere_is_not_supposed_to_know_the_recommended_configuration() {
+        let premises = Premises::all();
+        let full = TuningSpace::new(Preset::Full, &premises);
+        let own = space::parse("quality=3,collapse=builder").expect("words");
+        for (start, name) in [
+            (Start::Native, NATIVE_DEFAULT),
+            (Start::Paper, PAPER_DEFAULT),
+            (Start::Own(own.clone()), YOUR_START),
+        ] {
+            let begun = full.beginning_at(&start).expect("it is one of the space");
+            let rivals = rivals(&begun, &premises, &start);
+            let first = rivals.iter().find(|rival| rival.contender.name == name).expect("it takes part");
+            assert_eq!(first.contender.choice, baseline_from(&begun, &start).choice, "{name}");
+            assert_eq!(baseline_from(&begun, &start).name, name);
+            // The recommended configuration runs beside it all the same, as it is for everybody.
+            let fixed = rivals.iter().find(|rival| rival.contender.name == BEST_FIXED).expect("it runs");
+            assert_eq!(fixed.contender.choice, full.default_choice());
+            let had = |rival: &&Rival| is_had(&rival.contender.name, &start);
+            assert!(!rivals.iter().filter(had).any(|rival| rival.contender.name == BEST_FIXED));
+            assert_eq!(rivals.iter().filter(had).count(), if name == YOUR_START { 5 } else { 4 });
+        }
+        let frames =
+            [(NATIVE_DEFAULT, 60.0), ("native used well low", 40.0), (BEST_FIXED, 31.0), (FOUND, 45.0)];
+        let mut standings = table(&frames);
+        let may_win = |name: &str| is_had(name, &Start::Native);
+        assert_eq!(crown(&mut standings, NATIVE_DEFAULT, false, may_win), TUNED);
+        let gains = Gains::of(&standings, TUNED, NATIVE_DEFAULT);
+        assert!(gains.over_start.is_some_and(|ratio| ratio.is_gain()));
+        assert!(gains.over_best_fixed.is_some_and(|ratio| ratio.is_loss()));
     }
 
     #[test]
@@ -364,16 +429,17 @@ mod tests {
             name: name.into(),
             variant: None,
             build_ms: Summary::of(&[build]),
-            render_ms: Summary::of(&[50.0]),
-            frame_ms: Summary::of(&[50.0]),
+            render_ms: Summary::of(&[10.0 / speedup]),
+            frame_ms: Summary::of(&[10.0 / speedup]),
             speedup: Summary::of(&[speedup]),
-            rounds_ms: vec![50.0 / speedup],
-            undelayed_ms: vec![50.0 / speedup],
+            rounds_ms: vec![10.0 / speedup],
+            undelayed_ms: vec![10.0 / speedup],
             failure: None,
         };
         let standings = [standing(PAPER_DEFAULT, 20.0, 1.0), standing(TUNED, 30.0, 1.25)];
         let trials = vec![trial(Some(10.0), 1), trial(None, 2), trial(Some(8.0), 3)];
-        let found = SearchOutcome { trials, reference_ms: 10.0, disturbance: Disturbance::default() };
+        // What the machine did in another minute says nothing of frames to come.
+        let found = SearchOutcome { trials, reference_ms: 17.0, disturbance: Disturbance::default() };
         let render = break_even(&found, Objective::Render, 1, &standings, TUNED, PAPER_DEFAULT);
         assert_eq!((render.tuning_ms, render.frames_while_tuning), (36.0, 2));
         assert_eq!((render.default_setup_ms, render.tuned_setup_ms), (20.0, 30.0));

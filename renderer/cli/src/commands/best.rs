@@ -6,11 +6,13 @@ use clap::Args;
 use serde::Serialize;
 use treewright_client::{ClientError, Configuration};
 
-use crate::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, objective};
+use crate::arguments::{
+    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, objective,
+};
 use crate::error::CliError;
 use crate::output;
 use crate::server::ServerArguments;
-use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::objective::{Objective, study_id};
 use treewright_scene::indicators::SceneIndicators;
 
 /// Arguments of `best`.
@@ -26,6 +28,8 @@ pub(crate) struct Arguments {
     frame: FrameArguments,
     #[command(flatten)]
     space: SpaceArguments,
+    #[command(flatten)]
+    start: StartArguments,
 
     /// What to minimise.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
@@ -54,8 +58,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
-    let space = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
-    let id = arguments.server.study_id(arguments.objective, &space);
+    let recommended = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
+    let (start, space) = arguments.start.of(&recommended)?;
+    let made = || study_id(arguments.objective, &space) + &start.mark(&space);
+    let id = arguments.server.study.clone().unwrap_or_else(made);
     let study = match client.existing_study(&id) {
         // Who only asks makes none.
         Err(problem) if problem.is_not_found() => {

@@ -19,7 +19,7 @@ use treewright_client::{
 };
 
 use crate::arguments::{
-    FrameArguments, SceneArguments, Size, SpaceArguments, UpdateArguments, unit_interval,
+    FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, UpdateArguments, unit_interval,
 };
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
@@ -34,6 +34,7 @@ use treewright_renderer::space::{Choice, TuningSpace};
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::{
     FRAME_MS, FRAMES_PER_BUILD, Objective, auto_specification, auto_study_id, frame_cost, specification,
+    study_id,
 };
 use treewright_renderer::tuning::reuse::Reuse;
 use treewright_renderer::tuning::search::measurements;
@@ -54,6 +55,8 @@ pub(crate) struct Arguments {
 
     #[command(flatten)]
     space: SpaceArguments,
+    #[command(flatten)]
+    start: StartArguments,
 
     /// What to minimise; with the space, this selects the study.
     #[arg(long, value_enum, default_value_t = Aim::Render)]
@@ -180,15 +183,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             threads,
         )?,
     };
-    let (id, specification) = match arguments.objective.objective() {
-        Some(objective) => {
-            (arguments.server.study_id(objective, &space), specification(&space, objective, Policy::new())?)
-        }
-        None => {
-            let made = || auto_study_id(&space);
-            (arguments.server.study.clone().unwrap_or_else(made), auto_specification(&space, Policy::new())?)
-        }
+    let (start, space) = arguments.start.of(&space)?;
+    let (made, specification) = match arguments.objective.objective() {
+        Some(objective) => (study_id(objective, &space), specification(&space, objective, Policy::new())?),
+        None => (auto_study_id(&space), auto_specification(&space, Policy::new())?),
     };
+    let id = arguments.server.study.clone().unwrap_or_else(|| made + &start.mark(&space));
     let study = client.study(&id, specification)?;
     if let Some(epsilon) = arguments.epsilon {
         let epsilon = Some(f64::from(epsilon));
@@ -200,7 +200,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         if arguments.compare { "  baseline ms  speed-up" } else { "" }
     );
 
-    let baseline = verdict::baseline(space.preset());
+    let baseline = verdict::baseline_from(&space, &start);
     let mut flight = Flight::new(renderer, space, baseline.choice, update, arguments)?;
     let (path, mut scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
     let workload = arguments.frame.workload(&scene, arguments.size);

@@ -10,8 +10,8 @@ use treewright_client::{Configuration, ConfirmationStage, Indicators, Policy, Se
 
 use super::tune_output;
 use crate::arguments::{
-    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, objective, read_configuration,
-    unit_interval,
+    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, objective,
+    read_configuration, unit_interval,
 };
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
@@ -25,9 +25,9 @@ use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_M
 use treewright_renderer::measure::{Conditions, Contender, Standing, delay_told, interleaved, standings};
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::confirmation;
-use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_renderer::tuning::objective::{Objective, specification, study_id};
 use treewright_renderer::tuning::patience::{Patience, PatientTuner};
-use treewright_renderer::tuning::results::{Overhead, Prediction, SceneFacts, TuningResults};
+use treewright_renderer::tuning::results::{Milestone, Overhead, Prediction, SceneFacts, TuningResults};
 use treewright_renderer::tuning::search::{self, Drift, SearchOutcome, SearchSetting};
 use treewright_renderer::tuning::verdict::{
     self, BEST_FIXED, FOUND, Gains, NATIVE_USED_WELL, PAPER_TUNED, PREDICTED, Rival,
@@ -59,12 +59,15 @@ pub(crate) struct Arguments {
     space: SpaceArguments,
     #[command(flatten)]
     narrowing: NarrowingArguments,
+    #[command(flatten)]
+    start: StartArguments,
 
     /// What to minimise.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
 
-    /// Number of configurations to try.
+    /// Number of trials of the search. Trials that repeat a configuration on a structure that is still there
+    /// are cheap. The race of the best few that follows is counted apart and told at the end.
     #[arg(long, value_name = "N", default_value_t = 80, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
     iterations: u32,
 
@@ -142,13 +145,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let limit = Duration::from_secs(arguments.patience_s);
     let client = arguments.server.connect_within(arguments.frame.threads, limit)?;
     let scene = arguments.scene.load()?;
-    let whole = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
+    let recommended = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
+    let (start, whole) = arguments.start.of(&recommended)?;
     let space = Arc::new(arguments.narrowing.of(&whole)?);
     let camera = arguments.camera.find(&scene)?;
     let mut renderer = arguments.frame.renderer(&scene)?;
     let id = match &arguments.server.study {
         Some(id) => id.clone(),
-        None => arguments.server.study_id(arguments.objective, &whole) + &arguments.narrowing.mark(&space),
+        None => {
+            let id = study_id(arguments.objective, &whole) + &start.mark(&whole);
+            id + &arguments.narrowing.mark(&space)
+        }
     };
     let workload = arguments.frame.workload(&scene, arguments.size);
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
@@ -164,7 +171,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     );
 
     let interrupt = Interrupt::listen();
-    let baseline = verdict::baseline(space.preset());
+    let baseline = verdict::baseline_from(&whole, &start);
     let setting = SearchSetting {
         objective: arguments.objective,
         space: Arc::clone(&space),
@@ -186,8 +193,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let patience = Patience { limit, go_on: &go_on };
     // Gone before the confirmation begins, so that the trial that it has asked for ahead is given back.
     let mut tuner = PatientTuner::new(&study, patience);
-    let mut found =
-        search(&mut renderer, &mut tuner, &setting, arguments.iterations, drift.as_ref(), interrupt)?;
+    // What is best for a camera that moves is another question in each frame.
+    let asked = drift.is_none().then_some(&study);
+    let (mut found, milestones) =
+        search(&mut renderer, &mut tuner, &setting, arguments.iterations, drift.as_ref(), asked, interrupt)?;
+    let searched = found.trials.len();
     drop(tuner);
     let mut notes = Vec::new();
     if let Err(error) = patience.call(|| client.flush(FLUSH)) {
@@ -195,11 +205,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
 
     let premises = arguments.space.premises(&scene, arguments.objective, arguments.frame.threads);
-    let rivals = verdict::rivals(&whole, &premises);
+    let rivals = verdict::rivals(&whole, &premises, &start);
     let spinner = output::spinner("the best few run against the start and native Embree");
     let candidates = with_names(candidates, &space)?;
-    let known: Vec<Rival> =
-        rivals.iter().filter_map(|rival| within(rival, &space)).chain(candidates).collect();
+    let known: Vec<Rival> = rivals
+        .iter()
+        .filter(|rival| verdict::is_had(&rival.contender.name, &start))
+        .filter_map(|rival| within(rival, &space))
+        .chain(candidates)
+        .collect();
     let confirmed = confirmation::confirm(&mut renderer, &client, &study, patience, &setting, &known);
     let (winner, told) = match confirmed {
         Ok(confirmed) => {
@@ -216,19 +230,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let judge = Judge { renderer: &renderer, study: &study, space: &space, workload, arguments, interrupt };
     let conditions = judge.conditions(camera);
     spinner.set_message("measuring everybody in fresh rounds");
-    let (mut standings, disturbance) = judge.standings(&winner, &rivals, paper.as_ref(), &conditions)?;
+    let start_name = verdict::start_name(space.preset(), &start);
+    let (mut standings, disturbance) =
+        judge.standings(&winner, &rivals, paper.as_ref(), &milestones, &baseline.name, &conditions)?;
+    let milestones = judge.milestones(milestones, &mut standings, &winner, start_name);
     let is_proven = told.as_ref().is_some_and(|told| told.confirmation.stage == ConfirmationStage::Better);
-    let start = verdict::start(space.preset());
-    let best = verdict::crown(&mut standings, start, is_proven);
+    let may_win = |name: &str| verdict::is_had(name, &start);
+    let best = verdict::crown(&mut standings, start_name, is_proven, may_win);
     // Who is shown to be the fastest is what this run recommends, whether it was found or not.
     let own = rivals.iter().find(|rival| verdict::is_of(&rival.contender.name, &best, &standings));
     let tuned = match own.and_then(|rival| rival.configuration.clone()) {
         Some(configuration) => configuration,
-        None if best == start => space.default_configuration(),
+        None if best == start_name => space.default_configuration(),
         None => winner.clone(),
     };
     spinner.set_message("asking the predictor for another camera");
-    let prediction = judge.prediction(&scene, &rivals).unwrap_or_else(|error| {
+    let prediction = judge.prediction(&scene, &rivals, &baseline).unwrap_or_else(|error| {
         notes.push(format!("the predictor could not be asked: {error}"));
         None
     });
@@ -251,13 +268,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         notes.push(format!("while it was {when}, {told}"));
     }
     notes.extend(delay_told(&standings));
+    let confirming = found.trials.len() - searched;
+    notes.push(format!("{searched} trials searched, and {confirming} more ran the best few in turns"));
     let results = TuningResults {
         scene: facts(&scene, &renderer),
         size: [arguments.size.width, arguments.size.height],
+        frames_per_trial: arguments.frames,
         objective: arguments.objective,
         space: space.preset(),
         parameters: space.explained().collect(),
         start: space.with_held(&space.default_configuration()),
+        start_name: start_name.to_owned(),
+        milestones,
         baseline: baseline.name,
         server: client.url().to_owned(),
         study: id,
@@ -269,7 +291,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         reference_ms: found.reference_ms,
         found: space.with_held(&winner),
         tuned: space.with_held(&tuned),
-        gains: Gains::of(&standings, &best),
+        gains: Gains::of(&standings, &best, start_name),
         best,
         standings,
         disturbance,
@@ -338,6 +360,16 @@ fn within(rival: &Rival, space: &TuningSpace) -> Option<Rival> {
     Some(Rival { contender: rival.contender.clone(), configuration })
 }
 
+/// After so many trials it is asked what a client would get: 1, 2, 3, 4, 6, 8, 12, 16, ….
+fn is_milestone(trials: u32) -> bool {
+    trials.is_power_of_two() || trials % 3 == 0 && (trials / 3).is_power_of_two()
+}
+
+/// Name of the standing of what the service held for the best on the way.
+fn milestone_name(trials: u32) -> String {
+    format!("answer after {trials} trials")
+}
+
 /// How many times the best a trial may cost.
 fn factor(text: &str) -> Result<f64, String> {
     match text.parse() {
@@ -346,18 +378,20 @@ fn factor(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Runs the search under a progress bar.
+/// Runs the search under a progress bar. At each milestone the `asked` study says what it holds for the best.
 fn search(
     renderer: &mut Renderer,
     tuner: &mut PatientTuner<'_>,
     setting: &SearchSetting,
     iterations: u32,
     drift: Option<&Drift>,
+    asked: Option<&Study>,
     interrupt: Interrupt,
-) -> Result<SearchOutcome, CliError> {
+) -> Result<(SearchOutcome, Vec<Milestone>), CliError> {
     let bar = output::bar(u64::from(iterations), "trials");
     let mut best: Option<f64> = None;
     let mut away = false;
+    let mut milestones = Vec::new();
     let found = search::run(renderer, tuner, setting, iterations, drift, |iteration| {
         if let Some(cost) = iteration.cost {
             best = Some(best.map_or(cost, |best| best.min(cost)));
@@ -373,13 +407,19 @@ fn search(
             });
             away = now_away;
         }
+        if let Some(study) = asked.filter(|_| !away && is_milestone(iteration.number))
+            && let Ok(best) = study.best(&setting.indicators)
+        {
+            let (trials, configuration) = (iteration.number, best.configuration);
+            milestones.push(Milestone { trials, configuration, over_start: None });
+        }
         let best = best.map(|best| format!("best {best:.1} ms"));
         bar.set_message(best.unwrap_or_else(|| "nothing could be built yet".to_owned()));
         bar.inc(1);
         !interrupt.requested()
     })?;
     bar.finish_and_clear();
-    Ok(found)
+    Ok((found, milestones))
 }
 
 /// What the measurements after the search have in common.
@@ -414,6 +454,8 @@ impl Judge<'_> {
         found: &Configuration,
         rivals: &[Rival],
         paper: Option<&Configuration>,
+        milestones: &[Milestone],
+        baseline: &str,
         conditions: &Conditions,
     ) -> Result<(Vec<Standing>, Disturbance), CliError> {
         let mut contenders: Vec<Contender> = rivals.iter().map(|rival| rival.contender.clone()).collect();
@@ -421,16 +463,54 @@ impl Judge<'_> {
             contenders.push(verdict::contender(PAPER_TUNED, &TuningSpace::paper(), paper)?);
         }
         contenders.push(verdict::contender(FOUND, self.space, found)?);
+        // Each answer on the way runs once, and those that run anyway not again.
+        let mut seen = vec![found.clone(), self.space.default_configuration()];
+        for milestone in milestones {
+            if !seen.contains(&milestone.configuration) {
+                seen.push(milestone.configuration.clone());
+                let name = milestone_name(milestone.trials);
+                contenders.push(verdict::contender(&name, self.space, &milestone.configuration)?);
+            }
+        }
         let watch = Watch::begin();
         let standings = verdict::keep_best_native(self.measure(&contenders, conditions));
-        let baseline = verdict::baseline(self.space.preset()).name;
         let rounds = standings.iter().find(|one| one.name == baseline).map(|one| one.rounds_ms.clone());
         let disturbance = watch.end(self.renderer.threads(), &rounds.unwrap_or_default());
         Ok((standings, disturbance))
     }
 
+    /// What the answers on the way gain over the start; their standings leave the table.
+    fn milestones(
+        &self,
+        milestones: Vec<Milestone>,
+        standings: &mut Vec<Standing>,
+        found: &Configuration,
+        start: &str,
+    ) -> Vec<Milestone> {
+        let find = |name: &str| standings.iter().find(|one| one.name == name);
+        let mut names: Vec<(Configuration, String)> =
+            vec![(found.clone(), FOUND.to_owned()), (self.space.default_configuration(), start.to_owned())];
+        let mut measured = Vec::new();
+        for milestone in milestones {
+            let known = names.iter().find(|(configuration, _)| *configuration == milestone.configuration);
+            let name = known.map_or_else(|| milestone_name(milestone.trials), |(_, name)| name.clone());
+            let pair = find(&name).zip(find(start));
+            let over_start = pair.map(|(one, start)| one.gain_over(start)).filter(|ratio| ratio.count > 0);
+            names.push((milestone.configuration.clone(), name));
+            measured.push(Milestone { over_start, ..milestone });
+        }
+        let of_the_way: Vec<String> = measured.iter().map(|one| milestone_name(one.trials)).collect();
+        standings.retain(|one| !of_the_way.contains(&one.name));
+        measured
+    }
+
     /// Asks the predictor for a camera that was never tuned, and measures its answer there.
-    fn prediction(&self, scene: &Arc<Scene>, rivals: &[Rival]) -> Result<Option<Prediction>, CliError> {
+    fn prediction(
+        &self,
+        scene: &Arc<Scene>,
+        rivals: &[Rival],
+        baseline: &Contender,
+    ) -> Result<Option<Prediction>, CliError> {
         if self.interrupt.requested() {
             return Ok(None);
         }
@@ -447,7 +527,7 @@ impl Judge<'_> {
             let name = &rival.contender.name;
             name.starts_with(NATIVE_USED_WELL) || name == BEST_FIXED
         };
-        let mut contenders = vec![verdict::baseline(self.space.preset())];
+        let mut contenders = vec![baseline.clone()];
         contenders.extend(rivals.iter().filter(asked).map(|rival| rival.contender.clone()));
         contenders.push(verdict::contender(PREDICTED, self.space, &answer.configuration)?);
         Ok(Some(Prediction {

@@ -5,14 +5,20 @@ use treewright_client::Standing as Proof;
 use crate::output;
 use treewright_renderer::measure::Standing;
 use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::verdict::{self, FOUND, Gains};
+use treewright_renderer::tuning::verdict::{BEST_FIXED, FOUND, NATIVE_USED_WELL};
+
+/// Speed-ups whose first trial is told.
+const FACTORS: [f64; 4] = [1.1, 1.2, 1.3, 1.4];
 
 /// Prints the results for people.
 pub(crate) fn print(results: &TuningResults) {
     let per_frame = if results.objective.builds_each_frame() { "build + render ms" } else { "frame ms" };
     println!("\n{}", output::standings(&results.standings, per_frame));
     println!("{}", verdict(results));
-    println!("{}", gains(&results.gains));
+    println!("{}", gains(results));
+    if let Some(way) = on_the_way(results) {
+        println!("{way}");
+    }
     if let Some(standing) = &results.confirmation {
         println!("{}", confirmation(standing));
     }
@@ -68,15 +74,15 @@ pub(crate) fn print(results: &TuningResults) {
 
 /// Who is best, and how that is shown.
 fn verdict(results: &TuningResults) -> String {
-    let start = verdict::start(results.space);
+    let start = results.start_name.as_str();
     let found =
         results.standing(FOUND).zip(results.standing(start)).map(|(found, start)| found.gain_over(start));
-    match (results.search_won(), results.gains.over_best_fixed) {
+    match (results.search_won(), results.gains.over_start) {
         (true, Some(gain)) if gain.is_gain() => match level_with(results).as_slice() {
-            [] => "verdict: what the search found is faster than everybody else".to_owned(),
+            [] => format!("verdict: what the search found is faster than everybody it was to beat, and {gain} the {start}"),
             names => format!(
-                "verdict: what the search found is faster than the {start}; the rounds of this table leave open whether it is \
-                 faster than the {}",
+                "verdict: what the search found is faster than the {start}, {gain}; the rounds of this table leave open \
+                 whether it is faster than the {}",
                 names.join(", the ")
             ),
         },
@@ -94,26 +100,57 @@ fn verdict(results: &TuningResults) -> String {
     }
 }
 
-/// Everybody in the table than whom the winner is not shown to be faster.
+/// Everybody in the table who might have won and than whom the winner is not shown to be faster.
 fn level_with(results: &TuningResults) -> Vec<&str> {
     let winner = results.standing(&results.best);
-    let others =
-        results.standings.iter().filter(|other| other.name != results.best && other.failure.is_none());
+    let knows_all = results.start_name == BEST_FIXED;
+    let others = results.standings.iter().filter(|other| {
+        let is_known = knows_all || other.name != BEST_FIXED && other.name != NATIVE_USED_WELL;
+        other.name != results.best && other.failure.is_none() && is_known
+    });
     let is_open = |other: &&Standing| winner.is_some_and(|winner| !winner.gain_over(other).is_gain());
     others.filter(is_open).map(|other| other.name.as_str()).collect()
 }
 
 /// The gain and what it is made of.
-fn gains(gains: &Gains) -> String {
-    let parts = [
-        ("start", gains.start),
-        ("× search", gains.over_best_fixed),
-        ("= over native Embree default", gains.over_native_default),
-        ("; over native used well", gains.over_native_used_well),
-    ];
+fn gains(results: &TuningResults) -> String {
+    let gains = &results.gains;
+    let over_start = format!("over the {}", results.start_name);
+    let parts = match results.start_name == BEST_FIXED {
+        true => vec![
+            ("start", gains.start),
+            ("× search", gains.over_best_fixed),
+            ("= over native Embree default", gains.over_native_default),
+            ("; over native used well", gains.over_native_used_well),
+        ],
+        false => vec![
+            (over_start.as_str(), gains.over_start),
+            ("; over native used well", gains.over_native_used_well),
+            ("; over the best fixed configuration", gains.over_best_fixed),
+        ],
+    };
     let told = parts.iter().filter_map(|(name, ratio)| Some(format!("{name} {}", (*ratio)?)));
     let told = told.collect::<Vec<_>>().join(" ").replace(" ;", ";");
     format!("gain, with intervals of 95 %: {told}")
+}
+
+/// The answers on the way, each once.
+fn on_the_way(results: &TuningResults) -> Option<String> {
+    let mut told: Vec<String> = Vec::new();
+    let mut last = None;
+    for milestone in &results.milestones {
+        if last != Some(&milestone.configuration) {
+            last = Some(&milestone.configuration);
+            told.push(format!("after {} trials {}", milestone.trials, milestone.over_start?));
+        }
+    }
+    let until = FACTORS.iter().filter_map(|factor| {
+        results.trials_until(*factor).map(|trials| format!("{factor} × within {trials} trials"))
+    });
+    let until: Vec<String> = until.collect();
+    let shown = if until.is_empty() { String::new() } else { format!("; shown: {}", until.join(", ")) };
+    let start = &results.start_name;
+    (!told.is_empty()).then(|| format!("on the way, over the {start}: {}{shown}", told.join(", ")))
 }
 
 /// What the service's own race of the best few against the start came to.

@@ -5,7 +5,9 @@
 use plotters::prelude::*;
 
 use super::parts::{predicted, relative, roofline};
+use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::results::TuningResults;
+use treewright_renderer::tuning::search::Iteration;
 use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_USED_WELL};
 
 const WIDTH: u32 = 900;
@@ -14,17 +16,20 @@ const HEIGHT: u32 = 430;
 /// Trials slower than this many times the baseline are drawn at the upper edge.
 const CAP: f64 = 3.0;
 
+/// So many trials of the start say what it cost while the search ran.
+const STARTS_LEAST: usize = 3;
+
 // Placeholders, replaced by the page's own colours so that the curve follows its light or dark theme.
-const INK: RGBColor = RGBColor(1, 1, 1);
-const FAINT: RGBColor = RGBColor(2, 2, 2);
-const BEST: RGBColor = RGBColor(3, 3, 3);
+pub(super) const INK: RGBColor = RGBColor(1, 1, 1);
+pub(super) const FAINT: RGBColor = RGBColor(2, 2, 2);
+pub(super) const BEST: RGBColor = RGBColor(3, 3, 3);
 const PREDICTED: RGBColor = RGBColor(4, 4, 4);
 const OVERHEAD: RGBColor = RGBColor(5, 5, 5);
 const FAILED: RGBColor = RGBColor(6, 6, 6);
 const USED_WELL: RGBColor = RGBColor(7, 7, 7);
-const FIXED: RGBColor = RGBColor(8, 8, 8);
+pub(super) const FIXED: RGBColor = RGBColor(8, 8, 8);
 
-const COLOURS: [(&str, &str); 8] = [
+pub(super) const COLOURS: [(&str, &str); 8] = [
     ("#010101", "var(--ink)"),
     ("#020202", "var(--faint)"),
     ("#030303", "var(--best)"),
@@ -51,18 +56,16 @@ pub(super) fn svg(results: &TuningResults) -> Result<String, String> {
 }
 
 fn draw(results: &TuningResults, svg: &mut String) -> Result<(), Box<dyn std::error::Error>> {
-    let best = roofline(results);
+    let (best, unit_ms) = (roofline(results), unit_ms(results));
     let curve: Vec<(f64, f64)> = results
         .trials
         .iter()
-        .filter_map(|trial| Some((f64::from(trial.number), (trial.cost? / results.reference_ms).min(CAP))))
+        .filter_map(|trial| Some((f64::from(trial.number), (trial.cost? / unit_ms).min(CAP))))
         .collect();
     let stopped: Vec<(f64, f64)> = results
         .trials
         .iter()
-        .filter_map(|trial| {
-            Some((f64::from(trial.number), (trial.stopped_at()? / results.reference_ms).min(CAP)))
-        })
+        .filter_map(|trial| Some((f64::from(trial.number), (trial.stopped_at()? / unit_ms).min(CAP))))
         .collect();
     let last = results.trials.len().max(2) as f64;
     let top = curve.iter().chain(&stopped).map(|(_, y)| *y).fold(1.3_f64, f64::max) * 1.05;
@@ -120,4 +123,15 @@ fn draw(results: &TuningResults, svg: &mut String) -> Result<(), Box<dyn std::er
     }
     root.present()?;
     Ok(())
+}
+
+/// The cost that is drawn as 1. Where trials ran the configuration of the start often enough, it follows from
+/// them, since the machine may have been slower or faster in the frames around the search than in it.
+fn unit_ms(results: &TuningResults) -> f64 {
+    let of_start = |trial: &&Iteration| trial.configuration == results.start;
+    let costs: Vec<f64> = results.trials.iter().filter(of_start).filter_map(|trial| trial.cost).collect();
+    match relative(results, &results.start_name) {
+        Some(level) if costs.len() >= STARTS_LEAST => Summary::of(&costs).median / level,
+        _ => results.reference_ms,
+    }
 }

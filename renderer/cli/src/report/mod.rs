@@ -5,13 +5,14 @@
 
 mod chart;
 mod parts;
+mod session;
 
 use askama::Template;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 pub use parts::thousands;
-use parts::{ConfigurationRow, StandingRow};
+use parts::{ConfigurationRow, StandingRow, WayRow};
 use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::image_file::{Exposure, ImageFileError, png_bytes};
@@ -19,7 +20,7 @@ use treewright_renderer::measure::Standing;
 use treewright_renderer::space::{Choice, ConfigurationError};
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::search::SearchSetting;
-use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_USED_WELL, baseline};
+use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_USED_WELL};
 
 /// Samples a pixel of the report's two pictures.
 const PICTURE_SAMPLES: u32 = 24;
@@ -68,6 +69,9 @@ struct Page<'a> {
     samples: u32,
     standings: Vec<StandingRow>,
     chart: String,
+    way: Vec<WayRow>,
+    start: &'a str,
+    session: Option<String>,
     search_summary: String,
     prediction: Option<String>,
     configurations: Vec<ConfigurationRow>,
@@ -87,7 +91,7 @@ pub fn html(
     setting: &SearchSetting,
     results: &TuningResults,
 ) -> Result<String, ReportError> {
-    let default = picture(renderer, setting, &baseline(results.space).choice)?;
+    let default = picture(renderer, setting, &setting.baseline)?;
     let tuned = picture(renderer, setting, &setting.space.choice(&results.tuned)?)?;
     page(results, &default, &tuned)
 }
@@ -124,6 +128,9 @@ fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<S
         samples: PICTURE_SAMPLES,
         standings: parts::standings(results),
         chart: chart::svg(results).map_err(ReportError::Chart)?,
+        way: parts::on_the_way(results),
+        start: &results.start_name,
+        session: session::svg(results).map_err(ReportError::Chart)?,
         search_summary: parts::search_summary(results),
         prediction: parts::prediction(results),
         configurations: parts::configurations(results),

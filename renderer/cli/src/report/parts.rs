@@ -26,6 +26,12 @@ pub(super) struct StandingRow {
     pub(super) winner: bool,
 }
 
+/// A line of the table of answers on the way.
+pub(super) struct WayRow {
+    pub(super) trials: u32,
+    pub(super) over_start: String,
+}
+
 /// A line of the table of configurations.
 pub(super) struct ConfigurationRow {
     pub(super) name: String,
@@ -72,12 +78,23 @@ fn is_open(results: &TuningResults) -> bool {
 /// The gain and what it is made of.
 pub(super) fn gains(results: &TuningResults) -> String {
     let gains = &results.gains;
-    let parts = [
-        ("The best fixed configuration, where the search began, over native Embree", gains.start),
-        ("the best over the best fixed configuration, which is what the search added", gains.over_best_fixed),
-        ("over native Embree, both together", gains.over_native_default),
-        ("over native Embree used well", gains.over_native_used_well),
-    ];
+    let begin = format!("The best over {}, where the search began", the(&results.start_name));
+    let parts = match results.start_name == BEST_FIXED {
+        true => vec![
+            ("The best fixed configuration, where the search began, over native Embree", gains.start),
+            (
+                "the best over the best fixed configuration, which is what the search added",
+                gains.over_best_fixed,
+            ),
+            ("over native Embree, both together", gains.over_native_default),
+            ("over native Embree used well", gains.over_native_used_well),
+        ],
+        false => vec![
+            (begin.as_str(), gains.over_start),
+            ("over native Embree used well", gains.over_native_used_well),
+            ("over the best fixed configuration, which the search did not know", gains.over_best_fixed),
+        ],
+    };
     let told = parts.iter().filter_map(|(name, ratio)| Some(format!("{name}: {}", (*ratio)?)));
     let told = told.collect::<Vec<_>>().join("; ");
     if told.is_empty() {
@@ -87,10 +104,23 @@ pub(super) fn gains(results: &TuningResults) -> String {
     }
 }
 
+/// The answers on the way, each once.
+pub(super) fn on_the_way(results: &TuningResults) -> Vec<WayRow> {
+    let mut rows = Vec::new();
+    let mut last = None;
+    for milestone in &results.milestones {
+        if let Some(ratio) = milestone.over_start.filter(|_| last != Some(&milestone.configuration)) {
+            last = Some(&milestone.configuration);
+            rows.push(WayRow { trials: milestone.trials, over_start: ratio.to_string() });
+        }
+    }
+    rows
+}
+
 /// A standing's name inside a sentence.
 fn the(name: &str) -> String {
     match name {
-        PAPER_DEFAULT => "the recommended default".to_owned(),
+        PAPER_DEFAULT => "the paper's default".to_owned(),
         NATIVE_DEFAULT => "native Embree".to_owned(),
         NATIVE_USED_WELL => "native Embree used well".to_owned(),
         other => format!("the {other}"),
@@ -159,7 +189,10 @@ pub(super) fn search_summary(results: &TuningResults) -> String {
             format!(" {failed} of them could not be built at all, which the search takes as an answer, too.")
         }
     };
-    format!("The search tried {} configurations.{failures}{stops}", results.trials.len())
+    let (trials, configurations) = (results.trials.len(), results.configurations());
+    format!(
+        "{trials} trials ran {configurations} different configurations, repeats included.{failures}{stops}"
+    )
 }
 
 pub(super) fn prediction(results: &TuningResults) -> Option<String> {
@@ -270,7 +303,6 @@ fn value_in_words(value: &Value) -> String {
     }
 }
 
-/// `1234567` as `1 234 567`, with thin spaces.
 /// A number with thin spaces between its thousands.
 pub fn thousands(number: usize) -> String {
     let digits = number.to_string();

@@ -10,7 +10,7 @@ use treewright_renderer::measure::{Measured, standings};
 use treewright_renderer::space::{Preset, TuningSpace};
 use treewright_renderer::statistics::{BreakEven, Ratio};
 use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::results::{Overhead, Prediction, SceneFacts};
+use treewright_renderer::tuning::results::{Milestone, Overhead, Prediction, SceneFacts};
 use treewright_renderer::tuning::search::Iteration;
 use treewright_renderer::tuning::verdict::{
     BEST_FIXED, FOUND, Gains, NATIVE_DEFAULT, NATIVE_USED_WELL, PAPER_DEFAULT, PREDICTED, crown,
@@ -50,7 +50,7 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
         measured(FOUND, tuned_ms),
     ];
     let mut standings = standings(&side_by_side, 1000);
-    let best = crown(&mut standings, BEST_FIXED, false);
+    let best = crown(&mut standings, BEST_FIXED, false, |_| true);
     let space = TuningSpace::paper();
     let trials = vec![
         iteration(1, Some(100.0)),
@@ -75,10 +75,13 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
             notes: vec!["a texture was left out".into()],
         },
         size: [320, 240],
+        frames_per_trial: 1,
         objective: Objective::Render,
         space: Preset::Paper,
         parameters: space.explained().collect(),
         start: space.default_configuration(),
+        start_name: BEST_FIXED.into(),
+        milestones: vec![],
         baseline: PAPER_DEFAULT.into(),
         server: "http://127.0.0.1:1".into(),
         study: "test-render".into(),
@@ -94,7 +97,7 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
         confirmation: None,
         reference_ms: 100.0,
         found: Configuration::new().with("quality", 3),
-        gains: Gains::of(&standings, &best),
+        gains: Gains::of(&standings, &best, BEST_FIXED),
         best,
         disturbance: Disturbance::default(),
         tuned: Configuration::new().with("quality", 3).with("branching_factor", 8).with("compact", false),
@@ -136,9 +139,7 @@ fn a_gain_whose_interval_holds_none_is_not_told_as_one() {
 #[test]
 fn the_page_says_what_was_measured() {
     let html = page(&results(50.0, "hall"), &grey(), &grey()).expect("the page is made");
-    assert!(
-        html.contains("The tuned structure renders this scene 2.00× faster than the recommended default.")
-    );
+    assert!(html.contains("The tuned structure renders this scene 2.00× faster than the paper's default."));
     assert!(html.contains("1\u{2009}234\u{2009}567 triangles") && html.contains("Test One, 2 threads"));
     assert!(html.contains("1.10 times that of native Embree, 1.08 times that of native Embree used well"));
     assert!(html.contains("1.04 × [1.04, 1.04]"), "the gain over the best fixed configuration");
@@ -152,7 +153,8 @@ fn the_page_says_what_was_measured() {
             || html.contains("could not be built")
     );
     assert_eq!(html.matches("data:image/png;base64,").count(), 2);
-    assert_eq!(html.matches("<svg").count(), 1);
+    assert_eq!(html.matches("<svg").count(), 2);
+    assert!(html.contains("4 trials ran 1 different configurations"));
 }
 
 #[test]
@@ -214,4 +216,39 @@ fn the_curve_shows_its_three_lines_in_the_pages_colours() {
     let mut short = results(50.0, "hall");
     short.trials.clear();
     assert!(chart::svg(&short).is_ok(), "an interrupted search has a curve, too");
+}
+
+#[test]
+fn the_way_and_the_whole_session_are_told_from_where_the_search_began() {
+    let mut results = results(40.0, "hall");
+    results.start_name = NATIVE_DEFAULT.into();
+    results.baseline = NATIVE_DEFAULT.into();
+    results.gains = Gains::of(&results.standings, &results.best, NATIVE_DEFAULT);
+    let configuration = |quality: i64| Configuration::new().with("quality", quality);
+    let way = |trials, quality, low| Milestone {
+        trials,
+        configuration: configuration(quality),
+        over_start: Some(Ratio { median: low + 0.02, interval: Some([low, low + 0.04]), count: 21 }),
+    };
+    results.milestones = vec![way(1, 1, 0.98), way(2, 2, 1.12), way(4, 2, 1.12), way(8, 3, 1.33)];
+    let until: Vec<_> = [1.0, 1.1, 1.3, 1.4].map(|factor| results.trials_until(factor)).into();
+    assert_eq!(until, [Some(2), Some(2), Some(8), None]);
+    // What is lost again was not reached.
+    results.milestones.push(way(16, 4, 1.05));
+    assert_eq!(results.trials_until(1.1), None);
+    assert_eq!(parts::on_the_way(&results).iter().map(|row| row.trials).collect::<Vec<_>>(), [1, 2, 8, 16]);
+    let html = page(&results, &grey(), &grey()).expect("the page is made");
+    for text in [
+        "The best over native Embree, where the search began: 1.38 ×",
+        "How soon it was better",
+        "1.35 × [1.33, 1.37]",
+    ] {
+        assert!(html.contains(text), "{text}");
+    }
+    // Three trials that showed a frame and one that could not be built took 121 + 21 + 921 + 61 ms.
+    let curve = session::curve(&results);
+    assert_eq!(curve[0], (1.0, 121.0 / 120.0));
+    assert_eq!(curve[2], (3.0, 1124.0 / 320.0));
+    let last = curve.last().expect("it goes on");
+    assert!(last.1 < 1.0, "past break-even the session costs less than its start: {last:?}");
 }
