@@ -27,22 +27,22 @@ use crate::trial::{Mode, Outcome, Trial};
 /// A search of fewer configurations says little of a state.
 pub(crate) const SEARCHED_LEAST: usize = 6;
 
-/// A repeat within so many trials is one at once.
+/// A repeat counts as immediate when its trial number differs from the last one's by at most this.
 const AT_ONCE: u64 = 3;
-/// So many repeats at once and later say whether the speed of a machine wanders: if the typical difference of
-/// the later ones is so many times that of the others, which counts as this at least.
+/// Least number of immediate repeats, and of later ones, before a machine's speed is judged.
 const WANDERS_AFTER: usize = 3;
+/// Least ratio of later to immediate differences of a wandering speed, and least immediate difference taken.
 const WANDERS: f64 = 2.0;
 const WANDERS_LEAST: f64 = 0.01;
 
-/// So many repeats without any difference, and costs count as exact.
+/// Costs count as exact after this number of repeats without any difference.
 const EXACT_AFTER: usize = 2;
-/// The most measurements of a configuration at which one more or less can leave two.
+/// Greatest number of measurements with which a change of one can leave two.
 const TORN_MOST: usize = 3;
-/// The quartiles of a normal distribution are so many of its deviations apart.
+/// Distance between the quartiles of a normal distribution, in standard deviations.
 const QUARTILES_APART: f64 = 1.349;
 
-/// What is known of one configuration in one state.
+/// The results of one configuration in one state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// The configuration.
@@ -64,7 +64,7 @@ pub struct Record {
     pub infeasible: bool,
     /// Trials that failed without a verdict.
     pub failures: u32,
-    /// Trials that told that it cannot be run, as far as they were counted.
+    /// Trials that reported that it cannot be run. Earlier versions did not count them.
     #[serde(default)]
     crashes: u32,
     /// A trial said something of it that its client had not asked for by itself.
@@ -236,7 +236,7 @@ impl ResultTable {
     /// All but one configuration were measured before costs changed by a factor.
     fn age(&mut self, but: usize, factor: f64) {
         self.drifts += 1;
-        // Speeds were told beside the costs before.
+        // Speeds were estimated from the costs before the change.
         self.pace.shift(factor);
         for (index, record) in self.records.iter_mut().enumerate() {
             if index != but {
@@ -320,7 +320,7 @@ impl ResultTable {
         others.clone().nth(middle).or_else(|| others.next_back())
     }
 
-    /// What a single measurement is believed to be at least and at most; `None` before enough are known.
+    /// The range in which a single measurement is believed; `None` while too few configurations are ranked.
     pub fn reach(&self) -> Option<(f64, f64)> {
         let count = self.ranking.len();
         if count < REACH_AFTER {
@@ -397,7 +397,7 @@ impl ResultTable {
         self.is_carried_over
     }
 
-    /// How many configurations are remembered.
+    /// The number of remembered configurations.
     pub fn remembered(&self) -> usize {
         self.records.len()
     }
@@ -437,7 +437,7 @@ impl ResultTable {
             && typical(&self.later) > WANDERS * typical(&self.at_once).max(WANDERS_LEAST)
     }
 
-    /// How many measurements were far from all before of the same configuration.
+    /// The number of measurements that were far from all earlier ones of the same configuration.
     pub fn outliers(&self) -> u64 {
         self.outliers
     }
@@ -480,7 +480,7 @@ impl ResultTable {
         record.touch == self.touches
     }
 
-    /// What is known of one configuration; `None` when no trial of it was ever completed here.
+    /// The results of one configuration; `None` when no trial of it was ever completed here.
     pub fn record(&self, configuration: &Configuration) -> Option<&Record> {
         self.index.get(configuration).map(|&index| &self.records[index])
     }
@@ -495,7 +495,7 @@ impl ResultTable {
         self.ranked().next()
     }
 
-    /// How many configurations have a verdict.
+    /// The number of configurations with a verdict.
     pub fn tried(&self) -> usize {
         self.tried
     }
@@ -529,8 +529,7 @@ impl ResultTable {
         self.repeats.len() >= EXACT_AFTER && self.repeats.iter().all(|share| *share == 0.0)
     }
 
-    /// Whether clients tried so many configurations of their own choice that the state counts as searched, if
-    /// not by the study's search.
+    /// Whether clients tried enough configurations of their own choice that the state counts as searched.
     pub fn is_searched_by_clients(&self) -> bool {
         self.tried.saturating_sub(self.searched) >= SEARCHED_LEAST
     }
@@ -563,9 +562,9 @@ impl ResultTable {
         tried.all(|record| self.settled(&record.configuration, replicates).is_some())
     }
 
-    /// What a search is told of a configuration; `None` while it should be measured (again), because it has
-    /// less than `replicates` measurements. One abort settles it, and so do repeated failures, which a
-    /// search takes for infeasible because it must go on.
+    /// The verdict on a configuration that a search receives; `None` while it has fewer than `replicates`
+    /// measurements and should be measured again. One abort settles it. So do repeated failures: a search
+    /// takes them for infeasible because it must go on.
     pub fn settled(&self, configuration: &Configuration, replicates: u32) -> Option<Verdict> {
         let record = self.record(configuration)?;
         if record.infeasible {

@@ -1,4 +1,4 @@
-//! What is proven of the configurations of a state, and what is exploited there for it.
+//! Which configurations of a state are proven, and which one is exploited there for it.
 //!
 //! The lowest of many noisy costs is mostly luck. So what a state's own measurements answer is read from a
 //! [posterior](crate::statistics::estimate): the configuration that is expected to cost least among those by
@@ -28,13 +28,13 @@ use crate::study::StudySpec;
 /// The probability of being better by all that was measured that settles what the rounds of a confirmation
 /// leave open.
 const PROBABLE: f64 = 0.95;
-/// What is to be gained by an answer over the incumbent is at least so many times what is to be lost by it.
+/// Least ratio of an answer's expected gain over the incumbent to its expected loss.
 const WORTH: f64 = 20.0;
 /// How many configurations with the lowest expected costs are looked at more closely.
 const LEADERS: usize = 8;
-/// The least deviation of logarithms that measurements are taken to have for that.
+/// The least standard deviation that logarithms of measurements are taken to have for that.
 const SPREAD_LEAST: f64 = 0.005;
-/// Most degrees of freedom that one configuration has a say with in what noise is usual.
+/// Most degrees of freedom with which one configuration contributes to the usual noise.
 const FREEDOM_COUNTED: f64 = 3.0;
 /// Costs of zero have no logarithm: they count as this share of the least that is above zero.
 const SHARE_LEAST: f64 = 1e-12;
@@ -155,7 +155,7 @@ impl AssessmentRequest {
     }
 }
 
-/// A comparison as it is told.
+/// A comparison in the form in which it is reported.
 fn gain(comparison: Comparison) -> Gain {
     let Comparison { gain, gain_low, gain_high, probability_better, .. } = comparison;
     let told = |share: f64| Some(share).filter(|share| share.is_finite());
@@ -198,9 +198,9 @@ fn posterior(
 }
 
 /// What was measured of configurations, as far as one absurd report among it does no harm. Measurements that
-/// others of the same configuration contradict are passed over or drawn in. What lies far above everything
-/// else and above what is `told` (places of records) counts as no further away: how much dearer it is does
-/// not matter. What lies far below, and was measured once, is drawn in likewise.
+/// others of the same configuration contradict are passed over or drawn in. A measurement far above all
+/// others and above the records at `told` is drawn in: how much dearer it is does not matter. A single
+/// measurement far below is drawn in likewise.
 pub(super) fn samples(
     records: &[&Record],
     layout: &Layout,

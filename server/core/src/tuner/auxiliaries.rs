@@ -1,8 +1,8 @@
 //! Costs without the noise that auxiliary measurements explain, state by state.
 //!
-//! A study may name metrics beside those of its objective. What they say of a cost is learnt from the state's
-//! own trials (see [`Denoiser`]), and learnt anew every few of them; the table is then stated anew, because
-//! what is taken out of a cost depends on it. All of it follows from the completed trials in their order.
+//! A study may name metrics beside those of its objective. Their regression is learnt from the state's own
+//! trials (see [`Denoiser`]), and again after every few of them. The table is then restated, because its
+//! costs are less what the regression explains. All of it follows from the completed trials in their order.
 
 use std::collections::BTreeMap;
 
@@ -15,10 +15,9 @@ use crate::robust::{deviation, median, reach_of};
 use crate::statistics::auxiliary::{Denoiser, Observation};
 use crate::tuner::confirmation::Stored;
 
-/// The regression is learnt anew after so many trials.
+/// Number of trials after which the regression is learnt again.
 const LEARNT_EVERY: u64 = 4;
-/// What was put down to the speed of a machine is judged anew once the auxiliary measurements have so much
-/// more of a say.
+/// Growth of the regression's weight after which the speeds of machines are judged again.
 const WEIGHT_GROWN: f64 = 0.25;
 /// Costs of zero have no logarithm.
 const COST_LEAST: f64 = 1e-300;
@@ -115,7 +114,7 @@ impl Auxiliaries {
         self.states.get(&state.0).is_some_and(|own| own.denoiser.is_some())
     }
 
-    /// What a cost is without the noise that is explained.
+    /// A cost without the noise that its auxiliary measurements explain.
     pub(super) fn denoised(&self, state: StateId, cost: f64, auxiliary: &[f64]) -> f64 {
         let denoiser = self.states.get(&state.0).and_then(|own| own.denoiser.as_ref());
         denoiser.map_or(cost, |denoiser| {
@@ -123,8 +122,9 @@ impl Auxiliaries {
         })
     }
 
-    /// Takes a trial. Where the regression was learnt anew, tells the costs of all configurations by it, and
-    /// whether the speeds of machines are to be judged anew, because it explains what seemed to be speed.
+    /// Takes a trial. Where the regression was learnt again, returns the costs of all configurations by it.
+    /// It also says whether to judge the speeds of machines again, because it explains what seemed to be
+    /// speed.
     pub(super) fn take(
         &mut self,
         state: StateId,
@@ -177,7 +177,7 @@ impl Auxiliaries {
         gone.into_iter().map(|configuration| (configuration.clone(), own.of(&configuration))).collect()
     }
 
-    /// Whether it is of the space, and of so many metrics.
+    /// Whether it fits the space and this number of metrics.
     pub(super) fn fits(&self, space: &crate::space::Space, metrics: usize) -> bool {
         let mut seen = self.states.values().flat_map(|own| &own.seen);
         seen.all(|one| space.owns(&one.configuration.0) && one.auxiliary.len() == metrics)

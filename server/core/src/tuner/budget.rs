@@ -17,9 +17,9 @@
 //!   shows what that costs now. Then the charge falls to what it cost above [`GUARD`] times the cheapest of
 //!   the last few frames of the reference, before or after, so that neither noise nor a machine that changes
 //!   its speed hides regret.
-//! - A trial that is handed out again because its report never came may have been run each time: what was set
-//!   aside is charged, and as much set aside anew; where too little is left for that, the client gets another
-//!   answer.
+//! - A trial that is handed out again because its report never came may have been run each time. The reserved
+//!   cost is charged, and the same amount is reserved again; where too little is left for that, the client
+//!   gets another answer.
 //! - A trial that comes back without a cost, or never, stays charged with its worst case. Trials that did
 //!   better than the reference earn nothing.
 
@@ -64,7 +64,7 @@ pub struct Account {
     policy: SessionPolicy,
     /// Trials from this number on are of this session.
     first_trial: u64,
-    /// How many trials were handed out in this session.
+    /// The number of trials handed out in this session.
     handed_out: u64,
     /// Cost of all frames that did not explore.
     kept: Sum,
@@ -199,8 +199,8 @@ impl Account {
         self.out.get(&trial).is_some_and(|&worst| self.left(budget) >= worst)
     }
 
-    /// Hands a trial out again, whose report never came. Whoever asks for it may have run it, so what was set
-    /// aside is charged, and as much is set aside once more.
+    /// Hands a trial out again whose report never came. The client that asks for it may have run it, so the
+    /// reserved cost is charged and the same amount stays reserved.
     pub(super) fn again(&mut self, trial: u64) {
         if let Some(&worst) = self.out.get(&trial) {
             add(&mut self.charged, worst);

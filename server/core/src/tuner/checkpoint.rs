@@ -3,7 +3,7 @@
 //!
 //! A checkpoint is an accelerator and nothing else. It says which version wrote it and which specification it
 //! holds for, carries a check sum, and is passed over wherever one of these does not fit; the trials are then
-//! gone through from the first. What follows from it is the same to the bit, which the replay tests hold.
+//! replayed from the first. A tuner from a checkpoint is the same to the bit, which the replay tests hold.
 //! Searches, visits and open trials have rows of their own and are no part of it.
 
 use std::collections::BTreeSet;

@@ -1,13 +1,13 @@
 //! The last stage of a state's search: its best few run against the incumbent, in rounds, until one is proven
 //! better.
 //!
-//! The incumbent of a state is what did best in other states, else the study's default configuration, until a
-//! race replaces it. Contenders are chosen by the state's [assessment](super::assessment), and measured by
-//! whichever clients explore there. What the [race](crate::statistics::confirm) leaves open when its rounds
-//! are over is settled by a test of the rounds alone, and else by one more assessment, which looks at all
-//! that was ever measured of the contenders. What that finds is answered, and told as likely: proven is only
-//! what the rounds prove. From then on the verdict is what is exploited, and nothing has to be computed for
-//! it. The default runs in every race, so that what is told of the winner was measured beside it.
+//! The incumbent of a state is the configuration that did best in other states, else the study's default,
+//! until a race replaces it. Contenders are chosen by the state's [assessment](super::assessment), and
+//! measured by whichever clients explore there. A [race](crate::statistics::confirm) that its rounds leave
+//! open is settled by a test of the rounds alone. Otherwise one more assessment of all the contenders'
+//! measurements settles it; its winner is the answer, reported as likely, because only rounds prove. From
+//! then on the verdict is exploited without further computation. The default runs in every race, so that the
+//! winner's gain is measured beside it.
 
 use std::collections::BTreeMap;
 
@@ -28,10 +28,10 @@ use crate::tuner::assessment::{Assessment, AssessmentRequest};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::ProposedTrial;
 
-/// How many of a search's best run against the incumbent.
+/// Most of a search's best configurations that run against the incumbent.
 const CHALLENGERS_MAX: usize = 4;
-/// The noise is taken to be larger than it was seen to be by so much: what is proven holds only if it is not
-/// larger still.
+/// Factor by which the noise is taken to be larger than it was seen to be. A proof holds only if the noise is
+/// not larger still.
 const NOISE_MARGIN: f64 = 1.25;
 /// Noise is never taken to be less: timers and clocks are not that good.
 const NOISE_LEAST: f64 = 0.01;
@@ -48,7 +48,7 @@ pub(super) struct Confirming {
     contenders: Vec<Stored>,
     race: Race,
     rounds_max: u64,
-    /// How many configurations had been tried when it began: with more, there is another.
+    /// The number of tried configurations when it began. Once more are tried, another begins.
     tried: usize,
     /// How often the machine had been disturbed.
     disturbances: u64,
@@ -91,7 +91,7 @@ impl Confirming {
         self.race.verdict() != RaceResult::Open
     }
 
-    /// Whether it is over, for a table with so many tried configurations.
+    /// Whether it is over, for a table with `tried` tried configurations.
     pub(super) fn is_settled(&self, tried: usize) -> bool {
         self.settled && tried <= self.tried
     }
@@ -138,7 +138,7 @@ impl Confirming {
         self.contenders.iter().skip(1).any(|contender| contender.0 == *configuration)
     }
 
-    /// Who is better by the rounds themselves, now that they are over, but for an error of so much.
+    /// The contender that is better by the rounds alone, at an error probability of at most `error`.
     fn better_by_rounds(&self, error: f64) -> Option<&Configuration> {
         Some(&self.contenders.get(self.race.better_by_rounds(error)?)?.0)
     }
@@ -203,7 +203,7 @@ impl Tuner {
         Some(&self.searches.of(state)?.confirmed.as_ref()?.0)
     }
 
-    /// What challengers are measured against in a state.
+    /// The configuration that challengers are measured against in a state.
     pub(super) fn incumbent(&self, state: StateId) -> &Configuration {
         let results = self.states.results(state);
         let confirmed = self.confirmed(state).filter(|confirmed| !results.is_infeasible(confirmed));
@@ -259,7 +259,7 @@ impl Tuner {
         made.map(|made| (std::sync::Arc::clone(made), false))
     }
 
-    /// What the own measurements of a state answer: the verdict where it stands, else what is proven by now.
+    /// The answer of a state's own measurements: the verdict where it stands, else what is proven by now.
     pub(super) fn answered(&self, state: StateId, planned: &Planned) -> Option<Answered> {
         let results = self.states.results(state);
         let runs = |configuration: &Configuration| {

@@ -18,7 +18,7 @@ use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
 use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
 
-/// Who stays in a state for so many frames, times epsilon, explores it whatever the dice say.
+/// A client that stays for this number of frames divided by epsilon explores whatever the dice say.
 const STAY_EXPLORES: f64 = 3.0;
 /// Dice of one visit differ in these bits by how long the stay is.
 const THROWS_SHIFT: u32 = 32;
@@ -74,11 +74,10 @@ impl Tuner {
         })
     }
 
-    /// The number of the visit that a decision is to be taken for in a state, known or not; `None` where the
-    /// last one holds, which it does not for a session that wants something else. A kept configuration that
-    /// proved infeasible or clearly worse than another here meanwhile is decided anew, and so is whether to
-    /// explore, by the dice or by what pays, whenever a stay has doubled its length, so that nobody who stays
-    /// is left for ever at what the dice gave first.
+    /// The number of the visit that needs a decision in a state, known or not; `None` where the last decision
+    /// holds. It does not hold for a session that wants something else, nor for a kept configuration that has
+    /// proved infeasible or clearly worse than another here. Whenever a stay has doubled its length, the dice
+    /// or the expected gain decide again whether to explore: no client stays for ever with its first throw.
     pub(super) fn decides(&self, ask: &Ask, state: Option<StateId>) -> Option<u64> {
         let client_id = &ask.client_id;
         let Some(visit) = self.visits.of(client_id) else {
@@ -175,7 +174,7 @@ impl Tuner {
     }
 
     /// Whether a client explores a state for which the decision of visit `number` is to be taken, as far as
-    /// that can be told without asking what would be exploited.
+    /// that is known without asking what would be exploited.
     pub(super) fn explores(&self, ask: &Ask, number: u64, state: StateId) -> bool {
         let (policy, session) = (&self.spec.policy, &ask.session_policy);
         if self.is_finished_for(session, state) {
@@ -274,10 +273,10 @@ impl Tuner {
         }
     }
 
-    /// What is answered where only measurements count: the best of the state itself, as far as it is
-    /// proven. Where nothing was measured there that can be run, what other machines measured of the same
-    /// input again and again, else the incumbent or confirmed winner that serves other states best, or that
-    /// of the nearest where the policy names that predictor. Else the default.
+    /// The answer where only measurements count: the best of the state itself, as far as it is proven. Where
+    /// nothing measured there can be run, it is what other machines measured repeatedly of the same input.
+    /// Else it is the incumbent or confirmed winner that serves other states best, or that of the nearest
+    /// state where the policy names that predictor. Else it is the default.
     pub(super) fn measured_answer(
         &self,
         normalised: &[f64],
@@ -338,7 +337,7 @@ impl Tuner {
         Answer { configuration: answered.configuration, expected, ..answer }
     }
 
-    /// What the own measurements of a state answer: what is proven to be its best, or the incumbent.
+    /// The answer of a state's own measurements: its proven best configuration, or the incumbent.
     pub(super) fn best_known(&self, state: StateId, planned: &Planned) -> Option<Exploitation> {
         let KnownState { id, results, .. } = &self.states[state];
         let Answered { configuration, cost, gain, nothing_better, .. } = self.answered(state, planned)?;

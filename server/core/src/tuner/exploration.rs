@@ -18,7 +18,7 @@ use crate::tuner::screening::HeldParameters;
 pub struct Exploration {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) search: Option<AnySearch>,
-    /// How many answers to a search that was dropped added no configuration.
+    /// The number of a dropped search's answers that added no configuration.
     #[serde(default, skip_serializing_if = "is_zero")]
     repeats: u64,
     /// The most runs that a session wanted the search to go on for, beyond the policy.
@@ -44,7 +44,7 @@ pub struct Exploration {
     is_unbegun: bool,
 }
 
-/// How many leases of a configuration were lost.
+/// The number of lost leases of a configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct LostLeases {
     configuration: RawConfiguration,
@@ -83,7 +83,7 @@ impl Exploration {
         *self = Exploration { lost, confirming, confirmed, ..Exploration::new(search) };
     }
 
-    /// How many leases of a configuration were lost.
+    /// The number of lost leases of a configuration.
     pub(super) fn lost(&self, configuration: &Configuration) -> u32 {
         let lost = self.lost.iter().find(|lost| lost.configuration == *configuration.values());
         lost.map_or(0, |lost| lost.count)
@@ -105,7 +105,7 @@ impl Exploration {
         self.lost.retain(|lost| lost.configuration != *configuration.values());
     }
 
-    /// Notes that a session wants the search to go on for so many runs.
+    /// Notes that a session wants the search to go on for `room` runs.
     pub(super) fn make_room(&mut self, room: usize) {
         self.room = self.room.max(u32::try_from(room).unwrap_or(u32::MAX));
     }
@@ -115,7 +115,7 @@ impl Exploration {
         self.room as usize
     }
 
-    /// How many of the answers added no configuration.
+    /// The number of answers that added no configuration.
     pub(super) fn repeats(&self) -> u64 {
         self.search.as_ref().map_or(self.repeats, |search| search.repeats())
     }

@@ -1,4 +1,4 @@
-//! Spaces of so few configurations that a search tries them all.
+//! Spaces that are small enough for a search to try every configuration.
 //!
 //! Once every one of them has a verdict there is nothing to search for, and what is left of the budget goes
 //! to telling the best of them apart, as in a race (Maron and Moore, "Hoeffding races", NIPS 1993): each is
@@ -11,11 +11,11 @@ use crate::configuration::Configuration;
 use crate::results::{Record, ResultTable};
 use crate::space::Space;
 
-/// So many measurements of a configuration are enough to choose it for a confirmation, or not.
+/// Measurements that suffice to choose a configuration for a confirmation, or not.
 const ENOUGH: u64 = 3;
-/// So many standard deviations above the best are clear.
+/// Standard deviations above the best from which on a configuration is clearly worse.
 const CLEAR: f64 = 2.5;
-/// What ran once and cost less than the best by this factor may have been disturbed.
+/// A single measurement below this multiple of the best cost may have been disturbed.
 const NEAR: f64 = 2.0;
 /// The noise that is assumed before anything was measured twice, and the bounds of what is believed of it.
 const NOISE_PRIOR: f64 = 0.1;

@@ -36,12 +36,12 @@ impl GainEvidence<'_> {
         self.policy.epsilon * half / (half + self.history.visits(state) as f64)
     }
 
-    /// What going on with the search of a state is expected to bring this client's frames and all others: the
-    /// next few trials first, see [`exploration_value`](crate::statistics::exploration_value).
+    /// The expected gain from going on with the search of a state, over this client's frames and all others:
+    /// the next few trials first, see [`exploration_value`](crate::statistics::exploration_value).
     pub(super) fn prospect(&self, client_id: &str, state: StateId) -> Prospect {
         let results = self.states.results(state);
-        // What clients wanted themselves was tried too, and does not count. What the search measured and was
-        // taken back again, because the machine's speed jumped, is not tried any more and stays searched.
+        // Configurations of clients' own choice were tried too, and do not count. Those taken back when the
+        // machine's speed jumped are no longer tried, but stay searched.
         let beside = results.tried().saturating_sub(results.searched());
         let frames = self.history.frames_ahead(client_id, state);
         // What was spent on repeats is not left for anything new.
@@ -72,7 +72,7 @@ impl GainEvidence<'_> {
         let noise = results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
         let part = |measurements: u64| 1.0 / measurements.clamp(1, MEASUREMENTS_COUNTED) as f64;
         let chance = CLEARLY * (part(own.measurements) + part(best.measurements)).sqrt();
-        // The best of many is lucky: by about so many deviations, were they all the same.
+        // The best of many is lucky: were they all equal, by about this many standard deviations.
         let luck = (2.0 * libm::log(results.tried().max(1) as f64) * part(best.measurements)).sqrt();
         let margin = noise * (chance + luck);
         own.mean_cost > best.mean_cost * (1.0 + margin)

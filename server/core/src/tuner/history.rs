@@ -14,9 +14,9 @@ use crate::tuner::states::place;
 
 /// What an exploring trial is expected to cost above the best known configuration before any did, as a share.
 const EXCESS_PRIOR: f64 = 0.5;
-/// How many trials that expectation is worth.
+/// Weight of that expectation, in trials.
 const EXCESS_PRIOR_TRIALS: f64 = 4.0;
-/// A trial that costs more counts for so much: one absurd measurement is no rule.
+/// Most excess that one trial counts with: one absurd measurement is no rule.
 const EXCESS_MAX: f64 = 10.0;
 /// What a trial costs that cannot be run: a build that fails and a frame in its place.
 const EXCESS_INFEASIBLE: f64 = 1.0;
@@ -54,7 +54,7 @@ impl History {
         self.states.push(Arc::default());
     }
 
-    /// How many states there are.
+    /// The number of states.
     pub(super) fn len(&self) -> usize {
         self.states.len()
     }
@@ -87,7 +87,7 @@ impl History {
         self.visits += u64::from(!stays);
     }
 
-    /// Whether an octave of a state's search is over that was not noted yet, after so many tried
+    /// Whether an octave of a state's search has ended without being noted, after `tried` tried
     /// configurations.
     pub(super) fn octave_is_over(&self, state: StateId, tried: usize) -> bool {
         let history = &self.states[place(state)];
@@ -129,7 +129,7 @@ impl History {
         self.states[place(state)].visits
     }
 
-    /// How many frames were reported from a state.
+    /// The number of frames reported from a state.
     pub(super) fn frames(&self, state: StateId) -> u64 {
         self.states[place(state)].frames
     }
@@ -140,10 +140,10 @@ impl History {
         known.filter(|(current, _)| *current == place(state)).map_or(0, |(_, length)| *length)
     }
 
-    /// How many more frames a state is expected to see: as many visits again as it has had, of the length
-    /// that visits to it have, drawn towards those of all states; and a stay lasts on for as long as it has
-    /// lasted (what has no scale of its own is half over on average: Gott, "Implications of the Copernican
-    /// principle for our future prospects", 1993).
+    /// The number of further frames that a state is expected to see. It has as many visits again as it has
+    /// had, of the mean length of its visits, drawn towards that of all states. A stay lasts for as long
+    /// again as it has lasted (what has no scale of its own is half over on average: Gott, "Implications of
+    /// the Copernican principle for our future prospects", 1993).
     pub(super) fn frames_ahead(&self, client_id: &str, state: StateId) -> f64 {
         let mean = if self.visits == 0 { 1.0 } else { self.frames as f64 / self.visits as f64 };
         let history = &self.states[place(state)];

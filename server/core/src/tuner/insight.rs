@@ -17,34 +17,34 @@ pub struct Insight {
     pub tried: u64,
     /// How often clients came to the state, as far as they reported something from it.
     pub visits: u64,
-    /// How many frames were reported from it.
+    /// The number of frames reported from it.
     pub frames: u64,
-    /// How much repeated measurements differ, relative to the cost: a robust standard deviation. `None`
+    /// The difference of repeated measurements, relative to the cost: a robust standard deviation. `None`
     /// before anything was measured twice.
     pub noise: Option<f64>,
     /// Measurements that were set aside as outliers.
     pub outliers: u64,
     /// How often costs were found to have changed for good.
     pub drifts: u64,
-    /// What going on with the search is expected to bring.
+    /// The expected gain and cost of going on with the search.
     pub prospect: Option<Prospect>,
-    /// What is left out of the search, and of what predictors see.
+    /// The parameters and indicators that searches and predictors leave out.
     pub omissions: Vec<Omission>,
-    /// What is proven of what is exploited here; `None` where nothing was measured that can be run.
+    /// How far the exploited configuration is proven; `None` where nothing measured here can be run.
     pub standing: Option<Standing>,
 }
 
-/// What exploring a state is expected to bring and to cost. Relative to the best known cost, so that it can
-/// be told of states in which nothing was measured yet.
+/// The expected gain and cost of exploring a state. Both are relative to the best known cost, so that they
+/// exist for states without measurements too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prospect {
     /// By how much the cost of each later frame falls, as a share: by the trials that pay most.
     pub gain: f64,
-    /// How many frames profit.
+    /// The number of frames that profit.
     pub frames: f64,
     /// What these trials cost above the reference in all, in frames of the reference.
     pub exploring_cost: f64,
-    /// How many trials to go on for before it is weighed again; 0 where it does not pay.
+    /// The number of trials before it is weighed again; 0 where exploring does not pay.
     pub trials: usize,
 }
 
@@ -58,7 +58,7 @@ pub struct Omission {
     pub reason: OmissionReason,
     /// For people.
     pub summary: String,
-    /// How many trials were or will be saved by it, estimated.
+    /// The estimated number of trials that it has saved or will save.
     pub saved_trials: f64,
     /// With which probability leaving it out is wrong; `None` where it is certain.
     pub risk: Option<f64>,

@@ -1,13 +1,12 @@
 //! Leases that are lost: trials whose client never reported.
 //!
-//! One lost lease says little: networks fail and people end programs. A configuration of which nothing was
-//! ever measured in a state and whose lease is lost there again is taken for one that crashes or hangs
-//! whoever runs it, because to hand it out to one client after the other would stop them all. It then counts
-//! as infeasible in that state, and its trial says why. A lease is also lost where its client comes back in
-//! another session while it still runs. Of a client without sessions that never renewed a lease, as scripts
-//! are, nobody knows whether it lives, so that its silence says nothing: somebody may have pressed Ctrl-C.
-//! Who gives a trial back has said goodbye, and loses nothing. The default is never taken for one: clients
-//! run it without asking anybody, and exploring would have nothing left to be weighed against.
+//! One lost lease says little: networks fail and people end programs. A configuration without any measurement
+//! in a state whose lease is lost there again is taken to crash or hang its client. Handing it to one client
+//! after the other would stop them all. It then counts as infeasible in that state, and its trial says why. A
+//! lease is also lost where its client comes back in another session while it still runs. The silence of a
+//! client without sessions that never renewed a lease, such as a script, says nothing: somebody may have
+//! pressed Ctrl-C. A client that gives a trial back loses no lease. The default never counts as crashing:
+//! clients run it without asking, and exploring would have nothing left to be weighed against.
 
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::LEASES_LOST_MAX;
@@ -26,8 +25,8 @@ impl Tuner {
         })
     }
 
-    /// Sees whether the client was started anew since it was handed the trial that it holds for a state.
-    /// `None` where the trial is still its; else what became of that.
+    /// Sees whether the client was restarted since it received the trial that it holds for a state. `None`
+    /// where the trial is still its; else what became of that.
     pub(super) fn lose_to_restart(&mut self, ask: &Ask, state: StateId, now_ms: i64) -> Option<Change> {
         let held = self.trials.of_client(&ask.client_id, state)?;
         let (number, session) = (TrialNumber(held.number), held.decision.session);

@@ -107,7 +107,7 @@ pub struct Tuner {
     assessments: Assessments,
     speeds: Speeds,
     auxiliaries: Auxiliaries,
-    /// How many trials were completed, and the place of the last in the order of completion.
+    /// The number of completed trials, and the place of the last in the order of completion.
     completed: u64,
     last_completion: u64,
     /// Leases that end up to this time, in milliseconds, do not count as lost.
@@ -293,9 +293,9 @@ impl Tuner {
         change
     }
 
-    /// Leases that end up to `until_ms` say nothing of their configurations, since nobody was there who could
-    /// have taken a report: they are ended as any other, and not counted as lost. An earlier time than one
-    /// that was told before changes nothing.
+    /// Leases that end up to `until_ms` say nothing of their configurations, since no report could have been
+    /// taken until then: they end as any other, and do not count as lost. A time before an earlier call's
+    /// changes nothing.
     pub fn pardon_leases(&mut self, until_ms: i64) {
         self.pardoned_until_ms = self.pardoned_until_ms.max(until_ms);
     }
@@ -312,7 +312,7 @@ impl Tuner {
 
     // Predict and best.
 
-    /// What would be exploited for these indicators, on a machine where one is named. Changes nothing.
+    /// The exploitation for these indicators, on a machine where one is named. Changes nothing.
     pub fn predict(
         &self,
         indicators: &BTreeMap<String, f64>,
@@ -358,8 +358,8 @@ impl Tuner {
         Ok(state.and_then(|state| self.best_answer(state, &planned)))
     }
 
-    /// What the configuration costs that is exploited in a state, as far as that was looked at; `None` when
-    /// nothing has been measured there.
+    /// The cost of the configuration exploited in a state, as far as it was assessed; `None` when nothing has
+    /// been measured there.
     pub fn best_cost(&self, state: impl Into<StateId>) -> Option<f64> {
         let state = state.into();
         let known = self.states.contains(state).then(|| self.states.results(state))?;

@@ -1,9 +1,9 @@
 //! The models of a study's predictor: teaching them trials, and the updates that are deferred.
 //!
 //! Invariants: only the models of the policy's predictor are kept; they know the trials that were completed
-//! after [`Models::since`], and the last ones before. Learning a trial is quick: fits that take long are
-//! deferred updates, which whoever has the time computes apart, on a copy. They are computed in the order of
-//! the trials, and each holds what it rests on, so the outcome is the same whenever that is.
+//! after [`Models::since`], and the last ones before. Learning a trial is quick. Long fits are deferred
+//! updates, which any caller with time computes apart, on a copy. They are computed in the order of the
+//! trials, and each holds its own inputs, so the outcome does not depend on the moment.
 
 use crate::configuration::Configuration;
 use crate::ids::{MachineId, StateId};
@@ -27,7 +27,7 @@ pub(super) struct Models {
     defers: bool,
 }
 
-/// What a completed trial says, to whoever learns from it.
+/// What a model learns from a completed trial.
 pub(super) struct Result<'a> {
     /// The normalised indicators the trial ran under.
     pub(super) normalised: &'a [f64],
@@ -37,12 +37,12 @@ pub(super) struct Result<'a> {
 }
 
 impl Models {
-    /// What a predictor needs, before it is taught anything.
+    /// The models that a predictor needs, before they are taught anything.
     pub(super) fn new(spec: &StudySpec, predictor: PredictorMethod, states: &States, since: u64) -> Self {
         Models { predictors: untaught(spec, predictor, states), since, defers: false }
     }
 
-    /// Begins the models of a predictor anew, after a completion.
+    /// Begins the models of a predictor from nothing, after a completion.
     pub(super) fn begin(
         &mut self,
         spec: &StudySpec,
@@ -131,8 +131,8 @@ impl Models {
         });
     }
 
-    /// Begins the models of features anew where other indicators are left out than before, and teaches them
-    /// what the tables hold of the states that were met last.
+    /// Rebuilds the models of features where the omitted indicators have changed, and teaches them the tables
+    /// of the states that were met last.
     pub(super) fn begin_features(&mut self, spec: &StudySpec, states: &States) {
         if !self.predictors.have_features() {
             return;

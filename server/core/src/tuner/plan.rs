@@ -1,14 +1,14 @@
 //! Planning a suggestion apart from the tuner: what takes long is computed on copies, before, and without it.
 //!
-//! A suggestion is a matter of microseconds but for three things: a search with a model fits it, a search
-//! that begins is told what other states know, and the contextual predictor fits a process to what was
-//! measured near by. Where many clients share a tuner they must not wait for that. So whoever holds the tuner
-//! makes a [`PlanRequest`] of a question, lets go of the tuner, [computes](PlanRequest::compute) it, and
-//! hands the [`SuggestionPlan`] in with the question. A question with a plan never fits a model: where the
-//! plan has nothing for what it turns out to need (another client changed the state meanwhile, or plans for
-//! the same search), it gets what the search has in reserve, or an answer from the tables, because a client
-//! never waits. A client that is alone gets the same answers either way. One thing is still done at once
-//! where nobody planned it, once for a state: what others tell a search that begins.
+//! A suggestion takes microseconds but for three things: a search with a model fits it, a search that begins
+//! receives the results of other states, and the contextual predictor fits a process to measurements near by.
+//! Many clients that share a tuner must not wait for that. So the holder of the tuner makes a [`PlanRequest`]
+//! of a question, lets go of the tuner, [computes](PlanRequest::compute) it, and hands the [`SuggestionPlan`]
+//! in with the question. A question with a plan never fits a model. Its plan may lack what it turns out to
+//! need, because another client changed the state or plans for the same search. It then gets the search's
+//! reserve, or an answer from the tables, because a client never waits. A client that is alone gets the same
+//! answers either way. Only the evidence of other states for a search that begins is computed at once where
+//! no plan holds it, once for a state.
 
 use std::sync::Arc;
 
@@ -29,10 +29,10 @@ pub struct PlanRequest {
     pub(super) normalised: Vec<f64>,
     pub(super) answer: Option<FitRequest>,
     pub(super) first: Option<FitRequest>,
-    /// What other states answer, for one in which nothing was measured.
+    /// The answers of other states, for one in which nothing was measured.
     pub(super) portfolio: Option<MeasuredElsewhere>,
     pub(super) search: Option<(StateId, Box<AnySearch>, usize)>,
-    /// What others tell the search of a state that begins; one without an id is not there yet.
+    /// The evidence of other states for a search that begins; a state without an id does not exist yet.
     pub(super) evidence: Option<(Option<StateId>, MeasuredElsewhere)>,
     /// The state whose own measurements may be what answers.
     pub(super) assessment: Option<AssessmentRequest>,
@@ -125,7 +125,7 @@ impl Planned {
         matches!(self, Planned::AtOnce)
     }
 
-    /// What predictors answered before for these indicators; `None` where they are to be asked now.
+    /// The planned answers of predictors for these indicators; `None` where they are to be asked now.
     pub(super) fn of_predictors(&self, normalised: &[f64]) -> Option<PlannedAnswers<'_>> {
         match self {
             Planned::AtOnce => None,
@@ -145,7 +145,7 @@ impl Planned {
         }
     }
 
-    /// What the search of a state with this anchor begins with; `None` where that was not planned.
+    /// The warm start of the search of a state with this anchor; `None` where that was not planned.
     pub(super) fn take_beginning(&mut self, state: StateId, anchor: &[f64]) -> Option<Option<WarmStart>> {
         let Planned::Ahead(plan) = self else {
             return None;
@@ -155,7 +155,7 @@ impl Planned {
         beginning.take_if(|(of, _)| is_of(*of)).map(|(_, beginning)| beginning)
     }
 
-    /// What is proven of the configurations of a state, if that was planned.
+    /// The assessment of a state, if it was planned.
     pub(super) fn take_assessment(&mut self) -> Option<(StateId, Arc<Assessment>)> {
         match self {
             Planned::AtOnce => None,

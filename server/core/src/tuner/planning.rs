@@ -24,8 +24,8 @@ impl Tuner {
         self.models.defer();
     }
 
-    /// The updates that reports have deferred, to be computed apart; `None` where there are none. What is not
-    /// computed in time is computed by a later report.
+    /// The updates that reports have deferred, to be computed apart; `None` where there are none. A later
+    /// report computes those that are late.
     pub fn deferred_updates(&self) -> Option<DeferredUpdates> {
         self.models.deferred()
     }
@@ -141,7 +141,7 @@ impl Tuner {
         (!request.is_empty()).then_some(request)
     }
 
-    /// The same for [`Tuner::predict_planned`].
+    /// Plans a prediction, for [`Tuner::predict_planned`].
     pub fn plan_prediction(
         &self,
         indicators: &BTreeMap<String, f64>,
@@ -177,7 +177,7 @@ impl Tuner {
         (!request.is_empty()).then_some(request)
     }
 
-    /// The same for [`Tuner::best_planned`].
+    /// Plans a question for the best, for [`Tuner::best_planned`].
     pub fn plan_best(
         &self,
         indicators: Option<&BTreeMap<String, f64>>,
@@ -200,8 +200,8 @@ impl Tuner {
         })
     }
 
-    /// The state whose own measurements answer a question, as far as can be told before it is answered: the
-    /// one it is about where anything was measured there, else the nearest.
+    /// The state whose own measurements answer a question, as far as is known before it is answered: its own
+    /// state where anything was measured there, else the nearest.
     fn state_that_answers(&self, query: &Query<'_>, here: Option<StateId>) -> Option<StateId> {
         let answers_itself = |state: &StateId| self.states.results(*state).best().is_some();
         let nearest = || {

@@ -1,11 +1,11 @@
 //! The portfolio of a study, as it is seen from one state: the few configurations with which its search
 //! begins.
 //!
-//! From the nearest states come the candidates: what each answers, what was measured in several, and the
-//! best known of every branch of a conditional space. What was measured once, in one state, is mostly luck,
-//! and no member but for its branch. [`CostTable::portfolio`] chooses among them. It is made anew, apart
-//! from the tuner, whenever a state's search begins, so that it always knows everything, and is stored with
-//! that search.
+//! The nearest states give the candidates: the answer of each, what was measured in several, and the best
+//! known of every branch of a conditional space. A single measurement in one state is mostly luck: such a
+//! candidate is a member only for its branch. [`CostTable::portfolio`] chooses among them. A portfolio is
+//! computed apart from the tuner whenever a state's search begins, so that it knows everything, and is stored
+//! with that search.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -18,7 +18,7 @@ use crate::statistics::portfolio::{CostEntry, CostTable, MEMBERS};
 use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
 use crate::value::Value;
 
-/// How many of the best of a state are candidates.
+/// Number of a state's best configurations that are candidates.
 const OF_A_STATE: usize = 3;
 /// Most measurements that make a cost more certain.
 const MEASUREMENTS_COUNTED: u64 = 16;
@@ -36,7 +36,7 @@ pub(super) struct OtherState {
 }
 
 impl OtherState {
-    /// What the state answers, or will after its confirmation: what is not the luck of one measurement.
+    /// What the state answers, or will after its confirmation: no luck of one measurement.
     pub(super) fn answers(&self) -> impl Iterator<Item = &Configuration> {
         let incumbent = self.incumbent.iter().filter(|incumbent| self.results.ran(incumbent).is_some());
         let least = self.measured_least.unwrap_or(u64::MAX);
@@ -86,7 +86,7 @@ impl MeasuredElsewhere {
     }
 }
 
-/// What a portfolio is chosen from.
+/// The candidates of a portfolio and their costs.
 struct Choices {
     /// Those that may be members come first.
     candidates: Vec<Configuration>,
@@ -119,9 +119,9 @@ fn known(results: &ResultTable, configuration: &Configuration, noise: f64) -> Co
     }
 }
 
-/// What a portfolio is chosen among, and how many of these, which come first, may be members: the default,
-/// what was measured in several states, and what each state answers. The others, the best of each, only
-/// stand for branches of the space.
+/// The candidates of a portfolio, and how many of the first may be members: the default, what was measured in
+/// several states, and what each state answers. The others, the best of each, only stand for branches of the
+/// space.
 fn candidates(space: &Space, elsewhere: &MeasuredElsewhere) -> (Vec<Configuration>, usize) {
     let states = &elsewhere.states;
     let mut seen: HashMap<&Configuration, usize> = HashMap::new();

@@ -30,7 +30,7 @@ pub(super) fn gained(
     Some((records[best].configuration.clone(), gain))
 }
 
-/// What the posterior rests on: everything, or what was best before, the best half, and an even choice of the
+/// The records that the posterior rests on: all, or the former best, the best half, and an even choice of the
 /// rest.
 fn chosen<'a>(results: &'a ResultTable, before: Option<&Configuration>) -> Vec<&'a Record> {
     let ranked: Vec<&Record> = results.ranked().collect();

@@ -1,5 +1,4 @@
-//! What a part of the tuner proposes, before it is decided: a configuration to exploit, or one to measure,
-//! and why.
+//! The proposal of a part of the tuner, before a decision: a configuration to exploit or to measure, and why.
 
 use crate::configuration::Configuration;
 use crate::decision::{

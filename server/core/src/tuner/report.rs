@@ -17,7 +17,7 @@ use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, models, progre
 pub(super) struct LearntCost {
     /// Its cost as the table has it.
     pub(super) cost: Option<f64>,
-    /// The same as it is believed: drawn in where it lies far from everything else.
+    /// The cost as it is believed: drawn in where it lies far from everything else.
     pub(super) believed: Option<f64>,
     /// The speed of its client's machine was found to have jumped.
     pub(super) has_jumped: bool,
@@ -58,8 +58,7 @@ impl Tuner {
         if learnt.has_jumped
             && let Some(exploration) = self.searches.change(state)
         {
-            // It was told costs that are not believed any more: another one begins with what the table still
-            // holds.
+            // It learnt costs that are no longer believed. Another search begins with the rest of the table.
             exploration.end();
         }
         if !matches!(completed.outcome, Some(Outcome::Failed { .. })) {
@@ -149,12 +148,12 @@ impl Tuner {
         learnt
     }
 
-    /// What a completed trial's cost is without what its auxiliary measurements explain, and without what the
-    /// speed of its client's machine makes of it at the moment.
+    /// The cost of a completed trial without the noise that its auxiliary measurements explain, and corrected
+    /// for the present speed of its client's machine.
     fn understood(&mut self, trial: &Trial) -> LearntCost {
         let unchanged = LearntCost { cost: trial.cost, believed: trial.cost, has_jumped: false };
         let state = StateId(trial.state_id);
-        // What was carried over from elsewhere says nothing of the speed of the machine here.
+        // A trial carried over from elsewhere says nothing of the speed of the machine here.
         let is_own = trial.outcome.is_some() && !is_silent(trial) && trial.decision.origin.is_none();
         let Some(cost) = trial.cost.filter(|_| is_own) else {
             return unchanged;
@@ -169,7 +168,7 @@ impl Tuner {
         let (mut factor, mut has_jumped) = (1.0, false);
         if self.spec.policy.track_speed {
             let table = (self.states.results(state), self.spec.space.default_ref());
-            // What may be explained otherwise is no speed.
+            // A difference that may have another explanation is no speed.
             let holds = auxiliary.is_none() || self.auxiliaries.explains(state);
             let what = (trial.client_id.as_str(), trial.number, state);
             let held = self.speeds.take(what, &trial.configuration, denoised, table, holds);
@@ -190,7 +189,7 @@ impl Tuner {
                     restated.iter().for_each(|(configuration, costs)| results.restate(configuration, costs));
                 });
                 if explains_more {
-                    // The search was told other costs.
+                    // The search learnt other costs.
                     (factor, has_jumped) = (1.0, true);
                     self.speeds.reset(state);
                 }
@@ -266,7 +265,7 @@ impl Tuner {
             return;
         };
         exploration.release(trial.number, feedback);
-        // What is spent is not needed any more: the table knows what came of it.
+        // A spent search is not needed any more: the table holds its results.
         let (results, policy): (_, &Policy) = (self.states.results(state), &self.spec.policy);
         if exploration.open.is_empty()
             && is_spent(

@@ -242,7 +242,7 @@ mod tests {
     use crate::trial::Outcome;
     use crate::tuner::tests::{ask, cost, measured, spec};
 
-    /// A tuner after so many frames in three states, its rows, and its completed trials.
+    /// A tuner after `frames` frames in three states, its rows, and its completed trials.
     fn grown(policy: Policy, frames: u64) -> (Tuner, Snapshot, Vec<Trial>) {
         let mut tuner = Tuner::new(Arc::new(spec(policy))).expect("valid");
         let (mut states, mut completed) = (std::collections::BTreeMap::new(), Vec::new());

@@ -1,7 +1,7 @@
 //! The searches of a study's states, and which of their rows are to be written.
 //!
-//! Invariant: whoever changes a search counts the change, so that comparing two counts tells whether the
-//! state's row is still what is stored.
+//! Invariant: every change of a search is counted, so that two counts that differ mean a row to be stored
+//! again.
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
@@ -46,7 +46,7 @@ impl Searches {
         &self.few
     }
 
-    /// Whether nothing is left to be searched in a state, within a budget of so many trials.
+    /// Whether nothing is left to be searched in a state, within a budget of `room` trials.
     pub(super) fn are_spent(
         &self,
         state: StateId,
@@ -64,18 +64,17 @@ impl Searches {
         self.of_states.push(StateSearch { exploration, changes: 0 });
     }
 
-    /// The search of a state, if one was begun; whether it goes on is told by itself.
+    /// The search of a state, if one was begun. It says itself whether it goes on.
     pub(super) fn of(&self, state: StateId) -> Option<&Exploration> {
         self.record(state).filter(|exploration| exploration.is_begun())
     }
 
-    /// What is stored of a state's search, and of leases that were lost there, whether or not a search was
-    /// begun.
+    /// The stored record of a state's search and lost leases, whether or not a search was begun.
     pub(super) fn record(&self, state: StateId) -> Option<&Exploration> {
         self.of_states[place(state)].exploration.as_ref()
     }
 
-    /// How many leases of a configuration were lost in a state.
+    /// The number of lost leases of a configuration in a state.
     pub(super) fn lost(&self, state: StateId, configuration: &Configuration) -> u32 {
         self.record(state).map_or(0, |exploration| exploration.lost(configuration))
     }
@@ -96,7 +95,7 @@ impl Searches {
         }
     }
 
-    /// The same, to be changed.
+    /// The begun search of a state, to be changed. Counts the change.
     pub(super) fn change(&mut self, state: StateId) -> Option<&mut Exploration> {
         let StateSearch { exploration, changes } = &mut self.of_states[place(state)];
         let begun = exploration.as_mut().filter(|exploration| exploration.is_begun());
@@ -114,10 +113,10 @@ impl Searches {
         own.changes += 1;
     }
 
-    /// How many trials of a state count towards the budget of its search: every one that explored it,
-    /// whatever it ran, and as one where the policy wants each configuration measured several times. Of
-    /// states that an earlier version searched those are known that tried something new, and the search's own
-    /// repeats.
+    /// The number of a state's trials that count towards the budget of its search: every one that explored
+    /// it, whatever it ran. Where the policy wants replicates, those of one configuration count as one. Of
+    /// states that an earlier version searched, only trials of new configurations and the search's own
+    /// repeats are known.
     pub(super) fn taken(&self, state: StateId, results: &ResultTable, policy: &Policy) -> usize {
         taken(self.of(state), results, policy.replicates)
     }

@@ -33,7 +33,7 @@ impl Tuner {
         self.is_spent_within(self.room_of(session), state)
     }
 
-    /// Whether nothing is left to be searched in a state, within a budget of so many trials.
+    /// Whether nothing is left to be searched in a state, within a budget of `room` trials.
     pub(super) fn is_spent_within(&self, room: usize, state: StateId) -> bool {
         self.searches.are_spent(state, self.states.results(state), &self.spec.policy, room)
     }

@@ -23,19 +23,19 @@ use crate::tuner::confirmation::Stored;
 const NOISE_PRIOR: f64 = 0.05;
 const NOISE_LEAST: f64 = 0.01;
 const NOISE_MAX: f64 = 0.2;
-/// So many measurements make the cost of a configuration known; of the default one, with which every search
-/// begins, one.
+/// Number of measurements that make the cost of a configuration known. One suffices for the default, with
+/// which every search begins.
 const KNOWN_AFTER: usize = 4;
-/// After so many trials the incumbent is due, and after twice as many once it agreed with what was expected.
+/// Number of trials after which the incumbent is due; twice as many once it agreed with its expected cost.
 const INTERVAL: u64 = 8;
-/// The same where the speed is seen to wander: what ran near the incumbent compares well with it whatever the
-/// speed is.
+/// The interval where the speed is seen to wander: trials near the incumbent's compare well with it at any
+/// speed.
 const INTERVAL_WANDERING: u64 = 4;
-/// The same while it is not known yet what auxiliary measurements explain, for which repeats are needed.
+/// The interval while it is unknown what auxiliary measurements explain, for which repeats are needed.
 const INTERVAL_HURRIED: u64 = 3;
-/// After a jump the incumbent runs so many times more, because what it costs now was only measured twice.
+/// Further runs of the incumbent after a jump, because its new cost was only measured twice.
 const SETTLING: u64 = 3;
-/// Factors nearer to 1 than so many deviations of a measurement may be nothing but noise, and are not
+/// Factors nearer to 1 than this number of a measurement's standard deviations may be noise, and are not
 /// applied.
 const FACTOR_LEAST: f64 = 2.0;
 
@@ -170,7 +170,7 @@ impl Speeds {
         let factor = client.speed.factor();
         let factor = if libm::log(factor).abs() > FACTOR_LEAST * noise { factor } else { 1.0 };
         client.factor = factor;
-        // The first measurement of the default is what the speed is told by, so it stays.
+        // The first measurement of the default is the reference of the speed, so it stays.
         if known.is_none() && configuration != default || client.speed.is_suspicious() {
             if client.unheld.len() == UNHELD_MAX {
                 client.unheld.remove(0);
@@ -204,7 +204,7 @@ impl Speeds {
         self.clients.get(client_id).map_or(1.0, |client| client.factor)
     }
 
-    /// Begins anew for all clients of a state, whose costs are understood differently from now on.
+    /// Resets all clients of a state, whose costs are understood differently from now on.
     pub(super) fn reset(&mut self, state: StateId) {
         for client in self.clients.values_mut().filter(|client| client.state == state.0) {
             *client = Client { state: client.state, latest: client.latest, ..Client::default() };

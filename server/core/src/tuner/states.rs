@@ -32,7 +32,7 @@ pub(crate) struct States {
     /// No indicator of a recognised state differs from its anchor by more; of the indicator's range.
     tolerance: f64,
     default: Configuration,
-    /// How many configurations are remembered in all states, and above which count some are forgotten.
+    /// The number of remembered configurations in all states, and the count above which some are forgotten.
     remembered: usize,
     forget_above: usize,
 }
@@ -70,7 +70,7 @@ impl States {
         }
     }
 
-    /// How many there are.
+    /// The number of states.
     pub(super) fn len(&self) -> usize {
         self.known.len()
     }
@@ -100,7 +100,7 @@ impl States {
         &self.machines
     }
 
-    /// The same, to be told what measurements say of them.
+    /// The machines, to learn from measurements.
     pub(super) fn machines_mut(&mut self) -> &mut Machines {
         &mut self.machines
     }
@@ -125,7 +125,7 @@ impl States {
         self.index.indicator_statistics()
     }
 
-    /// How many configurations are remembered in all states.
+    /// The number of remembered configurations in all states.
     #[cfg(test)]
     pub(super) fn remembered(&self) -> usize {
         self.remembered
@@ -224,7 +224,7 @@ impl States {
         self.index.note(&self.known[place(id)]);
     }
 
-    /// The same of a state that is restored, before anything of it was learnt.
+    /// Sets whether a restored state was explored, before anything of it is learnt.
     pub(super) fn restore_search(&mut self, id: StateId, explored: bool) {
         self.known[place(id)].explored = explored;
     }
@@ -274,7 +274,7 @@ impl States {
                 self.remembered = self.remembered + results.remembered() - before;
             }
         }
-        // Where states are so many that this was not enough, not at every report.
+        // Where many states make this insufficient, not at every report.
         self.forget_above = RECORDS_PER_STUDY_MAX.max(self.remembered + self.remembered / 8);
     }
 
@@ -368,7 +368,7 @@ mod tests {
         let other = states.found(vec![0.51, 0.5], Some(&machine(8)));
         assert_eq!((states.siblings(own), states.siblings(other)), (&[other][..], &[own][..]));
         assert!(states.siblings(far).is_empty());
-        // Whoever names no machine is told of the one with the most frames.
+        // A client that names no machine gets the one with the most frames.
         let frames = |state: StateId| if state == other { 9 } else { 1 };
         assert_eq!(states.recognise_for(None, &[0.5, 0.5], frames), Some(other));
         assert_eq!(states.recognise_for(Some(&machine(9)), &[0.5, 0.5], |_| 1), Some(own));

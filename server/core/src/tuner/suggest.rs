@@ -112,8 +112,8 @@ impl Tuner {
             }
             None if trial.mode() == Mode::Pinned => false,
             None if trial.decision.explores() => {
-                // What an earlier session explored, or what was handed out before there was a budget, is not
-                // covered; nor is another run where there is too little left for one.
+                // An exploring trial of an earlier session, or of a time without a budget, is not covered.
+                // Nor is another run where too little is left for one.
                 let account = self.visits.account(&trial.client_id);
                 let covers =
                     |budget| account.is_some_and(|account| account.covers_again(trial.number, budget));

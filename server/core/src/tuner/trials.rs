@@ -16,14 +16,14 @@ pub(super) struct OpenTrials {
     /// When their leases run out, in milliseconds of the caller's clock, soonest first.
     leases: BTreeSet<(i64, TrialNumber)>,
     held: BTreeMap<String, BTreeMap<StateId, TrialNumber>>,
-    /// How many open trials run each configuration in each state. Only looked up, so its order does not
+    /// The number of open trials of each configuration in each state. Only looked up, so its order does not
     /// matter.
     running: HashMap<StateId, HashMap<Configuration, u32>>,
     last: TrialNumber,
 }
 
 impl OpenTrials {
-    /// No open trial, after so many that were handed out.
+    /// No open trial, where `last` is the last one handed out.
     pub(super) fn after(last: TrialNumber) -> Self {
         OpenTrials { last, ..OpenTrials::default() }
     }
@@ -33,7 +33,7 @@ impl OpenTrials {
         self.last
     }
 
-    /// How many are open.
+    /// The number of open trials.
     pub(super) fn len(&self) -> usize {
         self.open.len()
     }
@@ -49,12 +49,12 @@ impl OpenTrials {
         self.open.get(number)
     }
 
-    /// How many open trials a client holds.
+    /// The number of open trials that a client holds.
     pub(super) fn held_by(&self, client_id: &str) -> usize {
         self.held.get(client_id).map_or(0, BTreeMap::len)
     }
 
-    /// How many clients hold open trials.
+    /// The number of clients that hold open trials.
     pub(super) fn holders(&self) -> usize {
         self.held.len()
     }

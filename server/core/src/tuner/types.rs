@@ -36,10 +36,9 @@ pub struct Ask {
     pub fingerprint: Option<Fingerprint>,
     /// Tells the client's sessions apart; 0 for one endless session.
     pub session: u64,
-    /// The client stops every trial when its cost reaches the cap it is told.
+    /// The client stops every trial when its cost reaches the trial's cap.
     pub can_abort: bool,
-    /// What the session wants for itself, instead of what the study's policy says. Its deadline is only
-    /// looked at by [`Ask::at`].
+    /// The session's own policy, in place of the study's. Only [`Ask::at`] reads its deadline.
     pub session_policy: SessionPolicy,
     /// Where a wanted configuration was measured before; at most 200 printable characters.
     pub origin: Option<String>,
@@ -77,7 +76,7 @@ pub struct Visit<C = Configuration> {
     pub client_id: String,
     /// The state it is in.
     pub state_id: u64,
-    /// How many visits the client has made, this one included.
+    /// The number of visits of the client, this one included.
     pub number: u64,
     /// The last trial that had been handed out when this was last decided: clients with the lowest are
     /// forgotten first.
@@ -101,7 +100,7 @@ pub enum VisitDecision<C = Configuration> {
     Explore {
         /// Why.
         rule: ExploreRule,
-        /// What exploring was expected to bring and to cost.
+        /// The expected gain and cost of exploring.
         #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
         estimate: ExplorationEstimate,
     },
@@ -113,7 +112,7 @@ pub enum VisitDecision<C = Configuration> {
         predicted_cost: Option<f64>,
         /// Why.
         exploit: Box<Exploit>,
-        /// What an earlier version said of it to people, where it was stored by one.
+        /// The text of an earlier version for people, where it was stored by one.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         said: Option<String>,
     },
@@ -140,8 +139,8 @@ impl RawVisit {
     }
 }
 
-/// Rows to insert or replace in one transaction, keyed by trial number, state id and client id. Nothing of
-/// an answer may be told to the client before its change is stored.
+/// Rows to insert or replace in one transaction, keyed by trial number, state id and client id. No answer may
+/// reach the client before its change is stored.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[must_use = "a change that is not stored is lost at the next restart"]
 pub struct Change {
@@ -197,8 +196,7 @@ pub struct Prediction {
     pub predicted_cost: Option<f64>,
     /// Why this configuration was chosen.
     pub decision: Decision,
-    /// What is known of the state, where [`crate::tuner::Tuner::predict`] was asked about one that was met
-    /// before.
+    /// The state's insight, where [`crate::tuner::Tuner::predict`] was asked about one that was met before.
     pub insight: Option<Insight>,
 }
 
@@ -223,7 +221,7 @@ pub struct Best {
     pub cost: f64,
     /// Mean objective of the default configuration in the same state, if it was measured there.
     pub default_cost: Option<f64>,
-    /// How many measurements `cost` rests on.
+    /// The number of measurements behind `cost`.
     pub measurements: u64,
     /// The state.
     pub state_id: u64,
@@ -287,7 +285,7 @@ pub enum TunerError {
     /// Too many measurements.
     #[error("{count} measurements; at most {MEASUREMENTS_MAX} are allowed")]
     TooManyMeasurements {
-        /// How many were given.
+        /// The number that was given.
         count: usize,
     },
     /// A measurement is not spelt like a name.

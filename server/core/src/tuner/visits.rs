@@ -19,7 +19,7 @@ pub(super) struct Visits {
 }
 
 impl Visits {
-    /// How many clients the study remembers.
+    /// The number of clients that the study remembers.
     pub(super) fn len(&self) -> usize {
         self.by_client.len()
     }
@@ -39,7 +39,7 @@ impl Visits {
         self.of(client_id)?.account.as_ref()
     }
 
-    /// The same, to be charged.
+    /// The account of a client, to be charged.
     pub(super) fn account_mut(&mut self, client_id: &str) -> Option<&mut Account> {
         self.by_client.get_mut(client_id)?.account.as_mut()
     }

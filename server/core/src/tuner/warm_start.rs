@@ -1,4 +1,4 @@
-//! Warm start: what a search that begins in a new state is told of other states.
+//! Warm start: the evidence of other states for a search that begins in a new state.
 //!
 //! It is the states nearest to it in which a search was begun, on whatever machine: what the nearest few
 //! measured makes [`MainEffects`], and the [portfolio](super::portfolio) of all of them, then the favourite
@@ -16,11 +16,10 @@ use crate::search::{Layout, MainEffects, SourceMeasurement, SourceRun, on_grid};
 use crate::space::Space;
 use crate::tuner::portfolio::MeasuredElsewhere;
 
-/// How many of the nearest states main effects are fitted to, and how many of their measured configurations:
-/// the best of each.
+/// Numbers of nearest states, and of their best measured configurations, that main effects are fitted to.
 pub(super) const STATES: usize = 8;
 const RECORDS: usize = 640;
-/// Most configurations of theirs that say what can be run.
+/// Most of their configurations that say what can be run.
 const RUNS: usize = 64;
 
 /// What a search begins with.
@@ -56,9 +55,9 @@ impl MeasuredElsewhere {
         if !first.contains(&downhill) {
             first.push(downhill);
         }
-        // What other states expect to be best is what is to be beaten here. That needs no proof: neither it
-        // nor the default is known here, and where it does badly the first few measurements say so. As it
-        // will be run: a point says a number less exactly than whoever measured it.
+        // The expected best of other states is to be beaten here. That needs no proof: neither it nor the
+        // default is known here, and the first few measurements show where it does badly. It is decoded as it
+        // will be run, because a point gives a number less exactly than its measurement.
         let incumbent = Some(space.decode(&on_grid(&first[0]))).filter(|first| first != space.default_ref());
         Some(WarmStart { main_effects, first, runs: self.runs(space), incumbent })
     }

@@ -17,7 +17,7 @@ use crate::tuner::{Ask, Prediction, Tuner};
 pub(super) type ExploreBasis = (ExploreRule, ExplorationEstimate);
 
 impl Tuner {
-    /// The search's next point where the budget allows it, told to stop at the policy's cap.
+    /// The search's next point where the budget allows it, to be stopped at the policy's cap.
     pub(super) fn explore_within_budget(
         &mut self,
         ask: &Ask,
@@ -81,8 +81,8 @@ impl Tuner {
         }
     }
 
-    /// What is run while the budget does not allow exploring: the default once in each stay, so that what
-    /// exploring costs can be told, then the best that was measured there. `None` where there is neither.
+    /// The configuration to run while the budget does not allow exploring: the default once in each stay, as
+    /// a reference for the cost of exploring, then the best measured there. `None` where there is neither.
     fn baseline(&self, denied: Denied, state: StateId, planned: &Planned) -> Option<Exploitation> {
         if matches!(denied, Denied::NoReference) && self.default_runs(state) {
             return Some(Exploitation {

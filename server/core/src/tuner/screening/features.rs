@@ -11,7 +11,7 @@ pub(super) struct ParameterFeatures {
     pub(super) axis: usize,
     /// Its first feature.
     pub(super) first: usize,
-    /// How many there are.
+    /// The number of features.
     pub(super) count: usize,
 }
 

@@ -7,10 +7,9 @@
 //! the others. The question is asked again and again, so evidence to the contrary thaws a parameter; and
 //! every [`CONTROL`]th point is free of all of this, so that there is such evidence.
 //!
-//! What the model cannot see are effects that two parameters only have together; they count as noise, and
-//! make it careful. A parameter that decides whether others are active is never held. After Morris
-//! ("Factorial sampling plans for preliminary computational experiments", Technometrics 1991) in aim,
-//! Bayesian in method.
+//! The model cannot see effects that two parameters only have together. They count as noise, and make it
+//! careful. A parameter that decides whether others are active is never held. After Morris ("Factorial
+//! sampling plans for preliminary computational experiments", Technometrics 1991) in aim, Bayesian in method.
 
 mod features;
 mod regression;
@@ -27,9 +26,9 @@ use regression::{Common, Sums};
 
 /// A gain above this share matters.
 const GAIN: f64 = 0.02;
-/// After so many tried configurations the question is asked again.
+/// Number of tried configurations after which the question is asked again.
 const EVERY: usize = 8;
-/// One of so many points holds nothing.
+/// One point of this number holds nothing.
 pub(super) const CONTROL: u64 = 8;
 
 /// The evidence of a study.
@@ -57,11 +56,11 @@ struct ScreenedState {
 /// What the search of a state leaves out. ParameterFeatures of what is stored of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct HeldParameters {
-    /// How many configurations were tried when it was decided.
+    /// The number of tried configurations at the decision.
     pub(super) tried: usize,
     /// The held parameters, by their place in the space.
     pub(super) axes: Vec<HeldAxis>,
-    /// How many points were asked while something was held.
+    /// The number of points asked for while a parameter was held.
     pub(super) points: u64,
 }
 

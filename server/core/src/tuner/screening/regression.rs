@@ -29,7 +29,7 @@ impl Sums {
         }
     }
 
-    /// Whether these are sums over so many features.
+    /// Whether these are sums over `width` features.
     pub(super) fn fits(&self, width: usize) -> bool {
         self.products.len() == width * (width + 1) / 2 && self.targets.len() == width
     }
@@ -90,9 +90,9 @@ pub(super) struct Common {
 
 /// The effects that are expected before anything is known: of a size of 20 % of the cost.
 const EFFECT_PRIOR: f64 = 0.2;
-/// The constant of a state is not told by others.
+/// Other states say nothing of the constant of a state.
 const CONSTANT_PRIOR: f64 = 1.0;
-/// How many states' worth of evidence the prior of the spread is.
+/// Weight of the spread's prior, in states.
 const SPREAD_PRIOR_STATES: f64 = 0.1;
 /// Residuals are never taken to be smaller: timers are not that good.
 const NOISE_LEAST: f64 = 1e-4;

@@ -53,8 +53,8 @@ impl RandomWorld {
         (reach <= limit.max(1.5)).then_some(cost)
     }
 
-    /// A frame of a client in a state, which runs what it is handed; what was known of it before is told to
-    /// `check`.
+    /// A frame of a client in a state, which runs the trial that it receives. `check` sees the tuner before
+    /// the report.
     fn frame(&mut self, client: &str, state: usize, session: SessionPolicy, check: impl Fn(&Self, &Trial)) {
         let (x, y) = self.states[state];
         let ask = Ask { session_policy: session, ..ask(client, x, y) };
@@ -75,7 +75,7 @@ impl RandomWorld {
         let _change = self.tuner.report(&trial, measured(cost), outcome, 1).expect("a valid report");
     }
 
-    /// So many frames of three clients that tune.
+    /// Runs `frames` frames of three clients that tune.
     fn tune(&mut self, frames: usize) {
         for _ in 0..frames {
             let client = ["a", "b", "c"][self.random.random_range(0..3)];

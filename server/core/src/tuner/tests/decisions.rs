@@ -63,7 +63,7 @@ proptest! {
             let trial = tuner.suggest(&question, 0).expect("a valid question").0;
             let (mode, reason) = (trial.mode(), trial.reason());
             prop_assert!(agree(mode, reason.explanation.rule), "{mode:?} by {:?}", reason.explanation.rule);
-            // A search's step is told of what it measures, and of nothing else.
+            // An explored trial names its search's step, and no other trial does.
             let explored = [Rule::Explore, Rule::NothingKnown, Rule::Confirming, Rule::Incumbent];
             let is_explored = reason.explanation.rule.is_some_and(|rule| explored.contains(&rule));
             prop_assert_eq!(is_explored, !reason.step.is_empty());

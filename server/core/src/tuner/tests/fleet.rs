@@ -11,7 +11,7 @@ use crate::trial::Fingerprint;
 struct Node {
     threads: u32,
     embree: &'static str,
-    /// All costs are so much higher than on the first.
+    /// All costs are this factor times those on the first.
     factor: f64,
     /// It wants the opposite of what the others want.
     differs: bool,
@@ -77,7 +77,7 @@ fn reached(costs: &[f64], least: f64) -> usize {
     costs.iter().position(|&cost| cost <= least / 0.98).map_or(costs.len() + 1, |index| index + 1)
 }
 
-/// Costs of so many frames of a node, in a study.
+/// Costs of `frames` frames of a node, in a study.
 fn costs(mut tuner: Tuner, node: Node, frames: usize, seed: u64) -> Vec<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(1000 + seed);
     (0..frames).map(|_| node.frame(&mut tuner, &mut random).0).collect()
@@ -166,8 +166,7 @@ fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
         }
     }
     let near = tuner.best(None, None).expect("valid").expect("measured");
-    // Each is told of its own; who has not been here is told of the one with the most frames, the first among
-    // equals.
+    // Each gets its own state; a newcomer gets the one with the most frames, the first among equals.
     let told = |cpu: &str| {
         let Ask { indicators, fingerprint, .. } = ask_as(cpu, 8, "anybody");
         let best = tuner.best(Some(&indicators), fingerprint.as_ref()).expect("valid").expect("measured");
@@ -179,7 +178,7 @@ fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
     assert_eq!(tuner.set_policy(policy), Ok(false));
     let answer = tuner.suggest(&ask_as("near", 2, "new"), 0).expect("valid").0;
     assert_eq!((answer.mode(), answer.reason().source.as_str()), (Mode::Exploit, "group"));
-    // What is proven of a state, and what machines compare, are told apart by less than the noise.
+    // The proven configuration and that of comparing machines differ in cost by less than the noise.
     let costs_as = |configuration: &Configuration| {
         Node::like(1, 1.0).cost(&Trial { configuration: configuration.clone(), ..answer.clone() })
     };

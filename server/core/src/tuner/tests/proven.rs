@@ -1,5 +1,5 @@
-//! What is told and exploited is proven, whatever noise and machines do: the tuner's promises in small worlds
-//! whose costs are known. The laboratory's example `told_gain` measures the same at size.
+//! Reported and exploited gains are proven, whatever noise and machines do: the tuner's promises in small
+//! worlds whose costs are known. The laboratory's example `told_gain` measures them at size.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,7 +10,7 @@ use crate::statistics::simulated::normal;
 
 const NOISE: f64 = 0.07;
 
-/// What came of a search that was confirmed.
+/// The outcome of a search that was confirmed.
 struct Ended {
     tuner: Tuner,
     best: Best,

@@ -1,4 +1,4 @@
-//! One absurd report changes no answer for long, and what is told holds over many decades of costs.
+//! One absurd report changes no answer for long, and reported costs hold over many decades.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -53,7 +53,7 @@ fn one_absurd_report_changes_no_answer_for_longer_than_ten_frames() {
             let standing = best.standing;
             let truth = truth_of(tuner, &best);
             let default = 60.25;
-            // What is told must be near to what is true, and what is answered not dearer than the default.
+            // The reported cost must be near the true one, and the answer not dearer than the default.
             let is_wrong = !(0.8 * truth..1.25 * truth).contains(&standing.cost) || truth > 1.05 * default;
             match is_wrong {
                 true => {

@@ -21,8 +21,8 @@ fn level(trial: &Trial) -> f64 {
     trial.configuration.get("level").and_then(Value::as_number).expect("a level")
 }
 
-/// Runs as one program after the other would, until the search says that it is over or so many runs are made;
-/// how many there were.
+/// Runs as one program after the other would, until the search is over or `most` runs are made. Returns the
+/// number of runs.
 fn tuned(tuner: &mut Tuner, truth: impl Fn(f64) -> f64, noise: f64, most: usize) -> usize {
     let mut random = ChaCha8Rng::seed_from_u64(tuner.spec().seed);
     let session_policy = crate::session::SessionPolicy { epsilon: Some(1.0), ..Default::default() };

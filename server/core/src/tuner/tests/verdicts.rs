@@ -1,5 +1,5 @@
-//! What verdicts mean, held in disturbed sessions: other programs come and go, and what is told of an answer
-//! is still true.
+//! Verdicts hold in disturbed sessions: other programs come and go, and the reported standing of an answer
+//! stays true.
 //!
 //! A larger number of `WORLDS` plays more sessions; `-- --nocapture` prints what came of them.
 
@@ -10,9 +10,9 @@ use super::*;
 use crate::standing::{LIKELY, StandingVerdict};
 use crate::statistics::simulated::normal;
 
-/// The share of frames in which no other program runs from which on it can be told what something costs then.
+/// Least share of frames without other programs at which an undisturbed cost can be known.
 const QUIET_LEAST: f64 = 0.2;
-/// The share of worlds in which what is told lies within 5 % of that.
+/// The share of worlds in which the reported cost lies within 5 % of the undisturbed one.
 const NEAR: f64 = 0.75;
 
 /// A world in which nothing, little or much can be gained, on a machine on which up to two other programs
@@ -124,7 +124,7 @@ fn what_is_told_in_disturbed_sessions_is_true() {
          wrongly, {likely} are likely; {gained:.2} were gained of about {there:.2}"
     );
     let share = |count: u64| count as f64 / WORLDS as f64;
-    // Of so few worlds that hold by 93 % each one more or less may.
+    // The number of worlds is small: the bound of 93 % has a tolerance of 4 %.
     assert!(share(holds) >= 0.93 - 0.04, "{holds} of {WORLDS}");
     assert!(near as f64 >= NEAR * knowable as f64, "{near} of {knowable}");
     assert!(share(wrong) <= 0.01, "{wrong} of {WORLDS}");

@@ -1,4 +1,4 @@
-//! Which other states a search that begins is told of: those nearest to its own in which a search was begun.
+//! The evidence for a search that begins: the nearest other states in which a search was begun.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::tuner::states::at;
 use crate::tuner::transfer::Transfer;
 use crate::tuner::warm_start::STATES;
 
-/// What was measured so often in a state is not the luck of one measurement.
+/// Number of measurements in a state from which on a result is not the luck of one.
 const REPEATED: u64 = 2;
 
 /// The states nearest to the asked one, itself left out; all in which anything was measured, or the
@@ -29,18 +29,18 @@ impl Transfer<'_> {
         hears_others(self.spec.policy.search)
     }
 
-    /// What a search that begins in a state can be told of others.
+    /// The evidence of other states for a search that begins in a state.
     pub(in crate::tuner) fn evidence(&self, state: StateId) -> MeasuredElsewhere {
         let anchor = &self.states[state].anchor;
         self.evidence_for(&self.states.query(&self.spec.space, anchor, Some(state)))
     }
 
-    /// The same for a state that is not there yet.
+    /// The evidence for a state that does not exist yet.
     pub(in crate::tuner) fn evidence_for(&self, query: &Query<'_>) -> MeasuredElsewhere {
         self.measured_elsewhere(query, true)
     }
 
-    /// What other states can answer for one in which nothing was measured that runs: those that were
+    /// The other states that can answer for one in which nothing was measured that runs: those that were
     /// searched, or all where none was.
     pub(super) fn answers_elsewhere(&self, query: &Query<'_>) -> MeasuredElsewhere {
         let searched = self.measured_elsewhere(query, true);
@@ -62,7 +62,7 @@ impl Transfer<'_> {
         MeasuredElsewhere { states, here: query.here.map(|here| Arc::clone(&here.results)) }
     }
 
-    /// The states that a search was told of, for people.
+    /// The states whose evidence a search received, for people.
     pub(in crate::tuner) fn neighbours(&self, state: StateId) -> Vec<Neighbour> {
         let here = &self.states[state];
         self.neighbours_of(&self.states.query(&self.spec.space, &here.anchor, Some(state)))

@@ -1,15 +1,15 @@
 //! Transfer: all that a decision takes from other states and other machines comes through here.
 //!
-//! - What other states answer, for one that is new: [`Transfer::best_elsewhere`].
+//! - The answer of other states, for one that is new: [`Transfer::best_elsewhere`].
 //! - The predictors' best configuration, which carry knowledge from state to state: [`Transfer::answer`] to
 //!   exploit where that is worth its risk, and [`Transfer::first`] to explore where nothing was measured
 //!   yet.
 //! - What other machines found best that met the same input ([`other_machines`]):
 //!   [`Transfer::best_by_machines`] to exploit, [`Transfer::untried_by_machines`] to explore.
-//! - What a search that begins is told of the nearest states (`evidence`, computed in `warm_start`).
+//! - The evidence of the nearest states for a search that begins (`evidence`, computed in `warm_start`).
 //!
-//! Which of them is asked in which case is decided by the callers, in `decide` and `explore`. What
-//! measurements say of all of these is learnt in `report`, and nowhere else.
+//! The callers choose among them, in `decide` and `explore`. All of these learn from measurements in
+//! `report`, and nowhere else.
 
 mod evidence;
 mod other_machines;
@@ -33,12 +33,12 @@ use crate::tuner::trials::OpenTrials;
 
 pub(super) use other_machines::compare;
 
-/// So many of the nearest states say whether those near by were searched.
+/// Number of nearest states that say whether those near by were searched.
 const NEAR: usize = 8;
-/// So many of the nearest states say whether anything fails.
+/// Number of nearest states that say whether anything fails.
 const RUNS_STATES: usize = 48;
 
-/// What there is to ask.
+/// Everything that a transfer asks.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Transfer<'a> {
     pub(super) spec: &'a StudySpec,
@@ -53,9 +53,9 @@ impl<'a> Transfer<'a> {
         self.states.query(&self.spec.space, normalised, here)
     }
 
-    /// What the policy's predictor would exploit for these indicators in place of a rival that was
-    /// measured, and which predictor said so: something that was not measured in this state, can almost
-    /// surely be run there, and is worth its risk.
+    /// The configuration that the policy's predictor would exploit for these indicators in place of a
+    /// measured rival, and which predictor said so. It was not measured in this state, can almost surely be
+    /// run there, and is worth its risk.
     pub(super) fn answer(
         &self,
         normalised: &'a [f64],
@@ -94,8 +94,8 @@ impl<'a> Transfer<'a> {
         is_worth(change, WORTH) && records().all(|record| !record.fails()) && runs_after(ran) >= RUNS_LEAST
     }
 
-    /// What to run first in a state where nothing was measured yet, if the predictor can say from elsewhere
-    /// where much may be gained. Trial `number` makes answers differ from one to the next.
+    /// The first configuration to run in a state without measurements, if the predictor can say from
+    /// elsewhere where much may be gained. Trial `number` makes answers differ from one to the next.
     pub(super) fn first(
         &self,
         state: StateId,
@@ -130,7 +130,7 @@ impl<'a> Transfer<'a> {
         2 * near.iter().filter(was_searched).count() > near.len()
     }
 
-    /// What is answered from is [`best_elsewhere`](Transfer::best_elsewhere), to be computed apart.
+    /// The results that [`best_elsewhere`](Transfer::best_elsewhere) answers from, to be computed apart.
     pub(super) fn evidence_elsewhere(
         &self,
         normalised: &'a [f64],
@@ -183,7 +183,7 @@ impl<'a> Transfer<'a> {
         here.is_none_or(|here| !is_known(here))
     }
 
-    /// What the nearest neighbour says, of configurations that are not known to fail.
+    /// The nearest neighbour's answer, among configurations that are not known to fail.
     pub(super) fn nearest(&self, normalised: &'a [f64], here: Option<StateId>) -> Option<Answer> {
         Nearest.predict(&self.query(normalised, here))
     }

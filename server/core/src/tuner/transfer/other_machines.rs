@@ -1,10 +1,10 @@
 //! What other machines know of a state: the same input, measured elsewhere.
 //!
-//! Machines differ by a factor above all, so costs are compared as logarithms, less what the two machines
-//! differ by on the configurations that both measured in this state (the default is the first of them); where
-//! there is none, less the factor that other states showed. What is left over is that one configuration is
-//! better on one machine than on another: which share of the difference to the default carries over, and how
-//! far that is off, is learnt of each machine and level ([`Machines`](crate::machines::Machines)).
+//! Machines differ by a factor above all, so costs are compared as logarithms, less that factor. It comes
+//! from the configurations that both machines measured in this state (the default is the first of them), else
+//! from other states. The rest is that one configuration is better on one machine than on another. The share
+//! of the difference to the default that carries over, and its error, are learnt of each machine and level
+//! ([`Machines`](crate::machines::Machines)).
 //!
 //! The estimate of a configuration's cost pools four sources by their precision: that it does as well as the
 //! default, the fleet's measurements, the group's, and the machine's own. A new machine has none, so it runs
@@ -25,13 +25,13 @@ use crate::tuner::transfer::Transfer;
 /// By how much, as a logarithm, a configuration is taken to differ from the default before anybody measured
 /// it.
 const SPREAD: f64 = 0.3;
-/// How many of a machine's best configurations two machines are compared by, beside the default.
+/// Number of a machine's best configurations by which two machines are compared, beside the default.
 const SHARED: usize = 16;
-/// How many of its own best configurations a machine chooses among.
+/// Number of its own best configurations among which a machine chooses.
 const OWN_CANDIDATES: usize = 8;
-/// How many of each other machine's best configurations it chooses among.
+/// Number of each other machine's best configurations among which it chooses.
 const CANDIDATES: usize = 4;
-/// While its own search goes on, the others are asked after so many configurations each.
+/// Number of configurations after which the others are asked each time, while its own search goes on.
 const ASK_EVERY: usize = 8;
 
 /// The state of another machine that met the same input.
@@ -215,8 +215,8 @@ impl Transfer<'_> {
         })
     }
 
-    /// What other machines found best and this one has not measured yet, where it is estimated to be better
-    /// than what this one has. The default comes first, by which machines are compared.
+    /// The best configuration of other machines that this one has not measured yet, where its estimate beats
+    /// this one's best. The default comes first, because machines are compared by it.
     pub(in crate::tuner) fn untried_by_machines(&self, state: StateId) -> Option<ProposedTrial> {
         let results = self.states.results(state);
         let policy = &self.spec.policy;
