@@ -1,5 +1,5 @@
-//! What an assessment of a state costs: the posterior of so many configurations, by how many measurements are
-//! kept apart.
+//! The time of a state's assessment: the posterior of its configurations, by their number and that of
+//! measurements.
 //!
 //! `cargo bench -p treewright-core --bench estimate`. Medians of eleven, in milliseconds: without times,
 //! where no model asks how the speed of the machine wanders, and with them.

@@ -1,5 +1,5 @@
-//! What a frame costs the tuner, report and suggestion together, by the number of completed trials; and how
-//! long the study is locked while a checkpoint is taken, how long it takes to pack one, and its size.
+//! The tuner's time for a frame, report and suggestion together, by the number of completed trials; and for a
+//! checkpoint, the time under the study's lock, the time to pack it, and its size.
 //!
 //! `cargo bench -p treewright-core --bench history`. Six parameters, two indicators, a thousand states, 32
 //! clients. A table of the median and the 99th percentile of the last frames before each mark comes out, in

@@ -17,9 +17,9 @@ pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;
 /// ago among those that hold no trial.
 pub const CLIENTS_MAX: usize = if cfg!(test) { 200 } else { 100_000 };
 
-/// Most kinds of machine, told by their fingerprints, that a study tells apart at a time. One more displaces
-/// the one that has met no new state for longest: its measurements stay as those of another, and what remains
-/// of it is its fingerprint.
+/// Most kinds of machine, by fingerprint, that a study distinguishes at a time. One more displaces the one
+/// that has met no new state for longest. That one's measurements stay as another's, and its fingerprint
+/// remains.
 pub const MACHINES_MAX: usize = if cfg!(test) { 6 } else { 256 };
 /// Most states of other machines that are linked to a state as the same input seen by others: the first.
 pub const SIBLINGS_MAX: usize = 32;
@@ -40,16 +40,15 @@ pub const RECORDS_PER_STATE_MAX: usize = 1024;
 /// than half as many states; else the best of each and its default. Those of states that were not met for
 /// longest are forgotten first. With six parameters this is about 50 MB.
 pub const RECORDS_PER_STUDY_MAX: usize = if cfg!(test) { 1200 } else { 65_536 };
-/// How many trials from before a change of predictor the new one is taught.
+/// Most trials from before a change of predictor that the new one is taught.
 pub const MODELS_TRIALS_MAX: u64 = if cfg!(test) { 40 } else { 20_000 };
-/// How many configurations models are taught anew when other indicators are left out than before: some
-/// milliseconds of work.
+/// Most configurations that models learn again when the omitted indicators change: some milliseconds of work.
 pub const RELEARNT_MAX: usize = 512;
-/// How many updates of the models reports defer; with more, a report computes them itself.
+/// Most updates of the models that reports defer; with more, a report computes them itself.
 pub const DEFERRED_UPDATES_MAX: usize = 64;
-/// A checkpoint is due after at least so many trials, which a restart then has to go through again, and
+/// Least number of trials between checkpoints, which a restart then has to replay.
 pub const CHECKPOINT_TRIALS_MIN: u64 = 4096;
-/// after one more for so many bytes of the last one, so that checkpoints write less than the trials do.
+/// Bytes of the last one for which a checkpoint waits one trial: checkpoints write less than the trials do.
 pub const CHECKPOINT_BYTES_PER_TRIAL: u64 = 512;
 
 /// Most clients whose machines' speed is remembered: those that reported last.
@@ -67,7 +66,7 @@ pub const ASSESSED_MAX: usize = 96;
 /// Most measurements or bundles of them that an assessment keeps apart by when they ran; beyond, one for each
 /// configuration.
 pub const CELLS_MAX: usize = 160;
-/// So many more of them than configurations must there be before a machine can be seen to change its speed.
+/// Least excess of these over configurations before a machine can be seen to change its speed.
 pub const DRIFT_CELLS_LEAST: usize = 4;
 /// Most configurations of a state that is assessed while others wait: a quarter of a millisecond at most.
 pub const ASSESSED_SHARED_MAX: usize = 12;
@@ -95,19 +94,18 @@ pub const PROGRESS_SAMPLES_MAX: usize = 40;
 /// Most states that the gain to expect of a search is judged by: those met last.
 pub const GAIN_STATES_MAX: usize = 1024;
 
-/// How many points a search may propose in one suggestion that turn out to be known already. Each is
-/// answered from the table; after so many an unseen configuration is drawn at random instead.
+/// Most points of a search in one suggestion that turn out to be known already. Each is answered from the
+/// table; beyond this number an unseen configuration is drawn at random instead.
 pub const KNOWN_POINTS_PER_SUGGESTION_MAX: usize = 32;
-/// Most points that are thought of beyond the next one, for clients that ask while nobody can think for their
-/// search.
+/// Most points in reserve beyond the next one, for clients that ask while their search cannot be planned.
 pub const POINTS_IN_RESERVE_MAX: usize = 12;
-/// How many random configurations are drawn to find an unseen one.
+/// Most random configurations that are drawn to find an unseen one.
 pub const UNSEEN_DRAWS_MAX: usize = 64;
 /// How often a configuration may fail in one state, without a verdict on it, before it is given up there.
 pub const FAILURES_PER_CONFIGURATION_MAX: u32 = 3;
 
-/// How often the lease of a configuration that was never measured in a state may be lost there before it
-/// counts as infeasible: whoever runs it crashes or hangs.
+/// Lost leases of a configuration in a state without a measurement of it, after which it counts as
+/// infeasible: its clients crash or hang.
 pub const LEASES_LOST_MAX: u32 = 2;
 /// Most configurations of a state of which lost leases are remembered: the latest.
 pub const LOST_CONFIGURATIONS_MAX: usize = 64;

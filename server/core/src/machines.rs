@@ -26,17 +26,17 @@ use crate::trial::Fingerprint;
 /// anything was compared, and how many comparisons that is worth.
 const MISS_PRIOR: [f64; 2] = [0.05, 0.15];
 const MISS_PRIOR_WEIGHT: f64 = 4.0;
-/// What is gained or lost against the default elsewhere is taken to be so here as well; this is the square of
-/// the difference, in logarithms, that outweighs it.
+/// Gains and losses against the default elsewhere are expected here as well. This is the square of the
+/// difference, in logarithms, that outweighs that expectation.
 const CARRIED_PRIOR: f64 = 0.25;
-/// An older comparison counts by so much less: machines may change.
+/// Factor by which an older comparison counts less: machines may change.
 const MISS_FADE: f64 = 0.98;
 /// No single comparison counts as more than this: a factor of twenty.
 const MISS_MAX: f64 = 3.0;
-/// The factor between a machine's costs and the others' is the mean of so many of the latest comparisons.
+/// Number of latest comparisons whose mean is the factor between a machine's costs and the others'.
 const EFFECT_MEMORY: f64 = 64.0;
-/// A state of the group, or of another machine of the fleet, counts as if it lay so much further away, in
-/// quadrature; indicators span 0 to 1.
+/// Distance that is added in quadrature to a state of the machine, the group and the fleet; indicators span 0
+/// to 1.
 const DISTANCE: [f64; 3] = [0.0, 0.05, 0.1];
 
 /// The square of the distance that a state of that level is further away by.
@@ -90,13 +90,12 @@ struct Machine {
 
 /// The machines of a study in the order in which they came. A client that names no machine is one of its own.
 ///
-/// At most [`MACHINES_MAX`] are told apart at a time. When one more comes, the one that has met no new state
-/// for longest is displaced: what it measured stays as the others', and should it come back it begins as a
-/// new machine.
+/// At most [`MACHINES_MAX`] are distinguished at a time. One more displaces the one that has met no new state
+/// for longest: its measurements stay as the others', and if it comes back it begins as a new machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Machines {
     machines: Vec<Machine>,
-    /// Those that are told apart, by their numbers. Only what is in here is ever matched again.
+    /// The machines that are distinguished, by their numbers. Only these are ever matched again.
     current: BTreeMap<u64, MachineId>,
     founded: u64,
 }
@@ -147,7 +146,7 @@ impl Machines {
         self.machines.get(index(machine))?.fingerprint.as_ref()
     }
 
-    /// How many machines ever founded a state.
+    /// The number of machines that ever founded a state.
     pub fn len(&self) -> usize {
         self.machines.len()
     }
@@ -270,7 +269,7 @@ impl Machines {
     }
 }
 
-/// A number for the texts, which are told apart by their lengths.
+/// A number for the texts. Their lengths keep them apart.
 fn number<'a>(texts: impl IntoIterator<Item = &'a str>) -> u64 {
     let joined: String = texts.into_iter().map(|text| format!("{}:{text}", text.len())).collect();
     fnv::hash(joined.bytes())
@@ -352,7 +351,7 @@ mod tests {
         (0..50).for_each(|_| machines.carry(MachineId(1), MachineLevel::Group, -0.3, -0.3));
         assert!(machines.miss_2(MachineId(1), MachineLevel::Group) < before / 5.0);
         assert!((machines.share(MachineId(1), MachineLevel::Group) - 1.0).abs() < 1e-9);
-        // What the group gains half of is lost here.
+        // A configuration that halves the fleet's cost doubles it here.
         (0..3).for_each(|_| machines.carry(MachineId(1), MachineLevel::Fleet, -0.7, 0.7));
         assert_eq!(machines.share(MachineId(1), MachineLevel::Fleet), 0.0);
         (0..3).for_each(|_| machines.carry(MachineId(1), MachineLevel::Group, 1.0, f64::INFINITY));

@@ -1,11 +1,11 @@
-//! How much faster a state's machine ran for a while than when the state was first measured.
+//! The speed of a state's machine that lasted for a while, relative to the state's first measurement.
 //!
 //! The table of a state has costs at the speed of its first measurement, when other programs may have run.
-//! What is told to people is what they cost on the machine at its fastest, as far as that lasted.
+//! People see the costs of the machine at its fastest lasting speed.
 
 use serde::{Deserialize, Serialize};
 
-/// How many of the latest factors of speed are kept, from how many on they say anything, and the share of
+/// Most factors of speed that are kept, the latest ones; the least number that is judged; and the share of
 /// them that was faster by chance.
 const KEPT_MAX: usize = 64;
 const KEPT_LEAST: usize = 8;

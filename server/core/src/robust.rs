@@ -11,13 +11,13 @@ use crate::limits::EVIDENCE_MAX;
 
 /// The median absolute deviation times this estimates the standard deviation of a Gaussian.
 pub const MAD_TO_DEVIATION: f64 = 1.4826;
-/// A measurement further from the location than so many deviations is an outlier.
+/// Deviations from the location beyond which a measurement is an outlier.
 const OUTLIER: f64 = 5.0;
-/// So many measurements must agree before one can be called an outlier.
+/// Number of measurements that must agree before one can be called an outlier.
 const OUTLIER_AFTER: usize = 4;
-/// So many recent measurements are compared with all older ones that are kept.
+/// Number of recent measurements that are compared with all older ones that are kept.
 const RECENT: usize = 5;
-/// So many older ones there must be.
+/// Least number of older ones.
 const OLDER_LEAST: usize = 8;
 /// Standard errors between recent and older measurements that are a change. With 5, Gaussian noise raises a
 /// false alarm about once in ten thousand measurements (see the tests).
@@ -32,14 +32,14 @@ pub const TORN: f64 = 10.0;
 /// their logarithms, and at the least.
 const REACH: f64 = 6.0;
 const REACH_LEAST: f64 = std::f64::consts::LN_10;
-/// So many configurations say what is far.
+/// Least number of configurations that say what is far.
 pub const REACH_AFTER: usize = 6;
 /// Deviations beyond which one of several measurements counts as if it were no further away.
 const WILD: f64 = 4.0;
 /// The least deviation of logarithms that measurements are taken to have for that.
 const SPREAD_LEAST: f64 = 0.005;
 
-/// So many measurements of its own the noise of all configurations is worth in that of one.
+/// Weight of all configurations' noise in that of one, in measurements of its own.
 pub(crate) const USUAL_COUNT: f64 = 4.0;
 
 /// The location of Hodges and Lehmann; 0 of nothing. Costs are finite and not negative.
@@ -133,7 +133,7 @@ pub struct Evidence {
     moments: Vec<Option<Moment>>,
 }
 
-/// What a measurement told beside its value.
+/// What a measurement shows beside its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Deviation {
     /// Nothing out of the common.
@@ -256,7 +256,7 @@ impl Evidence {
         self.recent = latest.iter().map(|(_, cost)| *cost).collect();
     }
 
-    /// How many measurements are kept.
+    /// The number of kept measurements.
     pub fn count(&self) -> usize {
         self.recent.len()
     }

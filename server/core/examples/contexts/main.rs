@@ -10,8 +10,8 @@
 //! - `irrelevant-N`: the same beside N more indicators that say nothing.
 //! - `turns`: ten contexts that are visited in turn, 15 frames each; one number for each of the first eight
 //!   visits, and from the third on.
-//! - `machines`, `own`, `indicator`: `fresh` on two machines in turn, of which one wants the opposite: told
-//!   apart by their fingerprints alone; in studies of their own; and by an indicator.
+//! - `machines`, `own`, `indicator`: `fresh` on two machines in turn, of which one wants the opposite. They
+//!   differ by fingerprint alone, have studies of their own, or differ by an indicator.
 //! - `table`: a table in which 63 % of the configurations cannot be run, searched in one state by 80
 //!   trials: trials that failed after 10, 20, 40 and 80, and the optimum over the best that ran. It is that
 //!   of a compressor (level, memory level, strategy, window) whose output must not exceed a limit;
@@ -34,7 +34,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// The means of blocks of so many.
+/// The means of blocks of `length` frames.
 fn blocks(runs: &[Vec<f64>], length: usize) -> Vec<f64> {
     let count = runs[0].len() / length;
     let block = |index: usize| {

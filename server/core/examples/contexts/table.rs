@@ -73,7 +73,7 @@ impl Table {
         Table::new(all.map(|settings| (settings, formula(settings, state))).collect())
     }
 
-    /// What a configuration costs; `None` where it is not allowed.
+    /// The cost of a configuration; `None` where it is not allowed.
     fn cost(&self, configuration: &Configuration) -> Option<f64> {
         let number = |name: &str| match configuration.get(name) {
             Some(Value::Integer(number)) => *number,

@@ -21,7 +21,7 @@ use treewright_core::tuner::{Ask, Change, Tuner};
 use treewright_core::value::Value;
 use treewright_core::words::Word as _;
 
-/// How many events a session has: suggestions, reports and what disturbs them.
+/// Number of events in a session: suggestions, reports and disturbances.
 const EVENTS: usize = 260;
 
 fn space() -> Space {
@@ -62,7 +62,7 @@ fn spec(policy: Policy) -> StudySpec {
     }
 }
 
-/// What a trial costs in truth: another configuration is best for each input and machine.
+/// The true cost of a trial: another configuration is best for each input and machine.
 fn cost(trial: &Trial, threads: u32, noise: f64) -> f64 {
     let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
     let builder = match trial.configuration.get("builder") {
@@ -128,7 +128,7 @@ struct Session {
     tuner: Tuner,
     random: ChaCha8Rng,
     now_ms: i64,
-    /// Trials that were handed out, with the threads of whoever runs them.
+    /// Trials that were handed out, with the thread count of their clients.
     trials: BTreeMap<u64, (Trial, u32)>,
     /// Plans are made apart from the tuner, as a daemon does.
     apart: bool,

@@ -1,12 +1,12 @@
-//! What measuring a point is worth, by what a process believes of it. Values are minimised.
+//! The worth of measuring a point, by a process's belief about it. Values are minimised.
 
 use std::f64::consts::PI;
 
 use super::regression::Posterior;
 use crate::statistics::distribution::{normal_cdf, normal_density};
 
-/// So many deviations out, tails of the normal distribution come from a continued fraction, because densities
-/// and probabilities vanish there, and differences of them lose their digits before.
+/// Standard deviations from which on tails of the normal distribution come from a continued fraction.
+/// Densities and probabilities vanish further out, and their differences lose digits before.
 const FAR: f64 = 5.0;
 /// Terms of the fraction: from [`FAR`] on further ones change nothing in double precision.
 const FRACTION_TERMS: u32 = 24;
@@ -37,24 +37,24 @@ fn hazard_excess(x: f64) -> f64 {
     (1..=FRACTION_TERMS).rev().fold(0.0, |rest, term| f64::from(term) / (x + rest))
 }
 
-/// Whether what is to be gained by a change of the value is at least so many times what is to be lost by it.
+/// Whether the expected gain by a change of the value is at least `odds` times the expected loss.
 pub(crate) fn is_worth(change: Posterior, odds: f64) -> bool {
     let z = -change.mean / change.deviation;
     log_improvement(z) - log_improvement(-z) >= libm::log(odds)
 }
 
-/// The mean less so many deviations: optimistic above zero, careful below.
+/// The mean less `optimism` deviations: optimistic above zero, careful below.
 pub(crate) fn confidence_bound(belief: Posterior, optimism: f64) -> f64 {
     belief.mean - optimism * belief.deviation
 }
 
-/// The probability that a measurement with so much noise (a variance) is below a threshold.
+/// The probability that a measurement with noise of variance `noise` is below a threshold.
 pub(crate) fn probability_below(threshold: f64, belief: Posterior, noise: f64) -> f64 {
     normal_cdf((threshold - belief.mean) / (belief.deviation * belief.deviation + noise).sqrt())
 }
 
-/// The mean of what is believed of a measurement with so much noise (a variance), given that it is above a
-/// bound: that of a truncated normal.
+/// The expected value of a measurement with noise of variance `noise`, given that it is above a bound: the
+/// mean of a truncated normal.
 pub(crate) fn mean_above(bound: f64, belief: Posterior, noise: f64) -> f64 {
     let deviation = (belief.deviation * belief.deviation + noise).sqrt();
     let z = (bound - belief.mean) / deviation;

@@ -24,7 +24,7 @@ pub(crate) struct Hyperparameters {
     signs: Vec<i8>,
 }
 
-/// What is taken for likely before anything is measured. Spreads are standard deviations of logarithms.
+/// The prior before anything is measured. Spreads are standard deviations of logarithms.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Prior {
     /// The middle of a length, in roots of the number of features.
@@ -83,12 +83,12 @@ impl Hyperparameters {
         Hyperparameters { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log }
     }
 
-    /// Whether they are of a process of so many features without a trend.
+    /// Whether they are of a process of `dimension` features without a trend.
     pub(crate) fn fits(&self, dimension: usize) -> bool {
         [self.log.len(), self.steps.len(), self.signs.len()] == [dimension + 1; 3]
     }
 
-    /// The same with a quadratic trend.
+    /// The start of ascent for a process with a quadratic trend.
     pub(crate) fn with_trend(kinds: &[FeatureKind], prior: &Prior) -> Self {
         let mut hyper = Hyperparameters::new(kinds, prior);
         hyper.log.push(libm::log(TREND_MEAN));

@@ -27,7 +27,7 @@ pub(crate) struct Leaders<T> {
 }
 
 impl<T> Leaders<T> {
-    /// Keeps so many.
+    /// Keeps the best `size` candidates.
     pub(crate) fn new(size: usize) -> Self {
         Leaders { size, candidates: Vec::with_capacity(size + 1) }
     }
@@ -90,8 +90,8 @@ pub(crate) trait Moves {
     fn kept(&mut self, _kept: bool) {}
 }
 
-/// Tries so many changes of a candidate, one after the other. `judge` is given a changed point and the score
-/// to beat, and answers `None` where that is not beaten, or the point is not wanted.
+/// Tries `changes` changes of a candidate, one after the other. `judge` receives a changed point and the
+/// score to beat. It answers `None` where the point does not beat it or is not wanted.
 pub(crate) fn climb<T>(
     from: ScoredPoint<T>,
     changes: usize,

@@ -38,7 +38,7 @@ pub(crate) struct Posterior {
     pub(crate) deviation: f64,
 }
 
-/// How much is learnt while a process is fitted.
+/// The steps of learning while a process is fitted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Schedule {
     /// Steps of ascent before the process is made.

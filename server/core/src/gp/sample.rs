@@ -45,12 +45,12 @@ impl Sample {
         self
     }
 
-    /// How many points there are.
+    /// The number of points.
     pub(crate) fn len(&self) -> usize {
         self.counts.len()
     }
 
-    /// How many features a point has.
+    /// The number of features of a point.
     pub(super) fn dimension(&self) -> usize {
         self.kinds.len()
     }

@@ -11,8 +11,8 @@ use crate::predict::Estimate;
 use crate::predict::prequential::{ErrorInterval, ErrorStatistics, error};
 use crate::predict::registry::METHODS;
 
-/// Half the error is worth so many doublings of the weight; errors below the least are all the same. The
-/// weights go by the last twenty tests or so: who errs in a state is likely to err there again. On the
+/// Number of doublings of the weight for half the error; errors below the least count as equal. The weights
+/// rest on about the last twenty tests: a predictor that errs in a state is likely to err there again. On the
 /// streams of `examples/predictors` powers of 6 to 10 and 12 to 30 tests do about as well; a power of 4 over
 /// 400 tests left the blend up to a tenth above the best single predictor.
 const WEIGHT_POWER: i32 = 8;
@@ -61,10 +61,10 @@ impl PredictorErrors {
         self.0.iter().filter_map(interval).collect()
     }
 
-    /// The word of all, weighted by how little each erred in the last tests: the mean of logarithms, since
-    /// errors are ratios. To follow one at a time would pay for every change of the lead; and since weights
-    /// rest on errors that fade, whoever was bad for long is back after a few good tests, which is what
-    /// sharing weights does for those who track the best expert (Herbster and Warmuth, Machine Learning 32,
+    /// The blend of all estimates, weighted by how little each predictor erred in the last tests: the mean of
+    /// logarithms, since errors are ratios. Following one predictor at a time would pay for every change of
+    /// the lead. Errors fade, so a predictor that was bad for long is back after a few good tests. Sharing
+    /// weights does this for those who track the best expert (Herbster and Warmuth, Machine Learning 32,
     /// 1998).
     pub(super) fn blend(&self, words: &[MethodEstimate]) -> Option<Estimate> {
         let said: Vec<(f64, Estimate)> =

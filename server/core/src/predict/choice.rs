@@ -15,9 +15,9 @@ use crate::predict::registry::{AnyPredictor, METHODS, learns};
 use crate::predict::{Answer, Contextual, Estimate, Lesson, Nearest, Predictor, PredictorSetup, Query};
 use crate::space::Space;
 
-/// Every trial is a test until there were so many.
+/// Every trial is a test until this number of tests.
 const TESTS_EAGER: u64 = 256;
-/// From then on one trial in so many is a test, so that a report stays cheap.
+/// From then on one trial of this number is a test, so that a report stays cheap.
 const TESTS_SHARE: u64 = 16;
 /// The contextual model answers and proposes unless it errs by more than this times the least error, and by
 /// more than this altogether: it alone knows of configurations that nobody tried. By error alone the choice
@@ -45,7 +45,7 @@ pub struct Predictors {
 }
 
 impl Predictors {
-    /// What `method` needs, having seen nothing yet; centres and choices are drawn from the study's seed.
+    /// The untaught models that `method` needs; centres and choices are drawn from the study's seed.
     /// `omitted` are the places of indicators that features leave out.
     pub fn new(
         method: PredictorMethod,
@@ -117,7 +117,7 @@ impl Predictors {
         self.deferred.push(Arc::new(DeferredUpdate::Test { words, local_data, configuration, cost }));
     }
 
-    /// Teaches all. What takes long is deferred.
+    /// Teaches all. Long updates are deferred.
     pub fn learn(&mut self, lesson: &Lesson<'_>) {
         for predictor in &mut self.singles {
             match predictor {
@@ -130,7 +130,7 @@ impl Predictors {
         }
     }
 
-    /// How many updates are deferred.
+    /// The number of deferred updates.
     pub fn deferred_count(&self) -> usize {
         self.deferred.len()
     }
@@ -168,7 +168,7 @@ impl Predictors {
         }
     }
 
-    /// Begins the models of features anew, with those of `fresh`, which leave out other indicators.
+    /// Replaces the models of features by those of `fresh`, which leave out other indicators.
     pub(crate) fn begin_features(&mut self, fresh: Predictors) {
         for (own, fresh) in self.singles.iter_mut().zip(fresh.singles) {
             if own.has_features() {
@@ -272,7 +272,7 @@ impl Predictors {
     ) -> Option<(Answer, PredictorMethod)> {
         let (answer, method) = match own {
             Some(answer) => (answer, speaker),
-            // What it did not find worth its risk is not to be had from one that does not know its risk.
+            // A predictor that does not know its risk must not answer for one that found it too high.
             None if speaker == PredictorMethod::Contextual && query.rival.is_some() => return None,
             None => (Nearest.predict(query)?, PredictorMethod::NearestNeighbour),
         };
@@ -280,8 +280,8 @@ impl Predictors {
         Some((Answer { expected, ..answer }, method))
     }
 
-    /// What to explore first in a state where nothing was measured, and who says so; `None` when the method
-    /// has no say in that, or the model that has is not to be trusted yet.
+    /// The first point to explore in a state where nothing was measured, and its predictor; `None` when the
+    /// method proposes nothing, or its model is not to be trusted yet.
     pub fn propose(
         &self,
         method: PredictorMethod,
@@ -306,13 +306,12 @@ impl Predictors {
         }
     }
 
-    /// What has to be answered before [`Predictors::predict`] is a matter of microseconds; `None` if it is
-    /// already.
+    /// The fit that makes [`Predictors::predict`] a matter of microseconds; `None` if none is needed.
     pub(crate) fn request(&self, method: PredictorMethod, query: &Query<'_>) -> Option<FitRequest> {
         self.thinker(method).map(|model| model.request(query))
     }
 
-    /// The same for [`Predictors::propose`].
+    /// The fit that makes [`Predictors::propose`] a matter of microseconds; `None` if none is needed.
     pub(crate) fn proposal(
         &self,
         method: PredictorMethod,

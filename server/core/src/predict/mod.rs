@@ -28,12 +28,12 @@ pub use registry::METHODS;
 use state_index::IndexEntry;
 pub use state_index::StateIndex;
 
-/// What a predictor is made from.
+/// The inputs of a new predictor.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PredictorSetup<'a> {
     /// The study's parameters.
     pub(crate) space: &'a Space,
-    /// How many indicators a state has.
+    /// The number of indicators of a state.
     pub(crate) indicators: usize,
     /// The study's seed, from which centres and choices are drawn.
     pub(crate) seed: u64,
@@ -75,8 +75,7 @@ pub struct Query<'a> {
     pub machines: &'a Machines,
     /// Which of them asks. Costs in answers are those to expect there.
     pub machine: MachineId,
-    /// What is answered if the predictor has nothing that is worth its risk: a configuration that was
-    /// measured.
+    /// The answer if the predictor has nothing that is worth its risk: a configuration that was measured.
     pub rival: Option<&'a Configuration>,
 }
 
@@ -100,7 +99,7 @@ impl Query<'_> {
         self.machines.origin(self.machine)
     }
 
-    /// What a cost that was measured in a state is expected to be on the asking machine.
+    /// The expected cost on the asking machine of what was measured in a state.
     pub(crate) fn translate(&self, known: &KnownState, cost: f64) -> f64 {
         if known.machine == self.machine {
             return cost;
@@ -114,18 +113,18 @@ impl Query<'_> {
     }
 }
 
-/// What is to be gained by an answer that nobody measured is at least so many times what is to be lost by it.
+/// Least ratio of the expected gain to the expected loss of an answer that nobody measured.
 pub(crate) const WORTH: f64 = 20.0;
 /// It can be run with this probability at least.
 pub(crate) const RUNS_LEAST: f64 = 0.99;
 
-/// The probability that one more configuration can be run where so many could and none could not: half of
-/// all programs can run all of theirs, and in the others any share of them is as likely as any other.
+/// The probability that one more configuration can be run after `successes` that could and none that could
+/// not. Half of all programs can run all of theirs; in the others any share is as likely as any other.
 pub(crate) fn runs_after(successes: usize) -> f64 {
     1.0 - (successes as f64 + 2.0).powi(-2)
 }
 
-/// What a single measurement is expected to give, in the objective's units. Both are finite and not negative.
+/// The expected value of a single measurement, in the objective's units. Both are finite and not negative.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// The cost.
@@ -187,8 +186,8 @@ pub trait Predictor {
     /// answers from the tables has nothing to learn.
     fn learn(&mut self, _lesson: &Lesson<'_>) {}
 
-    /// Whether it sees indicators as features that are fixed when it begins, so that it has to begin anew
-    /// where others of them are left out. A predictor that weighs indicators at each question does not.
+    /// Whether its features are indicators that are fixed when it begins, so that a change of the omitted
+    /// ones makes it begin again. A predictor that weighs indicators at each question has none.
     fn has_features(&self) -> bool {
         false
     }

@@ -23,11 +23,11 @@ pub struct Nearest;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Weighted;
 
-/// How many states [`Weighted`] asks.
+/// Number of states that [`Weighted`] asks.
 const WEIGHTED: usize = 8;
-/// How many of each state's best configurations it chooses among.
+/// Number of each state's best configurations among which it chooses.
 const CANDIDATES: usize = 3;
-/// How many of a state's configurations stand for those it never ran.
+/// Number of a state's configurations that stand for those it never ran.
 const RECORDS: usize = 48;
 /// Distances count as no less than this share of that of the furthest state asked, so that one state among
 /// equals does not decide alone.

@@ -26,8 +26,8 @@ pub fn design(count: usize, dimension: usize, random: &mut impl Rng) -> Vec<Vec<
     points
 }
 
-/// Points of one design at least, and at most: a design is drawn anew for every point that is asked,
-/// because it is cheaper than to store it.
+/// Points of one design at least, and at most: a design is drawn again for every point asked for, which is
+/// cheaper than storing it.
 const DESIGN_POINTS: std::ops::RangeInclusive<u32> = 2..=256;
 
 /// The default first, then Latin hypercube designs, one after the other.

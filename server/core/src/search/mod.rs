@@ -2,8 +2,8 @@
 //!
 //! A search is a small value: its state goes through serde exactly, and its randomness is derived from
 //! `(seed, state, step)` (see [`SearchSetup`]), so a search that is stored and read back goes on with the
-//! same points. Pending points (asked and not told) are part of the state; a point whose client went away is
-//! withdrawn and asked again. A search is a file here and a row of the registry
+//! same points. Pending points (asked for, without a result) are part of the state; a point whose client went
+//! away is withdrawn and asked again. A search is a file here and a row of the registry
 //! (`model/src/policy/registry.rs`).
 
 pub mod latin_hypercube;
@@ -100,8 +100,8 @@ pub struct SourceRun {
 
 /// An explorer of one state. Lengths of points are the setup's dimension; costs are finite.
 ///
-/// The first three methods are what makes a search. All others are ways in which it may take part in more
-/// than asking and being told; each says what it means not to.
+/// The first three methods make a search. All others are optional, and each says what it means to leave it
+/// out.
 pub trait Search {
     /// The next point to measure. `None` while the search waits for points that are pending.
     fn ask(&mut self) -> Option<Point>;
@@ -112,14 +112,14 @@ pub trait Search {
     /// Takes a point back whose client went away; it is the next to be asked, under the same id.
     fn withdraw(&mut self, id: u64);
 
-    /// How many of the answers were to [`Step::Replicate`], and so added no configuration. A search without
+    /// The number of answers to [`Step::Replicate`], which added no configuration. A search without
     /// replicates has none.
     fn repeats(&self) -> u64 {
         0
     }
 
     /// Leaves axes where they are, from the next point on: places in the space, and coordinates in 0..1.
-    /// `false` when the search cannot; its points must then be moved by whoever asks.
+    /// `false` when the search cannot; its caller must then move the points.
     fn hold(&mut self, _held: &[(usize, f64)]) -> bool {
         false
     }
@@ -156,19 +156,18 @@ pub trait Search {
         self.ask()
     }
 
-    /// Thinks of the next point on a copy, and of so many more in `reserve`: what takes milliseconds is done
-    /// here, where nobody waits. `None` where there is nothing to think about.
+    /// Computes the next point on a copy, and `reserve` more. This takes milliseconds, and nobody waits for
+    /// it. `None` where there is nothing to compute.
     fn plan(&self, _reserve: usize) -> Option<PlannedPoint> {
         None
     }
 
-    /// Takes over what a copy of this search has [planned](Search::plan), if it is still worth something.
-    /// Asked next, a search that was not told anything since gives the same point as if it had thought of it
-    /// itself.
+    /// Takes over the [plan](Search::plan) of a copy of this search, if it is still worth something. Asked
+    /// next, a search without a new result since gives the same point as if it had computed it itself.
     fn adopt(&mut self, _plan: PlannedPoint) {}
 }
 
-/// What a search is made from.
+/// The inputs of a new search.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SearchSetup {
     /// Seed of the study.
@@ -177,14 +176,14 @@ pub struct SearchSetup {
     pub state_id: u64,
     /// The default configuration's point: the first that is asked. Its length is the dimension.
     pub start: Vec<f64>,
-    /// How many measurements are planned; initial designs are sized by it.
+    /// The number of planned measurements; initial designs are sized by it.
     pub budget: u32,
-    /// How many values each axis stands for, where they are few and hold equal shares of the axis, as
+    /// The number of values of each axis, where they are few and hold equal shares of the axis, as
     /// [`levels()`] counts them; 0 for every other axis. May be shorter than the dimension: the rest counts
     /// as 0, and so do searches that were stored before this was known.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub levels: Vec<u32>,
-    /// What each axis stands for, for searches with a model. May be empty.
+    /// The meaning of each axis, for searches with a model. May be empty.
     #[serde(default, skip_serializing_if = "Layout::is_empty")]
     pub layout: Layout,
 }

@@ -9,9 +9,9 @@
 //!
 //! Where this differs from Chang, and why:
 //! - *Sample size.* Chang measures each point more often as the search proceeds, which is what makes the
-//!   method converge under noise. Here a cost that is told stands for as many measurements as the policy's
-//!   `replicates` asks for, from the first point to the last; the search itself never asks twice. That suits
-//!   budgets of about 80 frames with a noise of a few percent; raise `replicates` for noisier metrics.
+//!   method converge under noise. Here a result stands for as many measurements as the policy's `replicates`
+//!   asks for, from the first point to the last; the search itself never asks twice. That suits budgets of
+//!   about 80 frames with a noise of a few percent; raise `replicates` for noisier metrics.
 //! - *Budget.* The initial design takes about a quarter of the budget, so that high dimensions leave
 //!   measurements for the moves; the simplex has fewer than `dimension + 1` vertices then and searches the
 //!   subspace they span, while the random search still reaches everything.
@@ -54,7 +54,7 @@ const CONTRACTION: f64 = 0.5;
 const VERTICES_MAX: usize = 33;
 /// A simplex whose vertices all lie within this of the best one, on every axis, has collapsed.
 const EXTENT_MIN: f64 = 1e-3;
-/// So many answers in a row that taught nothing end the simplex moves for a random step.
+/// Number of answers in a row without news after which a random step ends the simplex moves.
 const STALE_MAX: u32 = 2;
 /// Half the width of the box in which a new simplex is spread around the best point, by restart.
 const RESTART_RADII: [f64; 3] = [0.25, 0.12, 0.5];
@@ -68,7 +68,7 @@ const GLOBAL_PROBABILITY: f64 = 0.15;
 /// choices, whose values are far apart in the cube, can change too.
 const AXIS_PROBABILITY: f64 = 0.2;
 
-/// How many of the best measurements moves take their choices from.
+/// Number of best measurements from which moves take their choices.
 const ELITE_MAX: usize = 8;
 
 /// A measured point.
@@ -78,7 +78,7 @@ struct SimplexVertex {
     score: Score,
 }
 
-/// What the search is about to measure, or is measuring.
+/// The phase of the search, with the points to measure or being measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum SimplexPhase {
@@ -152,7 +152,7 @@ impl NelderMead {
         search
     }
 
-    /// How many vertices the simplex has: one more than the axes it spans where the budget allows.
+    /// The number of vertices of the simplex: one more than the axes it spans where the budget allows.
     fn vertices(&self) -> usize {
         let spanned = (0..self.setup.dimension()).filter(|&axis| !self.is_choice(axis)).count();
         self.affordable(spanned + 1)
@@ -313,10 +313,10 @@ impl NelderMead {
         };
     }
 
-    /// Chang's adaptive random search. Local steps change some coordinates of the best point within a
-    /// radius that follows success, with choices as the moves take them or now and then drawn anew; global
-    /// steps are uniform over the cube and keep every point reachable.
-    /// The fewer answers are fresh, the more steps are global.
+    /// Chang's adaptive random search. Local steps change some coordinates of the best point within a radius
+    /// that follows success, with choices as the moves take them or now and then drawn at random; global
+    /// steps are uniform over the cube and keep every point reachable. The fewer answers are fresh, the more
+    /// steps are global.
     fn random_point(&mut self) -> Vec<f64> {
         let mut random = self.random();
         let dimension = self.setup.dimension();

@@ -1,4 +1,4 @@
-//! Pending points: those that a search has asked for and was not told the result of.
+//! Pending points: those that a search has proposed and has no result of.
 
 use std::collections::BTreeMap;
 
@@ -33,7 +33,7 @@ impl PendingPoints {
         Some(point)
     }
 
-    /// Removes a point that was told; `None` if it is not pending.
+    /// Removes a point that has its result; `None` if it is not pending.
     pub(super) fn finish(&mut self, id: u64) -> Option<Point> {
         self.pending.remove(&id)
     }
@@ -50,7 +50,7 @@ impl PendingPoints {
         !self.withdrawn.is_empty()
     }
 
-    /// How many points were ever added.
+    /// The number of points that were ever added.
     pub(super) fn added(&self) -> u64 {
         self.next_id
     }

@@ -219,7 +219,7 @@ fn points_do_not_depend_on_the_unit_of_a_parameter() {
     }
 }
 
-/// Eighty measurements of a bowl with so many always out, some of which never come back; the best gap.
+/// The best gap after eighty measurements of a bowl with `out` points pending, some of which never come back.
 fn in_flight(method: SearchMethod, out: usize, seed: u64) -> f64 {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut search = AnySearch::new(method, SearchSetup { seed, ..setup(3, 80, Vec::new()) });

@@ -4,21 +4,21 @@
 //! which hardly knows of other programs, or the counted work of its rays, which has no noise at all (that
 //! counts predict the time of tracing rays: Aila, Karras and Laine, "On quality metrics of bounding volume
 //! hierarchies", High-Performance Graphics 2013). The regression of cost on them over configurations predicts
-//! a cost by itself; how far that is off, and how noisy costs and predictions are, is told by configurations
-//! that were measured again. Of the measured cost and the predicted one the combination of least variance is
-//! taken, with the covariance of their noises: the method of control variates (Nelson, "Control variate
+//! a cost by itself; its error, and the noise of costs and predictions, are estimated from configurations
+//! that were measured again. The result is the combination of the measured and the predicted cost of least
+//! variance, with the covariance of their noises: the method of control variates (Nelson, "Control variate
 //! remedies", Operations Research 38, 1990). Where the other quantities say nothing, the cost is left as it
 //! was measured.
 //!
-//! Other programs come and go in spells that last for many trials. What was measured in one spell only would
-//! seem to be badly predicted, and where a search meets better configurations later the regression takes a
-//! spell for their merit. So it is also made over the differences between trials that follow each other,
-//! which cancel what lasts (differencing against serial correlation: Hamilton, "Time Series Analysis", 1994,
-//! chapter 8), and what a prediction is off is also told by the nearer of a trial's two neighbours: a spell
-//! that begins or ends is far from one of them, a badly predicted configuration from both.
+//! Other programs come and go in spells that last for many trials. Configurations measured in one spell only
+//! would seem badly predicted, and where a search meets better ones later the regression takes a spell for
+//! their merit. So it also runs over the differences of consecutive trials, which cancel what lasts
+//! (differencing against serial correlation: Hamilton, "Time Series Analysis", 1994, chapter 8). A
+//! prediction's error is also taken against the nearer of a trial's two neighbours: a spell that begins or
+//! ends is far from one of them, a badly predicted configuration from both.
 //!
-//! What disturbs costs may not have happened yet when all this is learnt: so costs are taken to be a little
-//! noisier than they were seen to be (`UNSEEN_NOISE`), which decides where both are as good.
+//! A disturbance may not have happened yet when all this is learnt. So costs are taken to be a little noisier
+//! than they were seen to be (`UNSEEN_NOISE`), which decides where both are as good.
 
 use serde::{Deserialize, Serialize};
 
@@ -29,13 +29,12 @@ use crate::robust::median;
 const REPEATS_LEAST: usize = 5;
 /// Configurations beyond the number of coefficients from which the regression is judged.
 const CONFIGURATIONS_SPARE: usize = 4;
-/// Coefficients are drawn to zero by so much, in variances of the quantity.
+/// Strength with which coefficients are drawn to zero, in variances of the quantity.
 const RIDGE: f64 = 1e-3;
 /// The standard deviation of the noise that costs alone may have beyond what was seen: other programs that
 /// did not run yet.
 const UNSEEN_NOISE: f64 = 0.03;
-/// Differences that are off by more than so many of their standard deviations are where a spell begins or
-/// ends.
+/// Standard deviations of a difference beyond which a spell begins or ends there.
 const SPELL_BEGINS: f64 = 3.0;
 /// The median of the absolute value of a normal variable of unit variance.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
@@ -190,7 +189,7 @@ impl Denoiser {
         }
         let freedom = repeats as f64;
         let (cost_2, predicted_2, both) = (cost_2 / freedom, predicted_2 / freedom, both / freedom);
-        // What predictions are off beyond noise.
+        // Errors of predictions beyond noise.
         let misses = groups.iter().map(|(_, group)| {
             let miss = group.log_cost - denoiser.predicted(&group.auxiliary);
             miss * miss - (cost_2 + predicted_2 - 2.0 * both) / group.count
@@ -237,8 +236,8 @@ impl Denoiser {
         (1.0 - self.weight) * log_cost + self.weight * self.predicted(auxiliary)
     }
 
-    /// How much the auxiliary measurements have a say: 0 leaves costs as they were measured, 1 takes what is
-    /// predicted.
+    /// Weight of the auxiliary measurements: 0 leaves costs as they were measured, 1 takes the predicted
+    /// ones.
     pub fn weight(&self) -> f64 {
         self.weight
     }
@@ -374,7 +373,7 @@ mod tests {
             let halved = |configuration: usize| if configuration > 60 { 0.69 } else { 0.0 };
             let (observations, truths) = search_in_spells(seed, halved);
             let denoiser = Denoiser::of(&observations).expect("there are repeats");
-            // What those are off by on average, beside the others.
+            // Their mean error, beside the others'.
             let off = |is_halved: bool| {
                 let those = observations.iter().filter(|one| (one.configuration > 60) == is_halved);
                 let off: Vec<f64> = those

@@ -1,7 +1,7 @@
 //! Whether a challenger is better than the incumbent: a race of paired measurements.
 //!
-//! In every round each contender that still stands is measured once, so that what disturbs the machine
-//! disturbs all of them. What is compared are logarithms of ratios of costs within a round. The evidence for
+//! In every round each contender that still stands is measured once, so that a disturbance of the machine
+//! affects all of them. The comparison takes logarithms of ratios of costs within a round. The evidence for
 //! "the challenger is better by more than m" is an e-value: a quantity that, where the statement is wrong,
 //! exceeds 1/α at any time with a probability of at most α, so that one may look after each round and stop as
 //! soon as it is convincing (Ramdas, Grünwald, Vovk and Shafer, "Game-theoretic statistics and safe
@@ -38,13 +38,13 @@ pub const GAIN_LEAST: f64 = 0.01;
 /// Nor is one over somebody who is proven better than the incumbent, of less than this share of what that one
 /// gains.
 const GAIN_LEAST_SHARE: f64 = 0.1;
-/// Pairs that lie further from the typical one than so many deviations count as if they were no further away.
+/// Deviations from the typical pair beyond which one counts as if it were no further away.
 const WILD: f64 = 6.0;
-/// So many equal costs of each contender, and they are taken to be exact.
+/// Number of equal costs of each contender after which costs are taken to be exact.
 const EXACT_AFTER: usize = 3;
 /// Most rounds in which all contenders run.
 pub const ROUNDS_OF_ALL: usize = 10;
-/// A gain of so much is to be seen when the rounds are over.
+/// Gain that is to be seen when the rounds are over.
 const GAIN_SOUGHT: f64 = 0.02;
 /// In deviations of the mean of the rounds: beyond what counts as a proof, so that chance seldom hides it.
 const GAIN_SOUGHT_DEVIATIONS: f64 = 2.5;
@@ -77,7 +77,7 @@ impl Pairs {
         self.log_ratios.push(log_ratio.clamp(-LOG_RATIO_MAX, LOG_RATIO_MAX));
     }
 
-    /// How many there are.
+    /// The number of pairs.
     pub fn count(&self) -> usize {
         self.log_ratios.len()
     }
@@ -156,8 +156,8 @@ impl Pairs {
     }
 }
 
-/// How many rounds it takes to see a gain of 2 % where one measurement has so much noise (the standard
-/// deviation of its logarithm): at least [`ROUNDS_OF_ALL`], and at most `rounds_max`.
+/// The number of rounds to see a gain of 2 % where the logarithm of a measurement has the standard deviation
+/// `noise`: at least [`ROUNDS_OF_ALL`], and at most `rounds_max`.
 pub fn rounds_needed(noise: f64, rounds_max: usize) -> usize {
     let needed = 2.0 * (GAIN_SOUGHT_DEVIATIONS * noise / GAIN_SOUGHT).powi(2);
     (needed.ceil() as usize).max(ROUNDS_OF_ALL).min(rounds_max)
@@ -219,15 +219,15 @@ pub struct Race {
 }
 
 impl Race {
-    /// A race of so many contenders, the incumbent among them, over at most so many rounds. `noise` as for
+    /// A race of `contenders` contenders with the incumbent, over at most `rounds_max` rounds. `noise` as for
     /// [`Pairs::new`].
     pub fn new(contenders: usize, noise: Option<f64>, rounds_max: usize) -> Self {
         Race { contenders: vec![Racer::default(); contenders], noise, rounds_max }
     }
 
-    /// Who is to be measured next: whoever has run least among those that stand. `running` tells how often
-    /// each is being measured just now. `None` once the race is decided, or while only measurements that are
-    /// out can decide it.
+    /// The contender to measure next: the one with the fewest runs among those that stand. `running` gives
+    /// the number of its measurements in progress. `None` once the race is decided, or while only those can
+    /// decide it.
     pub fn next(&self, running: impl Fn(usize) -> usize) -> Option<usize> {
         if self.verdict() != RaceResult::Open {
             return None;
@@ -273,8 +273,8 @@ impl Race {
         pairs
     }
 
-    /// What every statement of the race may be wrong with, so that all of them together are with `error` at
-    /// most.
+    /// The error probability of each statement of the race for which all of them together have at most
+    /// `error`.
     fn error_each(&self, error: f64) -> f64 {
         error / (self.contenders.len().max(2) - 1) as f64
     }
@@ -406,12 +406,12 @@ impl Race {
         best.map_or(RaceResult::NothingBetter, RaceResult::Better)
     }
 
-    /// How many rounds a contender has run.
+    /// The number of rounds that a contender has run.
     pub fn rounds(&self, place: usize) -> usize {
         self.contenders.get(place).map_or(0, |contender| contender.log_costs.len())
     }
 
-    /// How many measurements were taken.
+    /// The number of measurements.
     pub fn measurements(&self) -> usize {
         self.contenders.iter().map(|contender| contender.log_costs.len()).sum()
     }

@@ -3,9 +3,9 @@
 //! Clocks rise and fall, and other programs come and go: all costs of a client are multiplied by one factor
 //! that changes over time. Its logarithm is taken for a random walk and followed by a scalar Kalman filter
 //! (Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic Engineering 82,
-//! 1960). What it is held by are repeated measurements of the incumbent, whose cost is known; every other
-//! measurement is divided by the factor of its time. A step that is far outside of what the walk allows is a
-//! jump: the filter then forgets what it held and believes what it sees (a gate on the normalised innovation:
+//! 1960). Repeated measurements of the incumbent, whose cost is known, drive it; every other measurement is
+//! divided by the factor of its time. A step that is far outside of what the walk allows is a jump: the
+//! filter then forgets what it held and believes what it sees (a gate on the normalised innovation:
 //! Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking and navigation", 2001, section
 //! 5.4).
 
@@ -14,11 +14,11 @@ use serde::{Deserialize, Serialize};
 /// Standard deviation of one step of the walk, from one trial to the next, in deviations of a measurement:
 /// what changes by less cannot be seen anyhow.
 const STEP: f64 = 0.25;
-/// What the filter is unsure of after a jump, and at the beginning of a session.
+/// The filter's deviation after a jump, and at the beginning of a session.
 const JUMP: f64 = 0.5;
 /// Innovations of more standard deviations are jumps.
 const GATE: f64 = 4.0;
-/// The incumbent is due once the factor's deviation exceeds so many deviations of a measurement.
+/// Multiple of a measurement's deviation that the factor's deviation exceeds once the incumbent is due.
 const DUE: f64 = 1.0;
 
 /// A client's speed, relative to when it was first measured. Opaque, exact through serde.

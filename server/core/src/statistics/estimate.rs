@@ -18,16 +18,16 @@
 //! Machines change their speed, by more than what is looked for: clocks rise and fall, neighbours come and
 //! go. In some of the models all costs of a client are therefore multiplied by one factor whose logarithm
 //! wanders about its usual value (a process of Ornstein and Uhlenbeck over the trials; its covariance falls
-//! off exponentially with their distance). What ran next to each other then compares well, and what ran at
-//! different times badly, as it is with blocks in the design of experiments. Without these models a
-//! configuration that was lucky enough to run in a fast minute only is taken for a fast one.
+//! off exponentially with their distance). Trials next to each other then compare well, and trials at
+//! different times badly, as with blocks in the design of experiments. Without these models a configuration
+//! that was lucky enough to run in a fast minute only is taken for a fast one.
 //!
-//! How far likeness reaches, how rough the landscape is, and how large the differences are beside the noise
-//! is not estimated but averaged over a grid, each model weighed by its marginal likelihood (Hoeting,
-//! Madigan, Raftery and Volinsky, "Bayesian model averaging", Statistical Science 14, 1999), and the scale is
-//! integrated out in closed form (Rasmussen and Williams, "Gaussian processes for machine learning", 2006,
-//! section 2.7 for the level). Some of the models say that all configurations cost the same: where it is not
-//! refuted, little gain is told.
+//! The reach of likeness, the landscape's roughness, and the ratio of differences to noise are not estimated
+//! but averaged over a grid, each model weighed by its marginal likelihood (Hoeting, Madigan, Raftery and
+//! Volinsky, "Bayesian model averaging", Statistical Science 14, 1999), and the scale is integrated out in
+//! closed form (Rasmussen and Williams, "Gaussian processes for machine learning", 2006, section 2.7 for the
+//! level). Some of the models say that all configurations cost the same: where they are not refuted, the
+//! estimated gain is small.
 
 use std::rc::Rc;
 
@@ -58,9 +58,9 @@ struct Drift {
 }
 
 /// The smooth and the rough. How rough matters little: shares of a tenth or a half find the same. Differences
-/// as small as the noise are not told apart from it, so that rough models are left out there, and their
-/// lengths can be fewer. The more probable they are beforehand, the more luck is believed where the landscape
-/// is flat or smooth; where it is rough, even a small probability is soon overruled.
+/// as small as the noise do not stand out from it, so rough models are left out there, and have fewer
+/// lengths. The more probable they are beforehand, the more luck is believed where the landscape is flat or
+/// smooth; where it is rough, even a small probability is soon overruled.
 const FAMILIES: [Family; 2] = [
     Family {
         probability: 0.72,
@@ -75,7 +75,7 @@ const FAMILIES: [Family; 2] = [
         ratios: &[2.0, 10.0, 60.0, 400.0, 4000.0],
     },
 ];
-/// The same on a machine whose speed wanders: fewer, since there are several of each.
+/// The families on a machine whose speed wanders: fewer models, since each has several drifts.
 const FAMILIES_DRIFTING: [Family; 2] = [
     Family {
         probability: 0.72,
@@ -94,8 +94,8 @@ const FLAT_PRIOR: f64 = 0.2;
 /// The noise of logarithms of costs that is expected beforehand, and how many measurements that is worth.
 const NOISE_PRIOR: f64 = 0.05;
 const NOISE_PRIOR_COUNT: f64 = 3.0;
-/// Measurements of a configuration are one where they ran within so many trials: speed does not wander far in
-/// that time.
+/// Measurements of a configuration form one cell where they ran within this number of trials: speed does not
+/// wander far in that time.
 const CELL_TRIALS: u64 = 2;
 /// Models of less weight beside the heaviest are left out.
 const WEIGHT_LEAST: f64 = 1e-3;
@@ -120,7 +120,7 @@ pub struct ConfigurationSample {
     pub features: Vec<f64>,
     /// Its measurements, oldest first; at least one.
     pub measurements: Vec<Measurement>,
-    /// What each of them counts for: 1, or less for a configuration that is more restless than others.
+    /// The weight of each of them: 1, or less for a configuration that is more restless than others.
     pub weight: f64,
 }
 
@@ -143,7 +143,7 @@ struct Cell {
     configuration: usize,
     /// Of the logarithms of costs.
     mean: f64,
-    /// How many there are, weighed.
+    /// Their number, weighed.
     count: f64,
     /// The weighed sum of squared deviations from the mean.
     scatter: f64,
@@ -169,7 +169,7 @@ struct Model {
     drifts: bool,
     /// Posterior means of the logarithms of costs.
     means: Vec<f64>,
-    /// How much the level moves each mean, and the variance of the level in variances of the noise.
+    /// By how much the level moves each mean, and the variance of the level in variances of the noise.
     by_level: Vec<f64>,
     level_variance: f64,
     /// Variance of the noise, and the degrees of freedom of it.
@@ -203,7 +203,7 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Whether what is to be gained by the first is at least so many times what is to be lost. Equals are
+    /// Whether the expected gain by the first is at least `times` times the expected loss. Equals are
     /// neither: a landscape that may be flat is no reason to stay (Keating and Shadwick, "A universal
     /// performance measure", Journal of Performance Measurement 6, 2002, whose ratio Omega this is, at a
     /// threshold of no gain).
@@ -386,14 +386,14 @@ impl Cell {
     }
 }
 
-/// What models are fitted to.
+/// The data that models are fitted to.
 struct Grid<'a> {
     cells: Vec<Cell>,
     of: Rc<[usize]>,
     configurations: usize,
     /// Squared distances between configurations.
     distances: &'a [f64],
-    /// What the logarithm of a likelihood is to be raised by, so that those of different cells compare.
+    /// Added to the logarithm of a likelihood, so that those of different cells compare.
     offset: f64,
 }
 
@@ -403,9 +403,9 @@ impl<'a> Grid<'a> {
         Grid { cells, of, configurations, distances, offset: 0.0 }
     }
 
-    /// The same with one cell for each configuration, which is all that a steady machine's models need to
-    /// know: for them the means of a configuration's cells are repeats, whose likelihood given their mean
-    /// does not depend on the model.
+    /// Merges the cells of each configuration, which suffices for a steady machine's models. For these the
+    /// means of a configuration's cells are repeats, whose likelihood given their mean does not depend on the
+    /// model.
     fn merged(samples: &[ConfigurationSample], cells: &[Cell], distances: &'a [f64]) -> Self {
         let whole = whole(samples);
         let logs = |cells: &[Cell]| cells.iter().map(|cell| libm::log(cell.count)).sum::<f64>();
@@ -498,8 +498,8 @@ impl<'a> Grid<'a> {
             - factor.half_log_determinant()
             - 0.5 * libm::log(precision)
             - 0.5 * freedom * libm::log(sum);
-        // What each configuration is expected to be apart from the level, and what of the level it does not
-        // know by itself.
+        // The expectation of each configuration apart from the level, and the part of the level that its own
+        // measurements leave open.
         let (mut means, mut by_level) = (vec![level; self.configurations], vec![1.0; self.configurations]);
         if let Some(likeness) = &likeness {
             let (mut of_misfits, mut of_levels) =

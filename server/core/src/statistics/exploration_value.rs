@@ -9,9 +9,9 @@
 //! first measurements gain little: Frazier and Powell, "Paradoxes in learning and the marginal value of
 //! information", Decision Analysis 7, 2010).
 //!
-//! What an octave gains is expected to be what it gained in other states, drawn towards a prior while there
-//! are few of them, times how much more or less this state has gained so far than was expected of it. So a
-//! landscape on which nothing is found is left after a few trials, and one that keeps giving is searched on.
+//! The expected gain of an octave is its gain in other states, drawn towards a prior while there are few of
+//! them, times the ratio of this state's gain so far to its expectation. So a landscape on which nothing is
+//! found is left after a few trials, and one that keeps giving is searched on.
 
 /// Octaves: up to 2^17 trials in a state.
 pub const OCTAVES: usize = 17;
@@ -19,9 +19,9 @@ pub const OCTAVES: usize = 17;
 /// scenes (section 7.1.2), which its searches took 80 trials for.
 const GAIN_PRIOR: f64 = 0.11;
 const OCTAVES_PRIOR: f64 = 6.0;
-/// How many states that is worth.
+/// Weight of that, in states.
 const STATES_PRIOR: f64 = 1.0;
-/// So much gain, found or expected, tells as much of a state as is known beforehand.
+/// Gain, found or expected, that weighs as much as the prior of a state.
 const GAIN_COUNTED: f64 = 0.03;
 
 /// What octaves of searches gained in other states.
@@ -40,7 +40,7 @@ impl Gains {
         }
     }
 
-    /// What an octave is expected to gain in a state of which nothing is known.
+    /// The expected gain of an octave in a state of which nothing is known.
     pub fn expected(&self, octave: usize) -> f64 {
         let prior = if (octave as f64) < OCTAVES_PRIOR { GAIN_PRIOR / OCTAVES_PRIOR } else { 0.0 };
         let octave = octave.min(OCTAVES - 1);
@@ -57,16 +57,16 @@ pub struct SearchProgress<'a> {
     pub tried: usize,
     /// Configurations that may be tried at most.
     pub budget: usize,
-    /// How many frames are still to come.
+    /// The number of frames that are still to come.
     pub frames: f64,
-    /// What an exploring trial costs above the reference, as a share of that.
+    /// The cost of an exploring trial above the reference, as a share of that.
     pub excess: f64,
 }
 
-/// What going on is expected to bring.
+/// The expected gain and cost of going on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outlook {
-    /// How many trials to go on for before it is weighed again; 0 where it does not pay.
+    /// The number of trials before it is weighed again; 0 where exploring does not pay.
     pub trials: usize,
     /// By which share costs are expected to fall over the horizon that pays most, or costs least beyond what
     /// it brings.
@@ -115,8 +115,8 @@ mod tests {
 
     use super::*;
 
-    /// Follows the rule through a stay of so many frames in a state whose octaves gain so much; how many
-    /// trials it explored.
+    /// Follows the rule through a stay of `frames` frames in a state whose octaves gain `octaves`. Returns
+    /// the number of explored trials.
     fn explored(gains: &Gains, octaves: &[f64], frames: usize, excess: f64) -> usize {
         let (mut tried, mut frame) = (1usize, 1);
         while frame < frames {
@@ -133,7 +133,7 @@ mod tests {
         tried
     }
 
-    /// What is known after so many states that gained so much in each octave.
+    /// The gains after `states` states that gained `octaves` in their octaves.
     fn known(states: usize, octaves: &[f64]) -> Gains {
         let mut gains = Gains::default();
         for _ in 0..states {

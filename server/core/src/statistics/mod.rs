@@ -1,5 +1,5 @@
-//! What measurements prove: estimates with intervals, tests that may be looked at after every step, and what
-//! follows from them for what is run next. All of it is pure: numbers in, numbers out.
+//! Statistics of measurements: estimates with intervals, tests that may be looked at after every step, and
+//! the choice of the next run. All of it is pure: numbers in, numbers out.
 //!
 //! | module | what it answers |
 //! |---|---|

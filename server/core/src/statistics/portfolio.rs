@@ -1,47 +1,47 @@
 //! The few configurations that together serve all known states best.
 //!
-//! What is minimised is the mean over states of the best that any member costs there, relative to the state's
-//! own best: the price of having the portfolio in place of a search. The reduction of it is a submodular
-//! function of the set, so adding the member that helps most, one after the other, is within 63 % of the best
-//! portfolio of the same size (Nemhauser, Wolsey and Fisher, "An analysis of approximations for maximizing
-//! submodular set functions", Mathematical Programming 14, 1978). Portfolios from configurations of other
-//! instances: Xu, Hoos and Leyton-Brown, "Hydra", AAAI 2010; Kadioglu, Malitsky, Sellmann and Tierney,
-//! "ISAC", ECAI 2010; as the beginning of a search: Feurer et al., "Auto-sklearn 2.0", JMLR 23, 2022.
+//! It minimises the mean over states of the best member's cost there, relative to the state's own best: the
+//! price of having the portfolio in place of a search. The reduction of it is a submodular function of the
+//! set, so adding the member that helps most, one after the other, is within 63 % of the best portfolio of
+//! the same size (Nemhauser, Wolsey and Fisher, "An analysis of approximations for maximizing submodular set
+//! functions", Mathematical Programming 14, 1978). Portfolios from configurations of other instances: Xu,
+//! Hoos and Leyton-Brown, "Hydra", AAAI 2010; Kadioglu, Malitsky, Sellmann and Tierney, "ISAC", ECAI 2010; as
+//! the beginning of a search: Feurer et al., "Auto-sklearn 2.0", JMLR 23, 2022.
 //!
 //! The first member is the best fixed configuration: of those known in many states the one that is best on
-//! average, so nobody who begins with the portfolio does worse than it. In that average what a configuration
-//! loses in a state is bounded (as in Huber, "Robust estimation of a location parameter", Annals of
+//! average, so nobody who begins with the portfolio does worse than it. In that average a configuration's
+//! loss in a state is bounded (as in Huber, "Robust estimation of a location parameter", Annals of
 //! Mathematical Statistics 35, 1964). Without the bound one state that gains threefold by what no other wants
-//! would choose it for all of them, and a few percent would be lost in each. What such a state wants is among
+//! would choose it for all of them, and a few percent would be lost in each. Such a state's own best is among
 //! the members after the first, and runs a few frames later.
 //!
-//! Not everything was measured everywhere. What is missing is completed by a sum of a level of the state and
-//! an effect of the configuration, the effect drawn towards that of a mediocre configuration by how few
-//! states it was seen in, so that one lucky scene makes nobody a member.
+//! Not everything was measured everywhere. A missing cost is the sum of a level of the state and an effect of
+//! the configuration. The fewer states have seen a configuration, the more its effect is drawn towards that
+//! of a mediocre one, so that one lucky scene makes no member.
 //!
 //! Effects differ in size from state to state: where a build costs most of a frame, all good configurations
-//! are far below the mediocre ones. Who was measured in such a state alone would look better than whoever did
-//! well everywhere. So every configuration is compared, in the states that both know, with one good
-//! configuration that is known in many: the anchor. What good configurations have in common in a state drops
+//! are far below the mediocre ones. A configuration measured in such a state alone would look better than one
+//! that did well everywhere. So every configuration is compared, in the states that both know, with one good
+//! configuration that is known in many: the anchor. The common gain of good configurations in a state drops
 //! out of the difference. How much a state adds to an effect is estimated from those that are known in many
 //! states, and the best fixed configuration is one of these. So are the members after it, as long as they
 //! help: what a search found in one state looks there as if nothing could help more, for it is the luckiest
 //! of hundreds that were measured once each. Such finds are members in what room is left.
 
-/// How many members a portfolio has.
+/// Number of members of a portfolio.
 pub const MEMBERS: usize = 8;
-/// Variance of what a state adds to a configuration's effect, in squares of logarithms, before it is
-/// estimated and at the least, and of the effects.
+/// Prior and least variance of a state's part in a configuration's effect, and variance of the effects, in
+/// squares of logarithms.
 const INTERACTION: f64 = 0.1 * 0.1;
 const EFFECT: f64 = 0.2 * 0.2;
-/// A configuration that cannot be run in a state counts as so much dearer there, as a logarithm.
+/// Excess cost of a configuration that cannot be run in a state, as a logarithm.
 const INFEASIBLE: f64 = 1.0;
-/// What a configuration costs in a state above the best of those known in many states counts as so much at
-/// most, a logarithm, when the first member is chosen.
+/// Most excess cost of a configuration in a state over the best of those known in many states, as a
+/// logarithm, when the first member is chosen.
 const EXCESS_MOST: f64 = 0.25;
 /// A member that lowers the mean logarithm of costs by less is not worth a measurement.
 const HELP_LEAST: f64 = 1e-4;
-/// The same for those known in many states, which are chosen before the others.
+/// The least help of those known in many states, which are chosen before the others.
 const KNOWN_HELP_LEAST: f64 = 2e-3;
 
 /// The median of squares of normal numbers, in variances.
@@ -108,8 +108,8 @@ impl CostTable {
         self.rows.iter().filter(known).map(Vec::as_slice).collect()
     }
 
-    /// What each configuration is expected to cost above the best of its state: logarithms of ratios, 0 for
-    /// the best. Rows without anything measured are left out.
+    /// The expected cost of each configuration above the best of its state: logarithms of ratios, 0 for the
+    /// best. Rows without anything measured are left out.
     fn completed(&self) -> Vec<Vec<f64>> {
         let rows = self.measured();
         let mut fit = Fit::new(&rows);
@@ -134,7 +134,7 @@ impl CostTable {
         for (row, level) in rows.iter().zip(&fit.levels) {
             let expected = row.iter().zip(&fit.effects).map(|(known, effect)| match known {
                 CostEntry::LogCost(log_cost, variance) => {
-                    // What was measured, drawn towards what the others say by how noisy it is.
+                    // The measured cost, drawn towards the others' by its noise.
                     let share = fit.interaction / (fit.interaction + variance);
                     effect + share * (log_cost - level - effect)
                 }
@@ -148,7 +148,7 @@ impl CostTable {
         completed
     }
 
-    /// What each configuration is expected to cost above the best of a state, on average: mean logarithms of
+    /// The expected cost of each configuration above the best of a state, on average: mean logarithms of
     /// ratios. Empty where nothing was measured.
     pub fn mean_prices(&self) -> Vec<f64> {
         let completed = self.completed();
@@ -158,10 +158,10 @@ impl CostTable {
         (0..count).map(mean).collect()
     }
 
-    /// The members of a portfolio, at most so many: places of configurations, the best fixed one first, then
-    /// whoever helps most beside those before; those known in many states, then `always`, then the others.
-    /// `always` are members whether they help or not; all of them count towards the number. Empty where
-    /// nothing was measured.
+    /// The members of a portfolio, at most `members`: places of configurations, the best fixed one first,
+    /// then each time the one that helps most; those known in many states, then `always`, then the others.
+    /// `always` are members whether they help or not, and count towards the number. Empty where nothing was
+    /// measured.
     pub fn portfolio(&self, members: usize, always: &[usize]) -> Vec<usize> {
         let all: Vec<usize> = (0..self.rows.first().map_or(0, Vec::len)).collect();
         self.portfolio_among(&all, members, always)
@@ -239,8 +239,8 @@ impl Chosen<'_> {
         self.places.push(place);
     }
 
-    /// Adds whoever of them helps most, one after the other, until there are so many members or nobody helps
-    /// by so much.
+    /// Adds the most helpful one of them, again and again, until there are `members` members or none helps by
+    /// `help_least`.
     fn add_while_helpful(&mut self, among: &[usize], members: usize, help_least: f64) {
         while self.places.len() < members {
             let others = among.iter().filter(|place| !self.places.contains(place));
@@ -407,7 +407,7 @@ mod tests {
         // The last was measured once, where it did a little better than the first does everywhere.
         let costs = table(&[&[8.0, 10.0, 7.9], &[16.0, 20.0, 0.0], &[4.0, 5.0, 0.0], &[12.0, 15.0, 0.0]]);
         assert_eq!(costs.portfolio(1, &[]), [0]);
-        // What cannot be run in some states is not the best fixed one either.
+        // A configuration that cannot be run in some states is not the best fixed one either.
         let costs = table(&[&[8.0, 7.0], &[8.0, 7.0], &[8.0, -1.0]]);
         assert_eq!(costs.portfolio(1, &[]), [0]);
     }

@@ -1,4 +1,4 @@
-//! What measuring a point is worth, against averages of random draws and finite differences.
+//! The worth of measuring a point, against averages of random draws and finite differences.
 
 use super::super::Posterior;
 use super::super::acquisition::{confidence_bound, log_expected_improvement, mean_above, probability_below};

@@ -8,8 +8,8 @@
 
 /// Shifts, in distances of the median cost from the least.
 const SHIFTS: [f64; 4] = [0.01, 0.1, 0.5, 3.0];
-/// Costs are rounded to so many steps per unit of their spread, lest rounding errors of a change of unit
-/// get through to the points.
+/// Steps per unit of the costs' spread to which costs are rounded. Rounding errors of a change of unit then
+/// do not reach the points.
 const STEPS: f64 = (1u64 << 40) as f64;
 /// Costs count as no further from the least than this, in distances of the median.
 const FAR: f64 = 1e6;

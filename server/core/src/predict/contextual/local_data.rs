@@ -25,7 +25,7 @@ const ROWS_MAX: usize = 96;
 const ROWS_MIN: usize = 2;
 /// Most measurements of the nearest state among them. Each further state gives half as many.
 const QUOTA_FIRST: usize = 48;
-/// Every state may give at least so many.
+/// Least number of measurements that every state may give.
 const QUOTA_LEAST: usize = 8;
 /// The weight of a measurement of the machine itself, of its group and of the fleet: machines differ.
 const TRUST: [f64; 3] = [1.0, 0.5, 0.25];
@@ -37,12 +37,12 @@ const EXPLORED_RUNS_LEAST: f64 = 0.5;
 /// Deviations that are taken off where an answer has to be surely good.
 const CAREFUL: f64 = -1.0;
 
-/// What an answer is to be like.
+/// The requirements of an answer.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Asked<'a> {
-    /// So many deviations are taken off what is expected.
+    /// Number of deviations that are taken off the expected cost.
     pub(super) optimism: f64,
-    /// What is answered otherwise.
+    /// The configuration that is answered otherwise.
     pub(super) rival: Option<&'a Configuration>,
 }
 
@@ -52,10 +52,10 @@ struct SourceState {
     /// What the process sees of it.
     state: Vec<f64>,
     results: Arc<ResultTable>,
-    /// How many of its measurements count.
+    /// The number of its measurements that count.
     quota: usize,
     trust: f64,
-    /// What a cost there is to be multiplied by.
+    /// The factor from a cost there to one here.
     factor: f64,
     explored: bool,
 }
@@ -190,7 +190,7 @@ impl LocalData {
                 own != other && acquisition::is_worth(process.difference(&context, &own, &other), WORTH)
             })
         };
-        // What is surely good, where what may be best is not worth its risk.
+        // A surely good point, where the one that may be best is not worth its risk.
         let ways = [asked.optimism, CAREFUL];
         let (x, belief) =
             ways.into_iter().take(1 + usize::from(asked.rival.is_some())).find_map(|optimism| {

@@ -10,7 +10,7 @@ use crate::search::layout::Layout;
 
 /// Random points to begin with.
 const ANYWHERE: usize = 32;
-/// How many points climb, and how many changes each tries.
+/// Numbers of points that climb, and of changes that each tries.
 const CLIMBERS: usize = 3;
 const CHANGES: usize = 40;
 /// Steps along a continuous axis over the climb.

@@ -25,19 +25,19 @@ use crate::space::Space;
 
 /// The prior's weight against one lesson.
 const PRIOR: f64 = 1e-2;
-/// A value further from what was expected than so many deviations is drawn to them (Huber, "Robust estimation
-/// of a location parameter", 1964), after so many lessons.
+/// Deviations from its expectation to which a further value is drawn (Huber, "Robust estimation of a location
+/// parameter", 1964), and the number of lessons after which it is.
 const SURPRISE: f64 = 4.0;
 const SURPRISE_AFTER: u64 = 16;
-/// What an infeasible configuration counts as, above the worst cost seen, in logarithms.
+/// Excess of an infeasible configuration over the worst cost seen, in logarithms.
 const INFEASIBLE: f64 = 1.0;
-/// What a model is thought to miss a new machine's trials by, and the weight of that in lessons.
+/// A model's expected miss of a new machine's trials, and the weight of that in lessons.
 const MISS: f64 = 0.05;
 const MISS_WEIGHT: f64 = 3.0;
 /// Recent misses count more: an older one fades by this.
 const MISS_FADE: f64 = 0.99;
 
-/// How much a model missed by: mean square, over so many trials.
+/// A model's mean square miss, over `weight` trials.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Miss {
     sum: f64,

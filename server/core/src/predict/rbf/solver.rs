@@ -42,7 +42,7 @@ impl Solver {
         Solver { size, rows, right: vec![0.0; size], prior, lessons: 0, theta: vec![0.0; size] }
     }
 
-    /// How many lessons were learnt.
+    /// The number of learnt lessons.
     pub(super) fn lessons(&self) -> u64 {
         self.lessons
     }
@@ -177,7 +177,7 @@ mod tests {
             solver.learn(&mut features.clone(), 2.5);
         }
         assert!((solver.value(&features) - 2.5).abs() < 1e-3, "{}", solver.value(&features));
-        // What was never seen is still the prior's, and not wound up.
+        // An unseen feature still has its prior, and is not wound up.
         let unseen = solver.leverage(&[0.0, 0.0, 0.0, 1.0]);
         assert!(unseen > 50.0 && unseen < 200.0, "{unseen}");
         assert!(solver.leverage(&features) < 1e-3);

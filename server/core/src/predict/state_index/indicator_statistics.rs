@@ -12,17 +12,17 @@
 
 use serde::{Deserialize, Serialize};
 
-/// From so many states on, an indicator that has one value in all of them is called constant.
+/// Number of states from which on an indicator with one value in all of them is called constant.
 const CONSTANT_AFTER: u64 = 8;
-/// From so many states on, one is called redundant.
+/// Number of states from which on an indicator may be called redundant.
 const REDUNDANT_AFTER: u64 = 16;
 /// The share of its variance that another indicator must explain.
 const REDUNDANT: f64 = 0.999;
 /// A state whose indicator lies further than this from the regression line contradicts.
 const CONTRADICTION: f64 = 0.05;
-/// One state in so many may lie outside the range, and always one.
+/// One state of this number may lie outside the range, and always one.
 const BEYOND_SHARE: u64 = 50;
-/// How many of the least and greatest values are kept of each indicator.
+/// Number of least and of greatest values that are kept of each indicator.
 const EXTREMES: usize = 32;
 /// Values are clamped to this for correlations, so that a single outlier does not make a line.
 const REACH: (f64, f64) = (-1.0, 2.0);
@@ -74,7 +74,7 @@ impl IndicatorStatistics {
         }
     }
 
-    /// How many indicators there are.
+    /// The number of indicators.
     pub(crate) fn width(&self) -> usize {
         self.mean.len()
     }
@@ -152,7 +152,7 @@ impl IndicatorStatistics {
         weights
     }
 
-    /// How many states it rests on.
+    /// The number of states that it rests on.
     pub(crate) fn states(&self) -> u64 {
         self.states
     }

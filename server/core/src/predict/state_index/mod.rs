@@ -32,7 +32,7 @@ pub struct StateIndex {
 }
 
 impl StateIndex {
-    /// An empty index over states of so many indicators.
+    /// An empty index over states of `indicators` indicators.
     pub fn new(indicators: usize) -> Self {
         let tree = KdTree::new(indicators);
         StateIndex {
@@ -68,9 +68,9 @@ impl StateIndex {
         }
     }
 
-    /// Takes a state's indicators for evidence of how far they reach. To be told once of each state, in the
-    /// order in which something was measured first in them, so that it comes out the same when that is gone
-    /// through again. `true` where other indicators are left out than before.
+    /// Takes a state's indicators for evidence of how far they reach. Called once for each state, in the
+    /// order of their first measurements, so that a replay gives the same result. Returns `true` where the
+    /// omitted indicators have changed.
     pub(crate) fn weigh(&mut self, anchor: &[f64]) -> bool {
         let before = self.statistics.omitted();
         self.statistics.take(anchor);
@@ -94,7 +94,7 @@ impl StateIndex {
         self.statistics = statistics;
     }
 
-    /// How many states there are.
+    /// The number of states.
     pub fn len(&self) -> usize {
         self.held.len()
     }

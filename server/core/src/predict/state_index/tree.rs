@@ -2,8 +2,8 @@
 //!
 //! Bentley, "Multidimensional binary search trees used for associative searching", 1975; bounding boxes make
 //! pruning follow the data's own dimension instead of the space's, which for scene indicators is low. A
-//! subtree that grew lopsided is built anew (Galperin and Rivest, "Scapegoat trees", 1993), so that depth
-//! stays logarithmic whatever order points come in. Distances are weighted axis by axis at the time of the
+//! subtree that grew lopsided is rebuilt (Galperin and Rivest, "Scapegoat trees", 1993), so that depth stays
+//! logarithmic whatever order points come in. Distances are weighted axis by axis at the time of the
 //! question: weights may change without a new tree.
 
 /// A leaf is split when it holds more points than this.

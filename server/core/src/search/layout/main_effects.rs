@@ -6,7 +6,7 @@
 //! for each state, and one effect for each active parameter. This is an analysis of variance by main effects
 //! (Box, Hunter and Hunter, "Statistics for Experimenters", 1978). Effects are shrunk towards zero by ridge
 //! regression (Hoerl and Kennard, Technometrics 12, 1970). Hundreds of noisy measurements come down to a few
-//! numbers for each parameter, so that effects of a few percent can be told from noise.
+//! numbers for each parameter, so that effects of a few percent stand out from noise.
 //!
 //! The sum is not taken for true of the new state. The Gaussian process of the new state gets it as one more
 //! feature, on which costs may depend linearly (`FeatureKind::Linear` of the kernel), and learns the
@@ -18,17 +18,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::search::layout::Layout;
 
-/// How many equidistant knots the piecewise linear effect of an axis with many values has.
+/// Number of equidistant knots of the piecewise linear effect of an axis with many values.
 const KNOTS: usize = 6;
 /// An axis of fewer values than this has one effect for each value.
 const CELLS_MAX: u32 = 8;
-/// The ridge penalty: an effect is shrunk as if so many further measurements had shown zero.
+/// The ridge penalty: an effect is shrunk as if this number of further measurements had shown zero.
 const RIDGE: f64 = 3.0;
 /// Sweeps of coordinate descent over all effects.
 const SWEEPS: usize = 12;
 /// A standard deviation of the sums below this is rounding error, and nothing is learnt.
 const DEVIATION_MIN: f64 = 1e-9;
-/// Effects are rounded to so many steps per standard deviation. Costs in another unit then give the same
+/// Steps per standard deviation to which effects are rounded. Costs in another unit then give the same
 /// effects to the bit, although their logarithms round differently.
 const STEPS_PER_DEVIATION: f64 = (1u64 << 20) as f64;
 /// Most rounds over all parameters in [`MainEffects::descend`].
@@ -68,7 +68,7 @@ fn interpolation(layout: &Layout, axis: usize, x: f64) -> (usize, f64) {
     }
 }
 
-/// How many effects an axis has.
+/// The number of effects of an axis.
 fn count(layout: &Layout, axis: usize) -> usize {
     match layout.cells(axis) {
         0 | CELLS_MAX.. => KNOTS,

@@ -1,4 +1,4 @@
-//! What a model needs to know of a space: which axes are ordered, which are choices, and when they count.
+//! A space as a model needs it: which axes are ordered, which are choices, and when they count.
 //!
 //! A point of the cube and the configuration it stands for are not one to one: cells of integers, inactive
 //! parameters and folded constraints make many points one configuration. A model that sees the cube learns
@@ -126,7 +126,7 @@ impl Layout {
         self.main_effects.is_some()
     }
 
-    /// What the guide says of a canonical point, if there is one.
+    /// The guide's value at a canonical point, if there is a guide.
     pub(super) fn guided(&self, x: &[f64]) -> Option<f64> {
         self.main_effects.as_ref().map(|guide| guide.at(self, x, &self.active(x)))
     }
@@ -143,7 +143,7 @@ impl Layout {
         self.axes.is_empty()
     }
 
-    /// How many axes there are.
+    /// The number of axes.
     pub(crate) fn dimension(&self) -> usize {
         self.axes.len()
     }
@@ -159,7 +159,7 @@ impl Layout {
         self.axes.iter().map(kind).chain(twice).chain(main_effects).collect()
     }
 
-    /// How many values an axis has; 0 for a continuous one.
+    /// The number of values of an axis; 0 for a continuous one.
     pub(crate) fn cells(&self, axis: usize) -> u32 {
         match &self.axes[axis].kind {
             AxisKind::Choice { levels, .. } => *levels,

@@ -24,14 +24,14 @@ pub(super) struct Acquisition<'a> {
     /// Predicts 1 for points that cannot be run; `None` while every point could.
     pub(super) failure: Option<&'a Process>,
     pub(super) dimension: usize,
-    /// Deviations of cost count as so many times what the model says.
+    /// Factor on the model's deviations of cost.
     pub(super) doubt: f64,
 }
 
 /// Random points to begin with: anywhere, and near the best.
 const ANYWHERE: usize = 40;
 const NEAR: usize = 40;
-/// How many of these climb, with how many of the best known, and how many changes all try between them.
+/// Numbers of these that climb, of the best known that climb too, and of changes that all try between them.
 const CLIMBERS: usize = 4;
 const KNOWN_CLIMBERS: usize = 2;
 const CHANGES: usize = 240;
@@ -44,7 +44,7 @@ const FEASIBLE_MIN: f64 = 1e-3;
 /// compressor failed, with these 17, and the best that ran was no worse (`examples/contexts`, world
 /// `table`).
 const FEASIBLE_WEIGHT: f64 = 2.0;
-/// Points that can be run with this probability come before all others, by so much of a logarithm.
+/// Points that can be run with this probability come before all others, by this much of a logarithm.
 const FEASIBLE_WANTED: f64 = 0.9;
 const UNWANTED: f64 = 20.0;
 

@@ -1,8 +1,7 @@
 //! The next point of a model-based search, planned on a copy of it.
 //!
 //! Fitting the models takes a thousand times as long as all else that a search does. A copy can do it while
-//! the search itself is told of other points. What it found is used unless somebody has measured that point
-//! meanwhile.
+//! the search itself receives other results. Its point is used unless somebody has measured that meanwhile.
 
 use rand::RngExt;
 
@@ -11,8 +10,8 @@ use crate::gp::local_search::Neighbourhood;
 use crate::search::Step;
 use crate::search::model::{GRID, MeasuredPoint, ModelSearch, acquire, steps};
 
-/// A guess is near one of so many of the best, changed in about so many parameters, by at most this share of
-/// an axis.
+/// A guess is near one of the best: the number of those, the mean number of parameters that it changes, and
+/// the greatest change as a share of an axis.
 const GUESSED_NEAR: usize = 4;
 const GUESSED_CHANGES: f64 = 2.0;
 const GUESSED_RADIUS: f64 = 0.2;
@@ -34,9 +33,8 @@ pub struct PlannedPoint {
 }
 
 impl PlannedPoint {
-    /// Thinks of the next point of a search, which is a copy: the models move in it; and of so many more in
-    /// reserve. What the first point takes is all that the search is told of, so that it goes on the same
-    /// without a reserve.
+    /// Computes the next point of a search, which is a copy because its models move, and `reserve` more. The
+    /// search takes over only the state after the first point, so that it goes on the same without a reserve.
     pub(super) fn of(mut search: ModelSearch, reserve: usize) -> PlannedPoint {
         let point = search.propose();
         let ModelSearch { cost, failure, trended, fitted, draws, .. } = search.clone();

@@ -1,8 +1,8 @@
-//! What is measured before there is a model.
+//! The points that are measured before there is a model.
 //!
-//! Spaces with choices begin with a Latin hypercube of a few points. In a continuous space of several axes so
-//! few points say next to nothing, and half of them lie near corners. There the design goes one step along
-//! each axis in turn, from the best so far, as Powell's COBYLA builds its first simplex ("A direct search
+//! Spaces with choices begin with a Latin hypercube of a few points. In a continuous space of several axes
+//! these say next to nothing, and half of them lie near corners. There the design goes one step along each
+//! axis in turn, from the best so far, as Powell's COBYLA builds its first simplex ("A direct search
 //! optimization method that models the objective and constraint functions by linear interpolation", 1994):
 //! the model then knows a slope along every axis, and the steps that were gains add up. Where the default is
 //! far from the middle of the cube, the middle is measured before the steps: the optimum is nearer to it than
@@ -32,13 +32,13 @@ const REACH_FROM: usize = 3;
 const STEP: f64 = 0.25;
 const STEPS_FROM: usize = 4;
 
-/// What did well in other states is run until so many more of it did worse than the default than did better.
+/// Points from other states run until this many more did clearly worse than the default than better.
 const PATIENCE: usize = 2;
-/// What costs so many times as much as the default did clearly worse.
+/// Multiple of the default's cost above which a point did clearly worse.
 const CLEARLY_WORSE: f64 = 1.15;
-/// The guide is held against what was measured once so many points could be run,
+/// Number of runnable points at which the guide is tested against the measurements.
 const GUIDE_TESTED_AT: usize = 8;
-/// and is dropped where its correlation with the logarithms of their costs is lower.
+/// The guide is dropped where its correlation with the logarithms of their costs is lower.
 const GUIDE_CORRELATION_LEAST: f64 = 0.2;
 
 impl ModelSearch {
@@ -52,9 +52,8 @@ impl ModelSearch {
         self.elsewhere = first.into();
     }
 
-    /// How many points did better than the default, and how many clearly worse; none before that was
-    /// measured. Where the default is itself what serves most states best, the others come close to it at
-    /// most.
+    /// The numbers of points that did better than the default, and clearly worse; 0 before that was measured.
+    /// Where the default itself serves most states best, the others come close to it at most.
     fn against_default(&self) -> (usize, usize) {
         let start = self.grid(&self.setup.start).0;
         let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.observed.rank());
@@ -219,7 +218,7 @@ mod tests {
         assert_eq!(search.ask().expect("a design").step, Step::LatinHypercube);
     }
 
-    /// A search of six axes, the first a choice, that is told of others where costs fell along the last axis.
+    /// A search of six axes, the first a choice, with evidence that costs fall along the last axis.
     fn following(first: &[[f64; 6]]) -> ModelSearch {
         let setup = setup(0.5, vec![2]);
         let layout = Layout::plain(setup.start.clone(), &setup.levels);

@@ -9,7 +9,7 @@ use super::{GRID, ModelSearch, ModelledPoint, Observed, PRIOR};
 use crate::gp::{Process, Sample, Schedule};
 use crate::search::SourceRun;
 
-/// What failed or ran in another state counts as so much of a measurement.
+/// Weight of a point that failed or ran in another state, in measurements.
 const ELSEWHERE_COUNT: f64 = 0.25;
 
 /// Whether a configuration failed in another state.

@@ -25,16 +25,16 @@ use crate::matrix::Factor;
 use crate::randomness::standard_normal;
 use crate::search::layout::Layout;
 
-/// How many of the nearest measurements are looked at: so many for each axis, and so many more.
+/// Numbers of nearest measurements in a fit: those for each axis, and those in addition.
 const NEAREST_PER_AXIS: usize = 4;
 const NEAREST: usize = 6;
 /// Steps of ascent of the process' likelihood.
 const STEPS: usize = 12;
 /// Points closer to a measurement than this share of the radius teach nothing.
 const APART_MIN: f64 = 0.05;
-/// The same of pending points: what comes of them is not known, and may be the better place to be close to.
+/// Closest to a pending point. Its result is unknown, and may make it the better place to be close to.
 const APART_PENDING_MIN: f64 = 0.3;
-/// Random points to begin with, how many of them climb, and in how many steps.
+/// Numbers of random points at the beginning, of those that climb, and of their steps.
 const BEGIN: usize = 100;
 const CLIMBERS: usize = 3;
 const CLIMB: usize = 80;

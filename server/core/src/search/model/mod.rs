@@ -57,28 +57,28 @@ use failure::RunElsewhere;
 use local::Near;
 use observed::Observed;
 
-/// Steps of a canonical coordinate that are told apart.
+/// Steps of a canonical coordinate that are distinguished.
 const GRID: f64 = (1u32 << 24) as f64;
-/// Most points that a model is fitted to, and how many it is once there are more: a suggestion must stay
-/// a matter of a few milliseconds, and whoever measures so often has most of the best among them.
+/// Most points that a model is fitted to, and their number once there are more. A suggestion must stay a
+/// matter of a few milliseconds, and the chosen points include the best.
 const FITTED_MAX: usize = 96;
 const FITTED_THEN: usize = 64;
-/// From then on what the covariance is like is learnt from every so many measurements.
+/// From then on the covariance is learnt once in this number of measurements.
 const LEARN_EVERY: u64 = 4;
 /// Most points that are kept.
 const KEPT_MAX: usize = 512;
-/// Rounds of ascent of the first fit, and of every later one until there are so many points. From then on a
-/// point is worth one step.
+/// Rounds of ascent of the first fit, those of later fits, and the number of points from which on a fit has
+/// one step.
 const ROUNDS_FIRST: usize = 30;
 const ROUNDS: usize = 4;
 const ROUNDS_UNTIL: usize = 32;
 /// A trend is believed in from this logarithm of a likelihood ratio on: twenty to one.
 const TREND_EVIDENCE: f64 = 3.0;
-/// Where there are choices, deviations count once more at every other point for so many configurations that
-/// were no better than the best before them, up to so many times more.
+/// Where there are choices, deviations count more at every other point: once more per `DOUBT_EVERY`
+/// configurations without a new best, and at most `DOUBT_MAX` times more.
 const DOUBT_EVERY: f64 = 8.0;
 const DOUBT_MAX: f64 = 2.0;
-/// A pending point counts as so many measurements.
+/// Weight of a pending point, in measurements.
 const PENDING_COUNT: f64 = 20.0;
 /// Few measurements in many dimensions: the prior of what all models of the search learn.
 const PRIOR: Prior = Prior {
@@ -91,9 +91,9 @@ const PRIOR: Prior = Prior {
     squares: 1e-3,
     step_max: 1.0,
 };
-/// So many points that could be run are enough to leave a design that mostly could not.
+/// Number of runnable points that suffice to leave a design that mostly could not be run.
 const FEASIBLE_ENOUGH: usize = 3;
-/// At most this share of the measurements goes to measuring the best again, and at most so many to one.
+/// Greatest share of the measurements that measure the best again, and most measurements of one point.
 const REPEAT_SHARE: f64 = 0.04;
 const REPEATS_MAX: f64 = 5.0;
 
@@ -216,8 +216,8 @@ impl ModelSearch {
         stream(self.setup.seed, Purpose::Search, self.setup.state_id, self.draws)
     }
 
-    /// Makes a point pending at the place of its configuration, on the grid, where it is found again when it
-    /// is told. The default stays as it was given.
+    /// Makes a point pending at the place of its configuration, on the grid, where its result will find it.
+    /// The default stays as it was given.
     fn make_pending(&mut self, mut x: Vec<f64>, step: Step) -> Point {
         if !matches!(step, Step::Default | Step::Replicate) {
             self.setup.layout.hold(&mut x);
@@ -247,7 +247,7 @@ impl ModelSearch {
         2 * failed >= self.seen.len() && self.seen.len() - failed >= FEASIBLE_ENOUGH
     }
 
-    /// How many times more deviations count than the model says, by how long ago the best was found.
+    /// By how many times more than the model says deviations count, by how long ago the best was found.
     fn doubt(&self) -> f64 {
         let has_choices = (0..self.setup.dimension()).any(|axis| self.setup.layout.cells(axis) > 0);
         let newest_first = self.seen.iter().rev().enumerate();
@@ -268,7 +268,7 @@ impl ModelSearch {
         }
     }
 
-    /// What the models are fitted to: everything, or the best and the latest.
+    /// The points that the models are fitted to: all, or the best and the latest.
     fn chosen(&self) -> Vec<usize> {
         let n = self.seen.len();
         if n <= FITTED_MAX {
@@ -430,7 +430,7 @@ impl ModelSearch {
 /// What was measured, as a model of cost sees it.
 fn known(measured: &[&ModelledPoint], cost: Option<&Process>) -> Vec<EstimatedPoint> {
     let believed = |place: &ModelledPoint| match (cost, place.observed) {
-        // What was stopped early is never the best.
+        // A point that was stopped early is never the best.
         (_, Observed::AtLeast(_)) => f64::INFINITY,
         (Some(cost), _) => cost.predict(&place.features).mean,
         (None, _) => 0.0,
@@ -454,7 +454,7 @@ impl Search for ModelSearch {
         if let Some(point) = self.pending.resume() {
             return Some(point);
         }
-        // What did best elsewhere comes first, then the default, by which states are compared, then the
+        // The best point from elsewhere comes first, then the default, by which states are compared, then the
         // others.
         if self.pending.added() == 0
             && let Some(x) = self.elsewhere.pop_front()

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Observed {
-    /// Mean of so many measurements.
+    /// Mean of `count` measurements.
     Cost {
         mean: f64,
         count: u32,

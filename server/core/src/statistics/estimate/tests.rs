@@ -1,4 +1,4 @@
-//! What estimates promise, on landscapes whose truth is known.
+//! The promises of estimates, on landscapes whose truth is known.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -56,8 +56,8 @@ fn searched(
     all.into_iter().map(sample).collect()
 }
 
-/// Over 20 searches: the gain that is told, the true one, the one that the lowest mean tells, and how often
-/// the interval held.
+/// Over 20 searches: the estimated gain, the true one, that of the lowest mean, and how often the interval
+/// held.
 fn told(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize) -> (f64, f64, f64, usize) {
     let (mut sums, mut held) = ([0.0; 3], 0);
     for seed in 0..20 {
