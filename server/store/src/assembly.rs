@@ -55,7 +55,7 @@ pub(crate) fn study_not_found(study: &str) -> StoreError {
     StoreError::StudyNotFound { study: study.to_owned() }
 }
 
-/// What a study is loaded from.
+/// The rows that a study is loaded from.
 pub(crate) struct StudyRows {
     pub(crate) study: StudyRow,
     pub(crate) states: Vec<StateRecord>,

@@ -118,7 +118,7 @@ pub enum OpenError {
     ManyNames {
         /// The path.
         path: PathBuf,
-        /// How many names.
+        /// The number of names.
         count: u64,
     },
     /// The file was mounted without its folder.

@@ -33,7 +33,7 @@ impl Fence {
         Self::of_epoch(study, key, 0)
     }
 
-    /// A fence that the database knows as well: whoever takes the study later raises its epoch.
+    /// A fence that the database knows as well: a replica that takes the study later raises its epoch.
     pub(crate) fn of_epoch(study: &str, key: i64, epoch: i64) -> Self {
         Self(Arc::new(FenceState { study: study.to_owned(), key, epoch, broken: AtomicBool::new(false) }))
     }

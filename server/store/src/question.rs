@@ -1,9 +1,9 @@
 //! Filters, orders and cursors as SQL, whatever the database. Every value and every name is bound, never
 //! spliced into the text.
 //!
-//! What a filter means stands in [`filter`](crate::filter); here it becomes the part of a statement that
-//! all databases share, and a [`Dialect`] adds what each says in its own way: how values are bound, and
-//! how a member of a JSON document is read and compared.
+//! [`filter`](crate::filter) defines the meaning of a filter; here it becomes the part of a statement that
+//! all databases share. A [`Dialect`] adds each one's own way to bind values, and to read and compare a
+//! member of a JSON document.
 
 use treewright_core::trial::TrialState;
 use treewright_core::words::Word as _;

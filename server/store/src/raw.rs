@@ -1,5 +1,5 @@
-//! A trial as readers get it: its configuration is a plain map, since whoever only shows a trial need not
-//! check it against the study's space again.
+//! A trial as readers get it: its configuration is a plain map, since a trial that is only shown need not be
+//! checked against the study's space again.
 
 use treewright_core::trial::{RawTrial, Trial};
 

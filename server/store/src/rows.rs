@@ -132,7 +132,7 @@ impl Rows {
         self.count() == 0
     }
 
-    /// How many rows are stored or removed.
+    /// The number of rows that are stored or removed.
     pub(crate) fn count(&self) -> usize {
         self.states.len() + self.visits.len() + self.trials.len() + self.forgotten.len()
     }
@@ -292,8 +292,8 @@ pub(crate) fn into_specification(specification: &str, policy: &str) -> Result<St
     serde_json::from_value(json).map_err(|error| inconsistent(format!("column specification: {error}")))
 }
 
-/// A configuration as people and filters read it: `{"max_leaf_size":8,"robust":false,"travel_cost":1.5}`.
-/// Integers and floats are told apart by the point or exponent, which JSON text keeps.
+/// A configuration as people and filters read it: `{"max_leaf_size":8,"robust":false,"travel_cost":1.5}`. A
+/// point or exponent marks a float, and JSON text keeps it.
 fn configuration_to_json(values: &RawConfiguration) -> String {
     let fields = values.iter().map(|(name, value)| {
         let value = match value {

@@ -32,7 +32,7 @@ pub struct StudyRecord {
     pub statistics: StudyCounts,
 }
 
-/// How much a store takes up, in bytes.
+/// The size of a store, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StoreSize {
     /// The database.
@@ -75,7 +75,7 @@ pub struct TrialQuery {
     pub order: Order,
     /// Behind which row; none for the first page.
     pub after: Option<Cursor>,
-    /// How many at most: 1 to [`PAGE_SIZE`](crate::limits::PAGE_SIZE).
+    /// Most entries of the page: 1 to [`PAGE_SIZE`](crate::limits::PAGE_SIZE).
     pub size: u32,
 }
 
@@ -136,7 +136,7 @@ pub trait Store: Send + Sync + 'static {
     }
 
     /// Forgets which other replica holds the study, because it could not be reached: the next load looks
-    /// anew. Stores that are not shared have nothing to forget.
+    /// again. Stores that are not shared have nothing to forget.
     fn doubt(&self, study: &str) {
         let _ = study;
     }
@@ -148,7 +148,7 @@ pub trait Store: Send + Sync + 'static {
         true
     }
 
-    /// What is stored takes up so much; none where that is not known.
+    /// The size of the store; `None` where it is not known.
     async fn size(&self) -> Option<StoreSize> {
         None
     }

@@ -292,7 +292,7 @@ async fn a_completed_trial_is_never_changed(store: &dyn Store) {
     assert!(error.to_string().contains("never changed"), "{error}");
     let raw = store.get_trial("hall", 1).await.unwrap();
     assert_eq!(raw.check(&spec().space).unwrap(), original);
-    // What else the holder computed rests on a change that was refused.
+    // The holder's later changes rest on one that was refused.
     assert!(!held.holds());
     let error = commit(store, &held, &[change(vec![open(2)])]).await.unwrap_err();
     assert!(matches!(error, StoreError::Fenced { .. }));
@@ -319,7 +319,7 @@ async fn a_newer_load_breaks_the_fence(store: &dyn Store) {
     let old = fence(store, "hall").await;
     let before = store.commit(&old, &[change(vec![open(1)])]);
     let loaded = store.load("hall").await.unwrap();
-    // What was queued before the load is in it.
+    // The load includes changes that were queued before it.
     assert_eq!(before.durable().await, Ok(()));
     assert_eq!(loaded.snapshot.last_trial, 1);
     assert!(!old.holds());
@@ -490,7 +490,7 @@ async fn a_closed_store_says_so(store: &dyn Store) {
     let held = fence(store, "hall").await;
     let last = store.commit(&held, &[change(vec![open(1)])]);
     store.close().await;
-    // What was queued before is stored.
+    // A change that was queued before is stored.
     assert_eq!(last.durable().await, Ok(()));
     assert_eq!(store.get_study("hall").await, Err(StoreError::Closed));
     let refused = store.commit(&held, &[change(vec![open(2)])]);

@@ -29,7 +29,7 @@ impl Place {
     }
 }
 
-/// A store with one study and so many completed trials, and one that is open.
+/// A store with one study of `trials` completed trials and an open one.
 async fn store(path: &Path, trials: u64) -> SqliteStore {
     let store = SqliteStore::open(path).await.unwrap();
     store.create_study("hall", &spec(), 5).await.unwrap();

@@ -50,7 +50,7 @@ fn searched() -> (StudySpec, StateRecord) {
     (spec, state)
 }
 
-/// The trials as they come back: the first version told less of its reasons.
+/// The trials as they come back: the first version stored less of its reasons.
 fn trials(version: usize) -> [Trial; 2] {
     let earlier = |mut trial: Trial| {
         let mut reason = trial.reason();

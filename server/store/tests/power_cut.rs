@@ -1,11 +1,11 @@
-//! Power cuts under SQLite's own writer: of what was written since the last acknowledgement any part may have
-//! reached the disk. What was acknowledged is there afterwards, and of the rest whole commits in their order.
+//! Power cuts under SQLite's own writer: any part of the writes since the last acknowledgement may be on the
+//! disk. All acknowledged commits are there afterwards, and of the others whole ones in their order.
 //!
 //! The writer's files are copied whenever all that it was given is acknowledged, and so synced. Of the
 //! sectors by which the next copy's log differs, some are laid over the one before: the first few, any of
 //! them, one of them garbled. That is what a disk may hold that reorders its writes between two syncs; the
-//! order that SQLite asks for by a sync is kept: of a log that is begun anew, the header comes before the
-//! rest. That the syncs are asked for is seen in `tests/end_to_end/power.rs`.
+//! order that SQLite asks for by a sync is kept: of a restarted log, the header comes before the rest. That
+//! the syncs are asked for is seen in `tests/end_to_end/power.rs`.
 
 mod common;
 
@@ -19,7 +19,7 @@ use treewright_store::{Fence, Receipt, SqliteStore, Store};
 const SECTOR: usize = 512;
 /// Of SQLite's log.
 const HEADER: usize = 32;
-/// So many trials of each commit are there, or none.
+/// Trials of each commit: all of them are there, or none.
 const TRIALS_PER_COMMIT: u64 = 2;
 
 /// Random numbers (SplitMix64; Steele, Lea, Flood, 2014).
@@ -134,8 +134,8 @@ impl Writer {
         self.store.commit(&self.fence, &[change(numbers.map(open).collect())])
     }
 
-    /// Some commits at once, some of which share a transaction, or something large, so that the log is merged
-    /// into the file and begun anew now and then; until all is acknowledged.
+    /// Some commits at once, some of which share a transaction, or something large, so that the log is
+    /// sometimes merged into the file and restarted. Returns once all is acknowledged.
     async fn work(&mut self, dice: &mut Dice) {
         if dice.one_in(2) {
             let checkpoint = Checkpoint { completion: self.last_trial, bytes: vec![7; 200_000] };
@@ -148,7 +148,7 @@ impl Writer {
     }
 }
 
-/// How many trials are there, which are all that there may be, and whether the store goes on.
+/// The number of trials that are there. Checks that they are the first ones, and that the store goes on.
 async fn trials_of(database: &Path) -> u64 {
     let store = SqliteStore::open(database).await.expect("a sound file");
     let loaded = store.load("hall").await.expect("the study");
@@ -162,8 +162,8 @@ async fn trials_of(database: &Path) -> u64 {
     count
 }
 
-/// Cuts the power now and then, and each time when the log is begun anew, until that was seen twice. How many
-/// cuts lost something.
+/// Cuts the power now and then, and whenever the log is restarted, until that was seen twice. Returns the
+/// number of cuts that lost something.
 async fn cuts(seed: u64) -> u32 {
     let mut dice = Dice(seed);
     let folder = tempfile::tempdir().expect("a folder");

@@ -135,7 +135,7 @@ async fn the_epoch_in_the_database_decides_and_not_the_notice() {
     let other = store.load("sponza").await.unwrap().fence;
     let mut connection = database.connect().await;
     execute(&mut connection, "UPDATE studies SET epoch = epoch + 1 WHERE name = 'hall'").await;
-    // Nobody has been told, and both are queued together; yet only one is stored.
+    // The old holder does not know yet, and both are queued together; only one is stored.
     assert!(held.holds());
     let stale = store.commit(&held, &[change(vec![completed(1, 1, Outcome::Ok)])]);
     let good = store.commit(&other, &[change(vec![open(1)])]);

@@ -382,7 +382,7 @@ async fn altered_tables_and_scratched_pages_are_refused_at_the_start() {
         let error = refusal(&altered).await;
         assert!(matches!(&error, OpenError::Damaged { problems, .. } if problems == problem), "{error}");
     }
-    // What somebody adds for his own questions is let be.
+    // An operator's own additions for questions are ignored.
     let altered = copy();
     let mut other = foreign(&altered).await;
     other.execute("CREATE INDEX mine ON trials (cost)").await.unwrap();
@@ -474,7 +474,7 @@ async fn a_file_that_is_moved_away_is_not_written_any_more() {
     }
 }
 
-/// As when a daemon is told to stop and its last connections end first.
+/// A daemon that stops while its last connections end first does this.
 #[tokio::test]
 async fn who_gives_up_waiting_for_the_end_does_not_keep_the_file_open() {
     let directory = tempfile::tempdir().unwrap();

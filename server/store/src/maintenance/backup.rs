@@ -1,7 +1,7 @@
 //! A copy of a database while a daemon runs.
 //!
-//! `VACUUM INTO` reads one snapshot and writes all of it anew: whatever was acknowledged before it began is
-//! in the copy, whatever came later is not, and writes go on meanwhile
+//! `VACUUM INTO` reads one snapshot and writes all of it to a new file. The copy holds all changes that were
+//! acknowledged before it began and no later ones, and writes go on meanwhile
 //! (<https://sqlite.org/lang_vacuum.html>). SQLite leaves the copy to the system's memory, so it is made
 //! durable here; then it is checked, and only then does it get its name.
 

@@ -1,5 +1,5 @@
-//! What backup and restore need of the file system: names beside a name, copies that vanish unless they are
-//! kept, and names that are on the disk.
+//! File system tools of backup and restore: names beside a name, copies that vanish unless they are kept, and
+//! names that are on the disk.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -55,12 +55,11 @@ pub(super) struct PartialFile {
 }
 
 impl PartialFile {
-    /// An empty file beside `path`, to be read by whoever may read `like`: a database holds the hashes of
-    /// tokens.
+    /// An empty file beside `path` with the permissions of `like`: a database holds the hashes of tokens.
     pub(super) fn beside(path: &Path, like: &Path) -> Result<Self, MaintenanceError> {
         let draft = beside(path, &format!(".part-{}", std::process::id()));
         let mode = fs::metadata(like).map_or(0o600, |metadata| metadata.permissions().mode() & 0o777);
-        // What an earlier process of this number left.
+        // Removes the leftover of an earlier process with this number.
         let _ = fs::remove_file(&draft);
         let made = OpenOptions::new().write(true).create_new(true).mode(mode).open(&draft);
         match made {

@@ -125,7 +125,7 @@ pub async fn check(database: &Path) -> Result<Inventory, MaintenanceError> {
     Ok(inventory)
 }
 
-/// A connection to a file that exists, whoever has it.
+/// A connection to a file that exists, even while another process has it.
 async fn connect(path: &Path) -> Result<SqliteConnection, MaintenanceError> {
     file::check_place(path)?;
     file::check_names(path)?;

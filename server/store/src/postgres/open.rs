@@ -29,8 +29,8 @@ pub struct PostgresAddress {
 
 impl PostgresAddress {
     /// Reads `postgres://USER:PASSWORD@HOST:PORT/DATABASE`, to which the usual parameters may be added, such
-    /// as `?sslmode=verify-full`. What is not said there is taken from the environment (`PGPASSWORD`,
-    /// `PGPASSFILE`, ...) as PostgreSQL's own programs do.
+    /// as `?sslmode=verify-full`. Missing parts come from the environment (`PGPASSWORD`, `PGPASSFILE`, ...)
+    /// as with PostgreSQL's own programs.
     ///
     /// # Errors
     /// [`OpenError::BadAddress`], which does not repeat the address: it may hold a password.
@@ -54,7 +54,7 @@ impl PostgresAddress {
         Self { options: Box::new(self.options.password(password)) }
     }
 
-    /// The same in other words: user, host, port and database.
+    /// The address for people: user, host, port and database.
     #[must_use]
     pub fn shown(&self) -> String {
         let options = &self.options;
@@ -80,7 +80,7 @@ impl PostgresAddress {
         timeout(limits::POSTGRES_CONNECT_TIMEOUT, connecting).await.unwrap_or_else(|_| Err(silent()))
     }
 
-    /// At most so many connections for questions. None is made yet.
+    /// A pool of at most `connections` connections for questions. None is made yet.
     pub(super) fn pool(&self, connections: u32) -> PgPool {
         PgPoolOptions::new()
             .max_connections(connections)

@@ -40,8 +40,8 @@ async fn take_lock(connection: &mut PgConnection, me: i32) -> Result<bool, sqlx:
     sqlx::query_scalar(sql::REPLICA_LOCK).bind(me).fetch_one(connection).await
 }
 
-/// Keeps the replica alive in the eyes of the others, until told to leave. Without a word on `leave` it ends
-/// as if killed.
+/// Keeps the replica alive in the eyes of the others until `leave` has a message. It ends as if killed when
+/// `leave` closes without one.
 pub(super) async fn live(
     shared: Arc<SharedState>,
     connection: PgConnection,
@@ -71,7 +71,7 @@ pub(super) async fn live(
     }
 }
 
-/// One heartbeat, on a connection that is made anew where it is lost, and some housework.
+/// One heartbeat and some housework. A lost connection is made again.
 async fn beat(shared: &SharedState, session: Option<PgConnection>) -> Result<PgConnection, sqlx::Error> {
     let (mut connection, is_new) = match session {
         Some(connection) => (connection, false),
@@ -132,7 +132,7 @@ pub(super) async fn listen(shared: Arc<SharedState>, mut listener: PgListener) {
     loop {
         match listener.try_recv().await {
             Ok(Some(notice)) => act(&shared, notice.payload()),
-            // The connection was lost and made anew; whatever was said meanwhile is unknown.
+            // The connection was lost and made again; the notices in between are unknown.
             Ok(None) => shared.forget_owners(|_| true),
             Err(error) => {
                 tracing::debug!(%error, "no notices");

@@ -1,5 +1,5 @@
-//! What the parts of a PostgreSQL store know in common: who it is, which studies it holds, and which it
-//! knows others to hold.
+//! Shared state of the parts of a PostgreSQL store: its identity, the studies that it holds, and those that
+//! it knows others to hold.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicI32, Ordering};

@@ -1,4 +1,4 @@
-//! What concerns a whole study: creating it, deleting it, and sweeping what is due in any of them.
+//! Operations on whole studies: creating one, deleting one, and sweeping what is due in any of them.
 
 use sqlx::postgres::PgConnection;
 use treewright_core::study::StudySpec;

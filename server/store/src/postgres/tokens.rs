@@ -2,7 +2,7 @@
 //!
 //! Each replica asks for the [revision](TokenStore::revision) often, so that a token made or revoked through
 //! any of them, or by the command line, counts everywhere soon. Changes of tokens wait for each other at the
-//! one row of the revision; what tokens used is added up by the database, whoever used it.
+//! one row of the revision; the database adds up the usage of tokens over all replicas.
 
 use std::time::Duration;
 
@@ -73,7 +73,7 @@ impl TokenStore for PostgresTokens {
         let (studies, quota) = texts(&token.studies, &token.quota)?;
         let mut connection = self.connection().await?;
         let mut transaction = connection.begin().await.map_err(failed)?;
-        // Whoever counts holds this row until the count is true again.
+        // This transaction holds the row from the count until the new token counts.
         transaction.execute("SELECT FROM token_revision FOR UPDATE").await.map_err(failed)?;
         let count: i64 = sqlx::query_scalar("SELECT count(*) FROM tokens")
             .fetch_one(&mut *transaction)

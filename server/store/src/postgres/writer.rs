@@ -58,8 +58,8 @@ pub(super) enum StudyJob {
 }
 
 impl StudyJob {
-    /// What the caller computed is lost, so nothing computed on top of it may be stored. A caller that has
-    /// left is no reason for anything.
+    /// The caller's change is lost, so nothing computed on top of it may be stored. A caller that has left
+    /// does not matter.
     pub(super) fn refuse(self, error: StoreError) {
         match self {
             Self::Commit { fence, answer, .. } | Self::Policy { fence, answer, .. } => {
@@ -287,7 +287,7 @@ impl Writer {
     }
 }
 
-/// How many jobs at the front can share a statement.
+/// The number of jobs at the front that can share a statement.
 fn leading_commits(group: &VecDeque<StudyJob>) -> usize {
     let mut batch = Batch::default();
     let mut count = 0;

@@ -12,15 +12,15 @@ use sqlx::sqlite::SqliteConnection;
 
 use crate::limits;
 
-/// SQLite asks after so many steps whether it should go on; each is at most a page.
+/// Number of steps after which SQLite asks whether it should go on; each is at most a page.
 const STEPS: i32 = 256;
 
-/// How much to look at.
+/// The extent of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Depth {
     /// As far as one comes in this time.
     For(Duration),
-    /// Pages, but not whether indexes and tables agree: enough for what was just written anew.
+    /// Pages, but not whether indexes and tables agree: enough for a copy that was just written.
     Pages,
     /// Everything.
     Whole,
@@ -120,8 +120,8 @@ async fn contents(connection: &mut SqliteConnection) -> Result<Vec<String>, Unso
     Ok(sqlx::query_scalar(sql).fetch_all(connection).await?)
 }
 
-/// Tables, indexes and triggers that are missing or differ from what the migrations make. What somebody added
-/// for his own questions is let be.
+/// Tables, indexes and triggers that are missing or differ from what the migrations make. An operator's own
+/// additions for questions are ignored.
 async fn schema(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
     let found = objects(connection).await?;
     let mut fresh = SqliteConnection::connect("sqlite::memory:").await?;

@@ -95,7 +95,7 @@ mod tests {
         rows.iter().map(|row| row.get("detail")).collect()
     }
 
-    /// What the pages of the dashboard ask: however many trials a study has, no more are read than are shown.
+    /// The questions of the dashboard's pages read no more trials than they show, however many a study has.
     #[tokio::test]
     async fn questions_of_pages_read_what_they_show() {
         let mut connection = SqliteConnection::connect("sqlite::memory:").await.expect("a database");

@@ -66,7 +66,7 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     Ok(Opened { lock, writer, readers })
 }
 
-/// A look at the file for a moment: a damaged one should be told at the start, not at some client's request.
+/// A short look at the file: damage should show at the start, not at some client's request.
 async fn look_at(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenError> {
     match check::at_start(writer).await {
         Ok(Looked::Through) => Ok(()),

@@ -15,7 +15,7 @@ use rustix::fs::{Access, AtFlags, CWD};
 
 use crate::error::OpenError;
 
-/// What everybody but the owner is kept from: hashes of tokens, and what was measured.
+/// Mode of files that only the owner may read: they hold hashes of tokens, and measurements.
 pub(super) const PRIVATE: u32 = 0o600;
 
 /// Answers what the system can answer better than SQLite, whose one message is "unable to open".
@@ -107,8 +107,7 @@ pub(super) fn make_private(path: &Path) -> Result<(), OpenError> {
     Ok(())
 }
 
-/// Takes the rights of everybody but the owner, where others have any. Where that is not ours to do it is
-/// told.
+/// Removes the rights of everybody but the owner, where others have any. A failure is logged.
 pub(super) fn tighten(path: &Path) {
     let Ok(file) = fs::metadata(path) else { return };
     if file.mode() & 0o077 == 0 {

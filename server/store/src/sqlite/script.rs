@@ -10,8 +10,8 @@ use sqlx::sqlite::{Sqlite, SqliteArguments};
 use super::statements as sql;
 use crate::rows::{Rows, StateRow, TrialRow, VisitRow};
 
-/// Scripts of at most so many rows are kept prepared. A frame has two to four; only many leases that end
-/// at once have more.
+/// Most rows of a script that is kept prepared. A frame has two to four; only many leases that end at once
+/// have more.
 const PREPARED_ROWS: usize = 6;
 
 type Statements<'q> = Query<'q, Sqlite, SqliteArguments>;

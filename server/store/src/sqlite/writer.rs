@@ -40,7 +40,7 @@ impl Reply {
 
 impl WriteJob {
     pub(super) fn refuse(self, error: StoreError) {
-        // What the caller computed is lost, so nothing computed on top of it may be stored.
+        // The caller's change is lost, so nothing computed on top of it may be stored.
         if let WriteCommand::Policy { fence, .. } | WriteCommand::Commit { fence, .. } = &self.command {
             fence.break_up();
             tracing::warn!(study = fence.study(), %error, "a change was not stored");

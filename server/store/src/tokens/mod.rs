@@ -47,7 +47,7 @@ impl Studies {
     }
 }
 
-/// How much a token may use. What is not set is not limited.
+/// The quota of a token. A field that is not set means no limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Quota {
@@ -92,7 +92,7 @@ pub struct TokenRecord {
     pub scope: Scope,
     /// For which studies.
     pub studies: Studies,
-    /// How much.
+    /// The quota.
     pub quota: Quota,
     /// When it was made, in milliseconds since 1970.
     pub create_ms: i64,
@@ -157,7 +157,7 @@ pub trait TokenStore: Send + Sync + 'static {
     /// Removes a token with what is known of its use.
     async fn forget(&self, id: &str) -> Result<(), TokenError>;
 
-    /// A number that rises with each change of a token, whoever makes it.
+    /// A number that rises with each change of a token, through any replica or command.
     async fn revision(&self) -> Result<i64, TokenError>;
 
     /// What a token has used in all, and on one day.

@@ -1,4 +1,4 @@
-//! What parses to what, and where each kind of mistake is pointed at.
+//! The meaning of filters, and the place that each kind of mistake points at.
 
 use treewright_core::trial::{Mode, OutcomeKind, TrialState};
 
