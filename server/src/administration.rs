@@ -1,7 +1,7 @@
 //! `treewrightd token`: makes, lists and revokes tokens in the database itself.
 //!
-//! There is no RPC for it, on purpose. Whoever may write the database can do everything anyway, so that this
-//! needs no further credential, the first token is made like any other, and no stolen token can make more of
+//! There is no RPC for it, on purpose. A user who may write the database can do everything anyway, so this
+//! needs no further credential. The first token is made like any other, and no stolen token can make more of
 //! them.
 
 use std::sync::Arc;

@@ -18,7 +18,7 @@ pub struct Admission {
     limits: AdmissionLimits,
 }
 
-/// How much may be worked on at once.
+/// Most work at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AdmissionLimits {
     /// Requests; a frame of a Tune stream counts as one.
@@ -46,7 +46,7 @@ impl Default for Admission {
 }
 
 impl Admission {
-    /// Admits so much at once.
+    /// Admits work up to `limits` at once.
     #[must_use]
     pub fn new(limits: AdmissionLimits) -> Self {
         Self {
@@ -95,7 +95,7 @@ impl Admission {
         *self.draining.borrow()
     }
 
-    /// How much may be worked on at once.
+    /// The most work at once.
     #[must_use]
     pub fn limits(&self) -> AdmissionLimits {
         self.limits

@@ -51,14 +51,14 @@ impl Default for SteadyClock {
 
 impl Clock for SteadyClock {
     fn now_ms(&self) -> i64 {
-        // Whoever panicked with it has not harmed it: it is two numbers that are set together.
+        // A panic under the lock has not harmed it: it is two numbers that are set together.
         let mut steady = self.steady.lock().unwrap_or_else(PoisonError::into_inner);
         let shown = steady.advance(self.begun.elapsed(), since_1970());
         i64::try_from(shown.as_millis()).unwrap_or(i64::MAX)
     }
 }
 
-/// What a steady clock showed last, and when that was by the monotonic clock.
+/// The last time that a steady clock showed, and its moment by the monotonic clock.
 #[derive(Debug)]
 struct Steady {
     since: Duration,
@@ -154,7 +154,7 @@ mod tests {
             steady.advance(Duration::from_secs(second), jumped + Duration::from_secs(second));
         });
         assert_eq!(steady.shown, jumped + Duration::from_secs(400));
-        // Who asks often is told the same as who asks seldom.
+        // Frequent and rare callers get the same time.
         assert_eq!(steady.advance(Duration::from_secs(400), jumped), jumped + Duration::from_secs(400));
     }
 }

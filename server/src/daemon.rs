@@ -269,7 +269,7 @@ fn announce(
     {
         tracing::warn!("no token is asked for: whoever reaches {address} can read and change every study");
     }
-    // Connections are queued from the moment of binding, so that whoever reads this line can connect.
+    // Connections are queued from the moment of binding, so that a reader of this line can connect.
     let mut stdout = std::io::stdout();
     writeln!(stdout, "treewrightd listening on {}", urls.join(","))?;
     stdout.flush()

@@ -1,4 +1,4 @@
-//! How many files and sockets the process may have open, and how they are shared out.
+//! The limit of open files and sockets of the process, and its shares.
 //!
 //! A daemon that takes more connections than it has descriptors can accept nobody, not even an orchestrator's
 //! question whether it lives. So the limit is raised as far as it may be (getrlimit(2): a process may raise
@@ -10,7 +10,7 @@ use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use crate::connections::ConnectionLimits;
 use crate::limits;
 
-/// How many descriptors each part of the daemon may have.
+/// The number of descriptors that each part of the daemon may have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DescriptorShares {
     /// Connections of clients.
@@ -20,7 +20,7 @@ pub struct DescriptorShares {
 }
 
 impl DescriptorShares {
-    /// Shares out so many.
+    /// Shares out `descriptors` descriptors.
     #[must_use]
     pub fn of(descriptors: usize) -> Self {
         let pages = (descriptors / 16).clamp(1, limits::PAGES_CONNECTIONS);
@@ -28,7 +28,7 @@ impl DescriptorShares {
         Self { connections: connections.max(limits::CONNECTIONS_MIN), pages }
     }
 
-    /// The limits of connections, where so many were asked for, or none in particular.
+    /// The limits of connections, where these numbers were asked for, or none in particular.
     #[must_use]
     pub fn limits(&self, total: Option<usize>, per_address: Option<usize>) -> ConnectionLimits {
         let total = total.unwrap_or(limits::CONNECTIONS).min(self.connections);

@@ -1,4 +1,4 @@
-//! What a request can fail with. How each is told to a client stands in [`status`](crate::status).
+//! The errors of requests. [`status`](crate::status) gives the code of each for clients.
 
 use std::time::Duration;
 
@@ -82,10 +82,10 @@ pub enum Error {
     /// The daemon is on its way out.
     #[error("the daemon is draining and takes no new requests; try again later")]
     Draining,
-    /// Whoever asks has not shown that it may be answered at all.
+    /// The caller has not shown that it may be answered at all.
     #[error("{0}")]
     Unauthenticated(&'static str),
-    /// Whoever asks may not do this. The words are the same whether what was asked for exists or not.
+    /// The caller may not do this. The words are the same whether the object exists or not.
     #[error("{0}; ask the operator of the daemon for a token that does")]
     Denied(&'static str),
     /// The token's quota is used up.
@@ -93,7 +93,7 @@ pub enum Error {
     Quota {
         /// What is counted.
         what: &'static str,
-        /// How many.
+        /// The greatest number.
         limit: u64,
         /// When to try again; never for a quota that no time renews.
         retry: Option<Duration>,

@@ -1,4 +1,4 @@
-//! Descriptors that whoever started the daemon left open.
+//! Descriptors that the daemon's parent process left open.
 //!
 //! A renderer that starts a daemon for its user ([`--idle-exit-s`](crate::config::ServeConfig::idle_exit_s))
 //! passes on every file and socket that it did not mark as its own: the daemon would keep its ports taken and

@@ -7,8 +7,8 @@
 //! bring it to the one that holds its study. [`metrics`] counts all that, [`refusals`] logs what was refused,
 //! and `watch` shows the figures.
 //!
-//! [`serve`] runs all that until told to stop; [`daemon`] adds what makes it a process. [`administration`]
-//! makes and revokes tokens, [`maintenance`] backs up, restores and checks database files.
+//! [`serve`] runs all that until a signal to stop; [`daemon`] adds what makes it a process.
+//! [`administration`] makes and revokes tokens, [`maintenance`] backs up, restores and checks database files.
 
 pub mod access;
 pub mod administration;

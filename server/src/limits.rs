@@ -9,18 +9,17 @@ use treewright_store::limits::WRITE_QUEUE;
 /// Largest request message, in bytes.
 pub const REQUEST_BYTES: usize = 1 << 20;
 
-/// An answer with many entries ends a page early rather than grow beyond this, in bytes: generated
-/// clients refuse messages above 4 MiB unless told otherwise.
+/// An answer with many entries ends a page early rather than grow beyond this, in bytes: generated clients
+/// refuse messages above 4 MiB by default.
 pub const PAGE_BYTES: usize = 3 << 20;
 
-/// Connections at once, unless told otherwise or held down by the descriptors that the process may open.
+/// Default limit of connections at once, unless the process may open fewer descriptors.
 pub const CONNECTIONS: usize = 16_384;
 
 /// Most connections that can be asked for.
 pub const CONNECTIONS_MAX: usize = 65_536;
 
-/// So long a new connection waits for the one that was told to make room, which closes as soon as its task is
-/// run.
+/// Longest wait of a new connection for the one that makes room, which closes as soon as its task is run.
 pub const LEAVING: Duration = Duration::from_secs(1);
 
 /// Descriptors that are not connections of clients: the database, its write-ahead log and its readers,
@@ -97,10 +96,10 @@ pub const TOKENS_PERIOD: Duration = Duration::from_millis(100);
 /// token can be good for, at a daemon that is cut off from its database.
 pub const TOKENS_STALE: Duration = Duration::from_secs(30);
 
-/// How often what tokens used is stored. A crash forgets so much of it at most.
+/// Period between stores of the tokens' usage. A crash forgets at most the usage of one period.
 pub const USAGE_PERIOD: Duration = Duration::from_secs(2);
 
-/// Requests that are being worked on at once, unless told otherwise; a frame of a Tune stream counts as one.
+/// Default limit of requests in progress at once; a frame of a Tune stream counts as one.
 pub const REQUESTS_IN_FLIGHT: usize = 512;
 
 /// Most such requests that can be asked for.
@@ -133,7 +132,7 @@ pub const PEER_PAUSE_LONGEST: Duration = Duration::from_millis(100);
 
 const _: () = assert!(PEER_PATIENCE.as_millis() > treewright_store::limits::REPLICA_LAPSE.as_millis());
 
-/// Tune streams open at once, unless told otherwise.
+/// Default limit of open Tune streams.
 pub const TUNE_STREAMS: usize = 16_384;
 
 /// Most Tune streams that can be asked for.
@@ -145,7 +144,7 @@ pub const TUNE_ANSWERS_WAITING: usize = 4;
 /// Studies whose tuner is held in memory. Another one replaces the least recently used.
 pub const STUDIES_IN_MEMORY: usize = 256;
 
-/// How long a request waits for its study to be loaded before it is told to come again. The load goes on.
+/// Longest wait of a request for its study to be loaded before the client has to try again. The load goes on.
 pub const LOADING_WAIT: Duration = Duration::from_secs(1);
 
 /// When a request whose study is being loaded should come again.
@@ -219,7 +218,7 @@ pub const STUDIES_SHOWN: u16 = 64;
 /// descriptors enough. Each page that is open in a browser keeps one for its events.
 pub const PAGES_CONNECTIONS: usize = 64;
 
-/// A browser's connection ends after so long, and begins anew by itself.
+/// A browser's connection ends after this time, and the browser connects again by itself.
 pub const DASHBOARD_STAY: Duration = Duration::from_secs(600);
 
 /// How often it is looked whether a page that is open must change.

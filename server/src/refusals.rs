@@ -51,8 +51,8 @@ impl Refusals {
         }
     }
 
-    /// The same, unless the request is only not done here: where there are other replicas, one of them or
-    /// another attempt is about to do it.
+    /// Notes an error, unless the request is only not done here: where there are other replicas, one of them
+    /// or another attempt is about to do it.
     pub(crate) fn note_here(&self, error: &Error, has_peers: bool) {
         if has_peers && Redirect::of(error).is_some() {
             tracing::debug!(%error, "not done here");
@@ -83,7 +83,7 @@ impl Default for Refusals {
     }
 }
 
-/// How many lines of one kind were logged in the current period.
+/// The number of lines of one kind that were logged in the current period.
 #[derive(Debug, Default)]
 struct LineBudget {
     period: u64,

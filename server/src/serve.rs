@@ -1,4 +1,4 @@
-//! The life of the server: serve until told to stop, drain, close.
+//! The life of the server: serve until a signal to stop, drain, close.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -54,18 +54,18 @@ pub struct Options {
     pub watch: Option<TcpListener>,
     /// Where to show the dashboard, if anywhere.
     pub dashboard: Option<TcpListener>,
-    /// How many studies are shown to them with their names: those used last.
+    /// The number of studies that are shown to them with their names: those used last.
     pub studies_shown: u16,
-    /// How many trials of a study to keep at least, where not all are kept.
+    /// The least number of trials of a study to keep, where not all are kept.
     pub keep_trials: Option<u64>,
-    /// How many connections there may be.
+    /// The limits of connections.
     pub connections: ConnectionLimits,
-    /// How many connections each of those who watch and the dashboard may have; none in particular is
-    /// [`limits::PAGES_CONNECTIONS`].
+    /// The number of connections that monitoring and the dashboard may each have;
+    /// [`limits::PAGES_CONNECTIONS`] by default.
     pub pages: Option<usize>,
     /// The file whose date says when the database was last copied.
     pub backup_mark: Option<PathBuf>,
-    /// How much may be worked on at once.
+    /// The most work at once.
     pub admission: AdmissionLimits,
     /// Where everything is counted.
     pub metrics: Arc<Metrics>,

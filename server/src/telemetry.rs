@@ -1,5 +1,5 @@
-//! The log, on standard error. Whatever looks like a token is blotted out on its way there, whoever wrote it:
-//! at the finest level the libraries below log what they read from the wire. `traces` sends spans to a
+//! The log, on standard error. Every text that looks like a token is blotted out on its way there, because at
+//! the finest level the libraries below log what they read from the wire. `traces` sends spans to a
 //! collector.
 
 #[cfg_attr(not(feature = "traces"), path = "telemetry/no_traces.rs")]

@@ -1,8 +1,8 @@
 //! Certificates: read from files, and read again when the files change.
 //!
-//! The files are looked at every two seconds by what they hold, not by their dates, so that links that are
-//! turned over (as orchestrators do) count as well; SIGHUP looks at once. A connection keeps the certificate
-//! it began with. What cannot be used is refused with a line in the log, and the old one stays.
+//! The contents of the files are compared every two seconds, not their dates, so that links that are turned
+//! over (as orchestrators do) count as well; SIGHUP looks at once. A connection keeps the certificate it
+//! began with. Unusable files are refused with a line in the log, and the old certificate stays.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -105,13 +105,13 @@ impl Tls {
         Ok(Self { files, current: RwLock::new(made), seen: Mutex::new(contents) })
     }
 
-    /// What a new connection is to use.
+    /// The configuration of a new connection.
     #[must_use]
     pub fn current(&self) -> Arc<ServerConfig> {
         Arc::clone(&self.current.read().unwrap_or_else(PoisonError::into_inner).server)
     }
 
-    /// What a new connection to another replica is to use, and a number that rises when that changes.
+    /// The configuration of a new connection to another replica, and a number that rises when it changes.
     #[must_use]
     pub fn outgoing(&self) -> (u64, ClientTlsConfig) {
         let made = self.current.read().unwrap_or_else(PoisonError::into_inner);

@@ -3,7 +3,7 @@
 //!
 //! Alive is a process that answers at all; ready is one whose requests would be served: it is not draining,
 //! and the database answers. The two are apart because a restart mends the one and not the other. Plain
-//! HTTP/1.1, which is what the askers speak; nobody outside the machine sees it unless told so.
+//! HTTP/1.1, which is what the askers speak; nobody outside the machine sees it by default.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -37,7 +37,7 @@ pub(crate) struct Watched {
     /// The file whose date says when the database was last copied.
     pub(crate) backup_mark: Option<PathBuf>,
     pub(crate) metrics: Arc<Metrics>,
-    /// How many studies are shown with their names.
+    /// The number of studies that are shown with their names.
     pub(crate) studies_shown: usize,
 }
 
@@ -47,7 +47,7 @@ impl Watched {
         if self.admission.is_draining() {
             return Err("draining".to_owned());
         }
-        // No study can have this name: whoever says so has looked.
+        // No study can have this name: a database that says so has looked.
         match tokio::time::timeout(limits::READY, self.store.get_study("*")).await {
             Ok(Ok(_) | Err(StoreError::StudyNotFound { .. })) => Ok(()),
             Ok(Err(error)) => Err(error.to_string()),

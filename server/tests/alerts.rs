@@ -32,12 +32,12 @@ fn level(value: f64) -> Figures {
     vec![value; WEEK + 1]
 }
 
-/// A counter that begins at 0 and rises by so much a minute.
+/// A counter that begins at 0 and rises by `per_minute`.
 fn rising(per_minute: f64) -> Figures {
     (0..=WEEK).map(|minute| per_minute * minute as f64).collect()
 }
 
-/// The same with so much more a minute between two minutes.
+/// Adds a rise of `per_minute` between two minutes.
 fn more(mut figures: Figures, from: usize, to: usize, per_minute: f64) -> Figures {
     for (minute, figure) in figures.iter_mut().enumerate() {
         *figure += per_minute * minute.clamp(from, to).saturating_sub(from) as f64;
@@ -45,7 +45,7 @@ fn more(mut figures: Figures, from: usize, to: usize, per_minute: f64) -> Figure
     figures
 }
 
-/// The same with another value from one minute to before another.
+/// Sets `value` from the minute `from` up to before `to`.
 fn between(mut figures: Figures, from: usize, to: usize, value: f64) -> Figures {
     figures[from..to].fill(value);
     figures
@@ -265,7 +265,7 @@ fn labels(rule: &Value) -> String {
     format!("severity: {severity}, instance: 'a:9464'{job}")
 }
 
-/// A test of these rules, evaluated every so many minutes up to one of them, and the files that hold it.
+/// Writes a test of these rules, evaluated every `every` minutes up to the minute `last`. Returns its file.
 fn test(name: &Path, rules: &[&Value], every: usize, last: usize, week: &Week, asked: &str) -> PathBuf {
     // JSON is YAML.
     let group = serde_json::json!({"groups": [{"name": "treewright", "rules": rules}]});

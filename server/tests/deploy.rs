@@ -1,5 +1,5 @@
-//! What lies in `server/deploy` fits the daemon: each setting is one that it knows, each combination one that
-//! it starts with, and each figure on the dashboard and in the documentation one that it shows.
+//! The files in `server/deploy` fit the daemon: it knows each setting, starts with each combination, and
+//! shows each figure on the dashboard and in the documentation.
 
 mod common;
 

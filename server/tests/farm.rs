@@ -1,5 +1,4 @@
-//! What a farm does to a daemon: connections that say nothing, requests that are given up, messages that are
-//! none.
+//! The load of a farm on a daemon: connections that say nothing, abandoned requests, malformed messages.
 
 mod common;
 
@@ -32,7 +31,7 @@ async fn silent_connections_shut_nobody_out() {
     suggest(&mut known, "one", 5.0).await;
     let mut newcomer = server.client().await;
     suggest(&mut newcomer, "two", 5.0).await;
-    // The oldest were told to go.
+    // The oldest were dismissed.
     let mut byte = [0; 64];
     let read = tokio::time::timeout(Duration::from_secs(5), async {
         loop {

@@ -43,7 +43,7 @@ async fn a_lease_ends_and_a_late_report_still_counts() {
     let (server, mut client) = server().await;
     let first = suggest(&mut client, "a", 10.0).await;
     server.clock.advance_ms(60_001);
-    // The configuration goes to whoever asks next.
+    // The configuration goes to the next client that asks.
     let second = suggest(&mut client, "b", 10.0).await;
     assert_ne!(second.name, first.name);
     assert_eq!(second.configuration, first.configuration);

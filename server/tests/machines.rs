@@ -55,7 +55,7 @@ async fn a_new_machine_starts_from_its_group_and_new_software_from_the_fleet() {
     assert!(predicted > 2.0 * best && predicted < 8.0 * best, "{predicted} and {best}");
     assert_ne!(default.state_id, 1);
 
-    // Each is told of its own measurements, and who names no machine of the one with the most frames.
+    // Each gets its own measurements; a client without a machine gets those of the one with the most frames.
     let own = ask("second", 10.0).fingerprint.map(|own| wire::Fingerprint {
         threads: 4,
         software: BTreeMap::from([("embree".to_owned(), "4.4.0".to_owned())]),

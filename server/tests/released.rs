@@ -1,5 +1,5 @@
-//! What released clients ask is answered by this daemon: their recorded requests (`proto/released`), sent one
-//! after the other to a daemon that knows nothing yet.
+//! This daemon answers released clients: their recorded requests (`proto/released`), sent one after the other
+//! to a daemon that knows nothing yet.
 
 mod common;
 
@@ -90,7 +90,7 @@ async fn what_only_a_newer_client_asks_for_is_refused_by_name() {
         }),
         update_mask: Some(prost_types::FieldMask { paths: vec![path.to_owned()] }),
     };
-    // What is sent and not masked is not asked for.
+    // Fields that are sent outside the mask have no effect.
     client.update_study(update("policy.epsilon")).await.unwrap();
     for path in ["policy.predictor", "policy.field_of_tomorrow"] {
         let refused = client.update_study(update(path)).await.unwrap_err();

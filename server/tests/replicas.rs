@@ -131,7 +131,7 @@ async fn a_replica_that_drains_leaves_its_studies_to_the_others() {
     let trial = suggest(&mut first, "a", 10.0).await;
     suggest(&mut client, "b", 10.0).await;
     holder.begin_stop();
-    // Asked while the holder goes: nothing is refused, whoever takes the study over.
+    // Asked while the holder goes: nothing is refused, no matter which replica takes the study over.
     let reported = done(&mut client, &trial.name, 3.0).await;
     assert!(!reported.duplicate);
     assert!(done(&mut other, &trial.name, 3.0).await.duplicate);

@@ -95,7 +95,7 @@ async fn a_session_explores_until_its_deadline() {
         for _ in 0..2 {
             let (trial, rule) = frame(&mut client, explorer(1, wishes)).await;
             let expected = if second < 5 { Rule::Explore } else { Rule::Exploit };
-            // In between the speed of the machine is told by measuring the incumbent again.
+            // In between the incumbent is measured again, to follow the speed of the machine.
             assert!(rule == expected || rule == Rule::Incumbent, "second {second}: {rule:?}, {trial:?}");
         }
         server.clock.advance_ms(1_000);

@@ -23,8 +23,7 @@ pub enum Caller {
     Holder(Arc<Holder>),
 }
 
-/// A token that was shown since the daemon started. What may change about it can change while streams are
-/// open.
+/// A token that was shown since the daemon started. Its terms may change while streams are open.
 pub struct Holder {
     pub(super) id: String,
     /// None once the token is forgotten.
@@ -33,7 +32,7 @@ pub struct Holder {
     used: Mutex<Used>,
     seen: Arc<LastRead>,
     clock: Arc<dyn Clock>,
-    /// Requests refused for a quota, so that the log is told of the first and of every thousandth.
+    /// Requests refused for a quota: the first and every thousandth are logged.
     refused: AtomicU64,
 }
 
@@ -239,7 +238,7 @@ impl Caller {
         if self.sees(study) { Ok(()) } else { Err(Error::Denied("the token is not good for this study")) }
     }
 
-    /// Counts a request or a frame of so many bytes.
+    /// Counts a request or a frame of `bytes` bytes.
     ///
     /// # Errors
     /// [`Error::Quota`], or [`Error::Unauthenticated`] when the token has ended meanwhile.

@@ -9,8 +9,8 @@
 //! [`TOKENS_STALE`](crate::limits::TOKENS_STALE); then nobody is let in, since somebody may have been shut
 //! out meanwhile.
 //!
-//! What a token has used is counted here and added up in the database, from where the sum of all replicas
-//! comes back: they exceed a quota by what they let through between two such moments at most.
+//! The usage of a token is counted here and added up in the database, from where the sum of all replicas
+//! comes back. They exceed a quota at most by the usage between two such moments.
 
 pub mod caller;
 mod rate;
@@ -58,7 +58,7 @@ impl Access {
         Ok(access)
     }
 
-    /// How many tokens are good at the moment.
+    /// The number of tokens that are valid at the moment.
     #[must_use]
     pub fn live(&self) -> usize {
         let now_ms = self.clock.now_ms();

@@ -1,4 +1,4 @@
-//! How many requests a second: the generic cell rate algorithm (ITU-T I.371), a token bucket that needs no
+//! Limit of requests a second: the generic cell rate algorithm (ITU-T I.371), a token bucket that needs no
 //! filling.
 //!
 //! One moment is kept: when the bucket would be full again. Each request moves it on by its share of a

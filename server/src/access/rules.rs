@@ -1,12 +1,12 @@
-//! Which scope each RPC needs, in one table. What is not in it is refused, so that a new RPC is closed until
-//! somebody thinks about it; a test holds the table against the wire contract.
+//! The scope that each RPC needs, in one table. An RPC outside it is refused, so that a new one is closed
+//! until somebody decides about it. A test holds the table against the wire contract.
 
 use treewright_store::tokens::Scope;
 
 /// What must be shown to be let in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// Nothing: whoever balances load may ask whether the daemon serves.
+    /// Nothing: load balancers may ask whether the daemon serves.
     Nothing,
     /// A token with this scope, or a wider one.
     Scope(Scope),

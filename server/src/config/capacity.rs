@@ -35,14 +35,14 @@ pub struct CapacityConfig {
 }
 
 impl CapacityConfig {
-    /// How many connections there may be, with so many descriptors.
+    /// The limits of connections within these shares of descriptors.
     #[must_use]
     pub fn connections(&self, shares: &DescriptorShares) -> ConnectionLimits {
         let count = |asked: Option<u32>| asked.map(|asked| asked as usize);
         shares.limits(count(self.max_connections), count(self.max_connections_per_address))
     }
 
-    /// How much may be worked on at once.
+    /// The most work at once.
     #[must_use]
     pub fn admission(&self) -> AdmissionLimits {
         AdmissionLimits { requests: self.max_requests as usize, streams: self.max_streams as usize }

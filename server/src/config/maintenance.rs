@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use treewright_store::is_postgres_address;
 
-/// What a file cannot be when the database is PostgreSQL's.
+/// The message for a file operation on a PostgreSQL database.
 const POSTGRES: &str = "PostgreSQL is kept with its own tools: pg_dump --format=custom --file=FILE URL copies a \
                         database while daemons run, pg_restore --clean --if-exists --dbname=URL FILE puts it back, \
                         pg_amcheck looks for damage (docs/operations.md)";

@@ -94,7 +94,7 @@ impl CreateConfig {
         Studies(self.studies.clone())
     }
 
-    /// How much it may use.
+    /// The quota of the new token.
     #[must_use]
     pub fn quota(&self) -> Quota {
         Quota {

@@ -63,7 +63,7 @@ impl Activity {
         self.slot.dismissed().await;
     }
 
-    /// So many bytes are unfinished.
+    /// Counts `bytes` more unfinished bytes.
     pub(crate) fn hold(self: &Arc<Self>, bytes: usize) -> HeldBytes {
         self.unfinished.add(&self.slot, bytes);
         HeldBytes { activity: Arc::clone(self), bytes }
@@ -114,7 +114,7 @@ impl Drop for UnderWay {
 }
 
 impl HeldBytes {
-    /// So many are unfinished now.
+    /// Sets the number of unfinished bytes.
     pub(crate) fn set(&mut self, bytes: usize) {
         let before = std::mem::replace(&mut self.bytes, bytes);
         let (unfinished, slot) = (&self.activity.unfinished, &self.activity.slot);

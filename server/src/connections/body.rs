@@ -1,8 +1,8 @@
 //! Bodies of requests and answers, of which the bytes count for as long as they are unfinished.
 //!
-//! Of a request its head counts, and then the message that is under way, as long as its beginning says that
-//! it is: so much memory is set aside for it (the frames of gRPC: a flag, a length in four bytes, the
-//! message). Of an answer each piece counts until the connection has written it.
+//! The head of a request counts, then the message under way, with the length that its prefix gives, because
+//! that much memory is reserved for it (the frames of gRPC: a flag, a length in four bytes, the message).
+//! Each piece of an answer counts until the connection has written it.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -24,11 +24,11 @@ const PREFIX_BYTES: usize = 5;
 #[derive(Debug, Default)]
 struct Messages {
     prefix: [u8; PREFIX_BYTES],
-    /// How many bytes of the prefix have come.
+    /// The number of bytes of the prefix that have come.
     prefix_bytes: usize,
     /// Bytes of the message that are to come.
     missing: usize,
-    /// What the message under way takes up.
+    /// Size of the message under way, in bytes.
     under_way: usize,
     /// What the largest one took up, whose room the gRPC library keeps for those that follow.
     kept: usize,
@@ -76,7 +76,7 @@ struct RequestBody {
     inner: Body,
     messages: Messages,
     held: HeldBytes,
-    /// What the head takes up, until the first message is there.
+    /// Size of the head in bytes, until the first message is there.
     head: usize,
 }
 

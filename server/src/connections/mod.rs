@@ -1,11 +1,11 @@
 //! Accepts connections up to a limit, encrypts them where that is wished, and ends those that only wait.
 //!
 //! A connection must get on: its TLS handshake, the first bytes of HTTP/2 and its first authorised request
-//! each have a time limit, and one on which nothing is under way for long is closed. So whoever opens many
-//! and says little or nothing ("slow loris") cannot hold slots that others need. `activity` keeps that time,
-//! `slots` counts connections and decides who makes room, `unfinished` does the same for the bytes of what is
-//! not finished, and `body` counts them. `pages` serves the listeners for browsers and for those who watch by
-//! the same rules. What happens once a request has begun is limited in [`middleware`](crate::middleware).
+//! each have a time limit, and one on which nothing is under way for long is closed. So a client that opens
+//! many and says little or nothing ("slow loris") cannot hold slots that others need. `activity` keeps that
+//! time, `slots` counts connections and decides who makes room, `unfinished` limits the bytes of unfinished
+//! messages, and `body` counts them. `pages` serves the listeners for browsers and monitoring by the same
+//! rules. Once a request has begun, its limits stand in [`middleware`](crate::middleware).
 
 mod activity;
 mod authority;
@@ -205,7 +205,7 @@ impl Connection {
         }
     }
 
-    /// What writing came to. Also one whose other side reads nothing has to go when it is told to.
+    /// The result of writing. A dismissed connection ends even when its other side reads nothing.
     fn written<T>(&mut self, context: &Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         if written.is_pending() {
             self.check_dismissed(context)?;

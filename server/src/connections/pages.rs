@@ -1,5 +1,4 @@
-//! Listeners for browsers and for those who watch: HTTP/1.1, a few connections, and whoever comes last is
-//! served.
+//! Listeners for browsers and monitoring: HTTP/1.1, a few connections, and the last to come is served.
 //!
 //! Where all are taken, one makes room by the [rule](super::slots) of all connections, with one difference:
 //! nothing that is under way keeps it, as those who ask here come again by themselves. So neither connections
@@ -34,7 +33,7 @@ pub(crate) trait Pages: Send + Sync + 'static {
     /// After so long a connection ends.
     const STAY: Duration;
 
-    /// Answers one request. It calls [`ConnectionSlot::settle`] once it knows that whoever asks may.
+    /// Answers one request. It calls [`ConnectionSlot::settle`] once the request is known to be authorised.
     fn answer(
         self: &Arc<Self>,
         request: Request<Incoming>,
@@ -42,7 +41,7 @@ pub(crate) trait Pages: Send + Sync + 'static {
     ) -> impl Future<Output = Response<Self::Body>> + Send;
 }
 
-/// Serves at most so many at once until it is dropped.
+/// Serves at most `connections` connections at once until it is dropped.
 pub(crate) async fn serve<P: Pages>(listener: TcpListener, pages: P, connections: usize) {
     let pages = Arc::new(pages);
     let most = ConnectionLimits { total: connections, newcomers: connections, per_address: connections };

@@ -1,13 +1,12 @@
-//! How many connections there may be, and who has to leave when there are too many.
+//! Limits of the number of connections, and the choice of the one that leaves when there are too many.
 //!
 //! A connection is a *newcomer* until a request on it was authorised. Newcomers have a share of the slots and
-//! no more. Nobody is turned away as long as somebody can be asked to leave: of the address with the most
-//! newcomers the one that came first, and where there are none, of the address with the most connections the
-//! one that was not used for longest. So whoever opens connections without a token, however many, shuts
-//! nobody out who has one: a client only has to send its first request before its turn to leave comes, and an
-//! idle client that had to leave connects again with its next request. Connections on which something is
-//! under way stay. Who comes waits for the moment until the other has left, so that there are never more than
-//! there may be.
+//! no more. No connection is refused as long as another can be dismissed. That is the oldest newcomer of the
+//! address with the most newcomers. Where there are none, it is the longest unused connection of the address
+//! with the most connections. So connections without a token, however many, shut out no client that has one.
+//! A client only has to send its first request before its turn to leave comes, and a dismissed idle client
+//! connects again with its next request. Connections on which something is under way stay. A new connection
+//! waits until the other has left, so that the limit is never exceeded.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::future::poll_fn;
@@ -21,7 +20,7 @@ use tokio::time::timeout;
 
 use crate::limits;
 
-/// How many connections there may be.
+/// Limits of the number of connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ConnectionLimits {
     /// In all.
@@ -33,7 +32,7 @@ pub struct ConnectionLimits {
 }
 
 impl ConnectionLimits {
-    /// So many in all, of which half may be newcomers.
+    /// At most `total` connections, of which half may be newcomers.
     #[must_use]
     pub fn new(total: usize, per_address: usize) -> Self {
         Self { total, newcomers: (total / 2).max(1), per_address }
@@ -65,7 +64,7 @@ impl From<Option<IpAddr>> for Origin {
 pub(crate) struct ConnectionSlots {
     limits: ConnectionLimits,
     taken: Arc<Mutex<OpenConnections>>,
-    /// Told when one has left.
+    /// Notified when one has left.
     left: Arc<Notify>,
 }
 
@@ -75,7 +74,7 @@ struct OpenConnections {
     open: BTreeMap<u64, OpenConnection>,
     crowds: HashMap<Origin, Crowd>,
     newcomers: usize,
-    /// Were told to leave and have not closed yet.
+    /// Were dismissed and have not closed yet.
     leaving: usize,
     last_number: u64,
 }
@@ -105,7 +104,7 @@ pub(crate) struct ConnectionSlot {
     notice: Arc<Notice>,
 }
 
-/// Tells a connection that it has to go, and is told when it is used.
+/// Dismisses a connection, and notes when it is used.
 #[derive(Debug, Default)]
 pub(super) struct Notice {
     told: Mutex<(bool, Option<Waker>)>,
@@ -128,14 +127,14 @@ impl ConnectionSlots {
         self.taken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A slot for a connection from there, once whoever makes room for it has left.
+    /// A slot for a connection from there, once the one that makes room for it has left.
     ///
     /// # Errors
     /// Which limit is reached, in one word for counting.
     pub(super) async fn take(&self, origin: Origin) -> Result<ConnectionSlot, &'static str> {
         let taking = async {
             loop {
-                // Hears of who leaves from here on.
+                // Hears of connections that leave from here on.
                 let left = self.left.notified();
                 if let Some(slot) = self.try_take(origin)? {
                     return Ok(slot);
@@ -146,7 +145,7 @@ impl ConnectionSlots {
         timeout(limits::LEAVING, taking).await.unwrap_or(Err("limit"))
     }
 
-    /// None while somebody who was told to leave has not left.
+    /// `None` while a dismissed connection has not left.
     fn try_take(&self, origin: Origin) -> Result<Option<ConnectionSlot>, &'static str> {
         let mut taken = self.lock();
         let from_there = taken.crowds.get(&origin).map_or(0, |crowd| crowd.open - crowd.leaving);

@@ -1,11 +1,10 @@
 //! One budget in bytes for everything that is unfinished: requests whose message has not come as a whole, and
 //! answers that their client has not read.
 //!
-//! Each connection alone is cheap, and thousands that each hold back the end of a message, or do not read
-//! what they asked for, are not. What is unfinished is counted by connection and by where it comes from. When
-//! it is more than the budget, the address that holds most of it gives way, and there the connection on which
-//! nothing was finished for longest: it is closed, and with it goes all that it holds. A client that gets on
-//! is not touched, and one that was tries again.
+//! One connection is cheap, but thousands that hold back the end of a message, or do not read their answers,
+//! are not. Unfinished bytes are counted by connection and by address. When they exceed the budget, the
+//! address that holds most of them gives way with the connection on which nothing was finished for longest:
+//! it is closed, and its bytes are freed. A client that gets on is not touched, and one that was tries again.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -21,11 +20,11 @@ pub(crate) struct Unfinished {
 
 #[derive(Debug, Default)]
 struct Ledger {
-    /// Without what those hold that were told to leave.
+    /// Without the bytes of dismissed connections.
     bytes: usize,
     by_origin: HashMap<Origin, usize>,
     by_connection: BTreeMap<u64, LedgerEntry>,
-    /// Counts what was finished.
+    /// Counts finished messages.
     finished: u64,
 }
 
@@ -33,19 +32,19 @@ struct Ledger {
 struct LedgerEntry {
     origin: Origin,
     bytes: usize,
-    /// What had been finished, everywhere, when something was last finished here.
+    /// The ledger's `finished` when something was last finished here.
     since: u64,
     notice: Arc<Notice>,
     is_leaving: bool,
 }
 
 impl Unfinished {
-    /// At most so many bytes.
+    /// A ledger of at most `limit` bytes.
     pub(crate) fn new(limit: usize) -> Self {
         Self { limit, held: Arc::default() }
     }
 
-    /// How many bytes are unfinished.
+    /// The number of unfinished bytes.
     pub(crate) fn bytes(&self) -> usize {
         self.lock().bytes
     }
@@ -54,7 +53,7 @@ impl Unfinished {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// So many bytes more are unfinished on a connection.
+    /// Counts `bytes` more unfinished bytes of a connection.
     pub(super) fn add(&self, slot: &ConnectionSlot, bytes: usize) {
         if bytes == 0 {
             return;
@@ -77,7 +76,7 @@ impl Unfinished {
         while held.bytes > self.limit && held.dismiss() {}
     }
 
-    /// So many bytes of a connection are finished, or given up.
+    /// Counts `bytes` bytes of a connection as finished or given up.
     pub(super) fn remove(&self, slot: &ConnectionSlot, bytes: usize) {
         if bytes == 0 {
             return;
@@ -154,7 +153,7 @@ mod tests {
         unfinished.add(&other, 1);
         assert!(must_go(&slow) && !must_go(&moving) && !must_go(&other));
         assert_eq!(unfinished.bytes(), 71);
-        // What it still sends until it is gone counts no more, and its end changes nothing.
+        // Its bytes until it is gone do not count, and its end changes nothing.
         unfinished.add(&slow, 50);
         unfinished.remove(&slow, 80);
         assert_eq!(unfinished.bytes(), 71);

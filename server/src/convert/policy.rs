@@ -27,7 +27,7 @@ impl PolicyUpdate {
         let counts = |name: &str| {
             paths.iter().any(|path| path == "policy" || path.strip_prefix("policy.") == Some(name))
         };
-        // What is sent and not masked is not looked at: a newer client may say more there than is known here.
+        // Fields that are sent outside the mask are ignored: a newer client may send more than is known here.
         for field in PolicySettings::FIELDS.iter().filter(|field| !counts(field.name)) {
             said.unset(field.name);
         }

@@ -43,8 +43,8 @@ pub(super) struct Benefit {
 }
 
 impl Benefit {
-    /// Of one state: what its frames cost, in the objective's units of so many seconds, within so many
-    /// seconds of time.
+    /// The benefit in one state, from the costs of its frames in units of `unit_s` seconds, within `window_s`
+    /// seconds.
     pub(super) fn of(default: DefaultCost, costs: &[f64], unit_s: f64, window_s: f64) -> Self {
         let frames = costs.len() as f64;
         let a_day = unit_s * DAY_S / window_s.max(1.0);
@@ -83,8 +83,7 @@ impl AddAssign for Benefit {
     }
 }
 
-/// What one unit of an objective is in seconds, by the ends of its metrics' names; `None` where it is no
-/// time.
+/// One unit of an objective in seconds, by the ends of its metrics' names; `None` where it is no time.
 pub(super) fn unit_s<'a>(metrics: impl Iterator<Item = &'a str>) -> Option<f64> {
     let unit = |name: &str| {
         let units = [("_ns", 1e-9), ("_us", 1e-6), ("_ms", 1e-3), ("_s", 1.0)];

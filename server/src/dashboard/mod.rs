@@ -1,10 +1,10 @@
 //! The dashboard: studies, tuning curves, trials and reasons as pages for a browser, on a port of their own.
 //!
-//! Pages are made on the server and work without scripts; a small one fetches a page anew when an event of
+//! Pages are made on the server and work without scripts; a small one fetches a page again when an event of
 //! the server says that its study has changed. Everything comes from this port, and the content security
 //! policy allows nothing else. It only reads: pages ask through the handlers of the RPCs, with the caller of
-//! the token that the browser shows, and the database answers readers beside the writer. What a page rests on
-//! has limits, so that a study of many trials opens as fast as one of few.
+//! the token that the browser shows, and the database answers readers beside the writer. The data behind a
+//! page has limits, so that a study of many trials opens as fast as one of few.
 
 mod benefit;
 mod charts;
@@ -50,7 +50,7 @@ const COOKIE: &str = "treewright_token";
 
 type Body = BoxBody<Bytes, Infallible>;
 
-/// What pages are made of.
+/// Everything that pages are made from.
 pub(crate) struct Dashboard {
     pub(crate) tuning: Arc<Tuning>,
     /// Without it everybody may look.

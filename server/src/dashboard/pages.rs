@@ -155,7 +155,7 @@ async fn head(visitor: &Visitor<'_>, id: &str, tab: &'static str) -> Result<(Hea
     Ok((head, study))
 }
 
-/// At most so many trials for which a filter holds.
+/// At most `most` trials for which a filter holds.
 async fn read_trials(
     visitor: &Visitor<'_>,
     id: &str,

@@ -109,7 +109,7 @@ struct MomentGauges {
     last_backup: Gauge,
 }
 
-/// What [`Metrics::text`] is told about this moment.
+/// The figures of this moment for [`Metrics::text`].
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Moment {
     /// Connections that are open.
@@ -328,7 +328,7 @@ impl Metrics {
         self.request_seconds.get_or_create(&RpcLabel { rpc }).observe(took.as_secs_f64());
     }
 
-    /// How many requests and frames were answered since the start.
+    /// The number of requests and frames answered since the start.
     pub(crate) fn answers(&self) -> u64 {
         self.answers.load(Ordering::Relaxed)
     }
@@ -355,7 +355,7 @@ impl Metrics {
         self.late_reports.inc_by(late as u64);
     }
 
-    /// So many leases have run out.
+    /// Counts `leases` leases that have run out.
     pub(crate) fn expired(&self, leases: usize) {
         self.expired_leases.inc_by(leases as u64);
     }
@@ -365,7 +365,7 @@ impl Metrics {
         self.client_outbox.observe(f64::from(reports));
     }
 
-    /// So many old trials were removed.
+    /// Counts `trials` removed old trials.
     pub(crate) fn removed(&self, trials: u64) {
         self.removed_trials.inc_by(trials);
     }

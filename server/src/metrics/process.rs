@@ -2,7 +2,7 @@
 
 use nix::sys::resource::{Resource, getrlimit};
 
-/// What `sysconf(_SC_CLK_TCK)` says on every Linux that Rust runs on: user space is told ticks of 10 ms,
+/// The value of `sysconf(_SC_CLK_TCK)` on every Linux that Rust runs on: user space sees ticks of 10 ms,
 /// whatever the kernel's own are.
 const TICKS_PER_S: f64 = 100.0;
 

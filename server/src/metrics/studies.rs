@@ -1,6 +1,5 @@
-//! Figures of single studies. Their names are labels, and whoever creates studies chooses them: so only some
-//! studies are shown, those used last, each with a fixed number of series, and all are made anew whenever
-//! somebody asks.
+//! Figures of single studies. Their names are labels that clients choose. So only the studies used last are
+//! shown, each with a fixed number of series, and all series are made at every request.
 
 use std::sync::atomic::AtomicU64;
 

@@ -52,7 +52,7 @@ impl FrameCounts {
     }
 }
 
-/// What is told of one study.
+/// The figures of one study.
 #[derive(Clone, Debug)]
 pub(crate) struct StudyFigures {
     /// Its id.

@@ -1,7 +1,7 @@
 //! Connections to the other replicas, over TLS where they ask for it.
 //!
 //! A connection is made when it is first used, mends itself, and is shared by all requests. New certificates
-//! make all connections anew. That a replica is away is said once, and once that it is back.
+//! replace all connections. The log says once that a replica is away, and once that it is back.
 
 use std::collections::HashMap;
 use std::error::Error;

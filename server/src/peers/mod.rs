@@ -2,9 +2,9 @@
 //!
 //! Where several daemons share a database, a study's tuner lives in one of them. A replica that is asked
 //! about a study of another's passes the request on, as it came, and the answer back. A request is passed on
-//! once: whoever gets it marked and does not hold the study says so, and the first looks again who does. If
-//! the holder is gone, the database lets the first take the study itself. [`find_answer`] is that search;
-//! single requests, frames of a stream and the fault simulator each say how they try here and there.
+//! once: a replica that gets it marked and does not hold the study says so, and the first looks again for the
+//! holder. If the holder is gone, the database lets the first take the study itself. [`find_answer`] is that
+//! search; single requests, frames of a stream and the fault simulator each say how they try here and there.
 //!
 //! `links` are the connections, `key` is how a replica tells another's request from a client's.
 

@@ -12,8 +12,7 @@ use crate::redirect::Redirect;
 
 /// Answers frames with what is at hand in this replica.
 pub(super) trait Attempt: Sync {
-    /// Counts a frame against its caller's quotas. What it is refused with is its answer; an error ends the
-    /// stream.
+    /// Counts a frame against its caller's quotas. A refusal is its answer; an error ends the stream.
     fn count(&self, frame: &wire::TuneRequest) -> Result<Option<wire::TuneResponse>, Status>;
 
     /// The answer, and where to try again what could not be done here. An error ends the stream.

@@ -1,6 +1,6 @@
 //! The gRPC service: reads each request, calls its use case, writes the answer.
 //!
-//! `studies` and `trials` hold the handlers by topic, `tune` the stream. What they share is here: every
+//! `studies` and `trials` hold the handlers by topic, `tune` the stream. Their common part is here: every
 //! request counts against its caller's quotas, is admitted, and is logged once when it is refused. Handlers
 //! read names through `reach`, so that nobody reaches a study that is not theirs.
 
@@ -38,7 +38,7 @@ pub struct Service {
 }
 
 impl Service {
-    /// The service on its use cases, open to whoever holds it.
+    /// The service on its use cases, open to every holder of it.
     #[must_use]
     pub fn new(tuning: Arc<Tuning>, admission: Admission) -> Self {
         let refusals = Refusals::new(Arc::clone(tuning.metrics()));

@@ -32,7 +32,7 @@ pub(super) async fn trial(
     Ok(TrialName { study: find(tuning, caller, study).await?, number })
 }
 
-/// The study that a request names, under the id that it has by now. Tokens are good for ids. What is out of
+/// The study that a request names, under the id that it has by now. Tokens are good for ids. A study out of
 /// the caller's reach is denied with the same words whether it exists or not.
 ///
 /// # Errors

@@ -1,5 +1,4 @@
-//! What stands in the place of `traces` in a program that was built without the feature of that name: it
-//! sends no spans.
+//! Replaces `traces` in a program that was built without the feature of that name: it sends no spans.
 
 use http::HeaderMap;
 use tracing::Span;

@@ -1,8 +1,8 @@
 //! Checkpoints: what the tuners in memory have learnt is saved now and then, so that a start reads few
 //! trials.
 //!
-//! Under the study's lock only pointers are copied; packing and writing happen beside it. What a checkpoint
-//! covers is on the disk before it: it waits for every change that was queued up to then.
+//! Under the study's lock only pointers are copied; packing and writing happen beside it. The changes that a
+//! checkpoint covers are on the disk before it: it waits for every change that was queued up to then.
 
 use std::sync::Arc;
 
@@ -125,7 +125,7 @@ pub(super) mod tests {
         }
     }
 
-    /// What a client is to run.
+    /// The trial that a client receives.
     pub(in crate::tuning) async fn suggested(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
         let indicators = BTreeMap::from([("x".to_owned(), place)]);
         let ask = Ask { client_id: client_id.to_owned(), indicators, ..Ask::default() };

@@ -15,8 +15,8 @@ pub(super) async fn compute<T: Send + 'static>(
     compute_on(&Handle::current(), work).await
 }
 
-/// The same with less of the processors where they are all busy: for fits and plans, without which a question
-/// is answered worse but not later. Otherwise a crowd that explores would slow down everybody's answers.
+/// Computes with a smaller share of busy processors: for fits and plans, without which an answer is worse but
+/// not later. Otherwise many exploring clients would slow down everybody's answers.
 pub(super) async fn compute_aside<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Error> {

@@ -59,7 +59,7 @@ impl Tuning {
         self.suggest_after(suggest, None).await
     }
 
-    /// The same, where a preparation is known to be needed.
+    /// Answers a suggestion for which a preparation may be known to be needed.
     async fn suggest_after(&self, suggest: Suggest, begun: Option<Preparation>) -> Result<Trial, Error> {
         let (trial, receipt) = self
             .with_plan(&suggest.study.id, begun, |live, store, prepared, now_ms| {
@@ -254,8 +254,8 @@ impl Live {
     }
 
     /// Checks a closed trial that comes from the store. One that is open there, or that this copy of the
-    /// study never handed out, tells that another replica has the study by now: the copy is given up, and
-    /// whoever asks again meets a fresh one.
+    /// study never handed out, shows that another replica has the study by now: the copy is given up, and the
+    /// next request meets a fresh one.
     pub(super) fn check(&self, trial: RawTrial) -> Result<Trial, Error> {
         if trial.state == TrialState::Open || trial.number > self.tuner.statistics().trials {
             self.fence().break_up();

@@ -25,20 +25,20 @@ pub(super) struct Saved {
 }
 
 impl Saved {
-    /// Whether so many trials were completed since that another one is worth its bytes.
+    /// Whether enough trials were completed since then for another one to be worth its bytes.
     pub(super) fn is_due(self, completed: u64, after: u64) -> bool {
         let after = after.max(self.bytes / CHECKPOINT_BYTES_PER_TRIAL);
         completed.saturating_sub(self.completion) >= after
     }
 }
 
-/// What a study is, beside its name.
+/// The identity of a study, beside its name.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Identity {
     pub(super) uid: StudyUid,
     /// Trials with numbers up to this were handed out before the study got its name.
     pub(super) named_after: u64,
-    /// How many trial numbers were left to other studies of the name.
+    /// The number of trial numbers that were left to other studies of the name.
     pub(super) skipped: u64,
 }
 
@@ -146,7 +146,7 @@ mod tests {
         assert!(!late.fence.holds(), "the other has the study");
     }
 
-    /// What becomes of trials whose clients never come back, by whether the daemon was there when their
+    /// The final states of trials whose clients never come back, by whether the daemon was there when their
     /// leases ended.
     async fn lost_leases(is_away: impl Fn(u64) -> bool, starts_anew: bool) -> Vec<TrialState> {
         let (store, clock) = (Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));

@@ -47,8 +47,7 @@ pub struct Tuning {
     runtimes: Mutex<Runtimes>,
 }
 
-/// What a study in memory works with: the database, the time, where everything is counted, and since when the
-/// daemon is there.
+/// The environment of a study in memory: the database, the time, the metrics, and the start of the daemon.
 #[derive(Clone)]
 struct Environment {
     store: Arc<dyn Store>,
@@ -97,7 +96,7 @@ impl Tuning {
         self.environment.clock.now_ms()
     }
 
-    /// Saves checkpoints after so many completed trials, where the usual number would hide them from a test.
+    /// Saves checkpoints after `trials` completed trials, where the usual number would hide them from a test.
     #[must_use]
     pub fn with_checkpoints_after(self, trials: u64) -> Self {
         Self { checkpoint_after: trials, ..self }
@@ -170,7 +169,7 @@ impl Tuning {
         (studies.len(), studies.iter().filter_map(open).sum())
     }
 
-    /// The studies in memory that were used last, at most so many.
+    /// The studies in memory that were used last, at most `most`.
     fn last_used(&self, most: usize) -> Vec<(String, Arc<Runtime>)> {
         let runtimes = self.runtimes.lock().unwrap_or_else(PoisonError::into_inner);
         let mut all: Vec<_> = runtimes.by_study.iter().collect();

@@ -19,7 +19,7 @@ use super::runtime::{Live, Runtime};
 use crate::error::Error;
 use crate::limits::PLANNING_WAIT;
 
-/// How many plans are computed at once: as many as there are processors.
+/// Permits for plans that are computed at once: one for each processor.
 pub(super) fn permits() -> Arc<Semaphore> {
     Arc::new(Semaphore::new(std::thread::available_parallelism().map_or(1, usize::from)))
 }
@@ -28,12 +28,12 @@ pub(super) fn permits() -> Arc<Semaphore> {
 pub(super) enum Preparation {
     /// Reports have deferred updates of the models, which are about to be asked.
     Update,
-    /// A plan has to be computed, by whoever has this state's search for that time.
+    /// A plan has to be computed, by the holder of this state's search for that time.
     Plan(Box<PlanRequest>, Option<Arc<()>>),
 }
 
 impl Live {
-    /// What has to be computed before a question that needs this plan is answered.
+    /// The computation that a question needs before its answer with this plan.
     pub(super) fn preparation(&mut self, request: PlanRequest, is_updated: bool) -> Preparation {
         if !is_updated && self.tuner.has_deferred_updates() {
             return Preparation::Update;
@@ -43,7 +43,7 @@ impl Live {
     }
 }
 
-/// What has been computed when a question is asked.
+/// The results that a question comes with.
 #[derive(Debug, Default)]
 pub(super) struct Prepared {
     /// The plan; none before it is known whether one is needed.
@@ -126,7 +126,7 @@ impl Tuning {
     }
 
     /// Computes the updates that reports have deferred, if there is a processor for it in time; it is no loss
-    /// if not. Whoever calls it holds `updating`: two at once would compute the same.
+    /// if not. Its caller holds `updating`: two at once would compute the same.
     async fn update_models(&self, runtime: &Runtime) {
         let deferred =
             |live: &mut Live| Some((live.tuner.deferred_updates()?, Arc::clone(live.tuner.spec())));

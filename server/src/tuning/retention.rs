@@ -1,10 +1,10 @@
 //! Retention: of a long history only the latest trials are kept, and what the study still rests on.
 //!
-//! A trial goes when all of this holds: it is over; so many were handed out after it; a checkpoint on the
-//! disk covers it, so that what it taught is known without it (one that had run out may be reported late,
-//! even while it is being removed: then it stays); no model could still have to be taught it; and it is not
-//! the one that last measured a configuration which its state remembers. Those stay, so that a later version
-//! of the daemon, which cannot read the checkpoint, still knows each state's best. Trials go in small steps
+//! A trial goes when all of this holds: it is over; the number of trials to keep were handed out after it; a
+//! checkpoint on the disk covers it, so that its result is known without it (one that had run out may be
+//! reported late, even while it is being removed: then it stays); no model may still need it; and it is not
+//! the last measurement of a configuration that its state remembers. Those stay, so that a later version of
+//! the daemon, which cannot read the checkpoint, still knows each state's best. Trials go in small steps
 //! beside the requests.
 
 use std::time::Duration;
@@ -77,7 +77,7 @@ impl Tuning {
         }
     }
 
-    /// How many were removed, and how many of those that were looked at stay.
+    /// The number of trials that were removed, and of those looked at that stay.
     async fn thin(&self, due: DueRemoval) -> Result<(u64, u64), Error> {
         let DueRemoval { learnt, fence, number, completion } = due;
         let measured_by = compute_aside(move || learnt.measured_by()).await?;

@@ -1,8 +1,8 @@
 //! The tuner of one study in memory: a cache of what the store holds.
 //!
-//! A use case locks it, computes, queues the change in the order of the computations, unlocks, and only
-//! then waits for the disk. The lock is a plain one and is never held across an await. Whether the cache is
-//! still worth anything is told by its [`Fence`]: once a write under it failed, the study is loaded anew.
+//! A use case locks it, computes, queues the change in the order of the computations, unlocks, and only then
+//! waits for the disk. The lock is a plain one and is never held across an await. The cache is valid as long
+//! as its [`Fence`] holds: once a write under it failed, the study is loaded again.
 //!
 //! Loading belongs to the daemon, not to the request that needs it: it is a task of its own that goes on when
 //! the request is cancelled, so that clients with short deadlines find the study in memory when they come
@@ -36,7 +36,7 @@ pub(super) struct Runtime {
     live: Mutex<Option<Live>>,
     /// The last load, which may be under way. Locked before `live` where both are.
     loading: Mutex<Option<Loading>>,
-    /// Held by whoever computes the updates of the models that reports have deferred.
+    /// Held by the task that computes the updates of the models that reports have deferred.
     pub(super) updating: tokio::sync::Mutex<()>,
 }
 
@@ -94,8 +94,8 @@ pub(super) struct Live {
     pub(super) identity: Identity,
     fence: Fence,
     metrics: Arc<Metrics>,
-    /// Rises with each change of a trial that was not open. Whoever read such a trial from the store can
-    /// tell by it whether the trial may have changed since.
+    /// Rises with each change of a trial that was not open. It shows a reader of such a trial from the store
+    /// whether the trial may have changed since.
     pub(super) closed_changes: u64,
     /// The last checkpoint.
     pub(super) saved: Saved,
@@ -105,7 +105,7 @@ pub(super) struct Live {
     pub(super) tally: FrameCounts,
     /// Up to which completion there was a checkpoint when trials were last looked through for what can go.
     pub(super) thinned: u64,
-    /// The tuner has to be read anew: its policy needs models that it lacks.
+    /// The tuner has to be read again: its policy needs models that it lacks.
     pub(super) is_stale: bool,
 }
 

@@ -137,8 +137,8 @@ impl Tuning {
         Ok(predicted?)
     }
 
-    /// The best known configuration, in the state of the indicators or anywhere. What it rests on is
-    /// stored.
+    /// The best known configuration, in the state of the indicators or anywhere. The trials that it rests on
+    /// are stored.
     ///
     /// # Errors
     /// As the wire contract names them.

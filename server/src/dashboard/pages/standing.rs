@@ -51,8 +51,8 @@ pub(super) async fn read_state(
     Ok(Some(StateStands { state, trial, best, standing }))
 }
 
-/// What is best; `None` where nothing was measured, or where another replica has the study. A study that is
-/// being read into memory is waited for.
+/// The best configuration; `None` where nothing was measured, or where another replica has the study. A study
+/// that is being read into memory is waited for.
 async fn read_best(visitor: &Visitor<'_>, request: v1::GetBestRequest) -> Result<Option<v1::Best>, Error> {
     let mut waits = 0;
     loop {

@@ -84,7 +84,7 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         states.extend(read_state(visitor, id, number).await?);
     }
     let in_state = match state {
-        // What was read already may be all there is of it.
+        // The trials that were read already may be all of its trials.
         Some(state) if head.states > 1 || latest.len() == TRIALS => {
             read_trials(visitor, id, &format!("state_id = {state}"), "number desc", TRIALS).await?
         }
@@ -141,8 +141,8 @@ fn fixed(states: &[StateStands], latest: &[v1::Trial], beside: &Defaults) -> Opt
     benefit::best_fixed(&runs, &defaults)
 }
 
-/// What the curve of a state is held against: its default, the best fixed configuration, and what the search
-/// expects to reach.
+/// The levels beside the curve of a state: its default, the best fixed configuration, and the search's
+/// expectation.
 async fn levels(visitor: &Visitor<'_>, id: &str, chosen: &StateStands, fixed: Option<&Fixed>) -> Vec<Level> {
     let fixed = fixed.and_then(|fixed| fixed.by_state.get(&chosen.state).copied());
     let level = |cost: Option<f64>, name, class| cost.map(|cost| Level { cost, name, class });

@@ -40,7 +40,7 @@ pub(in super::super) async fn trials(
     };
     let (page, problem) = match rpc::trials::query(visitor.tuning, visitor.caller, request).await {
         Ok(page) => (page, None),
-        // What was written wrongly is said beside what was written.
+        // A mistake in a filter is shown beside it.
         Err(error @ Error::Invalid { .. }) => (v1::QueryTrialsResponse::default(), Some(error.to_string())),
         Err(error) => return Err(error),
     };
