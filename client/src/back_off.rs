@@ -18,27 +18,27 @@ impl BackOff {
         Self { min: options.back_off_min, max: options.back_off_max }
     }
 
-    /// The same with a far shorter first pause: where there are other addresses, one may well answer at once.
+    /// Shortens the first pause to a sixteenth: where there are other addresses, one may well answer at once.
     pub(crate) fn sooner(self) -> Self {
         Self { min: self.min / 16, ..self }
     }
 
-    /// The pause after so many failures in a row, with `chance` from 0 to 1.
+    /// The pause after `failures` failures in a row, with `chance` from 0 to 1.
     pub(crate) fn pause(self, failures: u32, chance: f64) -> Duration {
         let doublings = failures.saturating_sub(1).min(31);
         let whole = self.min.saturating_mul(1 << doublings).min(self.max);
         whole.mul_f64(0.5 + 0.5 * chance)
     }
 
-    /// The pause after so many failures in a row, by chance.
+    /// Waits for the pause after `failures` failures in a row, by chance.
     pub(crate) async fn sleep(self, failures: u32) {
         tokio::time::sleep(self.pause(failures, rand::random())).await;
     }
 
-    /// The same, but no shorter than the daemon asked for.
+    /// Waits for that pause, and at least as long as the daemon asked for.
     pub(crate) async fn sleep_at_least(self, failures: u32, hint: Option<Duration>) {
         let pause = self.pause(failures, rand::random());
-        // A tenth of chance on top, so that all who were told the same do not come back together.
+        // A tenth of chance on top, so that clients with the same hint do not come back together.
         let hint = hint.unwrap_or_default().mul_f64(1.0 + 0.1 * rand::random::<f64>());
         tokio::time::sleep(pause.max(hint)).await;
     }

@@ -2,8 +2,8 @@
 //! a shell script, and for what carries measurements over from elsewhere.
 //!
 //! Nothing here falls back and nothing is queued: each call is one question to the daemon, and its error is
-//! an error. A trial that is handed out stays with its client until it is told, given back, or its lease
-//! ends; dropping the record does nothing. Frame loops use [`crate::Study`].
+//! an error. A trial that is handed out stays with its client until it is reported or given back, or its
+//! lease ends; dropping the record does nothing. Frame loops use [`crate::Study`].
 
 use treewright_proto::convert::{
     configuration_to_wire, fingerprint_to_wire, outcome_to_wire, session_policy_to_wire,
@@ -17,16 +17,16 @@ use crate::{
     TrialQuery, TrialRecord, wire,
 };
 
-/// A question for the next trial. What is `None` is as the client's options have it.
+/// A question for the next trial. For `None` the client's options hold.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Question {
     /// A value for each indicator of the study.
     pub indicators: Indicators,
-    /// Who asks. It gets the same trial again until that one is told.
+    /// The client that asks. It gets the same trial again until it reports that.
     pub client_id: Option<String>,
     /// The machine that the measurement is to hold for.
     pub fingerprint: Option<Fingerprint>,
-    /// Tells the client's sessions apart; 0 for one endless session. `None`: this process is a session.
+    /// Distinguishes the client's sessions; 0 for one endless session. `None`: this process is a session.
     pub session: Option<u64>,
     /// The client stops every trial no later than when its cost reaches [`TrialRecord::abort_above`].
     pub can_abort: bool,

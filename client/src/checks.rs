@@ -1,4 +1,4 @@
-//! What the service would refuse, found before anything is sent.
+//! Checks that find, before anything is sent, what the service would refuse.
 
 use treewright_model::limits;
 use treewright_model::names::{NAME_RULE, is_name};

@@ -203,7 +203,7 @@ impl Client {
 
     /// Deletes a study with its states, trials and models.
     ///
-    /// A client that still works on a study that it specified itself creates it anew.
+    /// A client that still works on a study that it specified itself creates it again.
     /// Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn delete_study(&self, id: &str) -> Result<(), ClientError> {
         let request = v1::DeleteStudyRequest { name: study_name(id) };
@@ -248,7 +248,7 @@ impl Core {
     }
 
     /// A call that only reads, and is repeated while the daemon is still loading the study. `rpc` begins it
-    /// anew.
+    /// again.
     async fn read<T, F>(&self, name: &'static str, mut rpc: impl FnMut() -> F) -> Result<T, ClientError>
     where
         F: Future<Output = Result<tonic::Response<T>, tonic::Status>>,

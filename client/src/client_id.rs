@@ -57,8 +57,8 @@ fn whoever() -> String {
     format!("{}@{}/{}", short(&program, 32), machine_name(), short(&user, 24))
 }
 
-/// The host's name, and a number by which hosts of one name are told apart: not what `machine-id(5)` says
-/// itself, which is nobody's business.
+/// The host's name, and a number that distinguishes hosts of one name: a hash of `machine-id(5)`, which
+/// itself is nobody's business.
 pub(crate) fn machine_name() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = if name.trim().is_empty() { "machine" } else { name.trim() };

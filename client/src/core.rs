@@ -126,9 +126,8 @@ impl Core {
         result
     }
 
-    /// What `ask` brings; while the daemon says that it cannot serve yet and when it may, because it is still
-    /// loading the study, it is asked again within the time limit. At its end the daemon's own words come
-    /// back.
+    /// The answer of `ask`. It is asked again within the time limit while the daemon is still loading the
+    /// study and says when it may serve. At the end of the limit the daemon's own words come back.
     pub(crate) async fn until_ready<T, F>(
         &self,
         name: &'static str,

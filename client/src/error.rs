@@ -133,7 +133,7 @@ pub enum ClientError {
     /// Too much is under way already.
     #[error("{what}: the limit of {limit} is reached; try again when some are done")]
     Busy {
-        /// What there is too much of.
+        /// The items that are too many.
         what: &'static str,
         /// The limit.
         limit: usize,

@@ -1,8 +1,8 @@
 //! Several addresses of one service: the replicas of a daemon, of which any will do.
 //!
 //! Requests go to one of them. When it does not answer, or says that it is not serving, the next request asks
-//! the health service of each in turn and stays with the first that serves. What the failed request wanted is
-//! the caller's affair: frames get their fallback, and reports wait in the outbox.
+//! the health service of each in turn and stays with the first that serves. The failed request is the
+//! caller's affair: frames get their fallback, and reports wait in the outbox.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -46,7 +46,7 @@ impl Failover {
         Self { shared: Arc::new(FailoverState { channels, current, trusted }) }
     }
 
-    /// How many addresses there are.
+    /// The number of addresses.
     pub(crate) fn count(&self) -> usize {
         self.shared.channels.len()
     }

@@ -44,14 +44,14 @@ pub enum FrameSetResult {
 }
 
 impl FrameSet {
-    /// A trial of so many frames (at least one) that ends early where the suggestion's cap says so. Costs of
+    /// A trial of `frames` frames (at least one) that ends early where the suggestion's cap says so. Costs of
     /// frames are in the objective's units.
     #[must_use]
     pub fn new(suggestion: &Suggestion, frames: usize) -> Self {
         Self::with_cap(suggestion.abort_above(), frames)
     }
 
-    /// The same with a cap of one's own.
+    /// A trial of `frames` frames with a cap of one's own.
     #[must_use]
     pub fn with_cap(abort_above: Option<f64>, frames: usize) -> Self {
         Self {
@@ -68,13 +68,13 @@ impl FrameSet {
         self.planned = self.planned.max(frames);
     }
 
-    /// How many frames have counted so far.
+    /// The number of frames that have counted so far.
     #[must_use]
     pub fn counted(&self) -> usize {
         self.costs.len()
     }
 
-    /// Runs so many more frames before those that count.
+    /// Runs `frames` more frames before those that count.
     #[must_use]
     pub fn leave_out(mut self, frames: usize) -> Self {
         self.warm_up = frames;
@@ -105,8 +105,8 @@ impl FrameSet {
         self.costs.len() < self.planned && self.stopped_at().is_none()
     }
 
-    /// What the median must be at least, once that is above the cap: more than half of all planned frames
-    /// have cost as much, so whatever the others cost does not matter.
+    /// The lower bound of the median, once that is above the cap: more than half of all planned frames have
+    /// cost as much, so the costs of the others do not matter.
     fn stopped_at(&self) -> Option<f64> {
         let needed = self.planned / 2 + 1;
         let mut sorted = self.costs.clone();

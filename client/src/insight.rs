@@ -19,15 +19,15 @@ pub struct Explanation {
     pub reference_cost: Option<f64>,
     /// By how much exploring is expected to lower the cost of each later frame, as a share.
     pub expected_gain: Option<f64>,
-    /// How many frames are expected to profit.
+    /// The number of frames that are expected to profit.
     pub expected_frames: Option<f64>,
-    /// What exploring is expected to cost in all, in frames of the reference.
+    /// The expected cost of exploring in all, in frames of the reference.
     pub exploring_cost: Option<f64>,
     /// Parameters that were left at their best known value because they do not matter here.
     pub held: Vec<String>,
-    /// What would have been answered, were the study not in shadow.
+    /// The answer without shadow operation.
     pub instead_of: Option<Configuration>,
-    /// What this trial costs is not learnt.
+    /// The cost of this trial is not learnt.
     pub silent: bool,
 }
 
@@ -40,9 +40,9 @@ pub struct StateInsight {
     pub tried: i64,
     /// How often clients came to the state.
     pub visits: i64,
-    /// How many frames were reported from it.
+    /// The number of frames reported from it.
     pub frames: i64,
-    /// How much repeated measurements differ, relative to the cost; `None` before anything was measured
+    /// The difference of repeated measurements, relative to the cost; `None` before anything was measured
     /// twice.
     pub noise: Option<f64>,
     /// Measurements that were far from all others of their configuration.
@@ -51,13 +51,13 @@ pub struct StateInsight {
     pub drifts: i64,
     /// By how much going on with the search is expected to lower the cost of each later frame, as a share.
     pub expected_gain: Option<f64>,
-    /// How many frames are expected to profit.
+    /// The number of frames that are expected to profit.
     pub expected_frames: Option<f64>,
-    /// What the search is expected to cost, in frames.
+    /// The expected cost of the search, in frames.
     pub exploring_cost: Option<f64>,
-    /// What is left out of the search here, and why.
+    /// The parameters and indicators that the search leaves out here, and why.
     pub omissions: Vec<Omission>,
-    /// What is proven of what is exploited here.
+    /// How far the configuration exploited here is proven.
     pub standing: Option<Standing>,
 }
 
@@ -71,7 +71,7 @@ pub struct Omission {
     pub reason: Option<OpenEnum<OmissionReason>>,
     /// For people.
     pub summary: String,
-    /// How many trials were or will be saved by it, estimated.
+    /// The estimated number of trials that it has saved or will save.
     pub saved_trials: f64,
     /// With which probability leaving it out is wrong; `None` where it is certain.
     pub risk: Option<f64>,

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-/// Clients of one program, user and machine that run at the same time and are told apart by a slot.
+/// Most clients of one program, user and machine at the same time: each has a slot of its own.
 pub const CLIENT_SLOTS: u32 = 1024;
 /// Workers under one client's name, over all of its processes: trials that may be run side by side.
 pub const WORKERS: usize = 1024;
@@ -19,7 +19,7 @@ pub const REMEMBERED_INFEASIBLE: usize = 256;
 pub const OUTSTANDING_SUGGESTIONS: usize = 256;
 /// Frames that a tuner's stream may have unanswered; a further one gets the fallback.
 pub const UNANSWERED_FRAMES: usize = 8;
-/// A report answered by an internal error of the daemon is given up after so many attempts.
+/// Number of attempts after which a report answered by an internal error of the daemon is given up.
 pub const ATTEMPTS_AFTER_INTERNAL_ERROR: u32 = 8;
 /// Trials fetched at once when reading page by page. A trial takes about 3 kB, a page thus 0.6 MB.
 pub const PAGE_SIZE: i32 = 200;

@@ -3,8 +3,8 @@
 //!
 //! Its database is in the data folder of the user (XDG Base Directory Specification 0.8). It listens on a
 //! Unix socket in a folder beside the database, or below `/tmp` where that path is too long for a socket. So
-//! it is found by everybody who would use the same database, be it at a desk or in a job of cron: the folder
-//! for a session (`XDG_RUNTIME_DIR`) is there in the one and not in the other. Whoever can write to a folder
+//! every program that would use the same database finds it, at a desk or in a job of cron: the folder for a
+//! session (`XDG_RUNTIME_DIR`) is there in the one and not in the other. A user with write access to a folder
 //! can put another daemon or a link into it, so both folders have to be the user's alone. Several programs
 //! that look for the daemon at once take turns by a lock on a file, so that only one is started.
 
@@ -35,7 +35,7 @@ const PROGRAM: &str = "treewrightd";
 const SOCKET_PATH_BYTES: usize = 100;
 /// Its name in the runtime folder.
 const SOCKET: &str = "daemon.sock";
-/// What the daemon says before its address when it is ready.
+/// The daemon's words before its address when it is ready.
 const READY: &str = "treewrightd listening on ";
 
 /// The user's own daemon, running or not.
@@ -98,8 +98,8 @@ impl LocalDaemon {
         [(&self.data, true), (&self.runtime, false)]
     }
 
-    /// Its address. It is started where it is not running, and `note` is told so. Blocks until it answers,
-    /// for some seconds at most.
+    /// Its address. It is started where it is not running, and `note` is called with a message. Blocks until
+    /// it answers, for some seconds at most.
     ///
     /// Errors: [`ClientError::NoLocalDaemon`] with what its log says, or with the folder that is not the
     /// user's alone.

@@ -1,5 +1,5 @@
-//! What to run with when the daemon does not answer: the last configuration that came from it and was
-//! not reported infeasible.
+//! The configuration to run with when the daemon does not answer: the last that came from it and was not
+//! reported infeasible.
 
 use std::collections::VecDeque;
 

@@ -18,7 +18,7 @@ macro_rules! named_numbers {
                 Self::default()
             }
 
-            /// The same with one number more, or with that number replaced.
+            /// These numbers with one more, or with that one replaced.
             #[must_use]
             pub fn with(mut self, name: impl Into<String>, value: f64) -> Self {
                 self.set(name, value);
@@ -41,7 +41,7 @@ macro_rules! named_numbers {
                 self.0.iter().map(|(name, value)| (name.as_str(), *value))
             }
 
-            /// How many there are.
+            /// The number of entries.
             #[must_use]
             pub fn len(&self) -> usize {
                 self.0.len()
@@ -81,7 +81,7 @@ named_numbers! {
 }
 
 impl Measurements {
-    /// How many a report holds at most.
+    /// The most entries of a report.
     pub const MOST: usize = treewright_model::limits::MEASUREMENTS_MAX;
 
     /// Whether the service takes the name: 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a

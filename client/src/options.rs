@@ -9,12 +9,11 @@ use crate::{ClientError, Credentials, Fingerprint, client_id, detect_fingerprint
 /// Settings of a client; the defaults suit a renderer on the daemon's machine.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Who this is, to the service: 1 to 128 printable characters, unique among the machines that work on a
-    /// study. Trials that run side by side, by threads, tasks or processes of this machine, are told apart by
-    /// themselves: their workers are called `ID`, `ID#2`, `ID#3` and so on, up to [`limits::WORKERS`].
-    /// Default: program, machine, user and the first free slot among those that run at the same time. It is
-    /// the same again after a restart, which so gets back the trials that were left unfinished; clients of
-    /// one process share it.
+    /// The client's name for the service: 1 to 128 printable characters, unique among the machines that work
+    /// on a study. Trials that run side by side, in threads, tasks or processes of this machine, have workers
+    /// with names of their own: `ID`, `ID#2`, `ID#3` and so on, up to [`limits::WORKERS`]. Default: program,
+    /// machine, user and the first free slot among those that run at the same time. A restart has the same
+    /// name again, and so gets back the unfinished trials; clients of one process share it.
     pub client_id: String,
     /// The machine and software, sent with every suggestion. Default: [`crate::detect_fingerprint`].
     pub fingerprint: Fingerprint,
@@ -28,7 +27,7 @@ pub struct Options {
     pub deadline: Duration,
     /// How long any other call may take. Default 5 s.
     pub call_deadline: Duration,
-    /// How many reports may wait for the daemon, 1 to 1048576. Default 1024. When it is full, the oldest is
+    /// Most reports that may wait for the daemon, 1 to 1048576. Default 1024. When it is full, the oldest is
     /// dropped and counted: its lease is the likeliest to be gone, and the newest says most of the present.
     pub queue: usize,
     /// First pause after a failure; it doubles with each further one. Default 50 ms.

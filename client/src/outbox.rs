@@ -60,7 +60,7 @@ struct OutboxState {
     phase: OutboxPhase,
 }
 
-/// What is being sent: about which trial, and whose it was.
+/// The report that is being sent: its study, worker and trial.
 #[derive(Debug)]
 struct Sending {
     study: Arc<str>,

@@ -75,7 +75,7 @@ impl TrialPages {
         trial.map_err(|problem| self.core.malformed("QueryTrials", problem))
     }
 
-    /// At most so many of the remaining trials. Errors: as for [`TrialPages::next`].
+    /// At most `limit` of the remaining trials. Errors: as for [`TrialPages::next`].
     pub async fn take(&mut self, limit: usize) -> Result<Vec<TrialRecord>, ClientError> {
         let mut trials = Vec::new();
         while trials.len() < limit {

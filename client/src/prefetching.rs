@@ -18,11 +18,11 @@ use crate::{ClientError, Finished, Indicators, SharedError, Study, Suggestion, c
 
 /// A per-frame loop of one study whose calls return at once; see [`Study::prefetching_tuner`].
 ///
-/// What it answers was asked for a frame ago and rests on the results that were known then. It is a trial
-/// only where the state is still the same: when the indicators have moved further than the study's state
-/// tolerance, the trial is given back, and the frame runs its configuration as a fallback. A program that
-/// knows the next frame's indicators early says them ([`PrefetchingTuner::next_before`]), and then loses no
-/// frame to a moving camera.
+/// Its answer was asked for a frame ago and rests on the results of that time. It is a trial only where the
+/// state is still the same: when the indicators have moved further than the study's state tolerance, the
+/// trial is given back, and the frame runs its configuration as a fallback. A program that knows the next
+/// frame's indicators early says them ([`PrefetchingTuner::next_before`]), and then loses no frame to a
+/// moving camera.
 ///
 /// ```no_run
 /// # use treewright_client::blocking::Study;
@@ -84,8 +84,8 @@ impl PrefetchingTuner {
         }
     }
 
-    /// Whether a suggestion for this state has come. What came instead of one is dropped, so that it is asked
-    /// for again.
+    /// Whether a suggestion for this state has come. Any other answer is dropped, so that it is asked for
+    /// again.
     fn has_answer(&mut self, indicators: &Indicators) -> bool {
         let spec = &self.study.shared.context.spec;
         let Some(mut question) = self.outstanding.take() else { return false };

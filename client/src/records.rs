@@ -180,7 +180,7 @@ pub struct Best {
     pub cost: f64,
     /// Mean objective of the default configuration in the same state, if it was measured there.
     pub default_cost: Option<f64>,
-    /// How many measurements `cost` rests on.
+    /// The number of measurements behind `cost`.
     pub measurements: i32,
     /// The state it holds for.
     pub state_id: i64,

@@ -1,4 +1,4 @@
-//! What the handles and tuners of a study share: whether the daemon knows it, and how it is asked for
+//! The shared part of the handles and tuners of a study: whether the daemon knows it, and its questions for
 //! suggestions.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -65,8 +65,7 @@ impl Shared {
         shared
     }
 
-    /// The same study for another client. What is the other's alone, such as what it is waiting for, stays
-    /// there.
+    /// The same study for another client. The other's own state, such as its open questions, stays there.
     pub(crate) fn again(&self, core: &Arc<Core>) -> Arc<Self> {
         let context = self.context.again(core);
         // Whether it is created shows in the first question.
@@ -116,7 +115,7 @@ impl Shared {
         Suggestion::fallback(Arc::clone(&self.context), problem)
     }
 
-    /// Who asks for a trial: whoever hands in the result of the one before, or whoever is free.
+    /// The worker that asks for a trial: the one that hands in the previous result, or a free one.
     pub(crate) fn worker(
         &self,
         indicators: &Indicators,

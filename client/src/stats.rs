@@ -8,7 +8,7 @@ use serde::Serialize;
 
 macro_rules! counted {
     ($($(#[$doc:meta])* $name:ident,)*) => {
-        /// What became of suggestions and reports since the client was made.
+        /// Counts of suggestions and reports since the client was made.
         #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
         pub struct Stats {
             $($(#[$doc])* pub $name: u64,)*

@@ -78,9 +78,9 @@ impl Study {
         self.shared.policy_differs()
     }
 
-    /// What to run next for these indicators, within the client's deadline ([`crate::Options::deadline`]):
-    /// from the daemon; else the last good configuration; else the default. It never fails: what went wrong,
-    /// be it a wrong indicator or an absent daemon, is told by [`Suggestion::problem`].
+    /// The next suggestion for these indicators, within the client's deadline ([`crate::Options::deadline`]):
+    /// from the daemon; else the last good configuration; else the default. It never fails:
+    /// [`Suggestion::problem`] gives the reason of a fallback, be it a wrong indicator or an absent daemon.
     ///
     /// An answer that comes too late is kept for the next call with the same state, or given back.
     pub async fn suggest(&self, indicators: &Indicators) -> Suggestion {
@@ -109,8 +109,7 @@ impl Study {
     }
 
     /// A trial of a configuration of the program's own choice, e.g. to measure a winner once more or to try
-    /// what is known from elsewhere. What it finds is learnt like anything else; the search goes on as it
-    /// was.
+    /// one from elsewhere. Its result is learnt like any other; the search goes on as it was.
     ///
     /// Unlike [`Study::suggest`] there is nothing to fall back on, so a daemon that answers that it cannot
     /// serve yet, because it is still loading the study, is asked again until the client's deadline. Errors:

@@ -1,5 +1,5 @@
-//! What a suggestion keeps of the study that it came from: the connection, the name, the specification, and
-//! what is remembered to fall back on. All handles of the study share it.
+//! The part of its study that a suggestion keeps: the connection, the name, the specification, and the
+//! configurations to fall back on. All handles of the study share it.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -12,7 +12,7 @@ pub(crate) struct StudyContext {
     pub(crate) core: Arc<Core>,
     /// The resource name.
     pub(crate) name: Arc<str>,
-    /// The same with the study's identity, once the daemon has told it: what is asked for.
+    /// The name with the study's identity, once the daemon has sent it. Requests use this one.
     identified: Mutex<Arc<str>>,
     pub(crate) spec: StudySpec,
     memory: Mutex<RememberedConfigurations>,
@@ -40,7 +40,7 @@ impl StudyContext {
         Arc::clone(&self.identified.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// The daemon has told which study it is.
+    /// Takes the identity of the study from the daemon's answer.
     pub(crate) fn identify(&self, record: &StudyRecord) {
         let mut identified = self.identified.lock().unwrap_or_else(PoisonError::into_inner);
         *identified = Arc::from(record.identified_name());

@@ -1,7 +1,7 @@
 //! The workers of a client. The service hands a client that holds an open trial for a state that trial again,
-//! so whoever runs trials side by side (threads, tasks, processes) needs several names. Nobody has to think
-//! of them: each suggestion takes a free worker of its client when it is asked for, and lets it go with its
-//! result, so that one loop is one worker and four threads are four.
+//! so a program that runs trials side by side (threads, tasks, processes) needs several names. They come by
+//! themselves: each suggestion takes a free worker of its client when it is asked for, and lets it go with
+//! its result, so that one loop is one worker and four threads are four.
 //!
 //! Workers are called as their client, then `NAME#2`, `NAME#3` and so on; a process takes the lowest that no
 //! other process of the same client has. So a client that starts again with as many threads finds the trials

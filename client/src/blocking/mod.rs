@@ -7,9 +7,9 @@
 //! When the client and its last study are dropped, queued reports are sent for at most two more seconds.
 //!
 //! The child of a fork has none of its parent's threads, and must not speak on its parent's connection.
-//! Handles find out in which process they are used: in a child they connect anew, as workers of their own
-//! under the client's name. What the parent had under way (suggestions, queued reports, pages of trials)
-//! stays the parent's.
+//! Handles find out in which process they are used: in a child they connect again, as workers of their own
+//! under the client's name. The parent keeps what it had under way (suggestions, queued reports, pages of
+//! trials).
 
 mod per_process;
 mod runtime;
@@ -48,7 +48,7 @@ impl ConnectedClient {
         Ok(Self { client, thread: Arc::new(thread) })
     }
 
-    /// The same in another process.
+    /// Connects again, in another process.
     fn again(&self) -> Result<Self, ClientError> {
         Self::connect(self.client.url(), self.client.core.options.clone())
     }

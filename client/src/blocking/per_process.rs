@@ -32,7 +32,7 @@ impl<T> OfProcess<T> {
         if is_here { self.value.as_mut() } else { None }.ok_or_else(problem)
     }
 
-    /// What this process has in `place`, where it is made if there is none or another process's.
+    /// This process's value in `place`, which is made if there is none or another process's.
     pub(super) fn of_this(place: &mut Option<Self>, make: impl FnOnce() -> T) -> &mut T {
         if place.as_ref().is_none_or(|there| there.process != std::process::id()) {
             *place = None;
@@ -62,7 +62,7 @@ impl<T> PerProcess<T> {
         Self { first: OfProcess::new(value), child: OnceLock::new() }
     }
 
-    /// What the process has that made it, to read what is the same in all.
+    /// The value of the process that made it, to read what is equal in all.
     pub(super) fn first(&self) -> &T {
         self.first.value.as_ref().expect("it is only taken when dropped")
     }

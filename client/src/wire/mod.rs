@@ -1,7 +1,7 @@
-//! Messages as records of this crate. What daemon and client convert alike is in `treewright_proto::convert`.
+//! Messages as records of this crate. Shared conversions are in `treewright_proto::convert`.
 //!
 //! Reading a list never fails for what a newer daemon says of one entry: unknown words are carried along, and
-//! what cannot be read of an entry stands in that entry. Whoever must act on it fails then, with that reason.
+//! an entry keeps the reason why it cannot be read. A caller that must act on it fails with that reason.
 
 mod insight;
 mod trial;

@@ -1,6 +1,5 @@
 //! A daemon that is newer than the client: it knows methods, modes, rules, outcomes and domains that the
-//! client has never heard of. What can be used goes on; what cannot be read is shown as such, where it
-//! stands.
+//! client has never heard of. The usable part works; the unreadable part is shown as such, where it stands.
 
 use std::time::Duration;
 

@@ -1,5 +1,4 @@
-//! What released daemons said is read by this client: their recorded answers (`proto/released`), served by
-//! the stand-in.
+//! This client reads the recorded answers of released daemons (`proto/released`), served by the stand-in.
 
 use std::path::{Path, PathBuf};
 
@@ -28,7 +27,7 @@ fn responses<M: Message + Default>(version: &Path, rpc: &str) -> Vec<M> {
     files.into_iter().map(read).collect()
 }
 
-/// The stand-in with all that a released daemon told.
+/// The stand-in with all answers of a released daemon.
 fn as_recorded(version: &Path) -> Fake {
     let fake = Fake::start();
     let mut book = fake.book();

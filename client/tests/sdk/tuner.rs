@@ -132,7 +132,7 @@ async fn a_report_refused_on_the_stream_is_counted_and_the_stream_goes_on() {
     let second = tuner.next(&state(2), finish(first, 1.0)).await;
     assert_eq!(second.source(), Source::Daemon);
     assert_eq!((client.stats().refused, client.stats().acknowledged), (1, 0));
-    // What may pass is sent again, outside the stream.
+    // After a passing error the report is sent again, outside the stream.
     fake.book().refuse.insert("streamed Report", tonic::Code::ResourceExhausted);
     let third = tuner.next(&state(3), finish(second, 1.0)).await;
     assert_eq!(third.source(), Source::Daemon);

@@ -14,19 +14,19 @@ pub struct Book {
     pub calls: BTreeMap<&'static str, usize>,
     /// Reports that completed a trial. More than one for a trial would be a defect of the stand-in.
     pub stored_reports: Vec<String>,
-    /// So many of the next reports are stored, and their answers lost.
+    /// The number of next reports that are stored and whose answers are lost.
     pub lose_answers: usize,
-    /// So many of the next streamed requests are carried out, and the stream breaks instead of the answer.
+    /// The number of next streamed requests after which the stream breaks instead of the answer.
     pub break_streams: usize,
     /// It says what only a newer daemon would say: modes, rules and outcomes of tomorrow.
     pub newer: bool,
-    /// What to answer to Predict instead of the best that is known.
+    /// The answer to Predict in place of the best that is known.
     pub predicted: Option<v1::PredictResponse>,
-    /// What GetBest says is proven.
+    /// The standing in answers to GetBest.
     pub standing: Option<v1::Standing>,
     /// Answers to give instead of doing what is asked.
     pub refuse: BTreeMap<&'static str, Code>,
-    /// So many of the next questions about the study are answered as by a daemon that is still loading it.
+    /// The number of next questions about the study that meet a daemon that is still loading it.
     pub loading: usize,
 }
 

@@ -1,5 +1,5 @@
-//! A stand-in for the daemon that runs inside the test. It keeps studies and trials in memory after the
-//! rules of the wire contract, and can be told to hang, to lose answers, to refuse, and to be away.
+//! A stand-in for the daemon that runs inside the test. It keeps studies and trials in memory after the rules
+//! of the wire contract, and can be made to hang, to lose answers, to refuse, and to be away.
 #![allow(dead_code, unreachable_pub)] // each test program uses its own part of it
 
 mod book;
@@ -59,7 +59,7 @@ impl Fake {
         format!("http://{}", self.address)
     }
 
-    /// What it knows and what it is to do wrong.
+    /// Its studies and trials, and the faults to make.
     pub fn book(&self) -> MutexGuard<'_, Book> {
         self.book.lock().expect("no test panics inside the book")
     }
