@@ -24,7 +24,7 @@ pub struct NoSuchValue {
     pub name: String,
     /// The kind that was asked for.
     pub wanted: &'static str,
-    /// What there is instead.
+    /// The value that is there instead.
     pub found: String,
 }
 
@@ -35,7 +35,7 @@ impl Assignment {
         Self::default()
     }
 
-    /// The same with one value more, or with that value replaced.
+    /// These values with one more, or with that one replaced.
     #[must_use]
     pub fn with(mut self, name: impl Into<String>, value: impl Into<Value>) -> Self {
         self.set(name, value);
@@ -102,7 +102,7 @@ impl Assignment {
         self.0.iter().map(|(name, value)| (name.as_str(), value))
     }
 
-    /// How many values there are.
+    /// The number of values.
     #[must_use]
     pub fn len(&self) -> usize {
         self.0.len()
@@ -190,7 +190,7 @@ impl<'de> Deserialize<'de> for PlainValue {
             }
 
             fn visit_u64<E: de::Error>(self, value: u64) -> Result<PlainValue, E> {
-                // What is beyond the range of integers was a float.
+                // A value beyond the range of integers was a float.
                 Ok(PlainValue(i64::try_from(value).map_or(Value::Float(value as f64), Value::Integer)))
             }
 

@@ -85,7 +85,7 @@ ids! {
     StateId;
     /// A trial of a study: rises by one, from 1 where no study had the name before.
     TrialNumber;
-    /// A machine of a study, told by its fingerprint: rises by one from 0, in the order in which they founded
+    /// A machine of a study, by its fingerprint: rises by one from 0, in the order in which they founded
     /// states.
     MachineId;
 }

@@ -61,7 +61,7 @@ pub enum IndicatorError {
     /// Too many indicators.
     #[error("{count} indicators; at most {INDICATORS_MAX} are allowed")]
     TooMany {
-        /// How many were given.
+        /// The number that was given.
         count: usize,
     },
     /// Not spelt like a name.
@@ -224,8 +224,8 @@ mod tests {
             a in finite(), b in finite(), low in finite(), high in finite(), log in any::<bool>(),
         ) {
             let (low, high) = (low.min(high), low.max(high));
-            // Such an indicator is refused. An assumption would end long runs, which may drop so many cases
-            // only.
+            // Such an indicator is refused. An assumption would end long runs, which may drop a limited
+            // number of cases.
             if low == high {
                 return Ok(());
             }

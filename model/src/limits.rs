@@ -50,8 +50,8 @@ pub const EPSILON_HALVES_AFTER_MAX: u32 = 1_000_000;
 pub const WARM_UP_MAX: u32 = 10_000;
 /// Largest factor between the costs of a configuration and the reference that a policy may name.
 pub const COST_FACTOR_MAX: f64 = 1e6;
-/// Most combinations of values of a space whose configurations are counted: a search of so few can try them
-/// all.
+/// Most combinations of values of a space whose configurations are counted: a search can try that few one by
+/// one.
 pub const ENUMERATED_MAX: usize = 1024;
 /// Longest lease, in seconds: one day.
 pub const LEASE_S_MAX: u32 = 86_400;

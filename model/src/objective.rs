@@ -42,7 +42,7 @@ pub enum ObjectiveError {
     /// No term, or too many.
     #[error("the objective has {count} terms; give 1 to {OBJECTIVE_TERMS_MAX}")]
     TermCount {
-        /// How many were given.
+        /// The number that was given.
         count: usize,
     },
     /// A metric is not spelt like a name.
@@ -82,7 +82,7 @@ pub enum ObjectiveError {
     /// Too many auxiliary metrics.
     #[error("the objective has {count} auxiliary metrics; give at most {AUXILIARY_METRICS_MAX}")]
     AuxiliaryCount {
-        /// How many were given.
+        /// The number that was given.
         count: usize,
     },
     /// An auxiliary metric is not spelt like a name.
@@ -123,7 +123,7 @@ impl Objective {
         Ok(Objective { terms, auxiliary: Vec::new() })
     }
 
-    /// The same with metrics that explain costs and are no part of them; see [`Objective::auxiliary`].
+    /// This objective with metrics that explain costs and are no part of them; see [`Objective::auxiliary`].
     pub fn with_auxiliary(self, auxiliary: Vec<String>) -> Result<Self, ObjectiveError> {
         if auxiliary.len() > AUXILIARY_METRICS_MAX {
             return Err(ObjectiveError::AuxiliaryCount { count: auxiliary.len() });
@@ -141,8 +141,8 @@ impl Objective {
     }
 
     /// Metrics that reports may carry beside those of the terms, in the order in which they were given:
-    /// quantities that explain a cost, such as the processor time of a frame. What they tell of a cost's
-    /// noise is taken out of it before it is compared with others.
+    /// quantities that explain a cost, such as the processor time of a frame. The noise of a cost that they
+    /// explain is taken out before it is compared with others.
     pub fn auxiliary(&self) -> &[String] {
         &self.auxiliary
     }

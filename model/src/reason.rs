@@ -67,7 +67,7 @@ words! {
         Waiting = "WAITING",
         /// The search is over, and its best few run against the incumbent.
         Confirming = "CONFIRMING",
-        /// The incumbent is measured again while others are explored: by it the speed of the machine is told.
+        /// The incumbent is measured again while others are explored, to follow the machine's speed.
         Incumbent = "INCUMBENT",
     }
 }
@@ -97,10 +97,10 @@ pub struct Explanation {
     /// By how much exploring is expected to lower the cost of each later frame, as a share.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_gain: Option<f64>,
-    /// How many frames are expected to profit.
+    /// The number of frames that are expected to profit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_frames: Option<f64>,
-    /// What exploring is expected to cost in all, in frames of the reference.
+    /// The expected cost of exploring in all, in frames of the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exploring_cost: Option<f64>,
     /// Parameters that were left at their best known value because they do not matter here.
@@ -109,7 +109,7 @@ pub struct Explanation {
     /// What would have been answered, were the study not in shadow.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instead_of: Option<RawConfiguration>,
-    /// What this trial costs is not learnt.
+    /// The cost of this trial is not learnt.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub silent: bool,
 }

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::policy::{PolicyError, PolicySettings};
 
-/// What replaces the study's [`Policy`](crate::policy::Policy) for one session. What is `None` is as the
-/// study has it.
+/// Replaces the study's [`Policy`](crate::policy::Policy) for one session. For `None` the study's value
+/// holds.
 ///
 /// Pinned configurations, the operation and the regret budget belong to the study's operator and cannot be
 /// replaced.
@@ -18,7 +18,7 @@ pub struct SessionPolicy {
     /// Probability of exploring when the client's state changes, 0 to 1, whatever the number of visits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub epsilon: Option<f64>,
-    /// For this session a state's search ends after so many runs, repeats among them, 1 to 100,000.
+    /// A state's search ends for this session after this number of runs, with repeats, 1 to 100,000.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials_per_state: Option<u32>,
     /// Exploring trials are stopped when their cost exceeds that of the reference by this factor, which is

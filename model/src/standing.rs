@@ -15,7 +15,7 @@ pub const PROVEN: f64 = 0.99;
 /// The probability, by all that was measured in a state, from which on something is called likely to be
 /// better.
 pub const LIKELY: f64 = 0.8;
-/// Whoever can gain no more than this share has nothing to win.
+/// With a gain of at most this share there is nothing to win.
 pub const NOTHING_TO_WIN: f64 = 0.01;
 
 words! {
@@ -23,7 +23,7 @@ words! {
     /// surface says of it.
     pub enum StandingVerdict {
         /// Better, by the paired rounds of its confirmation alone, with a probability of at least [`PROVEN`].
-        /// The gain that is told is that of the same rounds.
+        /// The reported gain is that of the same rounds.
         Proven = "PROVEN",
         /// Better by all that was measured, with a probability of at least [`LIKELY`].
         Likely = "LIKELY",
@@ -86,7 +86,7 @@ pub struct Gain {
     pub low: Option<f64>,
     /// The upper end.
     pub high: Option<f64>,
-    /// The probability that it is cheaper at all, where it can be told.
+    /// The probability that it is cheaper at all, where it is known.
     pub probability_better: Option<f64>,
 }
 
@@ -105,17 +105,17 @@ impl fmt::Display for Gain {
     }
 }
 
-/// What came of running the best few configurations of a state against its incumbent, in rounds in which each
-/// is measured once.
+/// The outcome of running the best few configurations of a state against its incumbent, in rounds in which
+/// each is measured once.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Confirmation {
     /// How far it is.
     pub stage: ConfirmationStage,
-    /// How many rounds the incumbent has run.
+    /// The number of rounds that the incumbent has run.
     pub rounds: u64,
     /// The most that it may run.
     pub rounds_max: u64,
-    /// How many measurements there were in all.
+    /// The number of measurements in all.
     pub measurements: u64,
     /// Of the answer over the default, by these rounds alone, or over the incumbent where the default did not
     /// run in them: its interval holds at whichever moment one looks.
@@ -179,7 +179,7 @@ impl Standing {
         }
     }
 
-    /// What is known, in a few words that fit a column of a table; of what is open, what goes on.
+    /// The verdict in a few words that fit a column of a table; for an open one, the present stage.
     pub fn in_short(&self) -> &'static str {
         match (self.verdict(), self.confirmation.stage) {
             (_, ConfirmationStage::Racing) => "confirming",
@@ -272,7 +272,7 @@ mod tests {
         use ConfirmationStage::{Better, NothingBetter, Off, Racing, Searching};
         for (stage, by_all, by_rounds, verdict, in_short) in [
             (Better, 0.999, Some(0.995), StandingVerdict::Proven, "proven better"),
-            // What all measurements together say is no proof.
+            // All measurements together are no proof.
             (Better, 0.999, Some(0.97), StandingVerdict::Likely, "likely better"),
             (Better, 0.97, None, StandingVerdict::Likely, "likely better"),
             (Searching, 0.999, None, StandingVerdict::Likely, "likely better"),

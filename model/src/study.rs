@@ -104,7 +104,7 @@ impl<P> StudySpec<P> {
         Ok(())
     }
 
-    /// The same with another policy.
+    /// The specification with another policy.
     pub fn with_policy<Q>(self, policy: Q) -> StudySpec<Q> {
         StudySpec {
             display_name: self.display_name,

@@ -2,7 +2,7 @@
 
 use proptest::test_runner::{Config, RngSeed};
 
-/// What the library runs where nothing is asked for.
+/// The library's own number of cases.
 const CASES_USUAL: u32 = 256;
 
 /// A configuration of `cases` cases. The library's variables `PROPTEST_CASES` and `PROPTEST_RNG_SEED`

@@ -195,7 +195,7 @@ impl RawTrial {
 }
 
 impl<C> Trial<C> {
-    /// What kind of answer it is.
+    /// The kind of answer.
     pub fn mode(&self) -> Mode {
         self.decision.mode()
     }

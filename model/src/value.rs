@@ -60,7 +60,7 @@ impl Value {
         }
     }
 
-    /// Reads a value as people write it: `true`, `32`, `0.5`, or else text. What is in double quotes is text.
+    /// Reads a value as people write it: `true`, `32`, `0.5`, or else text. A value in double quotes is text.
     pub fn parse(text: &str) -> Self {
         if let Some(quoted) = text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) {
             return Value::Text(quoted.to_owned());

@@ -57,7 +57,7 @@ pub(crate) use words;
 pub enum OpenEnum<T> {
     /// One of ours.
     Known(T),
-    /// The number that it has on the wire; 0 for an alternative of a `oneof`, whose number is not told.
+    /// The number that it has on the wire; 0 for an alternative of a `oneof`, whose number is not known.
     Unrecognised(i32),
 }
 

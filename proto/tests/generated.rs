@@ -1,7 +1,7 @@
 //! The Rust code of the messages and services, and their descriptors, are made from `treewright/v1/*.proto`
-//! and kept beside the sources, so that who builds the crate needs neither a compiler of protocol buffers nor
-//! the time that one takes. This test makes them again; where they differ it writes them anew and fails, so
-//! that a change of the contract is: edit, run this, commit.
+//! and kept beside the sources, so that building the crate needs neither a compiler of protocol buffers nor
+//! its time. This test makes them again; where they differ it rewrites them and fails, so that a change of
+//! the contract is: edit, run this, commit.
 //!
 //! The values of the two enums that name searches and predictors are written in the same way, from the
 //! registry of the model.
@@ -38,7 +38,7 @@ fn declaration<T: Method>(name: &str, prefix: &str) -> String {
     text + "}\n"
 }
 
-/// The contract with an enum written anew.
+/// The contract with an enum rewritten.
 fn with_enum(contract: &str, name: &str, declaration: &str) -> String {
     let begin =
         contract.find(&format!("enum {name} {{\n")).unwrap_or_else(|| panic!("enum {name} is not there"));

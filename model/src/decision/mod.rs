@@ -1,7 +1,7 @@
 //! Decisions: why a client gets a configuration, as data.
 //!
-//! A [`Decision`] is what is stored with a trial, and what later steps look at: whether the trial is learnt,
-//! where it is stopped, what the search is told of it. Its [`mode`](Decision::mode), and the [`Reason`] and
+//! A [`Decision`] is stored with a trial, and later steps read it: whether the trial is learnt, where it is
+//! stopped, and the search's view of it. Its [`mode`](Decision::mode), and the [`Reason`] and
 //! [`Explanation`](crate::reason::Explanation) that people and clients see, are made from it
 //! ([`Decision::reason`]) and never read back. The types leave no room for answers that contradict
 //! themselves, such as one that exploits by the rule that says to explore. [`recorded`] reads what earlier
@@ -22,10 +22,10 @@ use crate::standing::Gain;
 pub struct Decision {
     /// What was chosen, by which rule.
     pub choice: Choice,
-    /// What the trial costs is not learnt; that its configuration cannot be run is.
+    /// The cost of the trial is not learnt. That its configuration cannot be run is.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub silent: bool,
-    /// What an earlier version said of it to people, where it was stored by one.
+    /// The text of an earlier version for people, where it was stored by one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub said: Option<String>,
     /// Where the trial was measured, if it was carried over from another study or database.
@@ -35,8 +35,7 @@ pub struct Decision {
     /// asks for the trial again shows that this one ended without a report.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub session: u64,
-    /// How many leases of the configuration were lost in the state without a report, and without any
-    /// measurement of it.
+    /// The number of leases of the configuration lost in the state without a report or any measurement of it.
     #[serde(default, skip_serializing_if = "is_none_lost")]
     pub lost_leases: u32,
     /// Its client renewed the lease: it shows that it lives, so that silence means something.
@@ -70,7 +69,7 @@ pub enum Choice {
     },
     /// Something is measured to learn of it.
     Explore(Explore),
-    /// What is known to be good is run.
+    /// A configuration known to be good is run.
     Exploit(Exploit),
 }
 
@@ -81,7 +80,7 @@ pub struct Explore {
     pub point: ExploredPoint,
     /// Why the client explores.
     pub rule: ExploreRule,
-    /// What exploring was expected to bring and to cost when that was decided.
+    /// The expected gain and cost of exploring at the decision.
     #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
     pub estimate: ExplorationEstimate,
     /// How the client's regret budget stood.
@@ -125,7 +124,7 @@ pub enum ExploredPoint {
     Confirming {
         /// The round, from 1.
         round: u64,
-        /// How many it may be at most.
+        /// The most rounds.
         rounds_max: u64,
     },
     /// The incumbent, once more.
@@ -139,14 +138,14 @@ pub enum ExploredPoint {
     },
 }
 
-/// What is known to be good is run.
+/// A configuration known to be good is run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exploit {
     /// Who says that it is good.
     pub source: ExploitSource,
     /// Why the client does not explore.
     pub rule: ExploitRule,
-    /// What exploring was expected to bring and to cost when that was decided.
+    /// The expected gain and cost of exploring at the decision.
     #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
     pub estimate: ExplorationEstimate,
     /// How the client's regret budget stood.
@@ -162,7 +161,7 @@ pub enum ExploitSource {
     Default,
     /// The state's own measurements.
     BestKnown {
-        /// How many configurations have a verdict there.
+        /// The number of configurations with a verdict there.
         tried: u64,
         /// How often this one was measured.
         measurements: u64,
@@ -174,14 +173,14 @@ pub enum ExploitSource {
     },
     /// The state's own measurements, by which nothing is proven to be better than the default configuration.
     Incumbent {
-        /// How many configurations have a verdict there.
+        /// The number of configurations with a verdict there.
         tried: u64,
         /// The most that any of them may gain, with a probability of 95 %, as a share.
         gain_at_most: f64,
     },
-    /// What serves the known states best, where nothing was measured yet.
+    /// The configuration that serves the known states best, where nothing was measured yet.
     Portfolio {
-        /// How many states it was chosen for.
+        /// The number of states that it was chosen for.
         states: u64,
         /// The nearest of them.
         neighbours: Vec<Neighbour>,
@@ -208,9 +207,9 @@ pub struct Predicted {
 pub struct ByMachines {
     /// How near the machines are whose measurements count most.
     pub level: MachineLevel,
-    /// How many machines measured it, and how often together.
+    /// The number of machines that measured it.
     pub machines: u64,
-    /// How often they did together.
+    /// The number of their measurements.
     pub measurements: u64,
     /// How the asking machine's software differs from what it ran before, if it does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -251,8 +250,7 @@ pub enum ExploitRule {
     Frozen,
 }
 
-/// What exploring was expected to bring and to cost when it was decided whether to explore. Rows call it
-/// `weighed`.
+/// The expected gain and cost of exploring at the decision whether to explore. Rows call it `weighed`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ExplorationEstimate {
@@ -262,13 +260,13 @@ pub struct ExplorationEstimate {
     /// By how much exploring is expected to lower the cost of each later frame, as a share.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_gain: Option<f64>,
-    /// How many frames are expected to profit.
+    /// The number of frames that are expected to profit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_frames: Option<f64>,
-    /// What exploring is expected to cost in all, in frames of the reference.
+    /// The expected cost of exploring in all, in frames of the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exploring_cost: Option<f64>,
-    /// It is weighed again once so many configurations have a verdict in the state.
+    /// The number of configurations with a verdict in the state at which it is weighed again.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub until: Option<u64>,
 }
@@ -395,7 +393,7 @@ impl Choice {
 }
 
 impl Decision {
-    /// What kind of answer it is, for clients and filters.
+    /// The kind of answer, for clients and filters.
     pub fn mode(&self) -> Mode {
         match &self.choice {
             Choice::Pinned | Choice::Wanted => Mode::Pinned,

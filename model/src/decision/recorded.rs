@@ -1,8 +1,8 @@
 //! Decisions as earlier versions stored them: a mode and a [`Reason`], whose words had to be read back.
 //!
-//! They are converted once, where rows are read. What a sentence counted (measurements, machines) is not
+//! They are converted once, where rows are read. The counts of a sentence (measurements, machines) are not
 //! known any more, so the sentence itself is kept as it was. An answer that contradicted itself, which
-//! exploited by a rule that says to explore, is what it was in truth: its search was waiting.
+//! exploited by a rule that says to explore, becomes the true one: its search was waiting.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -6,9 +6,9 @@ use crate::space::Space;
 /// A space so small that a state's search tries all of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Few {
-    /// How many configurations there are.
+    /// The number of configurations.
     pub configurations: u64,
-    /// About how many runs it takes until they are tried, told apart and confirmed: the mean of simulated
+    /// The approximate number of runs until they are tried, separated and confirmed: the mean of simulated
     /// searches on a quiet machine, good to a third.
     pub runs: u64,
 }
@@ -16,7 +16,7 @@ pub struct Few {
 /// How often each configuration runs on average, and how many go on to the confirmation.
 const RUNS_EACH: f64 = 1.8;
 const CONTENDERS: u64 = 3;
-/// How many rounds a confirmation takes on a quiet machine at most.
+/// The most rounds of a confirmation on a quiet machine.
 const ROUNDS: u64 = 10;
 
 impl PolicySettings {

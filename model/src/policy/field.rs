@@ -45,17 +45,17 @@ pub struct PolicyField {
     pub name: &'static str,
     /// What it does, with its unit and range.
     pub about: &'static str,
-    /// What holds where it is not set, in words.
+    /// The value that holds where it is not set, in words.
     pub unset: &'static str,
-    /// What it may be.
+    /// The values that it may have.
     pub range: Range,
-    /// What stands for a value in help.
+    /// The placeholder of a value in help.
     pub placeholder: &'static str,
     /// The words that can be given, for methods and operations; else none.
     pub words: fn() -> Vec<&'static str>,
 }
 
-/// What is said for a field that is set.
+/// The form in which a field is set.
 pub trait SettingValue: Sized + Clone {
     /// As a program gives it.
     type Input;
@@ -163,7 +163,7 @@ pub trait Setting<S>: Sized {
     /// Decides. The error is the number of what is not known here.
     fn decide(said: S) -> Result<Self, i32>;
 
-    /// What to say for it; `None` is the default.
+    /// The setting for it; `None` is the default.
     fn to_setting(self) -> Option<S>;
 }
 

@@ -1,4 +1,4 @@
-//! What follows from the table is complete and fits together.
+//! The code that follows from the table is complete and fits together.
 
 use super::*;
 use crate::words::OpenEnum;

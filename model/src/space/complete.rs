@@ -24,7 +24,7 @@ impl Space {
                 whole.get(&condition.parameter).is_some_and(|value| condition.any_of.contains(value))
             });
             match given.get(&parameter.name) {
-                // What is given and inactive is refused below.
+                // A value that is given and inactive is refused below.
                 Some(value) => whole.insert(parameter.name.clone(), parameter.domain.as_of(value)),
                 None if active => whole.insert(parameter.name.clone(), parameter.default.clone()),
                 None => None,

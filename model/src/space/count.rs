@@ -1,4 +1,4 @@
-//! How many configurations a space has, where they are few.
+//! The number of configurations of a space, where they are few.
 
 use crate::configuration::Configuration;
 use crate::limits::ENUMERATED_MAX;
@@ -20,7 +20,7 @@ impl Domain {
     }
 }
 
-/// What is put together so far: a value and whether it is active, for each of the first parameters.
+/// The part that is put together so far: a value and whether it is active, for each of the first parameters.
 #[derive(Default)]
 struct Partial {
     ordered: Vec<Value>,

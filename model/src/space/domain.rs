@@ -59,8 +59,7 @@ impl Domain {
         }
     }
 
-    /// How many values there are beside one, numbers in four steps at most: what trying each of them once
-    /// takes.
+    /// The number of values beside one, numbers in four steps at most: the trials to try each of them once.
     pub fn alternatives(&self) -> u64 {
         match self {
             Domain::Boolean => 1,

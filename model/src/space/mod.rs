@@ -129,7 +129,7 @@ pub enum SpaceError {
     Count {
         /// What is counted.
         what: &'static str,
-        /// How many were given.
+        /// The number that was given.
         count: usize,
         /// Fewest allowed.
         least: usize,

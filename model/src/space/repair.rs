@@ -1,8 +1,8 @@
 //! What is done about points of the cube that break a constraint `lesser <= greater`.
 //!
 //! First the two values are swapped where both domains allow it: the cube is folded along the diagonal, so
-//! uniform points stay uniform over the allowed triangle and the map stays continuous (clamping would heap
-//! a good part of all samples onto the edge). What still breaks a constraint is moved by narrowing bounds.
+//! uniform points stay uniform over the allowed triangle and the map stays continuous (clamping would heap a
+//! good part of all samples onto the edge). Narrowing bounds removes the remaining violations.
 
 use crate::space::{Domain, Space};
 use crate::value::Value;

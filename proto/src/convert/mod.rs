@@ -1,8 +1,8 @@
 //! Between messages and the types of `treewright-model`, for the daemon and for clients alike.
 //!
 //! Reading is tolerant where a newer version may say more: numbers of enums that are not known here become
-//! [`OpenEnum::Unrecognised`](treewright_model::words::OpenEnum), and whoever must decide by them refuses
-//! them then. What a message must have and has not is [`Malformed`], with the field.
+//! [`OpenEnum::Unrecognised`](treewright_model::words::OpenEnum), and code that must decide by them refuses
+//! them then. A message that lacks a required field is [`Malformed`], with the field.
 //!
 //! | module | what it converts |
 //! |---|---|

@@ -20,11 +20,11 @@ pub fn session_policy_to_wire(policy: SessionPolicy) -> Option<v1::SessionPolicy
     })
 }
 
-/// As it was said: whoever acts on it validates it first.
+/// As it was sent: a caller validates it before use.
 #[must_use]
 pub fn session_policy_from_wire(wire: v1::SessionPolicy) -> SessionPolicy {
     let v1::SessionPolicy { epsilon, trials_per_state, abort_above, explore_until } = wire;
-    // What is negative is as far out of its range as 0.
+    // A negative number is as far out of its range as 0.
     let trials_per_state = trials_per_state.map(|trials| u32::try_from(trials).unwrap_or(0));
     let explore_until_ms = explore_until.map(timestamp_from_wire);
     SessionPolicy { epsilon, trials_per_state, abort_above, explore_until_ms }
