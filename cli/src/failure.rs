@@ -28,7 +28,7 @@ pub(crate) enum Failure {
     /// The program that is tuned does not do as it should.
     #[error("{0}")]
     Program(String),
-    /// What was asked for is not there, or says something else than it should.
+    /// The requested data is not there, or says something else than it should.
     #[error("{0}")]
     Data(String),
     /// The result cannot be written out.

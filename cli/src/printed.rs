@@ -1,10 +1,10 @@
-//! What a program that is tuned printed, read for its measurements: the last JSON object (RFC 8259) of its
-//! output, on a line of its own or over several, as pretty printers write it.
+//! Reads the measurements from the output of a tuned program: its last JSON object (RFC 8259), on a line of
+//! its own or over several, as pretty printers write it.
 //!
-//! The last object decides, and none but the last. Where it lacks what is minimised, or cannot be read, an
-//! earlier one would be the result of something else: of an epoch before, say. So such a run has no result,
-//! and the reason is told. Words that other languages print for numbers (`NaN`, `inf`, `None`, `-Infinity`,
-//! `1e999`) are no numbers, and do not make the object unreadable.
+//! The last object decides, and none but the last. Where it lacks the objective's metric, or cannot be read,
+//! an earlier one would be the result of something else: of an epoch before, say. So such a run has no
+//! result, and the reason is shown. Words that other languages print for numbers (`NaN`, `inf`, `None`,
+//! `-Infinity`, `1e999`) are no numbers, and do not make the object unreadable.
 
 use std::fmt;
 
@@ -13,7 +13,7 @@ use treewright_client::{Measurements, ObjectiveTerm};
 
 /// Longest piece of what was printed that is quoted in a reason, in characters.
 const QUOTED_CHARACTERS: usize = 60;
-/// How many names of what was printed are told where a metric is missing.
+/// Most printed names that are shown where a metric is missing.
 const NAMES_TOLD: usize = 8;
 
 /// What the last JSON object of an output says.
@@ -24,7 +24,7 @@ pub enum Printed {
         /// What can be reported: finite numbers of at least 0 under names that the service takes, and not too
         /// many of them.
         measurements: Measurements,
-        /// What else was printed and cannot be reported.
+        /// Other printed numbers that cannot be reported.
         left_out: Vec<LeftOut>,
     },
     /// The program says that the configuration cannot be used, and why.
@@ -148,7 +148,7 @@ fn further(found: &Map<String, Value>, taken: &Measurements, mut measurements: M
         let value = match value {
             Value::Number(number) => number.as_f64().unwrap_or(f64::NAN),
             Value::String(text) if text.starts_with(NOT_A_NUMBER) => f64::NAN,
-            // What a number that is not finite becomes in the JSON of some languages.
+            // Some languages write this in JSON for a number that is not finite.
             Value::Null => f64::NAN,
             _ => continue,
         };
@@ -207,7 +207,7 @@ fn object(text: &str) -> Result<Map<String, Value>, String> {
     Ok(found.into_iter().map(|(word, value)| (name(word), value)).collect())
 }
 
-/// The same with each bare word that JSON does not know, and each number beyond a double's range, as a text.
+/// Quotes each bare word that JSON does not know, and each number beyond a double's range.
 fn with_words_as_text(text: &str) -> String {
     let mut done = String::with_capacity(text.len() + 16);
     let mut rest = text;

@@ -1,4 +1,4 @@
-//! What is seen while trials run: a line that is written over on a terminal, a line each elsewhere.
+//! Progress while trials run: a line that is written over on a terminal, a line each elsewhere.
 
 use std::io::{IsTerminal as _, Write as _};
 
@@ -9,7 +9,7 @@ use crate::show::figure;
 /// Counts trials and keeps the best.
 pub(crate) struct Progress {
     most: Option<u32>,
-    /// What costs are costs of.
+    /// The name of the objective.
     objective: String,
     done: u32,
     first: Option<f64>,

@@ -61,7 +61,7 @@ pub(crate) struct Settings {
 }
 
 impl Settings {
-    /// Reads the file, if there is one. A wrong one is told by [`Settings::problem`].
+    /// Reads the file, if there is one. [`Settings::problem`] reports a wrong one.
     pub(crate) fn read() -> Self {
         let named = std::env::var_os(VARIABLE).filter(|name| !name.is_empty()).map(PathBuf::from);
         let path = named.clone().or_else(|| files::config_folder().map(|folder| folder.join(NAME)));

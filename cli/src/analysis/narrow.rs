@@ -1,9 +1,9 @@
 //! Narrower spaces (paper, section 5): to which values a parameter may be held without losing what is good.
 //!
 //! The best tenth of the trials is looked at. A parameter with an order is held to the shortest run of its
-//! values that has nearly all of them, where chance would hardly give it so many; one without an order is
-//! fixed where nearly all of the best agree. What that brings is told by the other half of the trials, on
-//! which nothing was chosen.
+//! values that has nearly all of them, where chance would hardly do this; one without an order is fixed where
+//! nearly all of the best agree. The gain is measured on the other half of the trials, on which nothing was
+//! chosen.
 
 use serde::Serialize;
 
@@ -13,7 +13,7 @@ use super::table::{Column, Measured, Table, quantile};
 const BEST: f64 = 0.1;
 /// The share of them that must be kept.
 const KEPT: f64 = 0.9;
-/// A run is taken only if it has at most so much of all trials.
+/// Greatest share of all trials that a run may have.
 const WORTH: f64 = 0.75;
 
 /// What a search for one measurement may be held to.
@@ -24,7 +24,7 @@ pub(crate) struct Narrowed {
     pub(crate) narrowed: Vec<Held>,
     /// All of it for a command line: `--range …` and `--fix …`.
     pub(crate) arguments: String,
-    /// What that did in trials on which it was not chosen.
+    /// The costs of trials on which it was not chosen: of all, and of those that fit.
     pub(crate) whole: Spread,
     pub(crate) part: Spread,
 }

@@ -15,9 +15,9 @@ use serde::Serialize;
 use super::Influence;
 use super::table::{Column, Measured, Table};
 
-/// Pairs are formed of so many of the most influential parameters.
+/// Number of most influential parameters that form pairs.
 const PAIRED: usize = 6;
-/// A pair that explains less beyond its halves is not told.
+/// A pair that explains less beyond its halves is not shown.
 const PAIR_MIN: f64 = 0.01;
 
 /// Two parameters that matter together.

@@ -83,8 +83,8 @@ fn parse(input: impl Read, file: &str, space: &Space) -> Result<Vec<CarriedTrial
     Ok(trials)
 }
 
-/// What a cell holds; none where it is empty. Around numbers and words of ours blanks mean nothing, as people
-/// write them after a comma; in a text they belong to it (RFC 4180, section 2.4).
+/// The value of a cell; `None` where it is empty. Blanks around numbers and words of ours mean nothing,
+/// because people write them after a comma; in a text they belong to it (RFC 4180, section 2.4).
 fn value(role: &Role, text: &str, space: &Space) -> Result<Option<Value>, String> {
     let trimmed = text.trim();
     if let Role::Configuration(name) = role

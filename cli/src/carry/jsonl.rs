@@ -18,9 +18,9 @@ const VERSION: u32 = 1;
 pub(crate) struct Header {
     /// Tells that this is an export, and in which version.
     treewright_export: u32,
-    /// What the database was called.
+    /// The name of the database.
     pub(crate) site: String,
-    /// What was tuned.
+    /// The study that was tuned.
     pub(crate) study: StudyFile,
 }
 

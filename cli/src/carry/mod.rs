@@ -34,7 +34,7 @@ use crate::progress;
 const CARRIED: &str = "import:";
 /// Longest name of a client, in characters.
 const CLIENT_CHARACTERS: usize = 128;
-/// Progress is shown after so many trials.
+/// Number of trials between lines of progress.
 const SHOW_EVERY: u64 = 100;
 
 /// A trial's result.
@@ -138,7 +138,7 @@ pub(crate) struct Importer<'a> {
     client: &'a Client,
     study: &'a str,
     spec: &'a StudySpec,
-    /// What this database is called.
+    /// The name of this database.
     site: String,
     /// The study, named with its identity.
     name: String,

@@ -1,9 +1,8 @@
 //! Studies of Optuna, from its RDB storage in SQLite (`optuna/storages/_rdb/models.py`, schema versions 1 to
 //! 12): distributions become parameters, complete trials become measurements.
 //!
-//! What Optuna does not have is made up visibly: the values of the first complete trial are the defaults, and
-//! its one objective is the metric of the study. A study that maximises is refused: costs are at least 0
-//! here.
+//! Missing values are made up visibly: the values of the first complete trial are the defaults, and its one
+//! objective is the metric of the study. A study that maximises is refused: costs are at least 0 here.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -210,7 +209,7 @@ impl Distribution {
     }
 }
 
-/// How many values a stepped range has, where they can be written out.
+/// The number of values of a stepped range, where they can be written out.
 fn steps(low: f64, high: f64, step: f64) -> Option<i64> {
     let count = ((high - low) / step + 1e-9).floor() + 1.0;
     (step > 0.0 && count <= CHOICES_MAX).then_some(count as i64)

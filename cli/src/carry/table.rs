@@ -16,7 +16,7 @@ pub(super) const MEASUREMENT: &str = "measurement.";
 /// The column that holds the machine, as JSON.
 pub(super) const FINGERPRINT: &str = "fingerprint";
 
-/// What a column's cells are.
+/// The kind of a column's cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Boolean,
@@ -138,7 +138,7 @@ fn kind(domain: &Domain) -> Kind {
     }
 }
 
-/// What a column that is read holds of a trial.
+/// The part of a trial that a column holds.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Role {
     Configuration(String),

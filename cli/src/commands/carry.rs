@@ -35,7 +35,7 @@ pub(super) fn export(client: &Client, export: &Export) -> Result<String, Failure
                 std::fs::rename(&beside, path).map_err(|error| Failure::file(path, error.to_string()))
             });
             written.inspect_err(|_| {
-                // What went wrong counts more than what is left.
+                // The first error counts more than a leftover file.
                 let _ = std::fs::remove_file(&beside);
             })?;
         }

@@ -66,7 +66,7 @@ fn is_worth_repeating(command: &Command, problem: &ClientError) -> bool {
     match problem {
         // A daemon that was just started reads a long study into memory first.
         ClientError::NotNow { .. } => is_repeatable(command),
-        // What was measured is not lost because a daemon is started again.
+        // A restart of the daemon does not lose a measurement.
         _ => problem.may_pass() && matches!(command, Command::Report(_)),
     }
 }

@@ -21,7 +21,7 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
     };
     let question = Question {
         indicators: ask.indicators.iter().cloned().collect(),
-        // The same for every line of a script, so that a trial that was not reported comes again.
+        // One client for every line of a script, so that a trial that was not reported comes again.
         client_id: Some(ask.client.clone().unwrap_or_else(|| format!("shell@{}", files::host()))),
         session: Some(0),
         wanted,

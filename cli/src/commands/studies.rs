@@ -52,7 +52,7 @@ pub(super) fn run(client: &Client, command: &StudyCommand, json: bool) -> Result
         }
         StudyCommand::Show { name, format: None } => {
             let study = client.get_study(name)?;
-            // What it is can be told where what is known in it cannot be read.
+            // The study is shown even where its states cannot be read.
             let found = if json {
                 Vec::new()
             } else {

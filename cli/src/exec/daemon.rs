@@ -1,5 +1,5 @@
-//! The daemon as a session sees it that outlives restarts: whatever may pass is tried again until the
-//! session's patience is at its end, and a daemon of one's own that is gone is started anew.
+//! The daemon as a session sees it that outlives restarts: passing errors are tried again until the session's
+//! patience is at its end, and a daemon of one's own that is gone is restarted.
 
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -2,8 +2,8 @@
 //! times or what the program prints, reports, and repeats until the search ends. At the end the winner may
 //! run against the default in interleaved pairs, because the best of many noisy runs is mostly luck.
 //!
-//! One bad run, number or daemon does not end it: what fails is tried again, what cannot be reported is left
-//! out, and a daemon that is away is waited for. What was found is shown at the end, however that comes.
+//! One bad run, number or daemon does not end it: failures are tried again, numbers that cannot be reported
+//! are left out, and a daemon that is away is waited for. The result is shown at the end, however that comes.
 
 mod daemon;
 mod pairs;
@@ -43,9 +43,9 @@ const RENEW_AFTER: f64 = 0.4;
 const TRIES_OF_DEFAULT: u32 = 5;
 /// How often a configuration that never did its work fails before it counts as unusable.
 const FAILURES_MAX: u32 = 2;
-/// So many failures in a row, and not one run that worked: it is not the configurations' fault.
+/// Number of failures in a row, without a run that worked, after which the session ends.
 const FAILURES_IN_VAIN_MAX: u32 = 10;
-/// Numbers that are left out are told until there were so many.
+/// Most different numbers whose leaving out is shown.
 const LEFT_OUT_TOLD_MAX: usize = 64;
 /// The exit code of a program that is interrupted by SIGINT, as shells have it.
 const INTERRUPTED: i32 = 130;
@@ -225,8 +225,8 @@ impl Job<'_> {
         }
     }
 
-    /// Reports a result. A finished run is not lost: where the daemon does not come back, it is told how to
-    /// hand it in.
+    /// Reports a result. A finished run is not lost: where the daemon does not come back, the error says how
+    /// to hand it in.
     fn tell(
         &self,
         trial: &TrialRecord,
@@ -353,7 +353,7 @@ impl Session<'_> {
             Run::Failed { reason, said } if is_first_default => {
                 Err(self.useless_default(trial, &reason, &said))
             }
-            // What worked before and does not now is not unusable.
+            // A configuration that worked before is not infeasible.
             Run::Infeasible(reason) if self.own.has_worked(&trial.configuration) => {
                 self.failed(trial, reason, "")
             }

@@ -10,7 +10,7 @@ const CONFIDENCE: f64 = 0.95;
 /// What pairs say of a gain. Shares: 0.2 is 20 % less than the default.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Gain {
-    /// How many pairs.
+    /// The number of pairs.
     pub(crate) pairs: usize,
     /// 1 − median of winner / default.
     pub(crate) gain: f64,
@@ -64,14 +64,14 @@ fn median(sorted: &[f64]) -> f64 {
     (sorted[(sorted.len() - 1) / 2] + sorted[sorted.len() / 2]) / 2.0
 }
 
-/// How many of the sorted ratios the interval leaves out at each end, and its confidence.
+/// The number of sorted ratios that the interval leaves out at each end, and its confidence.
 fn cut(count: usize) -> (usize, f64) {
     let confidence = |cut: usize| 1.0 - 2.0 * (0..=cut).map(|heads| binomial(count, heads)).sum::<f64>();
     let best = (0..count.div_ceil(2)).take_while(|&cut| confidence(cut) >= CONFIDENCE).last().unwrap_or(0);
     (best, confidence(best).max(0.0))
 }
 
-/// The probability of so many heads in so many throws of a fair coin.
+/// The probability of `heads` heads in `throws` throws of a fair coin.
 fn binomial(throws: usize, heads: usize) -> f64 {
     let half = |product: f64, step: usize| product * (throws - step) as f64 / (step + 1) as f64;
     (0..heads).fold(1.0, half) * 0.5_f64.powi(i32::try_from(throws).unwrap_or(i32::MAX))

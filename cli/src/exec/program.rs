@@ -19,9 +19,9 @@ use treewright_client::{Configuration, Measurements, ObjectiveTerm};
 
 use super::supervisor::{self, Fate};
 
-/// What is kept of each stream that the program writes to; the beginning is dropped.
+/// Bytes that are kept of each stream that the program writes to; the beginning is dropped.
 const KEPT_BYTES: usize = 64 << 10;
-/// What is read at once.
+/// Bytes that are read at once.
 const READ_BYTES: usize = 64 << 10;
 /// How often a running program is looked at for the limits it may reach. Its end is noticed at once.
 const LOOK: Duration = Duration::from_millis(100);
@@ -71,7 +71,7 @@ pub(crate) enum Run {
         /// The end of what it wrote to standard error.
         said: String,
     },
-    /// It took longer than was worth waiting for, so many milliseconds.
+    /// It took longer than was worth waiting for: its time in milliseconds.
     TooSlow(f64),
     /// Somebody wants everything to end.
     Stopped,
@@ -206,7 +206,7 @@ enum Cut {
 }
 
 impl Cut {
-    /// What that makes of the run, of which `wall_ms` is known once it has ended.
+    /// The outcome of the run, whose `wall_ms` is known once it has ended.
     fn run(self, wall_ms: Option<f64>) -> Run {
         match self {
             Self::Stop => Run::Stopped,
@@ -277,7 +277,7 @@ fn ready(sources: [Option<BorrowedFd>; 3], wait: Duration) -> Result<[bool; 3], 
     let mut polled: Vec<_> = open.iter().map(|(_, source)| PollFd::new(*source, PollFlags::POLLIN)).collect();
     let mut ready = [false; 3];
     match poll(&mut polled, PollTimeout::try_from(wait).unwrap_or(PollTimeout::ZERO)) {
-        // A signal came; whoever asks looks again.
+        // A signal came; the caller looks again.
         Err(nix::errno::Errno::EINTR) => return Ok(ready),
         result => result?,
     };

@@ -23,11 +23,11 @@ pub(super) struct Summary {
     pub(super) trials: u64,
     /// In how many of them the configuration cannot be used.
     pub(super) infeasible: u64,
-    /// How many failed otherwise.
+    /// The number that failed otherwise.
     pub(super) failed: u64,
     /// Why it ended.
     pub(super) end: &'static str,
-    /// What went wrong, if that is why.
+    /// The error, if that is why.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) error: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]

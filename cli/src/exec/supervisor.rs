@@ -26,7 +26,7 @@ const MARK: &str = "supervise-a-run";
 /// How long what is below is killed again and again until nothing is left.
 const END_ALL: Duration = Duration::from_secs(1);
 
-/// What became of a program, as told over the socket: one line of JSON.
+/// The fate of a program, as sent over the socket: one line of JSON.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum Fate {
     /// It could not be started, with this number of the system's error.

@@ -84,7 +84,7 @@ fn rows(found: &[Best], study: &StudyRecord) -> String {
     text
 }
 
-/// What a configuration has other than the study's default; all of it where what is tuned cannot be read.
+/// The values of a configuration that differ from the default; all where the study cannot be read.
 fn beside_default(configuration: &Configuration, study: &StudyRecord) -> String {
     let Ok(spec) = study.spec() else { return configuration.to_string() };
     let parameters = spec.space.parameters().iter();

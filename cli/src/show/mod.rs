@@ -12,8 +12,8 @@ use treewright_client::{
 
 pub(crate) use live::{Glance, best_of_states, glance};
 
-/// A table whose columns with the given numbers hold figures. It fits the terminal; in a pipe, where whoever
-/// reads on wants whole words, it is as wide as it has to be.
+/// A table whose columns with the given numbers hold figures. It fits the terminal; in a pipe, where the
+/// reader wants whole words, it is as wide as it has to be.
 fn table(header: &[&str], figures: &[usize]) -> Table {
     let mut table = Table::new();
     let style = presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none());
@@ -251,7 +251,7 @@ pub(crate) fn best(best: &Best, spec: &StudySpec) -> String {
     text + &beside_default("best", &best.configuration, spec) + "\n"
 }
 
-/// What is proven: costs and gains are estimates with 95 % intervals.
+/// The standing of the best: costs and gains are estimates with 95 % intervals.
 fn stands(standing: &Standing, best: &Best) -> String {
     let mut text = String::new();
     line(

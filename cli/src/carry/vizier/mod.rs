@@ -2,9 +2,9 @@
 //! serialized messages, of which those parts are read here that `study.proto` of that project defines and
 //! that mean something here.
 //!
-//! Succeeded trials become measurements and infeasible ones findings. What Vizier does not have is made up
-//! visibly: the values of the first trial are the defaults where the specification names none. A study that
-//! maximises is refused, because costs are at least 0 here, and so is one whose parameters depend on others.
+//! Succeeded trials become measurements and infeasible ones findings. Missing values are made up visibly: the
+//! values of the first trial are the defaults where the specification names none. A study that maximises is
+//! refused, because costs are at least 0 here, and so is one whose parameters depend on others.
 
 mod messages;
 
