@@ -3,7 +3,7 @@
 //!
 //! `cargo run --release -p treewright-accel --example stress [COUNT] [SEED] [TRIANGLES]`
 //!
-//! Ten scenes (soups, surfaces, cities, needles, degenerate ones) of at most so many triangles; each
+//! Ten scenes (soups, surfaces, cities, needles, degenerate ones) of at most TRIANGLES triangles; each
 //! configuration is built over one of them and asked by every instruction set and packing. Answers are judged
 //! like those of the tests: within the error of single precision. Small counts run under valgrind. Ends with
 //! an error when anything was wrong.
@@ -130,7 +130,7 @@ fn question(case: &Case, structure: &dyn Intersector) -> Vec<String> {
     objections
 }
 
-/// Builds and asks. What came of it, and what is wrong with that.
+/// Builds a structure and queries it. Returns its outcome and the objections to it.
 fn run(device: &Device, case: &Case, choice: &BuildChoice) -> (String, Vec<String>) {
     match build(device, &case.triangles, choice) {
         Ok(Structure::Tree(mut tree)) => {

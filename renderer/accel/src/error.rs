@@ -31,7 +31,7 @@ pub enum GeometryError {
         width: u32,
         /// Pixels down.
         height: u32,
-        /// How many values there are.
+        /// The number of values.
         values: usize,
     },
     /// A card names a triangle or a mask that does not exist.
@@ -45,13 +45,13 @@ pub enum GeometryError {
     /// More masks than the limit.
     #[error("{count} masks are more than the limit of {MASKS_MAX}")]
     TooManyMasks {
-        /// How many there are.
+        /// The number that was given.
         count: usize,
     },
     /// More triangles than the limit.
     #[error("{count} triangles are more than the limit of {TRIANGLES_MAX}")]
     TooMany {
-        /// How many there are.
+        /// The number that was given.
         count: usize,
     },
 }
@@ -64,9 +64,9 @@ pub enum BuildError {
     InvalidParameters {
         /// Name of the parameter.
         parameter: &'static str,
-        /// What it was, as text.
+        /// The value, as text.
         value: String,
-        /// What it must be.
+        /// The rule that it breaks.
         rule: &'static str,
     },
     /// The tree would be deeper than `max_depth`. Depends on the scene: mostly binary trees with small

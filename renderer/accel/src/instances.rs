@@ -73,7 +73,7 @@ pub enum InstanceError {
     /// More instances than the limit.
     #[error("{count} instances are more than the limit of {INSTANCES_MAX}")]
     TooMany {
-        /// How many there are.
+        /// The number that was given.
         count: usize,
     },
 }

@@ -24,7 +24,7 @@ pub const THREADS_MAX: usize = 1024;
 pub const MAX_DEPTH: std::ops::RangeInclusive<u32> = 9..=64;
 
 /// Most triangles a leaf: the Morton builder keeps a leaf's triangles in a fixed array of this size and
-/// writes past its end when told more.
+/// writes past its end with more.
 pub const LEAF_SIZE_MAX: u32 = 32;
 
 /// Largest `sah_block_size`.

@@ -12,11 +12,11 @@ const STEP: libc::c_int = 64 << 20;
 /// Makes the allocator of this process keep what is freed, for the next tree. Call it once at the start of a
 /// program that builds trees frame by frame.
 ///
-/// A tree and what its builder needs on the way are some hundred megabytes. By default the C library gives
-/// blocks of that size back to the kernel at once, and the next build waits while every page is zeroed anew:
-/// on a scene of 1.4 million triangles three quarters of the page faults and a third of the kernel's time of
-/// whole benchmarks. The price is that the process never shrinks below the largest it was. Returns whether
-/// the C library agreed; only glibc is asked (`mallopt(3)`).
+/// A tree and its builder's working memory are some hundred megabytes. By default the C library gives blocks
+/// of that size back to the kernel at once, and the next build waits while every page is zeroed again: on a
+/// scene of 1.4 million triangles three quarters of the page faults and a third of the kernel's time of whole
+/// benchmarks. The price is that the process never shrinks below the largest it was. Returns whether the C
+/// library agreed; only glibc is asked (`mallopt(3)`).
 pub fn keep_freed_memory() -> bool {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {

@@ -1,5 +1,4 @@
-//! What a native Embree scene can be told: build quality, scene flags, and those device options that do
-//! something.
+//! Options of a native Embree scene: build quality, scene flags, and those device options that do something.
 //!
 //! Not everything acts everywhere (each line found by memory, build time and answers of Embree 4.4.0; a test
 //! holds it to it):
@@ -12,8 +11,7 @@
 //! | `split_budget` | where high quality acts |
 //! | `presplit` | where high quality acts: triangles are split before the build instead of during it |
 //!
-//! A later refit acts with [`NativeAcceleration::Auto`]; scenes of a named acceleration are built anew
-//! instead.
+//! A later refit acts with [`NativeAcceleration::Auto`]; scenes of a named acceleration are rebuilt instead.
 //!
 //! Left out, because they do nothing here or only harm: `max_triangles_per_leaf` (dead with the default
 //! acceleration), `sah_presplit` and `dynamic` as builders (the same as `sah` for one mesh), `hugepages`,
@@ -153,7 +151,7 @@ pub struct NativeOptions {
     /// Nodes and leaves.
     pub acceleration: NativeAcceleration,
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 4.
-    /// Embree is told it to one decimal place.
+    /// Embree receives it to one decimal place.
     pub split_budget: f32,
     /// Split triangles before the build, not during it.
     pub presplit: bool,
@@ -197,7 +195,7 @@ impl NativeOptions {
         self.quality
     }
 
-    /// What a device must be told for such a scene; empty if it need be told nothing.
+    /// The device options of such a scene; empty if it needs none.
     pub(crate) fn device_options(&self) -> String {
         let mut options = String::new();
         let quality = self.effective_quality();

@@ -1,5 +1,4 @@
-//! What a build can be told: the eleven parameters of the paper's Table 1, and what makes a tree fast beyond
-//! them.
+//! Parameters of a build: the eleven of the paper's Table 1, and further ones that make a tree fast.
 
 use serde::{Deserialize, Serialize};
 
@@ -79,10 +78,10 @@ pub struct TreeParameters {
     pub block_width: u32,
     /// Whose builder.
     pub builder: Builder,
-    /// How many neighbours along the curve, either way, a cluster may join with: 1 to 32; 4, 8, 16 and 32
-    /// differ. Acts with [`Builder::Ploc`] only.
+    /// The number of neighbours along the curve, either way, that a cluster may join with: 1 to 32; 4, 8, 16
+    /// and 32 differ. Acts with [`Builder::Ploc`] only.
     pub search_radius: u32,
-    /// How many triangles next to each other on the curve may make one cluster before any looks for
+    /// The most triangles next to each other on the curve that make one cluster before any looks for
     /// neighbours: 1 to 8. Builds are faster and trees a little worse with more. Acts with [`Builder::Ploc`]
     /// only.
     pub cluster_size: u32,
@@ -100,11 +99,11 @@ pub struct TreeParameters {
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts
     /// with [`Quality::SahSplit`] only.
     pub split_budget: f32,
-    /// Objects whose triangles, counted once an instance, are at most so many are copied into one tree of the
-    /// world. Acts on scenes of instances only.
+    /// Objects with at most this number of triangles, counted once an instance, are copied into one tree of
+    /// the world. Acts on scenes of instances only.
     pub flatten_below: u32,
-    /// Into how many parts, on average, instances are opened for the tree over them, 1 to 16. Acts on scenes
-    /// of instances only.
+    /// The average number of parts into which instances are opened for the tree over them, 1 to 16. Acts on
+    /// scenes of instances only.
     pub instance_opening: u32,
 }
 
@@ -261,15 +260,15 @@ impl TreeParameters {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Update {
-    /// It is built anew.
+    /// It is rebuilt.
     #[default]
     Rebuild,
     /// What is together stays together; boxes follow.
     Refit,
-    /// As [`Update::Refit`], then those parts are built anew whose cost by the surface area heuristic has
-    /// grown too much since they were built.
+    /// As [`Update::Refit`], then those parts are rebuilt whose SAH cost has grown too much since they were
+    /// built.
     Partial {
-        /// How many times the cost may be that of the last build: 1 to 4.
+        /// Greatest ratio of the cost to that of the last build: 1 to 4.
         rebuild_threshold: f32,
     },
 }

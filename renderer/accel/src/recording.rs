@@ -12,8 +12,8 @@
 //! | triangles | three vertex numbers of 4 bytes |
 //! | each set | its class (4 bytes, the place in [`RayClass::ALL`]), the number of rays (4 bytes), then per ray eight single-precision numbers: origin, `t_min`, direction, `t_max` |
 //!
-//! Nothing follows the last set. What a file claims is checked against the limits before memory is taken
-//! for it, and what it holds as if it came from a user.
+//! Nothing follows the last set. The counts of a file are checked against the limits before memory is taken
+//! for them, and its contents as if they came from a user.
 
 use std::io::{self, Read, Write};
 use std::sync::Arc;
@@ -97,7 +97,7 @@ pub enum RecordingError {
     TooMany {
         /// Of what.
         what: &'static str,
-        /// How many.
+        /// The number that was given.
         count: usize,
         /// The limit.
         limit: usize,

@@ -74,7 +74,7 @@ fn choices() -> Vec<BuildChoice> {
             }));
         }
     }
-    // What is copied into the world and what is opened, and our own builder.
+    // Copies into the world, opened instances, and our own builder.
     for (number, flatten_below) in [0, 200, 1_000, 10_000_000].into_iter().enumerate() {
         for instance_opening in [1, 3, 16] {
             all.push(BuildChoice::Tree(TreeParameters {

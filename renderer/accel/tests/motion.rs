@@ -42,7 +42,7 @@ fn moved(triangles: &Triangles, motion: Motion, moment: f32) -> Arc<Triangles> {
     let positions = triangles.positions().iter().enumerate();
     let positions = positions.map(|(number, &at)| motion(number, at, moment)).collect();
     let moved = triangles.moved(positions).expect("the motion stays in range");
-    // In memory of their own, indices too, as of a scene that is generated anew at every moment.
+    // In memory of their own, indices too, as of a scene that is generated again at every moment.
     Arc::new(Triangles::new(moved.positions().to_vec(), moved.indices().to_vec()).expect("they were sound"))
 }
 

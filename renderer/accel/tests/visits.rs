@@ -1,4 +1,4 @@
-//! What queries visit can be counted, and the order of children decides how much that is for any hit.
+//! Visits of queries can be counted, and the order of children decides their number for any hit.
 
 use std::sync::Arc;
 

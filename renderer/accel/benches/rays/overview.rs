@@ -1,7 +1,7 @@
 //! What all scenes say together: the recommended tree over each kind of others, by class of rays.
 //!
 //! A ratio is one of medians over the rounds. Where several structures or packings stand on one side, the
-//! fastest counts there, in each scene and class anew: the best that somebody could have had.
+//! fastest in each scene and class counts: the best available choice.
 
 use std::fmt;
 

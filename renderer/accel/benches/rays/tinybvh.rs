@@ -120,7 +120,7 @@ impl Intersector for Tree {
         for (rays, hits) in rays.chunks(BATCH).zip(hits.chunks_mut(BATCH)) {
             let flat = flatten(rays);
             let mut found = [FlatHit::default(); BATCH];
-            // SAFETY: both arrays have room for as many as are told.
+            // SAFETY: both arrays have room for `rays.len()` entries.
             unsafe {
                 (self.functions.closest)(self.tree, flat.as_ptr(), found.as_mut_ptr(), rays.len() as u32)
             };
@@ -136,7 +136,7 @@ impl Intersector for Tree {
         for (rays, occluded) in rays.chunks(BATCH).zip(occluded.chunks_mut(BATCH)) {
             let flat = flatten(rays);
             let mut found = [0_u8; BATCH];
-            // SAFETY: both arrays have room for as many as are told.
+            // SAFETY: both arrays have room for `rays.len()` entries.
             unsafe {
                 (self.functions.occluded)(self.tree, flat.as_ptr(), found.as_mut_ptr(), rays.len() as u32)
             };

@@ -1,7 +1,7 @@
 //! The Embree device: one a process, checked once, its errors turned into values.
 //!
-//! What a native scene is told through its device (which acceleration, which builder) needs a device of its
-//! own: [`Device::suited`] keeps a bounded number of them beside the one the process opened. They share TBB's
+//! Options that a native scene takes from its device (acceleration, builder) need a device of their own:
+//! [`Device::suited`] keeps a bounded number of them beside the one the process opened. They share TBB's
 //! threads and count their memory together, and a budget set on that memory makes builds fail that exceed it.
 //!
 //! Embree keeps one error per thread, so it is read on the calling thread after every call that can
@@ -132,7 +132,7 @@ impl Device {
         Self::new(self.inner.threads, "", Heard::new(isize::try_from(bytes).unwrap_or(isize::MAX)))
     }
 
-    /// The device for native scenes of these options: this one, or one beside it that was told more. Of the
+    /// The device for native scenes of these options: this one, or one beside it with further options. Of the
     /// latter the latest [`DEVICES_MAX`] are kept; others live as long as their scenes.
     pub(crate) fn suited(&self, options: &NativeOptions) -> Result<Self, BuildError> {
         options.check()?;
@@ -158,7 +158,7 @@ impl Device {
         Ok(device)
     }
 
-    /// A device that was told `further` options.
+    /// A device with `further` options.
     fn new(threads: usize, further: &str, heard: Arc<Heard>) -> Result<Self, DeviceError> {
         // Configuration files in the home or working folder must not change what is measured.
         let widest = Isa::widest().map_or_else(String::new, |isa| format!("max_isa={},", isa.name()));

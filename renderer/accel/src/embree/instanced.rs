@@ -47,8 +47,8 @@ impl NativeInstances {
         Ok(Self { top, objects, first, instances: Arc::clone(instances), options: *options })
     }
 
-    /// Updates the objects' scenes, then the scene of instances. Where an object's scene was built anew, all
-    /// are placed anew, since instances refer to it.
+    /// Updates the objects' scenes, then the scene of instances. Where an object's scene was rebuilt, all its
+    /// instances are placed again, since they refer to it.
     pub(crate) fn update(&mut self, triangles: &Arc<Triangles>, update: Update) -> Result<(), BuildError> {
         BuildError::same_count(self.top.triangle_count(), triangles.len())?;
         let instances = Arc::clone(&self.instances);

@@ -25,8 +25,8 @@ impl<const N: usize> RayPacket<N> {
     };
 
     /// Takes in up to `N` rays and says which of them are to be traced: places left over and rays that are
-    /// not valid are not. What an idle place holds is never read by the traversal, but a coherent packet's
-    /// common bounds could be, so it keeps the finite ray that was there before.
+    /// not valid are not. The traversal never reads an idle place, but a coherent packet's common bounds
+    /// could be, so it keeps the finite ray that was there before.
     #[inline(always)]
     fn fill(&mut self, rays: &[Ray]) -> ActiveRays<N> {
         let mut mask = ActiveRays([0; N]);
@@ -112,7 +112,7 @@ fn flags(coherent: bool) -> ffi::RTCRayQueryFlags {
     if coherent { ffi::RTCRayQueryFlags::COHERENT } else { ffi::RTCRayQueryFlags::INCOHERENT }
 }
 
-/// What `rtcInitIntersectArguments` gives, which is inline in C, with the flag set.
+/// The result of `rtcInitIntersectArguments`, which is inline in C, with the flag set.
 fn intersect_arguments(coherent: bool) -> ffi::RTCIntersectArguments {
     ffi::RTCIntersectArguments {
         flags: flags(coherent),
@@ -123,7 +123,7 @@ fn intersect_arguments(coherent: bool) -> ffi::RTCIntersectArguments {
     }
 }
 
-/// What `rtcInitOccludedArguments` gives, which is inline in C, with the flag set.
+/// The result of `rtcInitOccludedArguments`, which is inline in C, with the flag set.
 fn occluded_arguments(coherent: bool) -> ffi::RTCOccludedArguments {
     ffi::RTCOccludedArguments {
         flags: flags(coherent),

@@ -23,7 +23,7 @@ impl Bounds {
         }
     }
 
-    /// What both have in common; inverted if that is nothing.
+    /// The common part of both; inverted if there is none.
     pub(crate) fn overlap(self, other: Self) -> Self {
         let axes = [0, 1, 2];
         Self {

@@ -15,14 +15,14 @@ pub(crate) trait TreeNode: Copy + Send + Sync + 'static {
     /// The references to the children, [`TreeNode::WIDTH`] of them; unused places hold [`NodeRef::EMPTY`].
     fn children(&self) -> &[NodeRef];
 
-    /// The same, to be set.
+    /// The children, to be set.
     fn children_mut(&mut self) -> &mut [NodeRef];
 
     /// Puts the child of place `order[p]` into place `p`; of the order, the first [`TreeNode::WIDTH`] places
     /// count.
     fn permute(&mut self, order: &[u8; WIDTH_MAX]);
 
-    /// How many places are in use.
+    /// The number of places in use.
     fn count(&self) -> usize;
 
     /// Bounds of one child in use, as rays meet them: they contain what [`TreeNode::set_bounds`] was given.

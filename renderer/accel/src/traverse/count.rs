@@ -40,7 +40,7 @@ impl AddAssign for Visits {
 }
 
 thread_local! {
-    /// What this thread's queries did since it was last taken.
+    /// The visits of this thread's queries since they were last taken.
     static DONE: Cell<Visits> = const { Cell::new(Visits { nodes: 0, blocks: 0, bytes: 0 }) };
 }
 

@@ -29,18 +29,18 @@ impl Isa {
     }
 
     /// Keeps this process from anything wider, Embree's kernels included, as if the processor had no more. To
-    /// be called before the first device is opened, which is where Embree is told. `false` where the set is
+    /// be called before the first device is opened, because Embree learns it there. `false` where the set is
     /// not available here, or another one was named before.
     pub fn limit(self) -> bool {
         self.is_available() && *WIDEST.get_or_init(|| self) == self
     }
 
-    /// What this process is [kept to](Self::limit), if anything.
+    /// The set that this process is [kept to](Self::limit), if any.
     pub fn widest() -> Option<Self> {
         WIDEST.get().copied()
     }
 
-    /// The name that machines are told by and Embree knows it by.
+    /// The name in fingerprints and for Embree.
     pub fn name(self) -> &'static str {
         match self {
             Self::Scalar => "sse2",

@@ -4,11 +4,11 @@
 //! A shadow ray needs no order. It goes on with the last child it meets: the builder sorts children big
 //! to small, and the small ones are soon done with.
 //!
-//! How many children a ray meets is hard to foresee, and a wrong guess of the processor costs as much as
-//! the test of a node. So there is no branch on it beyond none, one or several; those are sorted without
-//! branches, where the machine can ([`super::lanes::Order`]). To branch on none all the same is deliberate:
-//! a right guess lets the processor begin with the next node on the stack while this one is still tested
-//! (selecting instead was measured to be a tenth slower on primary rays and a quarter on shadow rays).
+//! The number of children that a ray meets is hard to foresee, and a wrong guess of the processor costs as
+//! much as the test of a node. So there is no branch on it beyond none, one or several; those are sorted
+//! without branches, where the machine can ([`super::lanes::Order`]). To branch on none all the same is
+//! deliberate: a right guess lets the processor begin with the next node on the stack while this one is still
+//! tested (selecting instead was measured to be a tenth slower on primary rays and a quarter on shadow rays).
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
@@ -18,7 +18,7 @@ use super::stack::{PlainStack, Stack};
 use crate::geometry::{Hit, Ray};
 use crate::layout::{NodeRef, Root, TreeNode};
 
-/// What a ray does in a leaf: tests triangles, or goes on in the objects that are placed there.
+/// The work of a ray in a leaf: it tests triangles, or goes on in the objects that are placed there.
 ///
 /// # Safety
 /// Both functions require a leaf of the kind they test, which lives, and the processor features they are made

@@ -32,7 +32,7 @@ type ClosestBelow = unsafe fn(&Root, NodeRef, &Ray, &mut Hit);
 /// Whether anything below a node is hit.
 type OccludedBelow = unsafe fn(&Root, NodeRef, &Ray) -> bool;
 
-/// The same for the active rays of a packet.
+/// The closest hits of the active rays of a packet.
 type PacketClosest = unsafe fn(&Root, NodeRef, ClosestBelow, &Bundle, u32, &mut Hits);
 
 /// Which of the active rays of a packet, which end there, hit anything below a node.
@@ -233,7 +233,7 @@ impl LevelKernels {
     }
 }
 
-/// How many rays are traced together.
+/// The number of rays that are traced together.
 fn together(packets: Packets) -> usize {
     match packets {
         Packets::Single | Packets::Eight | Packets::Sixteen => 1,

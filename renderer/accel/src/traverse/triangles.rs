@@ -30,7 +30,7 @@ pub(crate) trait Blocks<const B: usize>: Copy {
 #[derive(Clone, Copy)]
 pub(crate) struct BlockLeaves<'a, T, const B: usize> {
     pub(super) blocks: T,
-    /// What `blocks` is made of.
+    /// The ray that `blocks` is made from.
     pub(super) ray: &'a Ray,
     /// The triangles of the tree, whose masks are asked.
     pub(super) all: &'a Triangles,

@@ -1,7 +1,7 @@
 //! A binary tree over single triangles in two arrays, as the optimiser and the collapse want it.
 //!
 //! Node 0 is the root. The two children of a node lie side by side at an even number and the odd one behind
-//! it, so that both come with one cache line and a node finds its sibling without being told. Number 1 is
+//! it, so that both come with one cache line and a node finds its sibling by its own number. Number 1 is
 //! unused.
 
 use glam::Vec3A;
@@ -102,7 +102,7 @@ impl BinaryTree {
         let mut nodes = vec![BinaryNode::UNUSED; 2 * leaves as usize];
         let mut parents = vec![0; leaves as usize];
         let (top, below) = nodes.split_at_mut(2);
-        // Below a node of so many leaves there are twice as many nodes, less two.
+        // Below a node of n leaves there are 2n - 2 nodes.
         top[0] = copy(source, root, bounds, 0, below, 2, &mut parents[1..]);
         Self { nodes, parents }
     }
@@ -124,7 +124,7 @@ impl BinaryTree {
         inner.map(|node| node.bounds().half_area()).sum()
     }
 
-    /// Numbers the nodes depth first again and counts leaves anew, after nodes were moved about.
+    /// Numbers the nodes depth first and counts leaves again, after nodes were moved about.
     pub(super) fn renumber(&mut self) {
         let mut nodes = vec![BinaryNode::UNUSED; self.nodes.len()];
         let mut parents = vec![0; self.parents.len()];
@@ -202,8 +202,8 @@ impl Source for Sketches {
     }
 }
 
-/// Copies an item. What is below it goes into `below`, the first place of which has the number `first`;
-/// `node` is the number its own copy will have. Recursion is as deep as the tree.
+/// Copies an item. The nodes below it go into `below`, whose first place has the number `first`; `node` is
+/// the number its own copy will have. Recursion is as deep as the tree.
 fn copy<S: Source>(
     source: &S,
     item: S::Item,

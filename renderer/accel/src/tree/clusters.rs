@@ -26,7 +26,7 @@ impl ClusterLink {
     }
 }
 
-/// What a cluster is, but for its box.
+/// A cluster, but for its box.
 #[derive(Clone, Copy)]
 pub(super) struct Cluster {
     pub(super) link: ClusterLink,
@@ -146,7 +146,7 @@ fn nearest<const R: usize, const P: usize>(clusters: &Clusters, base: usize, bes
     }
 }
 
-/// So many numbers from a place on.
+/// `LANES` numbers from a place on.
 #[inline(always)]
 fn lanes(of: &[f32], place: usize) -> &[f32; LANES] {
     of[place..].first_chunk().expect("behind the last cluster there is room")

@@ -82,7 +82,7 @@ impl Model {
     }
 }
 
-/// Least cost of two subtrees that share so many children.
+/// Least cost of two subtrees that share `children` children.
 #[inline(always)]
 fn shared<const W: usize>(left: &Costs<W>, right: &Costs<W>, children: usize) -> f32 {
     (1..children)

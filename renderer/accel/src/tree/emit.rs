@@ -55,7 +55,7 @@ struct Room {
     left: usize,
 }
 
-// SAFETY: whoever has it alone writes to it, and it is handed on when nothing is written any more.
+// SAFETY: only its owner writes to it, and it is handed on when nothing is written any more.
 unsafe impl Send for Room {}
 
 /// Lists that are used again and again.
@@ -106,7 +106,7 @@ impl Emitter<'_> {
         self.rooms.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Room for so many values.
+    /// Room for `count` values.
     fn take<T>(&self, room: &mut Room, count: usize) -> Result<*mut T, BuildError> {
         let bytes = count * size_of::<T>();
         let padding = room.next.align_offset(align_of::<T>());
@@ -216,7 +216,7 @@ impl Emitter<'_> {
         for (index, some) in numbers.chunks(B).enumerate() {
             let block = Block::new(some.iter().copied(), self.triangles, self.parameters.robust);
             area += if likely { area_of(&block, self.parameters.robust) } else { 0.0 };
-            // SAFETY: the room was taken for so many blocks, is aligned and nobody else's.
+            // SAFETY: the room was taken for this number of blocks, is aligned and nobody else's.
             unsafe { blocks.add(index).write(block) };
         }
         let prospect = Prospect::leaf(count, area, bounds.half_area() as f32, self.parameters);

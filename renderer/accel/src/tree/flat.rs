@@ -14,8 +14,8 @@ use crate::layout::Bounds;
 use crate::limits::{FLATTENED_TRIANGLES_MAX, INSTANCES_MAX};
 use crate::parameters::TreeParameters;
 
-/// Vertices between the first and the last that an object names may be so many times its triangles; else its
-/// corners are copied one by one.
+/// Greatest ratio of the vertices between the first and the last that an object names to its triangles; above
+/// it its corners are copied one by one.
 const VERTICES_PER_TRIANGLE: usize = 3;
 
 /// The tree of what was copied.

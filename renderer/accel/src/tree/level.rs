@@ -30,7 +30,7 @@ use crate::traverse::{Isa, Kernels, LEVEL_WIDTH, LevelKernels};
 /// Nodes of an object's tree that decide how tight its boxes in the world are.
 const OUTLINE: usize = 64;
 
-/// Where there are few instances, so many are taken to be there when it is decided how many to open.
+/// Least number of instances that the decision how many to open assumes.
 const INSTANCES_MIN: usize = 64;
 
 /// The upper level and what lies below it. It refers to the objects' trees.
@@ -171,7 +171,7 @@ fn outlines(below: &[Below<'_>], places: &[Place], parameters: &TreeParameters) 
     below.par_iter().zip(&times).map(outline).collect()
 }
 
-/// How many parts there may be of so many places.
+/// The most parts of `places` places.
 fn parts_most(places: usize, parameters: &TreeParameters) -> usize {
     places + (parameters.instance_opening as usize - 1) * places.max(INSTANCES_MIN)
 }

@@ -48,7 +48,7 @@ pub struct Tree {
     kernels: Kernels,
     isa: Isa,
     parameters: TreeParameters,
-    /// What updates remember; nothing of a tree that was never updated.
+    /// The memory of updates; `None` for a tree that was never updated.
     motion: Option<Box<motion::Motion>>,
     /// Owns every node and leaf.
     _memory: Memory,

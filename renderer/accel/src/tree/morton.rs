@@ -31,7 +31,7 @@ const _: () = assert!(NUMBER_BITS + CODE_BITS <= u64::BITS && TRIANGLES_MAX.is_p
 /// Fewer keys than this are sorted by comparison, more by counting digits.
 const COUNTED_MIN: usize = 1_024;
 
-/// So many keys are parted by all threads.
+/// Least number of keys that all threads part together.
 const SHARED_MIN: usize = 65_536;
 
 /// Fewest triangles that are worth a task of their own.
@@ -181,10 +181,10 @@ fn sort(keys: &mut [Key], room: &mut [Key], bits: u32) {
 /// Where threads write, each to places of its own.
 struct Scattered(*mut Key);
 
-// SAFETY: whoever writes through it says why nobody else uses the place.
+// SAFETY: each write through it says why nobody else uses the place.
 unsafe impl Sync for Scattered {}
 
-/// The same on one thread, from the lowest digit to the highest.
+/// Sorts on one thread, from the lowest digit to the highest.
 fn sort_by_counting(keys: &mut [Key], room: &mut [Key], bits: u32) {
     let digits = bits.div_ceil(DIGIT_BITS);
     let (mut from, mut to) = (keys, room);

@@ -5,11 +5,11 @@
 //! updated has none of this.
 //!
 //! A partial update also compares costs with those of the last build. Where a subtree's cost, seen from a ray
-//! that hits its box, has grown beyond the threshold, the subtree alone is built anew and grafted on; where
-//! that holds for the nodes above, whole subtrees have drifted apart, and everything is built anew.
-//! Rebuilding by how far the heuristic's cost has grown is Lauterbach et al.'s ("RT-DEFORM: Interactive Ray
-//! Tracing of Dynamic Scenes using BVHs", 2006), doing so for parts Yoon, Curtis and Manocha's ("Ray Tracing
-//! Dynamic Scenes using Selective Restructuring", 2007).
+//! that hits its box, has grown beyond the threshold, the subtree alone is rebuilt and grafted on; where that
+//! holds for the nodes above, whole subtrees have drifted apart, and everything is rebuilt. Rebuilding by how
+//! far the heuristic's cost has grown is Lauterbach et al.'s ("RT-DEFORM: Interactive Ray Tracing of Dynamic
+//! Scenes using BVHs", 2006), doing so for parts Yoon, Curtis and Manocha's ("Ray Tracing Dynamic Scenes
+//! using Selective Restructuring", 2007).
 
 use std::sync::Arc;
 
@@ -47,7 +47,7 @@ struct Subtree {
     depth: u32,
     /// Cost at its last build.
     cost: f64,
-    /// Owns the nodes, once it was built anew.
+    /// Owns the nodes, once it was rebuilt.
     graft: Option<Tree>,
 }
 
@@ -55,7 +55,7 @@ struct Subtree {
 #[derive(Debug)]
 struct Above {
     node: NodeRef,
-    /// What each of its children is.
+    /// The kind of each of its children.
     children: Vec<Below>,
 }
 
@@ -232,7 +232,7 @@ impl Motion {
 }
 
 impl Subtree {
-    /// Builds the subtree anew over its triangles.
+    /// Rebuilds the subtree over its triangles.
     fn build<N: TreeNode, const B: usize>(
         &mut self,
         device: &Device,

@@ -108,7 +108,7 @@ pub(super) unsafe fn sort_children<N: TreeNode, const B: usize>(
 struct Subtree {
     root: NodeRef,
     half_area: f32,
-    /// How many levels from here on are shared between threads.
+    /// The number of levels from here on that are shared between threads.
     task_levels: u32,
 }
 
@@ -183,7 +183,7 @@ impl Subtree {
     }
 }
 
-/// The places of so many children, those with the greatest key last; equals stay as they were.
+/// The places of `count` children, those with the greatest key last; equals stay as they were.
 fn order_by(count: usize, key: impl Fn(usize) -> f32) -> [u8; WIDTH_MAX] {
     let mut order = std::array::from_fn(|place| place as u8);
     order[..count].sort_by(|&a, &b| key(a.into()).total_cmp(&key(b.into())));

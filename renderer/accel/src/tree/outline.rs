@@ -35,7 +35,7 @@ pub(super) fn by_size(bounds: &Bounds) -> u64 {
 }
 
 impl Outline {
-    /// Takes in nodes, the largest first, until there are so many.
+    /// Takes in nodes, the largest first, until there are `most`.
     ///
     /// # Safety
     /// The root is that of a tree of nodes `N`, which lives.

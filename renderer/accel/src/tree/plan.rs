@@ -90,7 +90,7 @@ impl Plan {
         plan
     }
 
-    /// An empty plan with room for so many.
+    /// An empty plan with room for these numbers.
     pub(super) fn with_capacity(nodes: usize, leaves: usize, references: usize) -> Self {
         Self {
             root: Child { bounds: Bounds::EMPTY, link: Link::leaf(0) },

@@ -160,7 +160,7 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
         }
     }
 
-    /// Joins the clusters from `base` on until there are at most so many. The nodes are those from number
+    /// Joins the clusters from `base` on until there are at most `most`. The nodes are those from number
     /// `first` on.
     fn join(&self, clusters: &mut Clusters, base: usize, most: usize, (nodes, first): (&mut [Joined], u32)) {
         let mut best = [0; P];
@@ -245,7 +245,7 @@ impl Ploc {
             rayon::iter::repeat_n(Joined::UNUSED, keys.len()),
         );
         let cluster_size = parameters.cluster_size as usize;
-        // What ends in one leaf anyhow needs no tree, unless the tree is to be improved first.
+        // Triangles that end in one leaf anyhow need no tree, unless the tree is to be improved first.
         let run_size = match parameters.collapse {
             Collapse::Builder => cluster_size.min(parameters.min_leaf_size as usize),
             Collapse::Optimal => 0,

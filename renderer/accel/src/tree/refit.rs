@@ -71,7 +71,7 @@ pub(super) unsafe fn refit<N: TreeNode, const B: usize>(
     fitted
 }
 
-/// What [`refit`] would say of a subtree as it stands, from the boxes in its nodes; `bounds` is its own.
+/// The result of [`refit`] for a subtree as it stands, from the boxes in its nodes; `bounds` is its own.
 ///
 /// # Safety
 /// As for [`refit`], but others may look at it.

@@ -11,14 +11,14 @@ use rayon::prelude::*;
 
 use super::binary::{BinaryNode, BinaryTree, half_area};
 
-/// In the first passes one of so many nodes looks for a better place. Measured: four such passes bring nine
-/// tenths of what any number can.
+/// In the first passes one node of this number looks for a better place. Measured: four such passes bring
+/// nine tenths of the gain of any number.
 const EARLY_SHARE: usize = 32;
 
-/// How many passes are early ones.
+/// The number of early passes.
 const EARLY_PASSES: u32 = 4;
 
-/// In later passes one of so many does.
+/// In later passes one node of this number does.
 const LATE_SHARE: usize = 8;
 
 /// Fewest searches that are worth a task of their own.
@@ -36,7 +36,7 @@ struct Move {
     gain: f32,
 }
 
-/// Runs so many passes. Afterwards the numbers are depth first again.
+/// Runs `passes` passes. Afterwards the numbers are depth first again.
 pub(super) fn optimise(tree: &mut BinaryTree, passes: u32) {
     for pass in 0..passes {
         let mut moves: Vec<Move> = candidates(tree, pass)
@@ -281,7 +281,7 @@ mod tests {
         }
     }
 
-    /// How many nodes the searches of a pass look below.
+    /// The number of nodes that the searches of a pass look below.
     fn looked(tree: &BinaryTree, pass: u32) -> usize {
         let mut stack = Vec::new();
         candidates(tree, pass).iter().map(|&node| search(tree, node as usize, &mut stack).1).sum()
@@ -315,7 +315,7 @@ mod tests {
         let (less, more) = (work(8_000), work(32_000));
         let log = |count: f64| count * count.log2();
         assert!(more < 5.0 * less, "four times the needles: {less} and {more}");
-        // A build sorts once: so many steps.
+        // A build sorts once, in this number of steps.
         assert!(more < 20.0 * log(32_000.0), "{more} and {}", log(32_000.0));
     }
 

@@ -1,9 +1,8 @@
-//! What Embree's builder leaves behind when the tree is to be arranged afterwards: who is whose child, boxes,
-//! and triangle numbers, in Embree's memory. It lives only until [`super::plan`] or [`super::binary`] has
-//! read it.
+//! The result of Embree's builder when the tree is to be arranged afterwards: children, boxes, and triangle
+//! numbers, in Embree's memory. It lives only until [`super::plan`] or [`super::binary`] has read it.
 //!
-//! The functions that Embree calls are like those of [`super::callbacks`]. A node also counts what is below
-//! it, so that whoever reads the sketch can share the work between threads beforehand.
+//! The functions that Embree calls are like those of [`super::callbacks`]. A node also counts the nodes below
+//! it, so that a reader of the sketch can share the work between threads beforehand.
 
 use std::ffi::c_void;
 
@@ -41,7 +40,7 @@ pub(super) enum Sketched<'a, const W: usize> {
     Several(&'a [u32]),
 }
 
-/// How much lies below.
+/// The numbers of nodes, leaves and references below.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Counts {
     pub(super) nodes: u32,

@@ -89,8 +89,8 @@ pub(super) fn binary_over(boxes: &[Bounds]) -> BinaryTree {
     BinaryTree { nodes, parents }
 }
 
-/// Makes the node over a set. What is below it goes into `below`, the first place of which has the number
-/// `first`; `node` is the number it will have itself.
+/// Makes the node over a set. The nodes below it go into `below`, whose first place has the number `first`;
+/// `node` is the number it will have itself.
 fn grow(
     items: &mut [Item],
     node: usize,

@@ -1,10 +1,10 @@
 //! Two levels: a tree for each object in its own space, and one over the instances in the world.
 //!
-//! Memory goes with what is unique. A ray walks the upper level; where it meets an instance's box it is taken
-//! into the object's space and given to the object's own kernel (`traverse::placed`). The idea is as old as
-//! Kay and Kajiya's "Ray Tracing Complex Scenes" (1986); the arrangement is Wald, Benthin and Slusallek's
-//! "Distributed Interactive Ray Tracing of Dynamic Scenes" (2003). What is small can be copied into the world
-//! instead (`flat`), and is then one more object.
+//! Memory goes with the unique triangles. A ray walks the upper level; where it meets an instance's box it is
+//! taken into the object's space and given to the object's own kernel (`traverse::placed`). The idea is as
+//! old as Kay and Kajiya's "Ray Tracing Complex Scenes" (1986); the arrangement is Wald, Benthin and
+//! Slusallek's "Distributed Interactive Ray Tracing of Dynamic Scenes" (2003). Small objects can be copied
+//! into the world instead (`flat`), and are then one more object.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -93,7 +93,7 @@ impl TwoLevel {
         Ok(())
     }
 
-    /// Updates the objects' trees and builds the upper level anew. Objects that nothing places stay empty.
+    /// Updates the objects' trees and rebuilds the upper level. Objects that nothing places stay empty.
     pub(crate) fn update(
         &mut self,
         device: &Device,

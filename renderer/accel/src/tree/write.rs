@@ -26,7 +26,7 @@ pub(super) trait Items: Sync {
     /// Aligned for a [`NodeRef`].
     type Item: Send;
 
-    /// How many items a leaf of these numbers has.
+    /// The number of items of a leaf of these numbers.
     fn count(&self, numbers: &[u32]) -> usize;
 
     /// One of them.

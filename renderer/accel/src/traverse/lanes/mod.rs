@@ -23,8 +23,8 @@ pub(crate) use portable::Portable;
 /// `min` and `max` give the second operand if either is NaN, as x86 does; comparisons with NaN are false.
 ///
 /// # Safety
-/// Every function requires the processor features the type is named after. Pointers must be valid for
-/// `COUNT` numbers and aligned to the size of so many.
+/// Every function requires the processor features the type is named after. Pointers must be valid for `COUNT`
+/// numbers and aligned to their whole size.
 pub(crate) trait Lanes: Copy {
     /// Numbers in the vector.
     const COUNT: usize;

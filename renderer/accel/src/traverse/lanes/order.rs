@@ -7,7 +7,7 @@ use crate::layout::NodeRef;
 ///
 /// # Safety
 /// All functions require the processor features the vector is named after. `children` points to as many
-/// references as there are lanes; there is room for so many behind `nodes` and `keys`, which may all be
+/// references as there are lanes; there is room for that number behind `nodes` and `keys`, which may all be
 /// written, whatever the number of hits. Distances are not below zero.
 pub(crate) trait Order: Lanes {
     /// Writes the children in `hits` (two or more of them), farthest first, with their keys: distances

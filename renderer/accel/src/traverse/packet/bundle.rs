@@ -13,7 +13,7 @@ pub(crate) struct Bundle {
     pub(crate) t_min: Stored,
 }
 
-/// The lanes of so many rays.
+/// The lanes of the first `count` rays.
 #[inline(always)]
 pub(crate) fn lanes_of(count: usize) -> u32 {
     (1 << count) - 1
@@ -141,7 +141,7 @@ unsafe fn turned<L: Lanes>(row: &[f32; 4], of: &Lanes3<L>) -> L {
     x.mul(L::splat(row[0])).add(y.mul(L::splat(row[1]))).add(z.mul(L::splat(row[2])))
 }
 
-/// The same for points.
+/// Transforms points.
 #[inline(always)]
 unsafe fn placed<L: Lanes>(row: &[f32; 4], of: &Lanes3<L>) -> Stored {
     Stored::from(turned(row, of).add(L::splat(row[3])))

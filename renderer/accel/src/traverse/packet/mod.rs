@@ -8,7 +8,7 @@
 //! goes on alone, as in Benthin, Wald, Woop, Ernst and Mark, "Combining Single and Packet-Ray Tracing for
 //! Arbitrary Ray Distributions on the Intel MIC Architecture" (2012).
 //!
-//! What a leaf holds, triangles or placed objects, is no matter of the walk ([`PacketLeaves`]).
+//! The walk does not depend on the contents of leaves, triangles or placed objects ([`PacketLeaves`]).
 //!
 //! Every ray gets the answer it gets alone: tests of boxes and triangles take the same operations in the same
 //! order, and the frustum's margins cover their rounding.
@@ -35,7 +35,7 @@ pub(crate) const PACKET: usize = 16;
 /// Fewer rays of one kind are not worth a packet.
 const GROUP_MIN: u32 = 4;
 
-/// So many rays or fewer in a subtree go on alone.
+/// Most rays in a subtree that go on alone.
 const FEW: u32 = 1;
 
 /// Most entries on the stack: on each level all children but one, and a whole node's worth on top.
