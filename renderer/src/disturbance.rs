@@ -1,9 +1,9 @@
 //! Whether a machine had other work while something was measured.
 //!
 //! Ratios of pairs survive a machine that changes its speed, but not every disturbance, and a search does not
-//! measure in pairs. So whoever tells a figure tells also what else the processors did meanwhile, as far as
-//! the system says (`/proc/stat` on Linux, of the processors that this process may use), and how much one and
-//! the same frame varied.
+//! measure in pairs. So each figure comes with the other load of the processors, as far as the system says
+//! (`/proc/stat` on Linux, of the processors that this process may use), and with the variation of one and
+//! the same frame.
 
 use std::time::Instant;
 

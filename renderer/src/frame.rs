@@ -40,10 +40,10 @@ pub struct FrameTimes {
     /// How long the render threads together waited for a processor during the frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub render_delay_ms: Option<f64>,
-    /// How many trials the structure had served before; absent if it was built for this one.
+    /// The number of trials that the structure had served before; absent if it was built for this one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials_before: Option<u32>,
-    /// How many frames the rendering time is the median of; absent if it is what was asked for.
+    /// The number of frames whose median is the rendering time; absent if it is the requested one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<u32>,
 }
@@ -54,7 +54,7 @@ impl FrameTimes {
         Self { build_ms, render_ms, ..Self::default() }
     }
 
-    /// With what threads got of the processors in the meantime; so many shared each of the two.
+    /// Adds the processor times of the `threads` threads that shared each of the two.
     #[must_use]
     pub fn with_threads(self, threads: usize, build: ThreadTimes, render: ThreadTimes) -> Self {
         let build = build.shared_by(threads, self.build_ms);
@@ -68,8 +68,8 @@ impl FrameTimes {
         }
     }
 
-    /// What the clock on the wall would have shown if no thread had waited for a processor
-    /// ([`undelayed_ms`]); what it did show where that is not known.
+    /// The wall-clock times as if no thread had waited for a processor ([`undelayed_ms`]); the measured ones
+    /// where that is not known.
     #[must_use]
     pub fn undelayed(self) -> Self {
         let undelayed = |wall_ms: f64, cpu_ms: Option<f64>, delay_ms: Option<f64>| {
@@ -82,14 +82,14 @@ impl FrameTimes {
     }
 }
 
-/// What a structure took that is ready for a trial.
+/// The times of a structure that is ready for a trial.
 #[derive(Clone, Copy, Debug)]
 pub struct Ready {
     /// Building it.
     pub build_ms: f64,
-    /// What the threads of the process got of the processors meanwhile.
+    /// The processor times of the process's threads meanwhile.
     pub threads: ThreadTimes,
-    /// How many trials it had served before; 0 if it was built for this one.
+    /// The number of trials that it had served before; 0 if it was built for this one.
     pub trials_before: u32,
 }
 
@@ -115,9 +115,9 @@ pub enum RendererError {
     /// The system gives no threads.
     #[error("{threads} render threads cannot be started: {source}; ask for fewer with --threads")]
     Threads {
-        /// How many were asked for; 0 means one a core.
+        /// The number that was asked for; 0 means one a core.
         threads: usize,
-        /// What the system said.
+        /// The system's error.
         source: rayon::ThreadPoolBuildError,
     },
 }
@@ -159,7 +159,7 @@ impl Renderer {
         &self.prepared.scene
     }
 
-    /// Whether shading leaves out what the scene does not need; it does unless told otherwise. Pictures are
+    /// Whether shading leaves out features that the scene does not need, which is the default. Pictures are
     /// the same.
     pub fn set_leave_out(&mut self, leave_out: bool) {
         self.leave_out = leave_out;
@@ -242,7 +242,7 @@ impl Renderer {
 
     /// Moves on to another moment of the scene and brings the kept structure along; returns `build_ms`, the
     /// time that took the structure. One that was built by another choice, over another number of triangles
-    /// or over instances is built anew, whatever `update` says. If that fails, the structure is that of the
+    /// or over instances is rebuilt, whatever `update` says. If that fails, the structure is that of the
     /// moment before, or there is none where it would not fit.
     pub fn animate(
         &mut self,
@@ -287,7 +287,7 @@ impl Renderer {
         self.render_needing(self.needs(), structure, view, options, film)
     }
 
-    /// The same with a shading kernel that can do more than the scene needs, which changes no picture.
+    /// Renders with a shading kernel that can do more than the scene needs, which changes no picture.
     ///
     /// # Panics
     /// If it can do less.
@@ -310,9 +310,8 @@ impl Renderer {
         Some(self.render_with(self.structure()?, view, options, film))
     }
 
-    /// The same, but no tile is begun once so many milliseconds are over (`None`: all are). Returns how long
-    /// it took, and whether that is a whole frame; the film of one that is not is of no use until it is
-    /// cleared.
+    /// Renders, but begins no tile after `limit_ms` milliseconds (`None`: no limit). Returns the times, and
+    /// whether that is a whole frame; the film of one that is not is of no use until it is cleared.
     pub fn render_within(
         &self,
         limit_ms: Option<f64>,
@@ -331,7 +330,7 @@ impl Renderer {
 
     /// Does some work, and tells what the render threads got of the processors meanwhile.
     pub fn watching_threads<R>(&self, work: impl FnOnce() -> R) -> (R, ThreadTimes) {
-        // Asking the threads wakes them, for which they may wait: so that is done outside of what is told.
+        // Asking the threads wakes them, for which they may wait. So it is done outside of the measured time.
         let cpu_before_ms = self.render_cpu_ms();
         let delay_before_ms = self.delay_ms();
         let result = work();

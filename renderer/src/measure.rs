@@ -1,9 +1,9 @@
 //! Comparing acceleration structures: all of them in each round, one after the other.
 //!
 //! The speed of a machine drifts by more than the differences that are looked for. Contenders are therefore
-//! measured interleaved, each round begins with another one, and what is told are ratios within rounds, of
-//! times without that in which threads waited for processors that other programs held
-//! ([`FrameTimes::undelayed`]). Contenders that are the same work under two names are measured once.
+//! measured interleaved, and each round begins with another one. Results are ratios within rounds, of times
+//! without the waiting of threads for processors that other programs held ([`FrameTimes::undelayed`]).
+//! Contenders that are the same work under two names are measured once.
 
 use serde::Serialize;
 use treewright_accel::Structure;
@@ -15,7 +15,7 @@ use crate::scheduling::{ThreadTimes, of_process};
 use crate::space::Choice;
 use crate::statistics::{Ratio, Summary};
 
-/// From this share of the time on it is told that frames waited for processors.
+/// Share of the time from which on a note says that frames waited for processors.
 const DELAY_TOLD: f64 = 0.02;
 
 /// A named structure to be measured.
@@ -23,7 +23,7 @@ const DELAY_TOLD: f64 = 0.02;
 pub struct Contender {
     /// For people.
     pub name: String,
-    /// What is built, and how it is rendered with.
+    /// The structure, and how it is rendered with.
     pub choice: Choice,
 }
 
@@ -38,8 +38,8 @@ pub struct Conditions {
     pub height: u32,
     /// How often each contender is measured.
     pub rounds: u32,
-    /// How many frames share a build. With 1 each frame builds its own, as real-time rendering does;
-    /// otherwise each structure is built once.
+    /// The number of frames that share a build. With 1 each frame builds its own, as real-time rendering
+    /// does; otherwise each structure is built once.
     pub frames_per_build: u32,
 }
 
@@ -55,7 +55,7 @@ pub struct Measured {
     /// Each build without the time in which its threads waited for a processor; nothing where that is not
     /// known.
     pub undelayed_build_ms: Vec<f64>,
-    /// The same of each frame.
+    /// The undelayed time of each frame.
     pub undelayed_render_ms: Vec<f64>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
@@ -66,7 +66,7 @@ pub struct Measured {
 pub struct Standing {
     /// The contender's name.
     pub name: String,
-    /// Which of several it is, where the best of them is told under one name.
+    /// The variant of the best one, where several share one name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub variant: Option<String>,
     /// Build times.
@@ -87,12 +87,12 @@ pub struct Standing {
 }
 
 impl Standing {
-    /// How many times faster this one is than another, pair by pair.
+    /// The ratio of another one's time to this one's, pair by pair.
     pub fn speedup_over(&self, other: &Standing) -> Summary {
         Summary::of_ratios(&other.undelayed_ms, &self.undelayed_ms)
     }
 
-    /// The same with the interval in which it lies.
+    /// That ratio with its interval.
     pub fn gain_over(&self, other: &Standing) -> Ratio {
         Ratio::of(&other.undelayed_ms, &self.undelayed_ms)
     }
@@ -145,8 +145,8 @@ impl Conditions {
     }
 }
 
-/// Measures all contenders. `go_on` is asked before each round; when it says no, what there is so far is
-/// told. One round more than asked for is run first and forgotten, to warm caches and clocks.
+/// Measures all contenders. `go_on` is asked before each round; when it says no, the rounds so far are the
+/// result. One round more than asked for is run first and forgotten, to warm caches and clocks.
 pub fn interleaved(
     renderer: &Renderer,
     contenders: &[Contender],

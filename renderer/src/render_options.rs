@@ -1,4 +1,4 @@
-//! What a renderer can turn besides its tree: how pixels are grouped, and how each class of rays is traced.
+//! Options of a renderer besides its tree: the grouping of pixels, and the tracing of each class of rays.
 
 use serde::{Deserialize, Serialize};
 use treewright_accel::Packets;
@@ -22,7 +22,7 @@ pub struct RenderOptions {
     pub shadow: Packets,
     /// How rays after a bounce are ordered inside a tile.
     pub sort: Sort,
-    /// How many of the renderer's threads work on a frame; 0 for all of them.
+    /// The number of the renderer's threads that work on a frame; 0 for all of them.
     pub threads: u32,
 }
 

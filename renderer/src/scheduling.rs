@@ -1,11 +1,10 @@
 //! What threads got of the processors: how long they ran, and how long they were ready to run but had to
 //! wait.
 //!
-//! The clock on the wall counts the waiting too. Where other programs run beside a frame it is most of what
-//! differs from one frame to the next, and says nothing of the structure that is measured. Linux tells each
-//! thread's run-queue delay (`/proc/PID/task/TID/schedstat`, the second number, in nanoseconds;
-//! Documentation/scheduler/sched-stats.rst), so what a frame would have taken without it can be told too: see
-//! [`undelayed_ms`].
+//! The clock on the wall counts the waiting too. Where other programs run beside a frame it is most of the
+//! difference from one frame to the next, and says nothing of the structure that is measured. Linux gives
+//! each thread's run-queue delay (`/proc/PID/task/TID/schedstat`, the second number, in nanoseconds;
+//! Documentation/scheduler/sched-stats.rst). The time of a frame without it follows: see [`undelayed_ms`].
 
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
@@ -22,7 +21,7 @@ impl RunQueueDelay {
         File::open("/proc/thread-self/schedstat").ok().map(Self).filter(|file| file.read_ms().is_some())
     }
 
-    /// All of it so far, in milliseconds. A thread that waits just now has not been told of it yet.
+    /// All of it so far, in milliseconds. The present wait of a thread is not part of it yet.
     pub(crate) fn read_ms(&self) -> Option<f64> {
         let mut text = [0; 96];
         let length = self.0.read_at(&mut text, 0).ok()?;
@@ -58,9 +57,9 @@ pub struct ThreadTimes {
 }
 
 impl ThreadTimes {
-    /// Those of work that took so long by the clock on the wall and that so many threads shared: together
-    /// they had no more time than that to wait in. What is told beyond it is of other threads, or of two that
-    /// waited for each other's place.
+    /// The times of work that `threads` threads shared and that took `wall_ms` by the clock on the wall:
+    /// together they had no more time than that to wait in. A delay beyond it is that of other threads, or of
+    /// two that waited for each other's place.
     #[must_use]
     pub fn shared_by(self, threads: usize, wall_ms: f64) -> Self {
         let most_ms = (threads.max(1) as f64 * wall_ms - self.cpu_ms).max(0.0);

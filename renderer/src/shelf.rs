@@ -3,7 +3,7 @@
 //! A search measures its leaders again and again. Where one tree serves a thousand frames, its build costs as
 //! much as twenty of them and says next to nothing, so a tree that is still there is used again. Trees of the
 //! same choice differ from build to build by one to three percent, though. So each serves a few trials and is
-//! then built anew: what differs between builds stays in the measurements.
+//! then rebuilt: the differences between builds stay in the measurements.
 
 use treewright_accel::{BuildChoice, Structure};
 
@@ -18,7 +18,7 @@ pub(crate) struct Built {
     pub(crate) build_ms: f64,
     /// Of the build.
     pub(crate) threads: ThreadTimes,
-    /// How many trials it was asked for, the one that it was built for included.
+    /// The number of trials that it was asked for, the one that it was built for included.
     pub(crate) trials: u32,
 }
 

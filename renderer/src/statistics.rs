@@ -1,6 +1,6 @@
 //! The few statistics that timings need: quantiles, ratios of pairs, the break-even frame.
 //!
-//! Frame times are skewed and have outliers, so medians and quartiles are told, never means. Two
+//! Frame times are skewed and have outliers, so results are medians and quartiles, never means. Two
 //! configurations are compared by the ratios of pairs measured right after one another, which share the
 //! machine's momentary speed.
 
@@ -15,7 +15,7 @@ pub struct Summary {
     pub median: f64,
     /// A quarter lies above.
     pub upper_quartile: f64,
-    /// How many there are.
+    /// The number of values.
     pub count: usize,
 }
 
@@ -39,7 +39,7 @@ impl Summary {
     }
 }
 
-/// How many times faster one contender is than another: the median of pairs, and where the true median lies
+/// The ratio of one contender's speed to another's: the median of pairs, and the interval of the true median
 /// with a confidence of 95 %.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Ratio {
@@ -47,7 +47,7 @@ pub struct Ratio {
     pub median: f64,
     /// Lower and upper end of the interval; `None` for fewer than six pairs, which cannot have one.
     pub interval: Option<[f64; 2]>,
-    /// How many pairs there are.
+    /// The number of pairs.
     pub count: usize,
 }
 
@@ -87,8 +87,8 @@ impl std::fmt::Display for Ratio {
     }
 }
 
-/// How many of `count` sorted values may be left out on each side so that the median lies between the others
-/// with the confidence of the interval: it is below the value of rank `k` with the probability that of
+/// The number of `count` sorted values that may be left out on each side so that the median lies between the
+/// others with the confidence of the interval: it is below the value of rank `k` with the probability that of
 /// `count` throws of a coin at most `k` show heads.
 fn outside(count: usize) -> Option<usize> {
     let mut term = 0.5_f64.powi(i32::try_from(count).unwrap_or(i32::MAX));

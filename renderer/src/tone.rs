@@ -67,8 +67,7 @@ pub fn displayed(radiance: Vec3) -> Vec3 {
     linear.map(|channel| srgb(channel.clamp(0.0, 1.0)))
 }
 
-/// A colour as it is, cut off at white and encoded by the transfer function of sRGB. What is no number is
-/// black.
+/// A colour as it is, cut off at white and encoded by the transfer function of sRGB. A NaN is black.
 pub fn encoded_plainly(radiance: Vec3) -> Vec3 {
     radiance.map(|channel| srgb(if channel.is_nan() { 0.0 } else { channel.clamp(0.0, 1.0) }))
 }

@@ -77,7 +77,7 @@ fn picture(scene: Scene, choice: &BuildChoice, samples: u32) -> Picture {
     film.picture()
 }
 
-/// The means of squares of so many pixels.
+/// The means of squares of `square` by `square` pixels.
 fn coarse(picture: &Picture, square: u32) -> Picture {
     let (width, height) = (picture.width / square, picture.height / square);
     let mean = |x: u32, y: u32| {

@@ -8,11 +8,11 @@
 //!   We measure from the middle of the scene's box in tenths of its diagonal. The same room modelled in
 //!   metres or centimetres then gives the same indicators, a camera inside lies within -5 to 5, and one
 //!   that looks at the whole scene from outside seldom leaves -10 to 10. Values beyond are kept.
-//! - Variances of triangle sizes are told in millionths of the squared diagonal (squared, and squared again),
-//!   on a logarithmic scale. Over fourteen scenes they lie between 1e-12 and 4e-4 of the paper's unit, so
-//!   that on its linear range of 0 to 0.01 all scenes but one would have the same two numbers.
-//! - What an instance places counts as if it stood there itself: meshes, triangles and areas are those of the
-//!   world, so that a scene has the same indicators with instances and flattened.
+//! - Variances of triangle sizes are in millionths of the squared diagonal (squared, and squared again), on a
+//!   logarithmic scale. Over fourteen scenes they lie between 1e-12 and 4e-4 of the paper's unit, so that on
+//!   its linear range of 0 to 0.01 all scenes but one would have the same two numbers.
+//! - The contents of an instance count as if they stood there themselves: meshes, triangles and areas are
+//!   those of the world, so that a scene has the same indicators with instances and flattened.
 //! - Light sources are meshes that glow, plus one each for a sky that is not black and for a sun.
 //! - The diffuse ratio weighs each surface's share of rough reflection by its area.
 //!

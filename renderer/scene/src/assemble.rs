@@ -56,7 +56,7 @@ pub enum Lighting {
 }
 
 impl Assembler {
-    /// An empty scene of a file, named by the file's stem. What is added is turned so that this axis points
+    /// An empty scene of a file, named by the file's stem. Added geometry is turned so that this axis points
     /// up.
     pub fn of_file(path: &Path, up: Up) -> Self {
         let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
@@ -176,7 +176,7 @@ impl Assembler {
         }
         let first_triangle = self.indices.len() as u32;
         let mut renumbered = vec![UNUSED; vertices];
-        // What is in an object is turned where the object is placed.
+        // The contents of an object are turned where it is placed.
         let up = if self.objects.is_open() { Up::Y } else { self.up };
         let has_normals = part.normals.len() == vertices && vertices > 0;
         let has_uvs = part.uvs.len() == vertices && vertices > 0;
@@ -374,7 +374,7 @@ impl Assembler {
     }
 }
 
-/// How many triangles have no area in single precision.
+/// The number of triangles without area in single precision.
 fn zero_area_count(triangles: &Triangles) -> usize {
     (0..triangles.len())
         .filter(|triangle| {

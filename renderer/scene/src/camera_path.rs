@@ -33,7 +33,7 @@ pub enum CameraPathError {
     /// More positions than the limit.
     #[error("{count} positions of a camera path are more than the limit of {PATH_POSITIONS_MAX}")]
     TooMany {
-        /// How many were asked for.
+        /// The number that was asked for.
         count: usize,
     },
 }
@@ -112,7 +112,7 @@ impl CameraPath {
         }
     }
 
-    /// So many cameras at even moments, the first and the last key included. The paper uses 100.
+    /// `count` cameras at even moments, the first and the last key included. The paper uses 100.
     ///
     /// # Errors
     /// [`CameraPathError::TooMany`] beyond [`PATH_POSITIONS_MAX`].

@@ -110,7 +110,7 @@ pub(super) fn read(
     Ok(Some(part))
 }
 
-/// How many triangles a primitive has, about: what its accessors say, unread.
+/// The approximate number of triangles of a primitive, from its accessors alone.
 pub(super) fn triangle_count(primitive: &Primitive) -> u64 {
     let positions = primitive.get(&Semantic::Positions).map_or(0, |positions| positions.count());
     let corners = primitive.indices().map_or(positions, |indices| indices.count()) as u64;
@@ -121,11 +121,11 @@ pub(super) fn triangle_count(primitive: &Primitive) -> u64 {
     }
 }
 
-/// What positions and normals are made of.
+/// The types of positions and normals.
 const VECTORS: (Dimensions, &[DataType]) = (Dimensions::Vec3, &[DataType::F32]);
-/// What texture coordinates are made of.
+/// The types of texture coordinates.
 const PAIRS: (Dimensions, &[DataType]) = (Dimensions::Vec2, &[DataType::F32, DataType::U8, DataType::U16]);
-/// What indices are made of.
+/// The types of indices.
 const INDICES: (Dimensions, &[DataType]) =
     (Dimensions::Scalar, &[DataType::U8, DataType::U16, DataType::U32]);
 

@@ -14,7 +14,7 @@ use super::gltf_geometry::{Buffers, check};
 /// By the number of a node: where the copies of its mesh stand, in its own space.
 pub(super) type Copies = HashMap<usize, Vec<Mat4>>;
 
-/// Reads the copies of all nodes. Those that cannot be read are told, and their mesh stands once.
+/// Reads the copies of all nodes. Unreadable ones get a note, and their mesh stands once.
 pub(super) fn read(
     json: &Value,
     document: &Document,

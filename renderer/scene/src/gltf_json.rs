@@ -1,9 +1,8 @@
 //! A glTF file's JSON before its parser sees it: that is stricter than the format, and silent about what it
 //! skips.
 //!
-//! What the format lets be absent is put in, what is never drawn is taken out, and whatever is in the file
-//! and not in the picture is told in one sentence of its kind. After that the parser's own checks are about
-//! faults.
+//! Optional parts are put in, parts that are never drawn are taken out, and each kind of content that is
+//! missing in the picture gets a note of one sentence. After that the parser's own checks are about faults.
 
 use std::collections::BTreeMap;
 
@@ -45,8 +44,8 @@ const READ: [&str; 6] = [
     "KHR_texture_transform",
 ];
 
-/// Extensions that change nothing in the picture, or that are told by what they leave behind: compression
-/// beside plain data, other pictures of a texture, other materials, copies of a mesh, metadata.
+/// Extensions that change nothing in the picture, or whose traces get a note: compression beside plain data,
+/// other pictures of a texture, other materials, copies of a mesh, metadata.
 const TOLD_ELSEWHERE: [&str; 9] = [
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
@@ -149,7 +148,7 @@ impl Document {
         }
     }
 
-    /// Refuses what cannot be drawn without an extension; other required ones are told and done without.
+    /// Refuses a file that needs an extension to be drawn; other required ones get a note.
     fn check_required(&mut self) -> Result<(), Refusal> {
         let required: Vec<String> = list(&self.json, "extensionsRequired")
             .iter()
@@ -173,7 +172,7 @@ impl Document {
                     if let ("extensions", Value::Object(extensions)) = (key.as_str(), value) {
                         extensions.keys().for_each(|name| *uses.entry(name.clone()).or_default() += 1);
                     }
-                    // What a converter wrote for itself is not the format's.
+                    // A converter's own data is not the format's.
                     if key != "extras" {
                         count(value, uses);
                     }

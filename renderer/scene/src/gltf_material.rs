@@ -1,7 +1,7 @@
 //! glTF materials in our terms, with their textures.
 //!
 //! All textures of a material are looked up at one set of texture coordinates, moved by one transform: those
-//! of its base colour, or of the first texture it has. What asks for others is told in a note.
+//! of its base colour, or of the first texture it has. Textures that ask for others get a note.
 
 use std::path::Path;
 

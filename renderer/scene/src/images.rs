@@ -30,7 +30,7 @@ pub(super) fn decode_radiance(bytes: &[u8], name: &Path) -> Result<(u32, Vec<Vec
     Ok((image.width(), image.pixels().map(|pixel| Vec3::from_array(pixel.0)).collect()))
 }
 
-/// The format is told by the first bytes, or by the name for those formats that have none of their own.
+/// The format follows from the first bytes, or from the name for those formats that have none of their own.
 fn decoded(bytes: &[u8], name: &Path, edge_max: u32) -> Result<DynamicImage, String> {
     let mut reader = ImageReader::new(Cursor::new(bytes));
     if let Ok(format) = image::ImageFormat::from_path(name) {

@@ -119,7 +119,7 @@ pub struct Mesh {
     pub name: String,
     /// Number of its first triangle.
     pub first_triangle: u32,
-    /// How many triangles it has.
+    /// The number of its triangles.
     pub triangle_count: u32,
     /// Index into [`Scene::materials`].
     pub material: u32,
@@ -161,8 +161,8 @@ pub struct Material {
     pub blends: bool,
     /// Factor of the base colour texture's alpha in blending.
     pub opacity: f32,
-    /// What is inside, for a surface that bounds a solid: light that is transmitted bends on the way in and
-    /// out. Without one, what transmits is a thin sheet that light passes straight through.
+    /// The inside of a surface that bounds a solid: transmitted light bends on the way in and out. Without
+    /// one, a transmitting surface is a thin sheet that light passes straight through.
     pub volume: Option<Volume>,
 }
 

@@ -20,7 +20,7 @@ pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
     load_upright(path, Up::Y)
 }
 
-/// The same for a file in which another axis points up: the whole scene is turned so that y does.
+/// Loads a file in which another axis points up: the whole scene is turned so that y does.
 ///
 /// # Errors
 /// As [`load`].
@@ -64,7 +64,7 @@ enum Format {
 }
 
 impl Format {
-    /// By extension. The readers check the content themselves, so a wrong name is told, not guessed round.
+    /// By extension. The readers check the content themselves, so a wrong name is an error and no guess.
     fn of(path: &Path) -> Result<Self, SceneError> {
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let refuse = |what: String| {

@@ -1,5 +1,5 @@
-//! glTF as people's programs write it: what the format allows is read, what is left out is told, and a
-//! refusal names its cause.
+//! glTF as people's programs write it: all that the format allows is read, omissions get notes, and a refusal
+//! names its cause.
 
 use glam::Vec3;
 use serde_json::{Value, json};
@@ -360,7 +360,7 @@ fn a_file_on_another_axis_is_turned_as_a_whole() {
     let path = folder.path().join("a.glb");
     std::fs::write(&path, bytes).unwrap();
     let scene = load_upright(&path, Up::Z).unwrap();
-    // What points up in the file, z, points up in the scene; what was up points away from the viewer.
+    // The file's up, z, points up in the scene; the former up points away from the viewer.
     assert_eq!((scene.bounds().min, scene.bounds().max), (Vec3::new(0.0, 0.0, -1.0), Vec3::X));
     let camera = scene.cameras[0];
     assert_eq!((camera.position, camera.up), (Vec3::new(1.0, 3.0, -2.0), Vec3::NEG_Z));

@@ -89,7 +89,7 @@ fn gltf_nodes_share_meshes_and_carry_transforms() {
     assert_eq!(scene.cameras.len(), 1);
 }
 
-/// A mesh of 600 triangles and so many nodes that show it, each a step to the right of the one before.
+/// A mesh of 600 triangles and `nodes` nodes that show it, each a step to the right of the one before.
 fn many_nodes(nodes: usize) -> Scene {
     let (mut document, mut data) = triangle_document();
     data.truncate(36);

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::obj_text::{keyword_and_rest, statements};
 
-/// What is read, as it is spelt. Some write other capitals.
+/// The keywords that are read, as they are spelt. Some write other capitals.
 const READ: [&str; 18] = [
     "newmtl", "Ka", "Kd", "Ks", "Ke", "Ns", "Ni", "d", "Tr", "illum", "Pr", "Pm", "map_Kd", "map_d",
     "map_Ke", "map_Pr", "map_Pm", "norm",

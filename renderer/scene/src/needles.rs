@@ -57,8 +57,8 @@ pub(crate) fn bundles(
 }
 
 impl Scene {
-    /// The same scene, without instances, and with so many needles as a cylinder through its middle, turned
-    /// by `turn` of a round. Cameras and light stay.
+    /// The scene without instances and with `needles` needles as a cylinder through its middle, turned by
+    /// `turn` of a round. Cameras and light stay.
     ///
     /// # Errors
     /// [`SceneError::TooMany`] and [`SceneError::Geometry`] beyond the limits of scenes.

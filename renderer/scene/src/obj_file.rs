@@ -170,8 +170,8 @@ fn from_mtl(material: &tobj::Material) -> Material {
     };
     let dissolve =
         material.dissolve.or_else(|| number("Tr").map(|transparency| 1.0 - transparency)).unwrap_or(1.0);
-    // What is dissolved lets light through as it is, like blending in glTF; it bends and reflects light if it
-    // says so.
+    // A dissolved material lets light through as it is, like blending in glTF; it bends and reflects light if
+    // it says so.
     let dissolved = dissolve < 1.0;
     let ior = if dissolved { 1.0 } else { 1.5 };
     Material {

@@ -19,7 +19,7 @@ pub(super) struct Checked {
     pub(super) materials: BTreeSet<String>,
 }
 
-/// How many of each kind of vertex data there are.
+/// The counts of each kind of vertex data.
 #[derive(Clone, Copy, Default)]
 struct Counts {
     positions: usize,
@@ -67,9 +67,9 @@ pub(super) fn keyword_and_rest(statement: &str) -> (&str, &str) {
     (keyword, rest.trim())
 }
 
-/// Checks numbers and faces, and takes out what no triangle comes of; also texture coordinates, unless
+/// Checks numbers and faces, and takes out statements that make no triangle; also texture coordinates, unless
 /// `with_textures`. Then every corner has some: those without get (0, 0), which stands before all others. The
-/// text begins by naming so many `libraries` of materials, by their numbers.
+/// text begins by naming `libraries` libraries of materials, by their numbers.
 ///
 /// # Errors
 /// One sentence that names the line and what is wrong with it.

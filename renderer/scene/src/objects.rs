@@ -74,8 +74,8 @@ impl Objects {
         }
     }
 
-    /// The instances of a scene with so many triangles, or nothing for a scene without objects. What lies
-    /// outside objects is placed where it is, first.
+    /// The instances of a scene with `triangles` triangles, or `None` for a scene without objects. Triangles
+    /// outside objects are placed where they are, first.
     ///
     /// # Errors
     /// The number of placed triangles, where that or the number of instances is beyond the limits.

@@ -89,7 +89,7 @@ impl Punctual {
         Self::Point { position, intensity, cone: None, range: f32::INFINITY }
     }
 
-    /// The same in a scene that is turned.
+    /// The light in a scene that is turned.
     pub(crate) fn turned(self, up: Up) -> Self {
         match self {
             Self::Directional { direction, irradiance } => {
@@ -102,7 +102,7 @@ impl Punctual {
         }
     }
 
-    /// The same in a scene whose lengths are multiplied by a factor: as much light arrives.
+    /// The light in a scene whose lengths are multiplied by a factor: as much light arrives.
     pub(crate) fn scaled(self, factor: f32) -> Self {
         match self {
             Self::Directional { .. } => self,

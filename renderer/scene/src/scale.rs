@@ -8,9 +8,9 @@ use super::limits::DIAGONAL_RANGE;
 use super::objects::Objects;
 use super::{Material, Punctual};
 
-/// What the lengths of a scene with such a diagonal are multiplied by, a power of two; `None` for one that is
-/// right as it is, and for one without size. A large one is left as large as it may be, for there is
-/// something small in it.
+/// The factor on the lengths of a scene with such a diagonal, a power of two; `None` for one that is right as
+/// it is, and for one without size. A large scene stays as large as it may be, because it may have small
+/// parts.
 pub(super) fn factor(diagonal: f32) -> Option<f32> {
     if diagonal <= 0.0 || DIAGONAL_RANGE.contains(&diagonal) {
         return None;

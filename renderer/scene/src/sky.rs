@@ -22,7 +22,7 @@ impl Sky {
         }
     }
 
-    /// The same in a scene that is turned. The gradient always stands upright.
+    /// The sky in a scene that is turned. The gradient always stands upright.
     pub(crate) fn turned(self, up: Up) -> Self {
         let turned = |sun: Sun| Sun { direction: up.turned(sun.direction), ..sun };
         Self { sun: self.sun.map(turned), ..self }

@@ -24,7 +24,7 @@ impl Up {
         }
     }
 
-    /// The same as a matrix.
+    /// The turn as a matrix.
     pub(super) fn matrix(self) -> Mat3 {
         Mat3::from_cols(self.turned(Vec3::X), self.turned(Vec3::Y), self.turned(Vec3::Z))
     }

@@ -39,7 +39,7 @@ pub struct Bsdf {
     alpha: Option<f32>,
     /// Of a rough metal.
     multiple: Option<Multiple>,
-    /// What light is multiplied by that passes through, before the Fresnel loss.
+    /// The factor on light that passes through, before the Fresnel loss.
     through: Vec3,
     /// Lambert and nothing else.
     matt: bool,
@@ -83,7 +83,7 @@ impl From<Gloss> for Bsdf {
     }
 }
 
-/// What kind of event a sample is.
+/// The kind of event of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scatter {
     /// Drawn from a density; lights can be sampled instead.
@@ -121,7 +121,7 @@ impl Bsdf {
         let base = material.base_color.clamp(Vec3::ZERO, Vec3::ONE);
         let metallic = material.metallic.clamp(0.0, 1.0);
         let roughness = material.roughness.clamp(0.0, 1.0);
-        // What is transmitted into a solid is not the affair of its surface.
+        // Transmission into a solid is not the affair of its surface.
         let thin = material.volume.is_none();
         let transmission = if thin { material.transmission.clamp(0.0, 1.0) * (1.0 - metallic) } else { 0.0 };
         let ior = material.ior.max(1.0);
@@ -131,7 +131,7 @@ impl Bsdf {
         let grazing = |f0: Vec3| (50.0 * luminance(f0)).min(1.0).max(f0.max_element());
         let f90 = grazing(f0);
         let alpha = (roughness >= MIRROR_ROUGHNESS).then_some(roughness * roughness);
-        // What blends leaves the light behind it as it is; what transmits tints it.
+        // Blending leaves the light behind it as it is; transmission tints it.
         let through = if material.blends { Vec3::splat(transmission) } else { base * transmission };
         let layer_f90 = f0.lerp(Vec3::splat(f90), rise_seen(alpha));
         // Nothing is left below a metal.
@@ -331,10 +331,10 @@ struct Coat {
 }
 
 impl Coat {
-    /// What the albedo of a body under it is multiplied by, so that no light is lost on the way in and out: a
-    /// white body reflects what the coat does not. Light that the coat reflects back into the body is
-    /// scattered there again: from within more than from outside, taken as half as much again, with which
-    /// middle grey is as bright as without all this.
+    /// The factor on the albedo of a body under it, so that no light is lost on the way in and out: a white
+    /// body reflects what the coat does not. Light that the coat reflects back into the body is scattered
+    /// there again: from within more than from outside, taken as half as much again, with which middle grey
+    /// is as bright as without all this.
     fn kept(&self, base: Vec3) -> Vec3 {
         let outside = mean_of_schlick(Vec3::splat(self.f0), Vec3::splat(self.f90)).x;
         let within = (1.5 * outside).min(0.95);

@@ -51,7 +51,7 @@ struct Skin {
     texture: u32,
     /// Texture coordinates of the corners.
     corners: [Vec2; 3],
-    /// What the texture is multiplied by.
+    /// The factor on the texture.
     factor: Vec3,
 }
 
@@ -79,7 +79,7 @@ const _: () = assert!(size_of::<Lamp>() == 64);
 /// Points drawn by power among which one is chosen.
 const CANDIDATES: u32 = 4;
 
-/// From so many triangles on.
+/// Number of triangles from which on candidates are drawn.
 const FEW_LAMPS: usize = 3;
 
 /// Steps from candidate to candidate on a triangle, which fill it evenly (Roberts, The Unreasonable
@@ -103,7 +103,7 @@ impl Lamp {
         density: 0.0,
     };
 
-    /// How much of a point's radiance a surface would get per area of the lamp, if nothing were in between.
+    /// The share of a point's radiance that reaches a surface per area of the lamp, if nothing is in between.
     #[inline(always)]
     fn reach(&self, position: Vec3, normal: Vec3, u: [f32; 2]) -> f32 {
         let [v, w] = uniform_triangle(u);
@@ -378,7 +378,7 @@ impl Lights {
         (self.sun.as_ref(), self.sun_share)
     }
 
-    /// Density over area with which [`Lights::sample`] draws a point that emits so much. The triangle's area
+    /// Density over area with which [`Lights::sample`] draws a point of this emission. The triangle's area
     /// cancels: it is chosen by area times luminance, then uniformly.
     pub fn lamp_density(&self, emission: Vec3) -> f32 {
         self.density * luminance(emission)

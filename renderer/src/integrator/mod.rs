@@ -1,4 +1,4 @@
-//! The path tracer: one sample a pixel a frame, at most so many bounces, the same picture every time.
+//! The path tracer: one sample a pixel a frame, a bounded number of bounces, the same picture every time.
 //!
 //! A frame is a pure function of scene, camera, size, seed and sample number. It depends neither on the
 //! number of threads nor on how the work is ordered nor, but for triangles that coincide, on the acceleration

@@ -1,7 +1,7 @@
-//! What light keeps that is reflected by several microfacets of a rough metal in turn.
+//! Light that several microfacets of a rough metal reflect in turn.
 //!
-//! The lobe of a rough layer counts light that meets one microfacet and then leaves. What meets another is
-//! lost, up to 60 % of it, although much of it leaves later. A second, wide lobe gives it back (Kulla and
+//! The lobe of a rough layer counts light that meets one microfacet and then leaves. Light that meets another
+//! is lost, up to 60 % of it, although much of it leaves later. A second, wide lobe gives it back (Kulla and
 //! Conty, Revisiting Physically Based Shading at Imageworks, SIGGRAPH course 2017; the share of a coloured
 //! metal after Hill, A Multi-Faceted Exploration, 2018). The light lost by the first lobe is a polynomial, so
 //! that shading many hits at once stays a loop without tables.

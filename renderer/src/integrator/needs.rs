@@ -33,7 +33,7 @@ pub struct Needs {
     /// Lights without size.
     pub punctual: bool,
     /// Rough metals, whose microfacets reflect light to each other. Kernels that shade one hit know it from
-    /// the material; those that shade many at once are told here.
+    /// the material; those that shade many at once learn it here.
     pub metals: bool,
 }
 

@@ -124,7 +124,7 @@ impl<I: Intersector> Intersector for OneByOne<'_, I> {
     }
 }
 
-/// The same with every ray on its own.
+/// A rendering with every ray on its own.
 struct RenderOneByOne<'a>(Render<'a>);
 
 impl Visitor for RenderOneByOne<'_> {

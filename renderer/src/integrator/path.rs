@@ -1,4 +1,4 @@
-//! Path by path: from the camera, over at most so many bounces, to the lights. The simple way, and the
+//! Path by path: from the camera, over a bounded number of bounces, to the lights. The simple way, and the
 //! reference for the others.
 
 use glam::Vec3;

@@ -78,7 +78,7 @@ impl Prepared {
         Self { lights, needs, facets, surfaces, sheets, scene }
     }
 
-    /// What a hit triangle is made of. `MANY` is false where all have one material.
+    /// The material of a hit triangle. `MANY` is false where all have one material.
     #[inline(always)]
     pub(super) fn surface<const MANY: bool>(&self, facet: &Facet) -> &Shading {
         &self.surfaces[if MANY { facet.material() } else { 0 }]

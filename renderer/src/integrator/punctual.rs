@@ -73,7 +73,7 @@ impl PunctualLights {
         light.is_sound().then_some(light)
     }
 
-    /// What arrives of the chosen light, and one over the probability that it was chosen.
+    /// The arrival of the chosen light, and one over the probability that it was chosen.
     fn one_of_few(&self, position: Vec3, normal: Vec3, choice: f32) -> Option<(Arrival, f32)> {
         let arrivals = self.lights.iter().map(|light| light.arrival(position));
         let mut worths = [0.0; CANDIDATES];
@@ -100,8 +100,8 @@ impl PunctualLights {
         Some((self.lights[number].arrival(position), SHARES as f32 / parts[number] as f32))
     }
 
-    /// The same of a few candidates, which are drawn by power; the second number weighs it against the
-    /// others.
+    /// The arrival of one of a few candidates, which are drawn by power; the second number weighs it against
+    /// the others.
     fn one_of_many(
         &self,
         position: Vec3,
@@ -131,7 +131,7 @@ impl PunctualLights {
     }
 }
 
-/// How much light a surface gets if nothing is in between. All colours count alike, so that none is noisier.
+/// The light that a surface gets if nothing is in between. All colours count alike, so that none is noisier.
 fn worth_of(arrival: &Arrival, normal: Vec3) -> f32 {
     arrival.irradiance.element_sum() * arrival.direction.dot(normal).max(0.0)
 }

@@ -2,12 +2,12 @@
 //!
 //! A path's numbers are computed from where they are needed, so no generator is shared between threads and
 //! the image does not depend on the order in which pixels are rendered. Each number has its place: the vertex
-//! of the path and what it is for. What is left unasked costs nothing and shifts no other number, so a scene
+//! of the path and its purpose. A number that is not drawn costs nothing and shifts no other, so a scene
 //! without lamps draws the same bounces whether or not code for lamps is there.
 //!
 //! The pairs that one place of a pixel has in sample after sample are points of Sobol's first two dimensions
 //! with Owen's scrambling: they fill the square evenly, however many samples there will be, and each is
-//! random by itself. Places are told apart by other scramblings and orders (Burley, Practical Hash-based Owen
+//! random by itself. Places have different scramblings and orders (Burley, Practical Hash-based Owen
 //! Scrambling, JCGT 2020; Kollig and Keller, Efficient Multidimensional Sampling, Eurographics 2002). The
 //! second dimension is a product with Pascal's matrix, in five steps (Ahmed, An Implementation Algorithm of
 //! 2D Sobol Sequence Fast, Elegant, and Compact, EGSR 2024). Seeds are mixed by the finaliser of SplitMix64
@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn samples_fill_the_square_evenly() {
         for (pixel, place) in [(0, 1), (7, 4), (123_456, 9)] {
-            // A run of 4^n samples has one point in each cell of every grid of so many cells.
+            // A run of 4^n samples has one point in each cell of every grid of 4^n cells.
             for (first, count) in [(0, 16), (0, 64), (64, 64), (256, 256)] {
                 for across in (0..).map(|power| 1 << power).take_while(|across| *across <= count) {
                     let mut cells = vec![0; count];

@@ -36,8 +36,8 @@ pub fn render_sample<I: Intersector>(
     render_sample_until(prepared, intersector, view, options, needs, film, None).0
 }
 
-/// The same, but no tile is begun after `until`. Says whether there was time for all of them; where there was
-/// not, the film has a part of a sample and is of no use until it is cleared.
+/// Renders a sample, but begins no tile after `until`. Says whether there was time for all of them; where
+/// there was not, the film has a part of a sample and is of no use until it is cleared.
 ///
 /// # Panics
 /// If `needs` do not cover those of the scene.

@@ -21,7 +21,7 @@ pub(super) struct Sorter {
 }
 
 impl Sorter {
-    /// Makes room for so many rays, at most 2¹³.
+    /// Makes room for `count` rays, at most 2¹³.
     pub(super) fn reserve(&mut self, count: usize) {
         assert!(count <= 1 << NUMBER_BITS, "a tile's rays can be numbered in a key");
         self.keys.resize(count, 0);

@@ -20,7 +20,7 @@ use super::surface::WorldFacet;
 use super::vertex::{Path, Shadow, missed};
 use crate::film::Tile;
 
-/// How many hits ahead a facet is fetched: enough to hide a miss behind the gathering of those before.
+/// Hits by which a facet is fetched ahead: enough to hide a miss behind the gathering of those before.
 const AHEAD: usize = 16;
 
 /// Memory of one thread: grows to the largest tile, then stays.

@@ -13,7 +13,7 @@ use super::surface::{WorldFacet, barycentric, interpolated};
 use super::vertex::{Path, Tracing};
 use crate::scene::Texture;
 
-/// A footprint is at most so much longer than it is wide.
+/// Least ratio of a footprint's width to its length.
 const SLANT_MIN: f32 = 1.0 / 64.0;
 
 /// Where textures are looked up.

@@ -29,7 +29,7 @@ pub(super) const PLACES: u32 = 4;
 /// A path between two rays.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Path {
-    /// What light that arrives along the ray is multiplied by.
+    /// The factor on light that arrives along the ray.
     pub(super) throughput: Vec3,
     /// How the ray came about: what a light it meets must be weighed against. The solid angle density of a
     /// rough lobe at `from`, or [`DIRECT`] or [`CAUSTIC`].
@@ -47,8 +47,8 @@ pub(super) struct Path {
 /// From the camera, or only perfect mirrors since: no other technique finds these lights.
 pub(super) const DIRECT: f32 = -1.0;
 
-/// A perfect mirror after a rough surface. The same, but the sun's tiny disc is left out: such caustics are
-/// too rare to converge and would only leave bright dots.
+/// A perfect mirror after a rough surface. As [`DIRECT`], but the sun's tiny disc is left out: such caustics
+/// are too rare to converge and would only leave bright dots.
 const CAUSTIC: f32 = -2.0;
 
 impl Path {
@@ -71,8 +71,8 @@ pub(super) struct Tracing {
 /// How wide the light is taken for that comes over a perfect mirror after a rough surface, radians.
 const CAUSTIC_ANGLE: f32 = 0.1;
 
-/// The same after a rough surface: this share of the root of one over the density, which is about the angle
-/// between neighbours among a pixel's samples, and at most so much.
+/// The angle after a rough surface: this share of the root of one over the density, which is about the angle
+/// between neighbours among a pixel's samples. It is also the greatest angle, in radians.
 const ROUGH_ANGLE: f32 = 0.25;
 
 impl Path {

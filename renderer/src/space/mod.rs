@@ -80,7 +80,7 @@ pub struct Premises {
     pub animated: bool,
     /// The scene has objects that are placed by instances.
     pub instanced: bool,
-    /// How many render threads there are; 0 for one a core.
+    /// The number of render threads; 0 for one a core.
     pub threads: usize,
 }
 

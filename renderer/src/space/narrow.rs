@@ -1,8 +1,8 @@
 //! Narrower spaces: parameters fixed, or held to a part of their range (paper, section 5).
 //!
-//! Every configuration of a narrower space is one of the whole space, with the same values. What
-//! `treewright analyze` recommends is written this way, and so are the paper's own recommendations for its
-//! two objectives (section 4.4).
+//! Every configuration of a narrower space is one of the whole space, with the same values. The
+//! recommendations of `treewright analyze` are written this way, and so are the paper's own for its two
+//! objectives (section 4.4).
 
 use std::fmt;
 use std::str::FromStr;
@@ -156,7 +156,7 @@ impl TuningSpace {
         align(&mut kept);
         let (held, mut free): (Vec<Narrow>, Vec<Narrow>) = kept.into_iter().partition(|one| one.is_held);
         for one in &mut free {
-            // Fulfilled for good: whoever it asks for is held to a value that it names.
+            // Fulfilled for good: the parameter that it asks for is held to a value that it names.
             let asks_held =
                 |condition: &Condition| held.iter().any(|held| held.parameter.name == condition.parameter);
             one.parameter.active_if =

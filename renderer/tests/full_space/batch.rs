@@ -21,7 +21,7 @@ const RAYS: u32 = 203;
 /// Two distances agree up to this share of them.
 const DISTANCE_TOLERANCE: f32 = 1e-3;
 
-/// So many rays may pass an edge on the other side.
+/// Most rays that may pass an edge on the other side.
 const EDGE_RAYS_MAX: usize = 3;
 
 /// A path that passes an edge on the other side changes a pixel of a small picture.

@@ -1,4 +1,4 @@
-//! Covering arrays: few configurations that together hold every combination of so many parameters' values.
+//! Covering arrays: few configurations with every combination of the values of a few parameters.
 //!
 //! Most failures need but two or three values to meet (Kuhn, Wallace and Gallo, "Software Fault Interactions
 //! and Implications for Software Testing", 2004). The arrays are grown greedily, as in Cohen, Dalal, Fredman

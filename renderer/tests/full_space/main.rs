@@ -24,7 +24,7 @@ use treewright_client::Configuration;
 /// Names the folder of a batch for the process that works it off.
 const FOLDER: &str = "TREEWRIGHT_STRESS_FOLDER";
 
-/// How many parameters' values are tried together.
+/// The number of parameters whose values are tried together.
 const STRENGTH: &str = "TREEWRIGHT_STRESS_STRENGTH";
 
 /// A process that gets no further for so long hangs.

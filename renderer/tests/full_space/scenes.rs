@@ -10,7 +10,7 @@ use treewright_scene::framing::CameraPose;
 use treewright_scene::shapes::Shapes;
 use treewright_scene::{Material, Scene, Sky};
 
-/// What a structure is built over.
+/// The scene that a structure is built over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Flat,
@@ -115,7 +115,7 @@ fn room(instanced: bool) -> Scene {
     assembler.finish(Lighting::Given(Sky::BLACK), vec![view]).expect("the scene is sound")
 }
 
-/// The same with holes in every other triangle.
+/// The scene with holes in every other triangle.
 fn masked(scene: Scene) -> Scene {
     let alpha: Vec<u8> = (0..64)
         .map(|pixel: u32| if (pixel % 8 / 2 + pixel / 16).is_multiple_of(2) { 255 } else { 0 })

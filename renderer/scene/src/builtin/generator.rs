@@ -50,12 +50,12 @@ impl<'a> Generator<'a> {
         Self { assembler, dice: ChaCha8Rng::seed_from_u64(options.seed), options }
     }
 
-    /// How many segments along one direction of a surface: its triangles go with the square.
+    /// The number of segments along one direction of a surface: its triangles go with the square.
     pub(super) fn segments(&self, at_full_detail: usize) -> usize {
         ((at_full_detail as f32 * self.options.detail.sqrt()).round() as usize).max(4)
     }
 
-    /// How many of a thing that comes in numbers.
+    /// The number of a thing that comes in numbers.
     pub(super) fn count(&self, at_full_detail: usize) -> usize {
         ((at_full_detail as f32 * self.options.detail).round() as usize).max(1)
     }

@@ -1,7 +1,7 @@
 //! A grove behind a wire fence: leaves, grass and wire are pictures on cards, cut out by their alpha.
 //!
-//! What foliage is in games and films: few triangles, each with many holes, so that most rays meet cards and
-//! go on through them. All pictures are computed here.
+//! Foliage as in games and films: few triangles, each with many holes, so that most rays meet cards and go on
+//! through them. All pictures are computed here.
 
 use std::f32::consts::{PI, TAU};
 

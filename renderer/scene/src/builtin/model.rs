@@ -1,5 +1,5 @@
-//! The city as an architect's model: all of it in one white, matt material under an overcast sky. What a
-//! scene can do without is left out of its rendering, and here that is nearly everything.
+//! The city as an architect's model: all of it in one white, matt material under an overcast sky. Rendering
+//! leaves out all features that a scene does not need, and here those are nearly all.
 
 use glam::Vec3;
 

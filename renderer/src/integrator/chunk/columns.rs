@@ -130,7 +130,7 @@ impl Surfaces {
     }
 }
 
-/// What surfaces are made of. Matt ones have the first column only, and the last ones are set where there are
+/// The materials of surfaces. Matt ones have the first column only, and the last ones are set where there are
 /// metals.
 #[derive(Clone, Debug)]
 pub(super) struct Materials {

@@ -128,7 +128,7 @@ fn grows(seed: u64, kind: usize, x: f32, z: f32) -> bool {
 fn plant(generator: &mut Generator, seed: u64, kind: usize, objects: &[u32]) {
     // Detail is shared between finer plants and more of them.
     let tries = (TRIES[kind] as f32 * generator.options.detail.sqrt()).max(24.0);
-    // Small plants are only worth it where they can be told from the ground.
+    // Small plants are only worth it where they stand out from the ground.
     let reach = GROUND * if kind == 2 { 0.31 } else { 0.485 };
     let side = tries.sqrt().ceil() as usize;
     for cell in 0..side * side {
