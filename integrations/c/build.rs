@@ -1,5 +1,5 @@
 //! Gives the shared library its name for the loader, whose number changes when programs have to be compiled
-//! anew: as the header promises, with the major version, and before 1.0 with the minor one, as in
+//! again: as the header promises, with the major version, and before 1.0 with the minor one, as in
 //! `libtreewright.so.0.1`.
 
 fn main() {

@@ -8,7 +8,7 @@ use treewright_client::{Indicators, Measurements};
 
 use crate::error::{Code, Failure};
 
-/// Longest text that is taken from C, in bytes. What is longer is a pointer gone wrong.
+/// Longest text that is taken from C, in bytes. A longer one is a pointer gone wrong.
 const TEXT_BYTES_MAX: usize = 1 << 20;
 /// Most numbers that one call may hand over.
 const NUMBERS_MAX: usize = 4096;
@@ -145,8 +145,8 @@ impl ErrorOut {
 
     fn put(self, failure: Failure) {
         if !self.0.is_null() {
-            // SAFETY: the header asks for NULL or room for a pointer. What stood there is not read, so that
-            // it need not have been set before.
+            // SAFETY: the header asks for NULL or room for a pointer. The old value is not read, so it need
+            // not have been set before.
             unsafe { self.0.write(Box::into_raw(Box::new(failure))) };
         }
     }

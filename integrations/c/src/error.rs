@@ -4,7 +4,7 @@ use std::ffi::{CString, c_char};
 
 use treewright_client::ClientError;
 
-/// What kind of failure it is; `enum tw_code` of the header.
+/// The kind of a failure; `enum tw_code` of the header.
 #[repr(i32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Code {

@@ -1,4 +1,4 @@
-//! Options of a client. The first mistake is kept and told when the client is made.
+//! Options of a client. The first mistake is kept, and making the client returns it.
 
 use std::path::Path;
 use std::time::Duration;

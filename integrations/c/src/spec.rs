@@ -1,5 +1,5 @@
-//! The specification of a study, put together call by call. The first mistake is kept and told when the study
-//! is made, so that a program checks for errors once.
+//! The specification of a study, put together call by call. The first mistake is kept, and making the study
+//! returns it, so that a program checks for errors once.
 
 use treewright_client::{
     Condition, Constraint, Domain, Indicator, Parameter, Policy, Scale, Space, StudyBuilder, StudySpec, Value,

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 /// Below this gain of the whole program nothing is worth the work.
 const WORTH_IT: f64 = 1.10;
-/// How much faster a tuned tree was than Embree's default on the scenes that were measured: at best, per ray.
+/// Best speedup per ray of a tuned tree over Embree's default on the measured scenes.
 const FASTER_TREE: f64 = 1.5;
-/// How much faster Embree's quality low builds than medium.
+/// Speedup of Embree's builds at quality low over medium.
 const FASTER_BUILD: f64 = 3.0;
 /// `RTC_SCENE_FLAG_ROBUST`.
 const ROBUST: u32 = 1 << 2;
@@ -45,7 +45,7 @@ pub(crate) struct Findings {
     pub(crate) embree: String,
 }
 
-/// How much faster the whole becomes when a share of it becomes so much faster.
+/// The speedup of the whole when a share of it becomes faster by a factor.
 fn amdahl(share: f64, faster: f64) -> f64 {
     1.0 / (1.0 - share + share / faster)
 }

@@ -1,4 +1,4 @@
-//! What was counted, in memory of its own for each thread, and how it is written.
+//! The counts, in memory of its own for each thread, and their file.
 //!
 //! No query is timed: a clock around it costs as much as the query, and a thread that waits for its turn
 //! inside one would be taken for a slow query. Each thread says in its shard whether it is within a query,
@@ -141,7 +141,7 @@ fn add(number: &AtomicU64, more: u64) {
     number.store(number.load(Relaxed).wrapping_add(more), Relaxed);
 }
 
-/// Counts a query with this weight and runs it. What its callbacks ask for in turn is part of it.
+/// Counts a query with this weight and runs it. Queries of its callbacks are part of it.
 #[inline]
 pub(crate) fn count(kind: Kind, rays: u64, weight: u64, run: impl FnOnce()) {
     let shard = MINE.with(|mine| mine.get().unwrap_or_else(|| take_place(mine)));
@@ -284,7 +284,7 @@ pub(crate) fn note_triangles(kind: c_int, items: usize) {
     }
 }
 
-/// Writes what was counted so far, in place of what was written before. What cannot be written is left.
+/// Writes the counts so far over the last file. A failure to write is ignored.
 pub(crate) fn write() {
     let Some(Some(path)) = ROOM.path.get() else { return };
     if ROOM.devices.load(Relaxed) == 0 {

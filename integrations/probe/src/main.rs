@@ -65,7 +65,7 @@ fn probe(arguments: &Arguments) -> Result<i32, Box<dyn std::error::Error>> {
         .map_err(|error| format!("{} does not start: {error}", program.display()))?;
     let mut all = Vec::new();
     for entry in std::fs::read_dir(folder.path())? {
-        // What a program that was killed left half-written is nothing.
+        // The half-written file of a killed program does not count.
         if let Ok(found) = serde_json::from_slice::<Findings>(&std::fs::read(entry?.path())?) {
             all.push(found);
         }

@@ -2,10 +2,10 @@
 //! times calls, hands each on unchanged, and writes what it found when a device is released and when the
 //! program ends.
 //!
-//! It never ends its host, and changes a result only where it was told what to set ([`told`]): what cannot be
-//! found, timed or written is left out. A query costs a nanosecond or two more, and a thread of the library
-//! looks what the others are at ([`counts`]). `TREEWRIGHT_PROBE` names the file, to which the process's
-//! number is added, since programs start others.
+//! It never ends its host, and changes a result only by the settings that it was given ([`told`]). Anything
+//! that cannot be found, timed or written is left out. A query costs a nanosecond or two more, and a thread
+//! of the library looks what the others are at ([`counts`]). `TREEWRIGHT_PROBE` names the file, to which the
+//! process's number is added, since programs start others.
 //!
 //! Embree 3 and 4 have these entry points with as many arguments of the same sizes; Mitsuba's own copy of
 //! Embree 3 has them in its namespace, hence the long names.

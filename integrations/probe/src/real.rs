@@ -12,7 +12,7 @@ impl Address {
         Self(AtomicPtr::new(std::ptr::null_mut()))
     }
 
-    /// What is there, if it was found before.
+    /// The function, if it was found before.
     #[inline]
     pub(crate) fn known(&self) -> Option<*mut c_void> {
         let known = self.0.load(Ordering::Relaxed);

@@ -8,10 +8,10 @@ use std::sync::atomic::{AtomicBool, AtomicI32, Ordering::Relaxed};
 /// `RTC_SCENE_FLAG_COMPACT` and `RTC_SCENE_FLAG_ROBUST`.
 const COMPACT: c_int = 1 << 1;
 const ROBUST: c_int = 1 << 2;
-/// Nothing was told.
+/// No setting.
 const NOTHING: c_int = -1;
 
-/// What was told; nothing at first.
+/// The settings; none at first.
 pub(crate) struct Told {
     quality: AtomicI32,
     set: AtomicI32,
@@ -72,7 +72,7 @@ impl Told {
         own & !self.cleared.load(Relaxed) | self.set.load(Relaxed)
     }
 
-    /// A device's text in place of its own: what was told after what the program asks for.
+    /// A device's text in place of its own: the settings after the program's own.
     pub(crate) fn device(&self, own: Option<&CStr>) -> Option<CString> {
         if !self.has_device.load(Relaxed) {
             return None;

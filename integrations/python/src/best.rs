@@ -1,4 +1,4 @@
-//! What is known best, with what is proven of it.
+//! The best known configuration, with its standing.
 
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;

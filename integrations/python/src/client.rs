@@ -17,7 +17,7 @@ use crate::suggestion::{Suggestion, Tuner};
 const DEADLINE_MS_MAX: f64 = 3.6e6;
 
 /// A connection to a daemon, with a thread of its own. May be shared between threads. In the child of a fork
-/// it connects anew at its first use, as another worker under the same name.
+/// it connects again at its first use, as another worker under the same name.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Client(blocking::Client);
 

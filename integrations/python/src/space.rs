@@ -1,4 +1,4 @@
-//! What a study is, put together call by call.
+//! The specification of a study, put together call by call.
 
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;

@@ -42,7 +42,7 @@ impl Suggestion {
         }
     }
 
-    /// What was wrong with the question is raised: it will not pass, and the fallback would hide it.
+    /// A wrong question raises its error: it will not pass, and the fallback would hide it.
     pub(crate) fn checked(inner: treewright_client::Suggestion) -> PyResult<Self> {
         match inner.problem() {
             Some(problem @ ClientError::Invalid { .. }) => Err(raised(problem.clone())),

@@ -26,7 +26,7 @@ use treewright_indicators::{Accumulator, IndicatorScale, SCHEMA, Surface, View};
 use library::{Library, fixed, space};
 use mesh::Mesh;
 
-/// What the example is told.
+/// The arguments of the example.
 #[derive(Debug, Parser)]
 struct Arguments {
     /// Address of the daemon.
@@ -73,7 +73,7 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// What is tuned, what describes the input, and what is to become small.
+/// The parameters, the indicators of the input, and the objective.
 fn spec(libraries: &[Library]) -> Result<StudySpec, ClientError> {
     let mut builder = StudySpec::builder(space(libraries)?).indicator("rays", 0.0..=1e9, Scale::Log);
     for one in SCHEMA {
