@@ -14,7 +14,7 @@ use crate::wire;
 /// The names of the trials whose report was acknowledged.
 type Acknowledged = Arc<Mutex<BTreeSet<String>>>;
 
-/// Reports until it is told to stop, or the daemon is gone.
+/// Reports until `stop` is set, or the daemon is gone.
 async fn work(url: String, study: String, number: u32, acknowledged: Acknowledged, stop: Arc<AtomicBool>) {
     let mut client = wire::connect(&url).await;
     for step in 0.. {
@@ -76,7 +76,7 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     let after = count(&acknowledged);
     assert!(after.len() > before.len(), "the workers were held up by the backup");
 
-    // A second one does not go over the first unless told, and none is restored under a daemon's feet.
+    // A second one does not go over the first by default, and none is restored under a daemon's feet.
     let again =
         run("treewrightd", &["backup", "--database", text(&database), "--to", text(&at("backup.db"))]);
     assert_eq!(again.status.code(), Some(1));
@@ -117,7 +117,7 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     client.report(wire::report(&trial)).await.expect("taken");
     assert!(daemon.terminate().success());
 
-    // What was there before has not lost anything either, though its daemon was killed.
+    // The old database has not lost anything either, though its daemon was killed.
     let aside = Path::new(aside);
     assert!(aside.exists(), "{said}");
     let daemon = Daemon::start(aside);

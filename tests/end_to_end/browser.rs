@@ -146,7 +146,7 @@ impl Browser {
         );
     }
 
-    /// What the browser complained of since it was asked last.
+    /// The complaints of the browser since the last call.
     fn complaints(&self) -> Vec<String> {
         let log = self.post("/se/log", &json!({ "type": "browser" }));
         let bad = |entry: &&Value| matches!(entry["level"].as_str(), Some("SEVERE" | "WARNING"));
@@ -295,7 +295,7 @@ fn follow(browser: &Browser, address: &str, url: &str) {
     browser.goto(format!("http://{address}/studies/toy"));
     let trials = "document.querySelectorAll('.card b')[1].textContent";
     assert_eq!(browser.says(&format!("return {trials}")), "4");
-    // What is reported from now on is to appear by itself, once the page listens.
+    // Reports from now on have to appear by themselves, once the page listens.
     std::thread::sleep(Duration::from_millis(1500));
     dashboard::measure(url, &["loss=2.5"]);
     assert!(browser.becomes(&format!("return {trials} === '5'")), "the page did not follow");

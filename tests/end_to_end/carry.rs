@@ -1,5 +1,5 @@
-//! What was measured travels: databases of several sites are merged, studies are copied with what they know,
-//! and nothing is there twice.
+//! Measurements travel: databases of several sites are merged, studies are copied with their results, and
+//! nothing is there twice.
 
 use std::path::Path;
 
@@ -55,7 +55,7 @@ fn two_sites_are_merged_in_both_directions_and_nothing_is_there_twice() {
     say(&a, &["export", "toy", "--site", "a", "--out", &path("a.jsonl")]);
     assert_eq!(ask(&b, &["import", &path("a.jsonl"), "--site", "b"])["imported"], 5);
     assert_eq!(ask(&b, &["import", &path("a.jsonl"), "--site", "b"])["known"], 5, "it may be repeated");
-    // What B took from A comes home with the rest, and is known there.
+    // The trials that B took from A come home with the rest, and are known there.
     say(&b, &["export", "toy", "--site", "b", "--out", &path("b.jsonl")]);
     let home = ask(&a, &["import", &path("b.jsonl"), "--site", "a"]);
     assert_eq!((&home["imported"], &home["known"]), (&Value::from(5), &Value::from(5)));

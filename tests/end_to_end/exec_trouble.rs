@@ -1,5 +1,5 @@
-//! What goes wrong while programs are tuned: bad numbers, crashes by chance, helpers that stay, daemons that
-//! go. One of these does not end a session, and what was found is shown however it ends.
+//! Trouble while programs are tuned: bad numbers, crashes by chance, helpers that stay, daemons that go. One
+//! of these does not end a session, and its result is shown however it ends.
 
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
@@ -31,7 +31,7 @@ impl Bench {
         exec(self.daemon.url(), study, more, script).output().expect("the program starts")
     }
 
-    /// How many trials of a study match.
+    /// The number of a study's trials that match.
     fn count(&self, study: &str, filter: &str) -> usize {
         let all = ["--server", self.daemon.url(), "--json", "trials", study, "--all", "--filter", filter];
         json(&run("treewright", &all)).as_array().expect("a list").len()
@@ -189,7 +189,7 @@ fn helpers_that_stay_hold_nobody_up() {
     assert!(begin.elapsed() < Duration::from_secs(8), "{:?}", begin.elapsed());
     assert!(stderr(&cut).contains("longer than 2s"), "{}", stderr(&cut));
 
-    // A program that has ended has its result, whoever holds its output open, and even if that one writes on
+    // A program that has ended has its result, even if another process holds its output open and writes on
     // and on.
     let (begin, pids) = (Instant::now(), bench.path("pids"));
     for (study, helper) in [("quiet", "sleep 30"), ("loud", "sh -c 'while :; do echo x || exit; done'")] {
@@ -301,7 +301,7 @@ fn a_daemon_that_stays_away_takes_nothing_with_it() {
         "{found}"
     );
     assert!(found["error"].as_str().is_some_and(|error| error.contains(&address)), "{found}");
-    // The finished run is told, and can be handed in.
+    // The finished run is shown, and can be handed in.
     let told = stderr(&output);
     let command = told.split("treewright report ").nth(1).and_then(|rest| rest.lines().next());
     let words: Vec<_> = command.expect("it says how").split(' ').collect();

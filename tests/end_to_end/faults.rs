@@ -1,5 +1,5 @@
-//! Faults of disk, files, locks and clocks under a running daemon: what the clients are told, what goes on,
-//! and what is there afterwards. The table of them stands in `docs/durability.md`.
+//! Faults of disk, files, locks and clocks under a running daemon: the errors of clients, the service that
+//! goes on, and the data afterwards. The table of them stands in `docs/durability.md`.
 
 use std::collections::BTreeSet;
 use std::io::{BufRead as _, BufReader, Write as _};
@@ -49,7 +49,7 @@ impl Book {
         }
     }
 
-    /// What a frame is refused with, after so many that may go through.
+    /// The refusal of a frame, after fewer than `within` that go through.
     async fn refusal(&mut self, within: usize) -> Status {
         for _ in 0..within {
             if let Err(status) = self.frame().await {
@@ -68,7 +68,7 @@ impl Book {
         }
     }
 
-    /// What only reads, and finds everything that was acknowledged.
+    /// Reads, and finds everything that was acknowledged.
     async fn reads(&mut self) {
         let request = pb::GetStudyRequest { name: self.study.clone() };
         self.client.get_study(request).await.expect("reads go on");

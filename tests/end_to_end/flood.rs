@@ -13,7 +13,7 @@ use treewright_tests::daemon::Daemon;
 
 use crate::wire;
 
-/// Tune streams that the daemon is told to keep open at once.
+/// The daemon's limit of open Tune streams.
 const TUNE_STREAMS: usize = 1024;
 
 #[tokio::test]

@@ -1,6 +1,6 @@
-//! SQLite's locks on the database: the daemon has them as long as it runs, whatever it is told to do, so that
-//! other programs can read the file beside it. They belong to the process, and the system drops them all when
-//! the process closes any descriptor of the file; so nothing but SQLite may open it there.
+//! SQLite's locks on the database: the daemon has them as long as it runs, at every request, so that other
+//! programs can read the file beside it. They belong to the process, and the system drops them all when the
+//! process closes any descriptor of the file; so nothing but SQLite may open it there.
 
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -237,7 +237,7 @@ pub(crate) fn other_program(database: &Path, statement: &str) -> String {
     stdout(&output)
 }
 
-/// Frames of one client until it is told to end: the names of the trials whose report was acknowledged.
+/// Frames of one client until `is_over` is set: the names of the trials with an acknowledged report.
 async fn frames(mut client: Caller, study: String, number: u32, is_over: Arc<AtomicBool>) -> Vec<String> {
     let mut acknowledged = Vec::new();
     for step in 0u32.. {

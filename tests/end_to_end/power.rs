@@ -1,8 +1,7 @@
-//! What a power cut would meet: every answer to a report comes after the disk was told to keep it.
+//! The state that a power cut would meet: every answer to a report comes after its sync to the disk.
 //!
-//! No test can cut the power. What can be seen is what the daemon asks of the system, as `strace` shows it:
-//! that the write-ahead log was synced between what was written to it and the answer. Whether the disk keeps
-//! its word is the disk's affair.
+//! No test can cut the power. But `strace` shows the daemon's system calls: the write-ahead log was synced
+//! between the write and the answer. Whether the disk keeps its word is the disk's affair.
 
 use std::path::Path;
 use std::process::Command;

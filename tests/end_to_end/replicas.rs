@@ -21,7 +21,7 @@ fn spec() -> StudySpec {
     spec.minimise("render_ms", 1.0).build().expect("a specification")
 }
 
-/// Renders until told to stop, at 50 frames a second, and returns the trials it was handed and the counts.
+/// Renders until `stop` changes, at 50 frames a second, and returns the trials it was handed and the counts.
 async fn render(
     urls: String,
     number: usize,
@@ -164,8 +164,8 @@ fn a_database_that_does_not_answer_is_exit_code_4_without_the_password() {
 }
 
 /// A daemon that is stopped keeps its connections and its lock and says nothing: requests that were passed on
-/// to it go to whoever takes its studies, soon after it is taken for dead, and what it decided is refused
-/// when it wakes.
+/// to it go to the replica that takes its studies, soon after it is taken for dead, and its decisions are
+/// refused when it wakes.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn requests_do_not_wait_for_a_frozen_daemon() {
     let database = Database::create().await;

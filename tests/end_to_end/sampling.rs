@@ -55,7 +55,7 @@ fn counts(url: &str) -> BTreeMap<(u64, u64), usize> {
     counts
 }
 
-/// Waits until so many samples are there.
+/// Waits until `count` samples are there.
 fn wait_for(url: &str, count: usize) {
     let patience = Instant::now() + Duration::from_secs(120);
     while counts_or_none(url) < count {

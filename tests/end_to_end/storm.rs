@@ -41,12 +41,12 @@ const SESSION_FRAMES: u32 = 40;
 /// No call takes longer; one that does is tried again.
 const DEADLINE: Duration = Duration::from_secs(5);
 
-/// What clients were told, which the database must bear out.
+/// The answers to clients, which the database must bear out.
 #[derive(Default)]
 struct Book {
     /// The cost of each acknowledged trial.
     acknowledged: BTreeMap<String, Option<f64>>,
-    /// Who was handed each trial.
+    /// The client that was handed each trial.
     handed: BTreeMap<String, String>,
     /// What should not have been.
     wrong: Vec<String>,
@@ -169,7 +169,7 @@ async fn by_calls(storm: Arc<Storm>, number: u32) {
         storm.answered(asked);
         let trial = trial.into_inner();
         storm.handed(&trial, &client_id);
-        // Told until somebody has heard it, also when the storm is over.
+        // Reported until it is acknowledged, also when the storm is over.
         asked = Instant::now();
         loop {
             match connections.current().report(wire::report(&trial)).await {
@@ -236,7 +236,7 @@ fn frame(storm: &Storm, number: u32, step: u32, unheard: Option<&pb::Trial>) -> 
     pb::TuneRequest { report: unheard.map(wire::report), suggest }
 }
 
-/// What an answer says about the result that was sent along.
+/// Takes an answer's word about the result that was sent along.
 fn hear(storm: &Storm, unheard: &mut Option<pb::Trial>, answer: &pb::TuneResponse) {
     if let Some(reported) = &answer.reported {
         storm.acknowledged(reported.trial.as_ref().expect("the stored trial"));
@@ -268,8 +268,8 @@ fn start(database: &Path, address: &str) -> Daemon {
     Daemon::start_at_with(database, address, &["--tokens"])
 }
 
-/// Reads a database again and again until the storm is over, by a program that begins anew each time: a file
-/// as any program that knows SQLite does it, PostgreSQL by way of its tokens.
+/// Reads a database again and again until the storm is over, by a program that is started again each time: a
+/// file as any program that knows SQLite does it, PostgreSQL by way of its tokens.
 fn read_beside(database: PathBuf, storm: Arc<Storm>) -> u32 {
     let mut count = 0;
     while !storm.is_over() {
@@ -310,7 +310,7 @@ impl Weather {
         Self { daemons, storm, clients, reader, begin: Instant::now() }
     }
 
-    /// Lets everybody come to an end, then compares what clients were told with what is stored.
+    /// Lets everybody come to an end, then compares the answers to clients with the stored trials.
     async fn end(mut self, what: &str, troubles: u32) {
         self.storm.is_over.store(true, Ordering::Relaxed);
         while let Some(ended) = self.clients.join_next().await {
@@ -344,7 +344,7 @@ impl Weather {
 }
 
 /// Waits until reports have gone through since the last trouble, so that a slow machine sees as much of a
-/// storm as a quick one. How many have by now.
+/// storm as a quick one. Returns their number by now.
 async fn progress(storm: &Storm, before: usize) -> usize {
     let patience = Instant::now() + Duration::from_secs(300);
     loop {

@@ -67,7 +67,7 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
     assert!(last.is_some_and(|rule| rule == "FINISHED"), "the service has come to a verdict: {last:?}");
     let stage = &results["confirmation"]["confirmation"]["stage"];
     assert!(stage == "better" || stage == "nothing_better", "{stage}");
-    // It is measured again later, by which the speed of the machine is told.
+    // It is measured again later, to follow the speed of the machine.
     let defaults = trials(daemon.url(), "state = COMPLETED AND mode = DEFAULT");
     let first =
         defaults.iter().any(|trial| trial["name"].as_str().is_some_and(|name| name.ends_with("/trials/1")));
@@ -78,7 +78,7 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
     assert!(best.status.success() && stdout(&best).contains("quality"), "{}{}", stdout(&best), stderr(&best));
     let studies = run("treewright", &["--server", daemon.url(), "studies"]);
     assert!(stdout(&studies).contains("quick"), "{}", stdout(&studies));
-    // What it recommends is drawn from the file that it wrote.
+    // Its recommendation is drawn from the file that it wrote.
     let (file, picture) = (json.to_str().expect("text"), folder.path().join("tuned.png"));
     let picture = picture.to_str().expect("text");
     let draw = ["image", "--scene", "builtin:quick", "--size", "24x16", "--config-file", file, "-o", picture];
@@ -120,14 +120,14 @@ fn the_renderer_survives_the_daemon() {
     let results = read(&json);
     let ran = results["trials"].as_array().map_or(0, Vec::len);
     assert!(ran >= 60, "every frame was rendered: {ran}");
-    // What the renderer was told is safe is in the database.
+    // The reports that were acknowledged to the renderer are in the database.
     let acknowledged = results["client"]["acknowledged"].as_u64().expect("the count of acknowledged reports");
     let stored = trials(daemon.url(), "state = COMPLETED").len() as u64;
     assert!(stored >= acknowledged, "{acknowledged} acknowledged, {stored} stored");
     assert!(acknowledged >= 5);
 }
 
-/// What the operator set is what the study has, whoever else is killed in the middle of a run of his own.
+/// The study keeps the operator's policy when another user's run is killed in the middle.
 #[test]
 fn a_run_that_is_killed_leaves_the_policy_alone() {
     let folder = tempfile::tempdir().expect("a scratch folder");

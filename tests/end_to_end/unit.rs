@@ -61,7 +61,7 @@ impl Unit {
         allowed
     }
 
-    /// What the kernel is told, one filter for each answer that it gives.
+    /// The kernel's filters, one for each answer that it gives.
     fn filters(&self, allowed: &BTreeSet<String>, refusal: &Value) -> Vec<Value> {
         let rules = allowed.iter().filter(|call| is_known(call)).map(call);
         let allow = json!({ "mismatch_action": refusal, "match_action": "allow", "filter": rules.collect::<Vec<_>>() });
@@ -154,7 +154,7 @@ fn compiled(filter: &Value) -> Result<seccompiler::BpfProgram, seccompiler::Erro
     Ok(programs.remove("filter").expect("the one that was asked for"))
 }
 
-/// What the tests below start as a process of its own: it puts itself behind filters and becomes another
+/// The tests below start this as a process of its own: it puts itself behind filters and becomes another
 /// program, whose standard output is descriptor 3. Among the other tests it does nothing.
 #[test]
 fn launcher() {
@@ -218,7 +218,7 @@ async fn frames_run_behind_the_units_own_filter() {
     let database = folder.path().join("tuning.db");
     let socket = folder.path().join("daemon.sock");
     let mut command = behind(&filters, &program("treewrightd"));
-    // Whatever a unit can be told by its variables.
+    // All settings that a unit may have in its variables.
     for (name, value) in [
         ("TREEWRIGHT_METRICS", "127.0.0.1:0"),
         ("TREEWRIGHT_DASHBOARD", "127.0.0.1:0"),
@@ -242,8 +242,8 @@ async fn frames_run_behind_the_units_own_filter() {
     assert!(checked.status.success(), "{}", stderr(&checked));
 }
 
-/// A stricter system than ours, or an earlier systemd with other groups: the daemon is told of it by an error
-/// and goes on.
+/// A stricter system than ours, or an earlier systemd with other groups: the daemon gets an error and goes
+/// on.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_forbidden_priority_is_an_error_and_no_death() {
     let unit = Unit::read();

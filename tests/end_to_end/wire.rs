@@ -95,7 +95,7 @@ pub(crate) async fn query(
     query_by(async |request| client.query_trials(request).await, study, filter).await
 }
 
-/// The same by whoever may ask.
+/// Queries trials through any function that asks.
 pub(crate) async fn query_by(
     mut ask: impl AsyncFnMut(pb::QueryTrialsRequest) -> Result<Response<pb::QueryTrialsResponse>, Status>,
     study: &str,

@@ -1,10 +1,10 @@
-//! A study that grows wide: as many states, or as many client ids, as one is told, each with one trial, and
-//! retention on. Shows what the daemon needs for them, and whether the last are served like the first.
+//! A study that grows wide: a given number of states or of client ids, each with one trial, and retention on.
+//! Shows the daemon's needs for them, and whether the last are served like the first.
 //!
 //! `cargo run --release -p treewright-tests --example breadth -- states|clients [COUNT] [STREAMS] [FOLDER] [FROM]`
-//! (a million states or 100,000 clients over 32 streams unless told; the daemon keeps 20,000 trials). With a
-//! folder the database stays there, and a later run goes on from the number that it is told. Prints a line of
-//! JSON for each tenth: times in milliseconds, memory and files in MB.
+//! (by default a million states or 100,000 clients over 32 streams; the daemon keeps 20,000 trials). With a
+//! folder the database stays there, and a later run goes on from FROM. Prints a line of JSON for each tenth:
+//! times in milliseconds, memory and files in MB.
 
 mod leaf_study;
 

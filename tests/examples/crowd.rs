@@ -3,7 +3,7 @@
 //! now and then.
 //!
 //! `cargo run --release -p treewright-tests --example crowd -- [CLIENTS] [SECONDS BETWEEN A CLIENT'S FRAMES] [SECONDS]`
-//! (10000, 20 and 15 unless told). The crowd is a process of its own, begun by the command in
+//! (10000, 20 and 15 by default). The crowd is a process of its own, begun by the command in
 //! TREEWRIGHT_CROWD_BY if there is one: `taskset --cpu-list 0,1` gives it processors of its own, as on
 //! another machine. Needs a descriptor for each client (`ulimit -n`). Prints JSON: times in milliseconds,
 //! memory in MB.

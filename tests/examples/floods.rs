@@ -1,9 +1,9 @@
 //! Floods of connections against a daemon that asks for tokens: who is still served, and what it costs.
 //!
-//! `cargo run --release -p treewright-tests --example floods -- [CONNECTIONS] [SECONDS]` (8,000 and 10 unless
-//! told). The flood comes from 127.0.0.2; two clients with tokens come from 127.0.0.1: a renderer, connected
-//! before the flood, that asks and reports 30 times a second, and a newcomer that connects twice a second for
-//! one request. Prints a table in Markdown. Needs two descriptors for each connection (`ulimit -n`).
+//! `cargo run --release -p treewright-tests --example floods -- [CONNECTIONS] [SECONDS]` (8,000 and 10 by
+//! default). The flood comes from 127.0.0.2; two clients with tokens come from 127.0.0.1: a renderer,
+//! connected before the flood, that asks and reports 30 times a second, and a newcomer that connects twice a
+//! second for one request. Prints a table in Markdown. Needs two descriptors a connection (`ulimit -n`).
 
 mod leaf_study;
 
@@ -142,7 +142,7 @@ async fn renderer(
     (times_ms, failed)
 }
 
-/// Connects anew for one request, twice a second. As for [`renderer`].
+/// Makes a connection for one request, twice a second. As for [`renderer`].
 async fn newcomer(url: String, token: String, time: Duration) -> (Vec<f64>, usize) {
     let (begin, mut times_ms, mut failed) = (Instant::now(), Vec::new(), 0);
     while begin.elapsed() < time {

@@ -2,9 +2,9 @@
 //! (`Study::tuner`) and in the one that asked a frame ago (`Study::prefetching_tuner`), at 30 and 500 frames
 //! a second, with a daemon that is well, slow (stopped for 40 of every 100 ms), stopped, and killed.
 //!
-//! `cargo run --release -p treewright-tests --example frame_wait -- [SECONDS]` (10 seconds a row unless
-//! told). Prints a table in Markdown. "Frames with a trial" are those that ran what the daemon said; the
-//! others ran a fallback.
+//! `cargo run --release -p treewright-tests --example frame_wait -- [SECONDS]` (10 seconds a row by default).
+//! Prints a table in Markdown. "Frames with a trial" are those that ran the daemon's suggestion; the others
+//! ran a fallback.
 
 use std::time::{Duration, Instant};
 

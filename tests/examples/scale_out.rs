@@ -3,7 +3,7 @@
 //! points and with those that fit models.
 //!
 //! `cargo run --release -p treewright-tests --example scale_out -- [SECONDS] [CLIENTS]` (10 seconds a row and
-//! 32 clients unless told). Prints a table in Markdown. PostgreSQL is started privately, or `DATABASE_URL`
+//! 32 clients by default). Prints a table in Markdown. PostgreSQL is started privately, or `DATABASE_URL`
 //! names one. The clients are tasks of this process and share the processors with daemons and database.
 
 use std::path::Path;
@@ -31,7 +31,7 @@ const DEADLINE: Duration = Duration::from_millis(50);
 enum Spread {
     /// All clients of a study to one: nothing is passed on.
     ByStudy,
-    /// Any to any: all but one in so many replicas pass on.
+    /// Any to any: of n replicas n - 1 pass a request on.
     ByClient,
 }
 

@@ -1,8 +1,8 @@
 //! An audit of everything that is linked in, as far as it goes without a network: from where it comes, under
 //! which licence, in how many versions, and through whose cryptography.
 //!
-//! What this cannot know is whether somebody has published a weakness of a crate since: the advisory database
-//! lives on the network. Where there is one, `cargo audit` reads `Cargo.lock` and answers that.
+//! It cannot know whether a weakness of a crate was published since: the advisory database lives on the
+//! network. Where there is one, `cargo audit` reads `Cargo.lock` and answers that.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;

@@ -1,5 +1,5 @@
-//! What could be published and is installed: each package says what it is, holds all that it is built from,
-//! and a Debian package and an archive find what they name.
+//! Packages to publish and to install: each says its purpose and holds all that it is built from, and a
+//! Debian package and an archive find the files that they name.
 
 use std::collections::BTreeSet;
 use std::process::Command;
@@ -57,8 +57,8 @@ fn packages_hold_what_they_are_built_from() {
     }
 }
 
-/// What other programs are built with. The daemon is handed out as a program: its migrations lie outside of
-/// its package.
+/// The libraries for other programs. The daemon is handed out as a program: its migrations lie outside of its
+/// package.
 #[test]
 fn libraries_can_be_packaged() {
     let folder = std::env::temp_dir().join(format!("treewright-packages-{}", std::process::id()));
@@ -93,7 +93,7 @@ fn the_debian_package_finds_what_it_names() {
     let deb = &server["metadata"]["deb"];
     for asset in deb["assets"].as_array().expect("assets") {
         let source = asset[0].as_str().expect("a path");
-        // What is built is not there before; patterns name a folder.
+        // Built files are not there before; patterns name a folder.
         if !source.contains("target/") {
             let fixed = source.split('*').next().expect("a beginning");
             assert!(workspace().join("server").join(fixed).exists(), "{source}");

@@ -20,8 +20,8 @@ const CRATES: &[&str] = &[
     "renderer/cli/src",
 ];
 
-/// What is one thing in several forms: the blocking SDK beside the asynchronous one, vectors of each
-/// instruction set, what stands in for a feature that is left out, and the arguments of each command.
+/// Names of one thing in several forms: the blocking SDK beside the asynchronous one, vectors of each
+/// instruction set, stand-ins for features that are left out, and the arguments of each command.
 const FORMS: &[(&str, &[&str])] = &[
     ("client/src", &["Client", "Paired", "PrefetchingTuner", "Study", "Tuner"]),
     ("renderer/accel/src", &["Eight", "Four", "Sixteen", "Two"]),

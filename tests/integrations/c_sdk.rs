@@ -126,7 +126,7 @@ fn a_c_program_gets_along_with_it() {
 }
 
 /// The header promises that libraries of one major version fit each other, and before 1.0 of one minor
-/// version: so much is part of the name that a program asks the loader for.
+/// version: these numbers are part of the name that a program asks the loader for.
 fn fitting_versions() -> String {
     let version: Vec<&str> = env!("CARGO_PKG_VERSION").split('.').collect();
     if version[0] == "0" { version[..2].join(".") } else { version[0].to_owned() }

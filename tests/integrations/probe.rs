@@ -51,7 +51,7 @@ fn a_renderer_is_measured_and_left_as_it_is() {
     let mut unwritable = Command::new(asked[0]);
     unwritable.args(&asked[1..]).env("LD_PRELOAD", preload).env("TREEWRIGHT_PROBE", "/nowhere/at/all");
     let unwritable = succeed(&mut unwritable);
-    // What is set changes how trees are built, not what rays meet.
+    // Settings change how trees are built, not the hits of rays.
     let set = succeed(
         Command::new(program("treewright-probe"))
             .args(["--set", "quality=low", "--set", "device=verbose=0", "--"])

@@ -31,7 +31,7 @@ impl Daemon {
         Self::start_at_with(database, address, &[])
     }
 
-    /// The same with further arguments.
+    /// Starts a daemon at an address with further arguments.
     ///
     /// # Panics
     /// When it does not say where it listens.

@@ -28,8 +28,8 @@ pub fn program(name: &str) -> PathBuf {
         let folder = test.ancestors().nth(2).expect("tests lie in PROFILE/deps").to_path_buf();
         let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         build.current_dir(workspace()).args(["build", "--workspace", "--bins", "--lib", "--quiet"]);
-        // What cargo tells this test about its own package is not meant for others: some build scripts depend
-        // on these variables, and half the workspace would be built anew each time.
+        // Cargo's variables about this test's own package are not meant for others: some build scripts depend
+        // on them, and half the workspace would be built again each time.
         for (name, _) in std::env::vars_os() {
             let name = name.to_string_lossy();
             if name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_") {

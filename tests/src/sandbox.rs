@@ -94,8 +94,8 @@ impl Drop for SmallDisk {
     }
 }
 
-/// A clock for one program: what `libfaketime` adds to the system's, taken anew from a file at every look.
-/// The monotonic clock stays the machine's, as when somebody sets the time.
+/// A clock for one program: `libfaketime` adds an offset to the system's, which it reads from a file at every
+/// look. The monotonic clock stays the machine's, as when somebody sets the time.
 pub struct Clock {
     faketime: PathBuf,
     file: PathBuf,

@@ -24,7 +24,7 @@ const LOADS: [f64; 2] = [0.5, 0.7];
 const GROUPS: [usize; 5] = [1, 2, 4, 8, 16];
 const PERIOD_US: f64 = 20_000.0;
 
-/// Processor and disk times as measured with `scale_out`, unless told.
+/// Processor and disk times, by default as measured with `scale_out`.
 fn costs() -> Costs {
     let argument = |index: usize, default: f64| {
         std::env::args().nth(index).map_or(default, |text| text.parse().expect("a number of microseconds"))

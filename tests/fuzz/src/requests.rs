@@ -16,7 +16,7 @@ use treewright_server::rpc::Service;
 use treewright_server::tuning::Tuning;
 use treewright_store::MemoryStore;
 
-/// A service is used for so many requests; then it has grown enough.
+/// Number of requests for which a service is used; then it has grown enough.
 const REQUESTS: u32 = 2_000;
 
 struct Bench {

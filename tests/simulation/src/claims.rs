@@ -1,8 +1,8 @@
 //! Who holds which study, as the shared database knows it and as the machines believe.
 //!
 //! As with the real one: a machine that crashes loses its claims at once, one that is away loses them after
-//! [`REPLICA_LAPSE`], and nobody takes a study from one that is there. Each machine remembers for a while
-//! whom it was told.
+//! [`REPLICA_LAPSE`], and nobody takes a study from one that is there. Each machine remembers for a while the
+//! holder that it learnt.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -50,7 +50,7 @@ impl Claims {
         lock(&self.0).insert(study.to_owned(), claim);
     }
 
-    /// The fence of whoever took a study last.
+    /// The fence of the machine that took a study last.
     pub(crate) fn fence(&self, study: &str) -> Option<Fence> {
         lock(&self.0).get(study).map(|claim| claim.fence.clone())
     }

@@ -15,7 +15,7 @@ use crate::world::World;
 const DEFAULT_MS: f64 = 10.0;
 /// How often a report is tried before it is given up.
 const TRIES: u32 = 6;
-/// How much frames vary.
+/// Variation of frames, as a share.
 const NOISE: f64 = 0.05;
 
 struct Client {

@@ -32,7 +32,7 @@ use crate::world::World;
 /// Most writes of one transaction, and most that wait.
 const GROUP: usize = 64;
 const QUEUE: usize = 1024;
-/// The planted lost wake-up strikes one write of so many.
+/// The planted lost wake-up strikes one write of this number.
 const FORGOTTEN: u32 = 500;
 
 type Answer = oneshot::Sender<Result<(), StoreError>>;
@@ -215,7 +215,7 @@ impl Writer {
         }
     }
 
-    /// The connection breaks during a transaction: it was committed or not, and nobody is told which.
+    /// The connection breaks during a transaction: it was committed or not, and nobody learns which.
     fn lose_touch(&self, group: Vec<Job>) {
         self.world.count(|counts| counts.unsure_writes += 1);
         let error = StoreError::Unavailable { problem: "the simulated database is away".to_owned() };
@@ -283,7 +283,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The planted defect: callers are answered, and what they are told may never be written.
+/// The planted defect: callers are answered, and their changes may never be written.
 fn acknowledge_early(group: Vec<Job>) -> Vec<Job> {
     let mut held = Vec::new();
     for job in group {

@@ -11,7 +11,7 @@ use treewright_store::Store as _;
 use crate::durable::{Durable, now};
 use crate::requests::{Answer, Request, client_name};
 
-/// How much happened.
+/// Counts of events.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[allow(missing_docs)] // The names say it.
 pub struct Counts {
@@ -110,7 +110,7 @@ pub struct Violation {
     pub what: String,
 }
 
-/// What a client's session has paid in truth, and what of it exploring was to blame for.
+/// The true cost of a client's session, and the part of it that exploring caused.
 #[derive(Clone, Copy, Debug, Default)]
 struct Purse {
     session: u64,
@@ -142,7 +142,7 @@ impl Ledger {
         self.violations.push(Violation { at_ms, what });
     }
 
-    /// How many reports were acknowledged so far.
+    /// The number of reports that were acknowledged so far.
     pub(crate) fn known(&self) -> i64 {
         self.acknowledged.len() as i64
     }
@@ -162,7 +162,7 @@ impl Ledger {
                 if status.code() == Code::FailedPrecondition
                     && self.acknowledged.contains_key(&number(&report.trial)) =>
             {
-                // Whoever lost the answer has to be told again that it was taken.
+                // A client that lost the answer has to hear again that the report was taken.
                 let what =
                     format!("{} was acknowledged, and refused when it was reported again", report.trial);
                 self.wrong(at_ms, what);

@@ -1,13 +1,13 @@
 //! A fault simulator: from one seed, many clients, a network that delays, loses, repeats and reorders, a disk
 //! that fails and machines that crash, around the real service.
 //!
-//! What is real: the gRPC service with its validation, the use cases, the tuner, the fences, the checkpoints,
-//! the search for the replica that holds a study. What is simulated: the clock, the way from client to
-//! service and back and between replicas, and the disk, a store that is durable only once its simulated write
-//! has ended. Everything runs on one thread with paused time, and all chance comes from one stream, so that a
-//! seed always gives the same world, told by a fingerprint over all that happened. The method is that of
-//! FoundationDB (Zhou et al., "FoundationDB: a distributed unbundled transactional key value store", SIGMOD
-//! 2021, section 4).
+//! Real are the gRPC service with its validation, the use cases, the tuner, the fences, the checkpoints, the
+//! search for the replica that holds a study. Simulated are the clock, the way from client to service and
+//! back and between replicas, and the disk, a store that is durable only once its simulated write has ended.
+//! Everything runs on one thread with paused time, and all chance comes from one stream, so that a seed
+//! always gives the same world, as a fingerprint over all events shows. The method is that of FoundationDB
+//! (Zhou et al., "FoundationDB: a distributed unbundled transactional key value store", SIGMOD 2021, section
+//! 4).
 //!
 //! [`plan`] draws what goes wrong in a world, `run` lets it take its course, [`world`] is what everything in
 //! it shares; `network`, `forward`, `disk`, `durable`, `claims`, `machine` and `machine_life` are its parts,

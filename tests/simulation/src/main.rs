@@ -11,8 +11,8 @@ use treewright_simulation::{Bug, Counts, Plan, run};
 /// checks after every step that nothing acknowledged is lost, no trial is handed to two clients, budgets are
 /// kept, every call is answered and the service comes back by itself.
 ///
-/// Prints a JSON object. Exit code 1 when something was wrong: the seed is told, and `--seed SEED --worlds 1`
-/// runs the same world again.
+/// Prints a JSON object. Exit code 1 when something was wrong: the seed is shown, and
+/// `--seed SEED --worlds 1` runs the same world again.
 #[derive(Debug, Parser)]
 struct Arguments {
     /// The first seed.
@@ -23,11 +23,11 @@ struct Arguments {
     #[arg(long, default_value_t = 20_000)]
     steps: u64,
 
-    /// How many worlds; each has the next seed.
+    /// Number of worlds; each has the next seed.
     #[arg(long, default_value_t = 100)]
     worlds: u64,
 
-    /// Go on until so many minutes have passed instead.
+    /// Go on for this number of minutes instead.
     #[arg(long)]
     minutes: Option<f64>,
 

@@ -11,7 +11,7 @@ pub enum Bug {
     AcknowledgeBeforeCommit,
     /// A replica that lost a study to another still stores what it decides.
     LeaseWithoutClaim,
-    /// Now and then nobody is told that a write has ended.
+    /// Now and then nobody learns that a write has ended.
     LostWakeUp,
     /// The study explores without the budget that clients were promised.
     Overspending,
@@ -22,13 +22,13 @@ pub enum Bug {
 pub struct Plan {
     /// The seed of everything.
     pub seed: u64,
-    /// How many events the world has.
+    /// The number of events of the world.
     pub steps: u64,
-    /// How many clients there are.
+    /// The number of clients.
     pub clients: u32,
-    /// How many replicas of the service share the database.
+    /// The number of replicas of the service that share the database.
     pub replicas: usize,
-    /// How many places there are for clients to be at: states of the study.
+    /// The number of places for clients to be at: states of the study.
     pub places: u32,
     /// The mean delay of a message.
     pub delay_ms: f64,
@@ -64,7 +64,7 @@ pub struct Plan {
     pub sleep_ms: f64,
     /// Trials between two checkpoints, as long as those are small.
     pub checkpoint_after: u64,
-    /// How many trials are kept of the study; none for all.
+    /// The number of trials that are kept of the study; `None` for all.
     pub keep_trials: Option<u64>,
     /// A client vanishes with an open trial, comes back, or says something twice.
     pub misbehaviour: f64,

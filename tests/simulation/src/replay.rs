@@ -1,6 +1,6 @@
-//! What a machine has learnt is what follows from the trials that are stored: at the end of a world a fresh
-//! service goes through them, and has to answer as the machine does that has held the study. That machine has
-//! ended every lease by then that has run out.
+//! All that a machine has learnt follows from the stored trials: at the end of a world a fresh service
+//! replays them, and has to answer as the machine that has held the study. That machine has ended every lease
+//! by then that has run out.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -27,7 +27,7 @@ async fn answers(tuning: &Tuning, places: u32) -> Vec<Option<Prediction>> {
     answers
 }
 
-/// Whoever is asked ends the leases that have run out. A write may fail, so it is asked again.
+/// A service that is asked ends the leases that have run out. A write may fail, so it is asked again.
 async fn end_leases(world: &World, tuning: &Tuning) {
     let mut due = Vec::new();
     for _ in 0..TRIES {

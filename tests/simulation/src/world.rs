@@ -30,7 +30,7 @@ const WAIT_MS_MAX: f64 = 1e7;
 pub struct Outcome {
     /// How it was made.
     pub plan: Plan,
-    /// How much happened.
+    /// Counts of events.
     pub counts: Counts,
     /// Events.
     pub steps: u64,
@@ -38,7 +38,7 @@ pub struct Outcome {
     pub simulated_ms: u64,
     /// Equal for equal worlds: a hash over all events and their times.
     pub fingerprint: u64,
-    /// What should not have been; empty if all is well.
+    /// Violations of the promises; empty if all is well.
     pub violations: Vec<Violation>,
 }
 
@@ -49,7 +49,7 @@ pub(crate) struct World {
     begin: Instant,
     chance: Mutex<ChaCha8Rng>,
     inner: Mutex<Inner>,
-    /// Told when the world is over.
+    /// Notified when the world is over.
     over: Notify,
 }
 
@@ -159,7 +159,7 @@ impl World {
         share > 0.0 && self.random() < share
     }
 
-    /// True once in so many times.
+    /// True once in `times` times.
     pub(crate) fn one_in(&self, times: u32) -> bool {
         self.random() * f64::from(times) < 1.0
     }
@@ -214,7 +214,7 @@ impl World {
         }
     }
 
-    /// How many reports were acknowledged so far.
+    /// The number of reports that were acknowledged so far.
     pub(crate) fn known(&self) -> i64 {
         self.lock().ledger.known()
     }

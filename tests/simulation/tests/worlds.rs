@@ -39,7 +39,7 @@ fn nothing_is_wrong_in_the_first_worlds() {
 #[test]
 fn what_was_found_stays_mended() {
     let found = [
-        // What is proven of the nearest state was only looked at where nothing was known of the asked one.
+        // The standing of the nearest state was only looked at where nothing was known of the asked one.
         7_000_494, 8_001_307,
         // The trial that was completed last was removed, and the checkpoint that covers it was passed over.
         30_000_145,
