@@ -1,4 +1,4 @@
-//! What one suggestion with its feedback costs, by the number of trials in the study.
+//! The time of one suggestion with its feedback, by the number of trials in the study.
 //!
 //! `cargo bench -p treewright-core --bench suggestion`. Each search works on a mixed, conditional space of 28
 //! parameters, on one of choices in regions that cannot be run, and on a continuous one; a table of the

@@ -45,7 +45,7 @@ pub(crate) fn distance_2(level: MachineLevel) -> f64 {
     distance * distance
 }
 
-/// What comparisons with others taught of a machine. Costs are logarithms.
+/// Statistics of a machine from comparisons with others. Costs are logarithms.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct PoolingStatistics {
     /// By how much its costs are above those of the others.
@@ -66,7 +66,7 @@ impl Default for PoolingStatistics {
     }
 }
 
-/// Who measures: a machine, and those like it. Numbers that stand for names.
+/// The source of a measurement: a machine, and those like it. Numbers stand for names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
     /// All machines with the same processor and the same software.
@@ -231,7 +231,7 @@ impl Machines {
         let PoolingStatistics { carried, misses, .. } = &mut self.machines[index(machine)].pooling;
         let (product, square) = &mut carried[level as usize - 1];
         (*product, *square) = (MISS_FADE * *product + own * theirs, MISS_FADE * *square + theirs * theirs);
-        // What fades gives way to the prior again.
+        // As comparisons fade, the prior gains weight again.
         *product += (1.0 - MISS_FADE) * CARRIED_PRIOR;
         *square += (1.0 - MISS_FADE) * CARRIED_PRIOR;
         let (sum, weight) = &mut misses[level as usize - 1];
@@ -257,7 +257,7 @@ impl Machines {
         (!changes.is_empty()).then(|| changes.join(", "))
     }
 
-    /// What comparisons taught, machine by machine.
+    /// The statistics of comparisons, machine by machine.
     pub(crate) fn pooling(&self) -> Vec<PoolingStatistics> {
         self.machines.iter().map(|machine| machine.pooling).collect()
     }

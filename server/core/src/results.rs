@@ -539,7 +539,7 @@ impl ResultTable {
         self.record(configuration).is_some_and(|record| record.infeasible)
     }
 
-    /// What was measured of a configuration that can be run.
+    /// The measurements of a configuration that can be run.
     pub fn ran(&self, configuration: &Configuration) -> Option<&Record> {
         self.record(configuration).filter(|record| record.measurements > 0 && !record.infeasible)
     }

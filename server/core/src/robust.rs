@@ -116,7 +116,7 @@ pub fn lower_median(values: &[f64]) -> Option<f64> {
     sorted.get(sorted.len().checked_sub(1)? / 2).copied()
 }
 
-/// Who measured something, and when.
+/// The client of a measurement, and its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Moment {
     /// A number of its own for each client.

@@ -1,5 +1,5 @@
-//! What frames cost while contexts come and go: the regret of whole sessions, and what answers were worth
-//! without exploring.
+//! The cost of frames while contexts come and go: the regret of whole sessions, and that of answers without
+//! exploring.
 //!
 //! `cargo run -p treewright-core --example contexts -- [SEEDS] [WORLD...]` prints a line a world. Four
 //! parameters, whose best values move with two indicators; 5 % of noise; the policy's defaults. Regret is
@@ -56,7 +56,7 @@ fn regrets(runs: &[Vec<Frame>]) -> Vec<Vec<f64>> {
     runs.iter().map(|run| run.iter().map(|one| one.regret).collect()).collect()
 }
 
-/// What frames cost that explore and that do not, from one on.
+/// The costs of exploring and of other frames, from one on.
 fn apart(runs: &[Vec<Frame>], from: usize) -> String {
     let of = |explored: bool| {
         let frames = runs.iter().flat_map(|run| run[from..].iter()).filter(|one| one.explored == explored);

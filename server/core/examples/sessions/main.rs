@@ -273,7 +273,7 @@ fn main() {
     for (place, (name, policy)) in policies.iter().enumerate() {
         for apart in [false, true] {
             println!("== {name}, plans made apart: {apart}");
-            // What is frozen, pinned or looked on at has learnt something before.
+            // A frozen, pinned or shadow study has learnt something before.
             let begins = if (6..9).contains(&place) { policies[0].1.clone() } else { policy.clone() };
             let mut tuner = Tuner::new(Arc::new(spec(begins))).expect("a valid specification");
             if apart {

@@ -1,4 +1,4 @@
-//! What is learnt of the covariance: lengths, noise and the share of a trend, by climbing their posterior
+//! Hyperparameters of the covariance: lengths, noise and the share of a trend, by climbing their posterior
 //! density.
 //!
 //! A few dozen measurements say little about lengths, so that the prior matters. Its middle grows with the
@@ -39,8 +39,8 @@ pub(crate) struct Prior {
     pub(crate) noise_spread: f64,
     /// It stays within this.
     pub(crate) noise_range: [f64; 2],
-    /// What the prior adds to the sum of squares of the values: that of one more value, so that few values,
-    /// or equal ones, do not pin the variance to zero.
+    /// The prior's part in the sum of squares of the values: that of one more value, so that few values, or
+    /// equal ones, do not pin the variance to zero.
     pub(crate) squares: f64,
     /// The longest step of the ascent.
     pub(crate) step_max: f64,

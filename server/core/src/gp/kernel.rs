@@ -70,7 +70,7 @@ pub(crate) fn add_squared_distances(
     }
 }
 
-/// What the trend sees of a point: ordered features around their middles, nothing of the others.
+/// The features of a point for the trend: ordered ones around their middles, and no others.
 pub(crate) fn centred<'a>(
     kinds: &'a [FeatureKind],
     point: impl IntoIterator<Item = &'a f64> + 'a,

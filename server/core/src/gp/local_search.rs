@@ -32,7 +32,7 @@ impl<T> Leaders<T> {
         Leaders { size, candidates: Vec::with_capacity(size + 1) }
     }
 
-    /// What a candidate must score more than to get in.
+    /// The score that a candidate must exceed to get in.
     pub(crate) fn floor(&self) -> f64 {
         match self.candidates.get(self.size - 1) {
             Some(last) => last.score,

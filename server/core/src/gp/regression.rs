@@ -29,7 +29,7 @@ pub(crate) struct Process {
     log_likelihood: f64,
 }
 
-/// What a process says of a point.
+/// The posterior of a process at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Posterior {
     /// The expected mean of measurements there.
@@ -198,20 +198,20 @@ impl Process {
         (self.variance * (covariances.own - known).max(VARIANCE_MIN)).sqrt()
     }
 
-    /// What the deviation would be there if nothing had been measured.
+    /// The prior deviation there, before any measurement.
     pub(crate) fn deviation_max(&self, covariances: &Covariances) -> f64 {
         (self.variance * covariances.own).sqrt()
     }
 
-    /// What the process says of a point in a context.
+    /// The posterior at a point in a context.
     pub(crate) fn at(&self, context: &SharedFeatures, features: &[f64]) -> Posterior {
         let mut covariances = Covariances::default();
         self.covariances(context, features, &mut covariances);
         Posterior { mean: self.mean(&covariances), deviation: self.deviation(&mut covariances) }
     }
 
-    /// What the process says of the value at `one` less that at `other`, two points in a context. Of
-    /// distances alone: the process has neither a trend nor a linear feature.
+    /// The posterior of the value at `one` less that at `other`, two points in a context. For distances
+    /// alone: the process must have neither a trend nor a linear feature.
     pub(crate) fn difference(&self, context: &SharedFeatures, one: &[f64], other: &[f64]) -> Posterior {
         assert!(self.trend == 0.0 && self.sample.linear.is_none(), "a process of distances alone");
         let (mut at_one, mut at_other) = (Covariances::default(), Covariances::default());
@@ -227,7 +227,7 @@ impl Process {
         Posterior { mean, deviation: self.deviation(&mut at_one) }
     }
 
-    /// What the process says of a point.
+    /// The posterior at a point.
     pub(crate) fn predict(&self, features: &[f64]) -> Posterior {
         self.at(&self.context(&[]), features)
     }

@@ -10,7 +10,7 @@ pub(crate) struct Sample {
     pub(super) kinds: Vec<FeatureKind>,
     /// Features, point by point.
     rows: Vec<f64>,
-    /// The same, feature by feature.
+    /// Features, feature by feature.
     pub(super) columns: Vec<Vec<f64>>,
     pub(super) counts: Vec<f64>,
     /// Features as the trend sees them, point by point.

@@ -18,7 +18,7 @@ use crate::predict::registry::METHODS;
 const WEIGHT_POWER: i32 = 8;
 const ERROR_LEAST: f64 = 1e-6;
 
-/// What a predictor said of a configuration.
+/// A predictor's estimate of a configuration.
 pub(super) type MethodEstimate = (PredictorMethod, Option<Estimate>);
 
 /// Errors of each predictor, and of the blend of them all (`Auto`).

@@ -38,7 +38,7 @@ pub struct Predictors {
     chooses: bool,
     trials: u64,
     tallies: PredictorErrors,
-    /// What is yet to be computed, oldest first. It all [is](Predictors::apply_all) before a checkpoint is
+    /// Updates yet to be computed, oldest first. It all [is](Predictors::apply_all) before a checkpoint is
     /// stored.
     #[serde(skip)]
     deferred: Vec<Arc<DeferredUpdate>>,
@@ -193,7 +193,7 @@ impl Predictors {
         self.singles.iter().find(|predictor| predictor.method() == method).map(|predictor| &**predictor)
     }
 
-    /// What a single predictor expects. Models learn costs as they are on the first machine.
+    /// The estimate of a single predictor. Models learn costs as they are on the first machine.
     fn expect(
         &self,
         method: PredictorMethod,
@@ -209,7 +209,7 @@ impl Predictors {
         self.tallies.leader()
     }
 
-    /// Who answers and proposes for a method.
+    /// The predictor that answers and proposes for a method.
     fn speaker(&self, method: PredictorMethod) -> PredictorMethod {
         if method != PredictorMethod::Auto {
             return method;
@@ -227,7 +227,7 @@ impl Predictors {
         self.tallies.errors()
     }
 
-    /// What is expected of one configuration.
+    /// The estimate of one configuration.
     pub fn estimate(
         &self,
         method: PredictorMethod,
@@ -249,7 +249,7 @@ impl Predictors {
         self.or_nearest(speaker, own, query)
     }
 
-    /// The same where what takes long was [requested](Predictors::request) and answered before.
+    /// Predicts with the answer to a [request](Predictors::request) that was computed before.
     pub(crate) fn predict_ahead(
         &self,
         method: PredictorMethod,
@@ -292,7 +292,7 @@ impl Predictors {
         self.single(proposer)?.propose(query, number).map(|answer| (answer, proposer))
     }
 
-    /// The same where what takes long was requested and answered before.
+    /// Proposes with the answer to a request that was computed before.
     pub(crate) fn propose_ahead(
         &self,
         method: PredictorMethod,
@@ -326,7 +326,7 @@ impl Predictors {
         self.contextual().filter(|_| self.speaker(method) == PredictorMethod::Contextual)
     }
 
-    /// What a predictor said, on the asking machine.
+    /// A predictor's estimate on the asking machine.
     fn on_machine(&self, method: PredictorMethod, query: &Query<'_>, expected: Estimate) -> Estimate {
         let translates = self.single(method).is_some_and(|predictor| predictor.speaks_of_first_machine());
         if !translates || query.machine == FIRST {

@@ -46,11 +46,11 @@ pub(crate) struct PredictorSetup<'a> {
 pub struct Lesson<'a> {
     /// The normalised indicators the trial ran under.
     pub state: &'a [f64],
-    /// What was run.
+    /// The configuration that was run.
     pub configuration: &'a Configuration,
     /// Its point in the unit cube.
     pub point: &'a [f64],
-    /// What came of it, costs as they would be on the study's first machine.
+    /// The result, with costs as they would be on the study's first machine.
     pub verdict: Verdict,
     /// The mean cost of the default configuration in the same state, where it is known; on the same terms.
     pub default_cost: Option<f64>,
@@ -58,7 +58,7 @@ pub struct Lesson<'a> {
     pub origin: Origin,
 }
 
-/// What is asked of a predictor.
+/// A question for a predictor.
 #[derive(Clone, Copy, Debug)]
 pub struct Query<'a> {
     /// The normalised indicators.
@@ -144,7 +144,7 @@ impl Estimate {
 /// A predictor's answer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
-    /// What to run.
+    /// The configuration to run.
     pub configuration: Configuration,
     /// The cost to expect.
     pub expected: Estimate,
@@ -159,7 +159,7 @@ pub struct Answer {
 /// than answering; each says what it means not to. Answers are a matter of microseconds, but for those of
 /// [`Contextual`], which are asked for ahead and whose learning is deferred.
 pub trait Predictor {
-    /// What it expects of one configuration in the asked state. `None` when nothing is known.
+    /// Its estimate of one configuration in the asked state. `None` when nothing is known.
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate>;
 
     /// The configuration to exploit; never one that is known to be infeasible in the asked state. `None`

@@ -116,7 +116,7 @@ impl<'a> StateCosts<'a> {
         StateCosts { state, factor, points: points.collect() }
     }
 
-    /// What a configuration costs in the state: its own mean, else that of the configuration most like it.
+    /// The cost of a configuration in the state: its own mean, else that of the configuration most like it.
     fn cost(&self, configuration: &Configuration, point: &[f64]) -> Option<f64> {
         let own = self.state.results.record(configuration).filter(|record| record.measurements > 0);
         own.map(|record| (self.factor * record.mean_cost).min(f64::MAX)).or_else(|| {

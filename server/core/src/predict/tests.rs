@@ -1,4 +1,4 @@
-//! What every predictor promises, run against all of them.
+//! The promises of every predictor, run against all of them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

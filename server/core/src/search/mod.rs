@@ -68,7 +68,7 @@ impl Score {
     }
 }
 
-/// What came of a point.
+/// The result of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
     /// Measured: a finite cost.
@@ -82,7 +82,7 @@ pub enum Verdict {
 /// The answer to a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Feedback {
-    /// What came of it.
+    /// Its result.
     pub verdict: Verdict,
     /// `false` when the point fell on a configuration that was known already, so that nothing was learnt:
     /// searches on integer plateaus take longer steps then.

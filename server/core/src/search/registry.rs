@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::{ModelSearch, Search, SearchSetup};
 use crate::policy::SearchMethod;
 
-/// What `auto` stands for in this version.
+/// The search that `auto` stands for in this version.
 ///
 /// It is one search for all studies: for budgets of 20 to 80 trials it came out ahead on the suites of
 /// `examples/search_quality`, whatever the kind of the axes, but for one recorded landscape of trees, where

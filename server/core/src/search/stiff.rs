@@ -268,7 +268,7 @@ fn four_and_eight_clients_find_what_one_finds() {
 #[test]
 fn bounds_of_trials_that_were_stopped_are_no_news_of_improvement() {
     for &method in METHODS {
-        // Whatever is worse than 1.3 times the best so far is stopped there.
+        // Every point worse than 1.3 times the best so far is stopped there.
         let mut best = f64::INFINITY;
         let found = run(method, setup(4, 80, Vec::new()), |x| {
             let cost = 1.0 + ellipsoid(x, 10.0);

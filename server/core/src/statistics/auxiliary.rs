@@ -1,4 +1,4 @@
-//! What a cost would have been without the noise that other measurements explain.
+//! Costs without the noise that other measurements explain.
 //!
 //! A client may report quantities beside its costs that say something of them: the processor time of a frame,
 //! which hardly knows of other programs, or the counted work of its rays, which has no noise at all (that
@@ -121,7 +121,7 @@ fn least_squares(rows: &[Row], width: usize) -> Option<(Vec<f64>, f64)> {
 }
 
 impl Row {
-    /// What slopes leave of it.
+    /// Its residual after the slopes.
     fn left(&self, slopes: &[f64]) -> f64 {
         self.log_cost - self.auxiliary.iter().zip(slopes).map(|(x, slope)| slope * x).sum::<f64>()
     }
@@ -216,7 +216,7 @@ impl Denoiser {
         let (mut sum, mut count) = (0.0, 0.0);
         for three in observations.windows(3) {
             let [before, one, after] = three else { continue };
-            // The same configuration is off by the same.
+            // Trials of one configuration share their error.
             if before.configuration != one.configuration && after.configuration != one.configuration {
                 let nearer = (off(one) - off(before)).abs().min((off(one) - off(after)).abs());
                 (sum, count) = (sum + nearer * nearer, count + 1.0);
@@ -225,7 +225,7 @@ impl Denoiser {
         if count >= CONFIGURATIONS_SPARE as f64 { sum / count / NEARER_OF_TWO } else { f64::INFINITY }
     }
 
-    /// What the auxiliary measurements alone predict.
+    /// The prediction of the auxiliary measurements alone.
     fn predicted(&self, auxiliary: &[f64]) -> f64 {
         let terms = auxiliary.iter().zip(&self.means).zip(&self.slopes);
         self.level + terms.map(|((x, mean), slope)| slope * (x - mean)).sum::<f64>()

@@ -199,7 +199,7 @@ pub struct RaceGain {
     pub probability_better: f64,
 }
 
-/// What a race came to.
+/// The result of a race.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RaceResult {
     /// Not decided yet.
@@ -369,15 +369,15 @@ impl Race {
             && self.is_proven(one)
     }
 
-    /// Who is better than the incumbent by the rounds themselves, once they are over: the best challenger,
-    /// where chance alone would put it so far ahead with a probability of at most `error` for all of them
-    /// together.
+    /// The contender that is better than the incumbent by the rounds themselves, once they are over: the best
+    /// challenger, where chance alone would put it this far ahead with a probability of at most `error` for
+    /// all of them together.
     pub fn better_by_rounds(&self, error: f64) -> Option<usize> {
         let probability = |place: usize| self.pairs(0, place).probability_better();
         self.standing().find(|&place| probability(place) >= 1.0 - self.error_each(error))
     }
 
-    /// What the race came to so far. It is decided once the one challenger that is left is proven better,
+    /// The result of the race so far. It is decided once the one challenger that is left is proven better,
     /// nobody is left, or the rounds are over.
     pub fn verdict(&self) -> RaceResult {
         let standing: Vec<usize> = self.standing().collect();

@@ -67,7 +67,7 @@ impl Speed {
         self.variance *= 1.0 - gain;
     }
 
-    /// What a cost would have been at the factor 1.
+    /// A cost at the factor 1.
     pub fn corrected(&self, cost: f64) -> f64 {
         (cost * libm::exp(-self.log_factor)).min(f64::MAX)
     }

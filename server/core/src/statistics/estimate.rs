@@ -1,4 +1,4 @@
-//! What the configurations of a state really cost, and what the best of them gains.
+//! Estimates of the true costs of a state's configurations, and of the gain of the best.
 //!
 //! The lowest of many noisy measurements is mostly luck: on a landscape where everything costs the same, the
 //! best of 80 measurements with 7 % noise looks 15 % better than the rest. The cure is a posterior with a
@@ -99,7 +99,7 @@ const NOISE_PRIOR_COUNT: f64 = 3.0;
 const CELL_TRIALS: u64 = 2;
 /// Models of less weight beside the heaviest are left out.
 const WEIGHT_LEAST: f64 = 1e-3;
-/// What 95 % intervals leave out on either side.
+/// Probability that 95 % intervals leave out on either side.
 const TAIL: f64 = 0.025;
 /// Halvings when a quantile is sought.
 const HALVINGS: usize = 50;
@@ -109,7 +109,7 @@ const HALVINGS: usize = 50;
 pub struct Measurement {
     /// The logarithm of its cost.
     pub log_cost: f64,
-    /// Who measured it, and when; `None` where that is not known.
+    /// The client and the time of it; `None` where that is not known.
     pub moment: Option<Moment>,
 }
 
@@ -198,7 +198,7 @@ pub struct Comparison {
     /// How far the first is expected to be below the other, counted as 0 where it is above: a logarithm of a
     /// ratio.
     pub expected_gain: f64,
-    /// The same the other way round: what is to be lost by it.
+    /// How far the first is expected to be above the other: the expected loss.
     pub expected_loss: f64,
 }
 
@@ -299,7 +299,7 @@ impl CostPosterior {
         interval(&parts)
     }
 
-    /// What one model says of the logarithm of a cost.
+    /// One model's distribution of the logarithm of a cost.
     fn part_of(&self, model: &Model, one: usize) -> StudentT {
         let prior = model.shared + model.own;
         let own = model.likeness.as_ref().map_or(0.0, |_| {
@@ -313,7 +313,7 @@ impl CostPosterior {
         StudentT { weight: model.weight, mean: model.means[one], deviation, freedom: model.freedom }
     }
 
-    /// What one model says of the logarithm of a ratio of costs.
+    /// One model's distribution of the logarithm of a ratio of costs.
     fn part(&self, model: &Model, one: usize, other: usize) -> StudentT {
         let mean = model.means[other] - model.means[one];
         let Some(likeness) = model.likeness.as_ref().filter(|_| one != other) else {
@@ -533,7 +533,7 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// What one model says of a logarithm: a variable of Student's.
+/// One model's distribution of a logarithm: Student's t.
 #[derive(Clone, Copy, Debug)]
 struct StudentT {
     weight: f64,

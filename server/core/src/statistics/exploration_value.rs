@@ -15,8 +15,8 @@
 
 /// Octaves: up to 2^17 trials in a state.
 pub const OCTAVES: usize = 17;
-/// What the octaves gain together where no search has shown anything: the paper's average gain over its
-/// scenes (section 7.1.2), which its searches took 80 trials for.
+/// The gain of all octaves together before any search: the paper's average gain over its scenes (section
+/// 7.1.2), which its searches took 80 trials for.
 const GAIN_PRIOR: f64 = 0.11;
 const OCTAVES_PRIOR: f64 = 6.0;
 /// Weight of that, in states.
@@ -24,7 +24,7 @@ const STATES_PRIOR: f64 = 1.0;
 /// Gain, found or expected, that weighs as much as the prior of a state.
 const GAIN_COUNTED: f64 = 0.03;
 
-/// What octaves of searches gained in other states.
+/// The gains of octaves of searches in other states.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gains {
     sums: [f64; OCTAVES],
@@ -48,7 +48,7 @@ impl Gains {
     }
 }
 
-/// What is known of the search of one state.
+/// The progress of the search of one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SearchProgress<'a> {
     /// By which share each of its octaves that are over lowered the best cost, as estimated.
@@ -71,9 +71,9 @@ pub struct Outlook {
     /// By which share costs are expected to fall over the horizon that pays most, or costs least beyond what
     /// it brings.
     pub gain: f64,
-    /// What that horizon's trials cost, in frames of the reference.
+    /// The cost of that horizon's trials, in frames of the reference.
     pub exploring_cost: f64,
-    /// What it brings less what it costs, in frames of the reference.
+    /// Its benefit less its cost, in frames of the reference.
     pub value: f64,
 }
 

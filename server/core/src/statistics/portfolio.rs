@@ -53,7 +53,7 @@ const PROVING_STATES: usize = 4;
 const T_OF_MEAN: f64 = 3.18;
 const T_OF_NEXT: f64 = 1.2;
 
-/// What is known of one configuration in one state.
+/// The cost of one configuration in one state, as far as it is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CostEntry {
     /// Nothing.
@@ -167,7 +167,7 @@ impl CostTable {
         self.portfolio_among(&all, members, always)
     }
 
-    /// The same where only some may be members, beside those that always are.
+    /// A portfolio where only some may be members, beside those that always are.
     pub fn portfolio_among(&self, among: &[usize], members: usize, always: &[usize]) -> Vec<usize> {
         let completed = self.completed();
         let Some(count) = completed.first().map(Vec::len) else {
@@ -222,7 +222,7 @@ fn first_of(among: &[usize], rows: &[&[CostEntry]], completed: &[Vec<f64>]) -> O
 /// A portfolio that grows.
 struct Chosen<'a> {
     completed: &'a [Vec<f64>],
-    /// What each state pays with the members so far.
+    /// The cost of each state with the members so far.
     paid: Vec<f64>,
     places: Vec<usize>,
 }

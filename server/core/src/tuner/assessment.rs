@@ -51,7 +51,7 @@ pub struct AssessmentRequest {
     pub(super) is_settled: bool,
 }
 
-/// What is proven of the configurations of a state.
+/// The assessment of a state's configurations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assessment {
     /// The version of the table that it was made from, and the incumbent at that time.
@@ -197,7 +197,7 @@ fn posterior(
     })
 }
 
-/// What was measured of configurations, as far as one absurd report among it does no harm. Measurements that
+/// The measurements of configurations, so that one absurd report among them does no harm. Measurements that
 /// others of the same configuration contradict are passed over or drawn in. A measurement far above all
 /// others and above the records at `told` is drawn in: how much dearer it is does not matter. A single
 /// measurement far below is drawn in likewise.

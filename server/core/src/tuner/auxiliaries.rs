@@ -44,7 +44,7 @@ struct OfState {
     latest: u64,
 }
 
-/// What is known of all states, by their ids.
+/// The regressions of all states, by their ids.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Auxiliaries {
     states: BTreeMap<u64, OfState>,

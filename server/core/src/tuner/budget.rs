@@ -59,7 +59,7 @@ struct Charge {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Account {
     session: u64,
-    /// What the session wants for itself.
+    /// The session's own policy.
     #[serde(default, skip_serializing_if = "SessionPolicy::is_empty")]
     policy: SessionPolicy,
     /// Trials from this number on are of this session.
@@ -68,9 +68,9 @@ pub struct Account {
     handed_out: u64,
     /// Cost of all frames that did not explore.
     kept: Sum,
-    /// What exploring cost, as far as it is settled.
+    /// Settled costs of exploring.
     charged: Sum,
-    /// What is set aside for exploring trials that are out, by trial.
+    /// Reserved costs of exploring trials that are out, by trial.
     out: BTreeMap<u64, f64>,
     /// Charged in full until the next reference.
     unsettled: Vec<Charge>,
@@ -81,7 +81,7 @@ pub struct Account {
     default: Option<f64>,
 }
 
-/// What a trial may cost, where it may be handed out.
+/// The terms on which a trial may be handed out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Leave {
     /// The budget before.
@@ -132,7 +132,7 @@ impl Account {
         self.session == session
     }
 
-    /// What the session wants for itself.
+    /// The session's own policy.
     pub(super) fn policy(&self) -> SessionPolicy {
         self.policy
     }
@@ -160,7 +160,7 @@ impl Account {
         self.handed_out - 1
     }
 
-    /// What is left of the budget, less all that is set aside. Negative where a client overstepped a cap.
+    /// The rest of the budget, less all reserved costs. Negative where a client overstepped a cap.
     pub(super) fn left(&self, budget: f64) -> f64 {
         let unsettled: f64 = self.unsettled.iter().map(|charge| charge.cost).sum();
         let out: f64 = self.out.values().sum();
@@ -267,7 +267,7 @@ mod tests {
         assert!(matches!(with_frames(19).leave(TERMS, true, true), Err(Denied::TooLittle(_))));
         let leave = with_frames(20).leave(TERMS, true, true).expect("twenty frames earn two");
         assert_eq!((leave.set_aside, leave.abort_above, leave.reference), (20.0, 20.0, 10.0));
-        // Who cannot stop must have earned the worst case.
+        // A client that cannot stop must have earned the worst case.
         assert!(with_frames(499).leave(TERMS, false, true).is_err());
         assert_eq!(with_frames(500).leave(TERMS, false, true).expect("earned").set_aside, 500.0);
     }

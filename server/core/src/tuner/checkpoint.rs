@@ -1,5 +1,4 @@
-//! What a tuner learnt from completed trials, as bytes: so that a restart need not go through all of them
-//! again.
+//! The knowledge of a tuner from completed trials, as bytes: so that a restart need not replay all of them.
 //!
 //! A checkpoint is an accelerator and nothing else. It says which version wrote it and which specification it
 //! holds for, carries a check sum, and is passed over wherever one of these does not fit; the trials are then
@@ -28,8 +27,8 @@ use crate::tuner::{Checkpoint, Tuner};
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
 const VERSION: u64 = 10;
 
-/// What a tuner learnt. Taken in a moment, since it shares its tables with the tuner until either changes
-/// them.
+/// The knowledge of a tuner. Taken in a moment, since it shares its tables with the tuner until either
+/// changes them.
 #[derive(Clone, Debug)]
 pub struct Learnt {
     mark: u64,
@@ -81,7 +80,7 @@ impl Learnt {
 }
 
 impl Tuner {
-    /// What was learnt so far.
+    /// The knowledge so far.
     pub fn learnt(&self) -> Learnt {
         Learnt {
             mark: mark(&self.spec),

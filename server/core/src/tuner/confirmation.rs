@@ -54,7 +54,7 @@ pub(super) struct Confirming {
     disturbances: u64,
     /// Which contender each open trial runs, by trial number.
     open: BTreeMap<u64, usize>,
-    /// What follows from it has been decided.
+    /// Its consequences have been decided.
     settled: bool,
 }
 
@@ -96,7 +96,7 @@ impl Confirming {
         self.settled && tried <= self.tried
     }
 
-    /// Who runs next, and in which round.
+    /// The next contender to run, and its round.
     fn next(&self) -> Option<(usize, u64)> {
         let running = |place: usize| self.open.values().filter(|&&other| other == place).count();
         let place = self.race.next(running)?;
@@ -125,7 +125,7 @@ impl Confirming {
         self.open.retain(|&number, _| is_open(number));
     }
 
-    /// Who was proven better by the race alone.
+    /// The contender that the race alone proved better.
     fn winner(&self) -> Option<&Configuration> {
         match self.race.verdict() {
             RaceResult::Better(place) => self.contenders.get(place).map(|contender| &contender.0),
@@ -170,7 +170,7 @@ impl Confirming {
     }
 }
 
-/// What a trial of a race came to.
+/// The result of a trial of a race.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Finding {
     /// A cost.
@@ -179,7 +179,7 @@ pub(super) enum Finding {
     Fails,
 }
 
-/// What the own measurements of a state answer.
+/// The answer of a state's own measurements.
 #[derive(Clone, Debug)]
 pub(super) struct Answered {
     pub(super) configuration: Configuration,
@@ -188,7 +188,7 @@ pub(super) struct Answered {
     pub(super) gain: Option<Gain>,
     /// It is the incumbent, because nothing was shown to be better; the most that anything may gain over it.
     pub(super) gain_at_most: Option<f64>,
-    /// The same where the incumbent is the default.
+    /// That gain where the incumbent is the default.
     pub(super) nothing_better: Option<f64>,
 }
 
@@ -238,7 +238,7 @@ impl Tuner {
         })
     }
 
-    /// The same where the assessment has to be made apart before anybody asks for it.
+    /// The request where the assessment has to be made apart before anybody asks for it.
     pub(super) fn assessment_to_plan(&self, state: StateId) -> Option<AssessmentRequest> {
         let made = self.assessments.of(state);
         let request = self.assessment_request(state)?;

@@ -23,7 +23,7 @@ const STAY_EXPLORES: f64 = 3.0;
 /// Dice of one visit differ in these bits by how long the stay is.
 const THROWS_SHIFT: u32 = 32;
 
-/// What an answer may rest on.
+/// The grounds that an answer may rest on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ground {
     /// Measurements alone: nobody is handed what was not run.
@@ -32,7 +32,7 @@ pub(super) enum Ground {
     Predicted,
 }
 
-/// What a predictor names, as an answer.
+/// A predictor's answer as an exploitation.
 fn by_predictor(answer: Answer, predictor: PredictorMethod) -> Exploitation {
     let Answer { configuration, expected, neighbours } = answer;
     let predicted_cost = Some(expected.cost);
@@ -49,7 +49,7 @@ impl Tuner {
         Some(Prediction { configuration, predicted_cost: None, decision, insight: None })
     }
 
-    /// What every client gets while the study only looks on.
+    /// The answer to every client in shadow operation.
     pub(super) fn in_shadow(
         &self,
         normalised: &[f64],
@@ -165,7 +165,7 @@ impl Tuner {
         }
         let would = exploit();
         if would.source != ExploitSource::Default || epsilon == 0.0 && !fails(&would) {
-            // What is still to be confirmed waits for those on whom the dice fall.
+            // An open confirmation waits for clients on whom the dice fall.
             let rule =
                 if self.is_spent_for(session, state) { ExploitRule::Finished } else { ExploitRule::Dice };
             return would.kept(rule, estimate);
@@ -214,7 +214,7 @@ impl Tuner {
         settled != Some(Verdict::Infeasible)
     }
 
-    /// What an answer to a session may rest on.
+    /// The ground of an answer to a session.
     pub(super) fn ground(&self, session: &SessionPolicy) -> Ground {
         let policy = &self.spec.policy;
         let never_explores = session.epsilon.unwrap_or(policy.epsilon) == 0.0;
@@ -232,7 +232,7 @@ impl Tuner {
     /// and a predictor may name what nobody ran there, if that can almost surely be run and is worth its
     /// risk. Once the state is explored to the end its own best stands.
     ///
-    /// What is known to do clearly worse here than another measured configuration gives way to that one.
+    /// A configuration that does clearly worse here than another measured one gives way to that one.
     pub(super) fn exploitation(
         &self,
         normalised: &[f64],

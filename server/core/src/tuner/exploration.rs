@@ -26,7 +26,7 @@ pub struct Exploration {
     room: u32,
     /// Which point of the search each open trial measures, by trial number.
     pub(super) open: BTreeMap<u64, u64>,
-    /// What is left out, where the policy allows it.
+    /// The held parameters, where the policy allows it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) held: Option<HeldParameters>,
     /// The race of the best few against the incumbent, once the search is over.

@@ -18,7 +18,7 @@ const CLEARLY: f64 = 3.0;
 /// More measurements than this say nothing more about a configuration.
 const MEASUREMENTS_COUNTED: u64 = 16;
 
-/// What the rules rest on.
+/// The evidence of the rules.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GainEvidence<'a> {
     pub(super) policy: &'a Policy,
@@ -44,7 +44,7 @@ impl GainEvidence<'_> {
         // machine's speed jumped are no longer tried, but stay searched.
         let beside = results.tried().saturating_sub(results.searched());
         let frames = self.history.frames_ahead(client_id, state);
-        // What was spent on repeats is not left for anything new.
+        // Trials that were spent on repeats are not left for anything new.
         let runs = results.runs() / self.policy.replicates.max(1) as usize;
         let repeated = runs.saturating_sub(results.searched());
         let progress = SearchProgress {

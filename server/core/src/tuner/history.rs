@@ -1,5 +1,5 @@
-//! What a study's trials tell of states in general: how long clients stay, how much searching gained and what
-//! it cost. All of it follows from the completed trials in their order, so a restored tuner has it again.
+//! Statistics of a study's states in general: the length of stays, and the gains and costs of searching. All
+//! of it follows from the completed trials in their order, so a restored tuner has it again.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -12,13 +12,13 @@ use crate::limits::{CLIENTS_MAX, GAIN_STATES_MAX};
 use crate::statistics::exploration_value::{Gains, OCTAVES};
 use crate::tuner::states::place;
 
-/// What an exploring trial is expected to cost above the best known configuration before any did, as a share.
+/// Prior of an exploring trial's cost above the best known configuration, as a share.
 const EXCESS_PRIOR: f64 = 0.5;
 /// Weight of that expectation, in trials.
 const EXCESS_PRIOR_TRIALS: f64 = 4.0;
 /// Most excess that one trial counts with: one absurd measurement is no rule.
 const EXCESS_MAX: f64 = 10.0;
-/// What a trial costs that cannot be run: a build that fails and a frame in its place.
+/// Excess cost of a trial that cannot be run: a build that fails and a frame in its place.
 const EXCESS_INFEASIBLE: f64 = 1.0;
 
 /// The visits to one state and the progress of its search.
@@ -112,7 +112,7 @@ impl History {
         history.best = Some(best);
     }
 
-    /// What each octave of a state's search gained.
+    /// The gain of each octave of a state's search.
     pub(super) fn gained(&self, state: StateId) -> &[f64] {
         &self.states[place(state)].gained
     }
@@ -151,7 +151,7 @@ impl History {
         (length * history.visits.max(1) as f64).max(self.stay(client_id, state) as f64)
     }
 
-    /// What octaves of searches gained in other states.
+    /// The gains of octaves of searches in other states.
     pub(super) fn gains_elsewhere(&self, state: StateId) -> Gains {
         let mut gains = Gains::default();
         // The states met last stand for all of a large study.
@@ -162,7 +162,7 @@ impl History {
         gains
     }
 
-    /// What an exploring trial costs above the best known configuration, as a share of its cost.
+    /// The cost of an exploring trial above the best known configuration, as a share of that one's cost.
     pub(super) fn excess(&self) -> f64 {
         (self.excess + EXCESS_PRIOR * EXCESS_PRIOR_TRIALS) / (self.explored as f64 + EXCESS_PRIOR_TRIALS)
     }

@@ -1,4 +1,4 @@
-//! What the policy knows of a state, for people: why it explores there or not, and what it leaves out.
+//! The policy's knowledge of a state, for people: why it explores there or not, and its omissions.
 
 pub use crate::trial::OmissionReason;
 
@@ -8,7 +8,7 @@ use crate::standing::Standing;
 use crate::tuner::Tuner;
 use crate::tuner::plan::Planned;
 
-/// What the policy knows of a state.
+/// The policy's knowledge of a state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Insight {
     /// The state.
@@ -42,7 +42,7 @@ pub struct Prospect {
     pub gain: f64,
     /// The number of frames that profit.
     pub frames: f64,
-    /// What these trials cost above the reference in all, in frames of the reference.
+    /// The cost of these trials above the reference in all, in frames of the reference.
     pub exploring_cost: f64,
     /// The number of trials before it is weighed again; 0 where exploring does not pay.
     pub trials: usize,
@@ -65,7 +65,7 @@ pub struct Omission {
 }
 
 impl Tuner {
-    /// What is known of a state.
+    /// The insight into a state.
     pub(super) fn insight(&self, state: StateId, planned: &Planned) -> Insight {
         let (results, gain) = (self.states.results(state), self.gain());
         let prospect = gain.prospect("", state);

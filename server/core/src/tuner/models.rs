@@ -59,7 +59,7 @@ impl Models {
         self.predictors = predictors;
     }
 
-    /// What answers and proposes.
+    /// The predictors, which answer and propose.
     pub(super) fn predictors(&self) -> &Predictors {
         &self.predictors
     }

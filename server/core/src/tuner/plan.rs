@@ -22,7 +22,7 @@ use crate::tuner::assessment::{Assessment, AssessmentRequest};
 use crate::tuner::portfolio::MeasuredElsewhere;
 use crate::tuner::warm_start::WarmStart;
 
-/// What has to be computed before a question can be answered quickly: copies of what that rests on.
+/// The computation before a question can be answered quickly: copies of its inputs.
 #[derive(Clone, Debug)]
 pub struct PlanRequest {
     pub(super) spec: Arc<StudySpec>,
@@ -41,21 +41,21 @@ pub struct PlanRequest {
     pub(super) rival_of: Option<StateId>,
 }
 
-/// What came of a [`PlanRequest`]. The default plans nothing.
+/// The result of a [`PlanRequest`]. The default plans nothing.
 #[derive(Clone, Debug, Default)]
 pub struct SuggestionPlan {
     normalised: Vec<f64>,
-    /// What to exploit.
+    /// The answer to exploit.
     answer: Option<Answer>,
-    /// What to explore first.
+    /// The answer to explore first.
     first: Option<Answer>,
     /// The best of a portfolio, to exploit.
     portfolio: Option<Configuration>,
     /// The next point of a state's search.
     point: Option<(StateId, PlannedPoint)>,
-    /// What the search of a state begins with, if anything follows from the others.
+    /// The warm start of a state's search, if anything follows from other states.
     beginning: Option<(Option<StateId>, Option<WarmStart>)>,
-    /// What is proven of a state's configurations.
+    /// The assessment of a state.
     assessment: Option<(StateId, Arc<Assessment>)>,
 }
 
@@ -73,7 +73,7 @@ impl PlanRequest {
         let beginning = self.evidence.map(|(state, evidence)| (state, evidence.beginning(space)));
         let assessment: Option<(StateId, Arc<Assessment>)> =
             self.assessment.and_then(|request| Some((request.state, request.compute()?.into())));
-        // What is answered otherwise may just have been computed.
+        // The assessment of the rival may just have been computed.
         let assessed = assessment.as_ref().filter(|(state, _)| Some(*state) == self.rival_of);
         let rival = assessed.map(|(_, assessed)| assessed.answer.clone()).or_else(|| portfolio.clone());
         let beside = |request: FitRequest| match rival {
@@ -110,12 +110,12 @@ pub(super) enum Planned {
     Ahead(Box<SuggestionPlan>),
 }
 
-/// What was planned for predictors.
+/// The planned answers of predictors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PlannedAnswers<'a> {
-    /// What to exploit.
+    /// The answer to exploit.
     pub(super) answer: Option<&'a Answer>,
-    /// What to explore first.
+    /// The answer to explore first.
     pub(super) first: Option<&'a Answer>,
 }
 

@@ -40,8 +40,8 @@ impl Tuner {
         self.models.apply(updates);
     }
 
-    /// What is to be computed before a question can be answered quickly; `None` where it can be already.
-    /// `may_plan` tells of which states' searches: where somebody else already plans for one, that is enough.
+    /// The computation before a question can be answered quickly; `None` where it can be already. `may_plan`
+    /// says for which states' searches: where somebody else already plans for one, that is enough.
     pub fn plan(&self, question: &Question<'_>, may_plan: impl Fn(StateId) -> bool) -> Option<PlanRequest> {
         let Question { ask, normalised, state: here } = question;
         let (policy, here, transfer) = (&self.spec.policy, *here, self.transfer());

@@ -25,18 +25,18 @@ const MEASUREMENTS_COUNTED: u64 = 16;
 /// Most members that only stand for a branch of the space.
 const BRANCHES_MAX: usize = 3;
 
-/// What another state has measured, and what it answers.
+/// The results of another state, and its answers.
 #[derive(Clone, Debug)]
 pub(super) struct OtherState {
     pub(super) results: Arc<ResultTable>,
     /// Its confirmed winner, or the incumbent that it began with, where that is not the default.
     pub(super) incumbent: Option<Configuration>,
-    /// What was measured so often counts beside the incumbent; nothing does where the confirmation has ended.
+    /// Least number of measurements to count beside the incumbent; `None` where the confirmation has ended.
     pub(super) measured_least: Option<u64>,
 }
 
 impl OtherState {
-    /// What the state answers, or will after its confirmation: no luck of one measurement.
+    /// The answers of the state, or those after its confirmation: no luck of one measurement.
     pub(super) fn answers(&self) -> impl Iterator<Item = &Configuration> {
         let incumbent = self.incumbent.iter().filter(|incumbent| self.results.ran(incumbent).is_some());
         let least = self.measured_least.unwrap_or(u64::MAX);
@@ -45,7 +45,7 @@ impl OtherState {
     }
 }
 
-/// What other states have measured, the nearest first.
+/// The results of other states, the nearest first.
 #[derive(Clone, Debug)]
 pub(super) struct MeasuredElsewhere {
     pub(super) states: Vec<OtherState>,
@@ -107,7 +107,7 @@ impl Choices {
     }
 }
 
-/// What a state knows of a configuration.
+/// The cost of a configuration in a state.
 fn known(results: &ResultTable, configuration: &Configuration, noise: f64) -> CostEntry {
     match results.record(configuration) {
         Some(record) if record.fails() => CostEntry::Infeasible,

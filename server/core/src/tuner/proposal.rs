@@ -14,7 +14,7 @@ pub(super) struct ProposedTrial {
     pub(super) point: ExploredPoint,
 }
 
-/// What would be exploited.
+/// A configuration to exploit.
 #[derive(Clone, Debug)]
 pub(super) struct Exploitation {
     pub(super) configuration: Configuration,

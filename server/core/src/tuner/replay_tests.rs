@@ -119,7 +119,7 @@ fn outcome(kind: usize, trial: &Trial) -> Outcome {
     }
 }
 
-/// What a daemon does, where nobody else does anything meanwhile.
+/// Answers as a daemon does while nothing else happens.
 fn plan_apart(tuner: &mut Tuner, question: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
     let spec = Arc::clone(tuner.spec());
     if let Some(updates) = tuner.deferred_updates() {
@@ -210,7 +210,7 @@ fn clients_are_forgotten_alike_after_a_restart() {
     assert!(rows.visits.len() == CLIENTS_MAX && rows.visits.contains_key("steady"));
 }
 
-/// Who holds a trial is not forgotten; only where all do is there no room for one more.
+/// A client that holds a trial is not forgotten; only where all do is there no room for one more.
 #[test]
 fn clients_that_hold_trials_are_not_forgotten() {
     let mut tuner = Tuner::new(Arc::new(spec(policy(0)))).expect("valid");

@@ -12,7 +12,7 @@ use crate::tuner::states::place;
 use crate::tuner::transfer;
 use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, models, progress};
 
-/// What was learnt of a completed trial.
+/// The learnt cost of a completed trial.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LearntCost {
     /// Its cost as the table has it.
@@ -124,7 +124,7 @@ impl Tuner {
         let normalised = spec.indicators.normalise(&trial.indicators).ok();
         if let Some(Verdict::Cost(cost)) = verdict {
             if let Some(normalised) = &normalised {
-                // What would they have said of it? Asked before anything of the trial is known.
+                // The predictors are asked before they learn anything of the trial.
                 let query = self.states.query(&spec.space, normalised, Some(state));
                 self.models.test(&query, &trial.configuration, cost);
             }
@@ -291,7 +291,7 @@ fn is_silent(trial: &Trial) -> bool {
     trial.decision.silent && !matches!(trial.outcome, Some(Outcome::Infeasible { .. }))
 }
 
-/// What a completed trial says of its configuration; `None` where it says nothing.
+/// The verdict of a completed trial on its configuration; `None` where it has none.
 fn verdict(trial: &Trial) -> Option<Verdict> {
     match (&trial.outcome, trial.cost) {
         _ if is_silent(trial) => None,

@@ -1,6 +1,6 @@
 //! Rebuilding a tuner from what its changes wrote, trial after trial, or from a checkpoint on.
 //!
-//! What a tuner learnt follows from the completed trials in their order. [`Restoring`] goes through them in
+//! The knowledge of a tuner follows from the completed trials in their order. [`Restoring`] replays them in
 //! stretches of any length, so that a history of any length needs no more memory than the tuner itself.
 
 use std::sync::Arc;
@@ -82,7 +82,7 @@ impl Restoring {
         if trial.cost.is_some_and(|cost| !cost.is_finite() || cost < 0.0) {
             return Err(inconsistent(format!("trial {} has an impossible cost", trial.number)));
         }
-        // What stood between may be gone.
+        // Trials in between may be gone.
         let since = self.tuner.models.since();
         self.taught = self.taught.filter(|_| completion <= since);
         if !self.models_begun && completion > since {

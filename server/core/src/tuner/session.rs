@@ -1,4 +1,4 @@
-//! What a session wants for itself takes the place of the study's policy here, and nowhere else.
+//! A session's own policy takes the place of the study's here, and nowhere else.
 
 use crate::ids::StateId;
 use crate::session::SessionPolicy;

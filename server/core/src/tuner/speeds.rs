@@ -99,7 +99,7 @@ pub(super) struct Speeds {
     clock: u64,
 }
 
-/// What a measurement came to.
+/// The result of a measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Held {
     /// The factor by which costs are to be divided.
@@ -151,8 +151,8 @@ impl Speeds {
         client.settling = client.settling.saturating_sub(u64::from(known.is_some()));
         let mut jumped = None;
         if let Some(known) = known {
-            // What is restless by itself says little of the machine. A measurement under suspicion is no
-            // noise of it.
+            // A restless configuration says little of the machine. A measurement under suspicion is no noise
+            // of it.
             if !client.speed.is_suspicious() {
                 client.own_noise = known.evidence.log_deviation(noise).max(noise);
             }

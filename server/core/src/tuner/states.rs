@@ -90,7 +90,7 @@ impl States {
         &self.known
     }
 
-    /// What was measured in one.
+    /// The results of one.
     pub(super) fn results(&self, id: StateId) -> &ResultTable {
         &self[id].results
     }
@@ -239,7 +239,7 @@ impl States {
         let state = &mut self.known[place(id)];
         let before = state.results.remembered();
         Arc::make_mut(&mut state.results).learn(trial, &self.default);
-        // Who brings measurements of many configurations along has searched the state, if not by our search.
+        // A client that brings measurements of many configurations has searched the state, if not by ours.
         state.explored |= state.results.is_searched_by_clients();
         self.remembered = self.remembered + state.results.remembered() - before;
         self.index.note(state);

@@ -123,7 +123,7 @@ impl Tuner {
         }
     }
 
-    /// What the decision of the client's visit comes to.
+    /// The trial that follows from the decision of the client's visit.
     fn by_policy(
         &mut self,
         ask: &Ask,

@@ -1,4 +1,4 @@
-//! What goes into the state machine of a study and what comes out of it.
+//! The inputs and outputs of the state machine of a study.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -84,7 +84,7 @@ pub struct Visit<C = Configuration> {
     pub since: u64,
     /// Explore or exploit.
     pub decision: VisitDecision<C>,
-    /// What exploring may cost the client, where the policy limits it.
+    /// The client's budget for exploring, where the policy limits it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub account: Option<Account>,
 }
@@ -92,7 +92,7 @@ pub struct Visit<C = Configuration> {
 /// A visit whose configuration has not been checked yet: as it is read from a table.
 pub type RawVisit = Visit<RawConfiguration>;
 
-/// What was decided for a visit (paper section 6).
+/// The decision for a visit (paper section 6).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VisitDecision<C = Configuration> {
@@ -177,7 +177,7 @@ pub struct Snapshot {
     pub models_since: u64,
 }
 
-/// What a tuner learnt from the completed trials up to one of them. Opaque; only an accelerator, see
+/// The knowledge of a tuner from the completed trials up to one of them. Opaque; only an accelerator, see
 /// [`crate::tuner::Restoring`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Checkpoint {
@@ -187,7 +187,7 @@ pub struct Checkpoint {
     pub bytes: Vec<u8>,
 }
 
-/// What would be exploited for given indicators.
+/// The exploitation for given indicators.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
     /// The configuration.
@@ -229,7 +229,7 @@ pub struct Best {
     pub trial: u64,
     /// When that was, in milliseconds of the caller's clock.
     pub last_measure_ms: i64,
-    /// What is proven of it.
+    /// How far it is proven.
     pub standing: Standing,
 }
 

@@ -1,4 +1,4 @@
-//! What the steps of the tuner look at, its parts joined for one purpose, and what its caller sees of them.
+//! Views of the tuner: its parts joined for one step each, and those for its caller.
 
 use std::collections::BTreeMap;
 

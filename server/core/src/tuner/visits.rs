@@ -34,7 +34,7 @@ impl Visits {
         self.of(client_id).map(|visit| StateId(visit.state_id))
     }
 
-    /// What exploring may still cost a client, where the policy limits it.
+    /// The account of a client's exploring, where the policy limits it.
     pub(super) fn account(&self, client_id: &str) -> Option<&Account> {
         self.of(client_id)?.account.as_ref()
     }

@@ -22,14 +22,14 @@ const RECORDS: usize = 640;
 /// Most of their configurations that say what can be run.
 const RUNS: usize = 64;
 
-/// What a search begins with.
+/// The warm start of a search.
 #[derive(Clone, Debug)]
 pub(super) struct WarmStart {
-    /// What the parameters do elsewhere.
+    /// The effects of parameters elsewhere.
     pub(super) main_effects: MainEffects,
     /// Points in the order in which they are run.
     pub(super) first: Vec<Vec<f64>>,
-    /// What ran and what failed elsewhere; nothing where nothing failed.
+    /// Configurations that ran and that failed elsewhere; empty where nothing failed.
     pub(super) runs: Vec<SourceRun>,
     /// The best fixed configuration of the other states, which is the incumbent here where it is not the
     /// default.
@@ -62,8 +62,8 @@ impl MeasuredElsewhere {
         Some(WarmStart { main_effects, first, runs: self.runs(space), incumbent })
     }
 
-    /// What ran and what failed in the nearest states, half of it each: each configuration by the nearest
-    /// that tried it.
+    /// Configurations that ran and that failed in the nearest states, half of each: each configuration by the
+    /// nearest that tried it.
     fn runs(&self, space: &Space) -> Vec<SourceRun> {
         let mut runs: Vec<SourceRun> = Vec::new();
         let nearest = &self.states[..self.states.len().min(STATES)];

@@ -45,7 +45,7 @@ impl ShiftedLog {
         SHIFTS.iter().map(view).collect()
     }
 
-    /// What a deviation in a view amounts to at the least cost, as a share of that cost.
+    /// A deviation in a view at the least cost, as a share of that cost.
     pub(crate) fn relative(&self, view: usize, deviation: f64) -> f64 {
         if self.least == 0.0 {
             0.0

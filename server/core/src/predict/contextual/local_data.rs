@@ -32,7 +32,7 @@ const TRUST: [f64; 3] = [1.0, 0.5, 0.25];
 
 /// Most failures that say what cannot be run.
 const FAILURES_MAX: usize = 64;
-/// What is explored can be run with this probability at least.
+/// Least probability that an explored configuration can be run.
 const EXPLORED_RUNS_LEAST: f64 = 0.5;
 /// Deviations that are taken off where an answer has to be surely good.
 const CAREFUL: f64 = -1.0;
@@ -49,7 +49,7 @@ pub(super) struct Asked<'a> {
 /// A state whose measurements are used.
 #[derive(Clone, Debug, PartialEq)]
 struct SourceState {
-    /// What the process sees of it.
+    /// Its features for the process.
     state: Vec<f64>,
     results: Arc<ResultTable>,
     /// The number of its measurements that count.
@@ -65,7 +65,7 @@ struct SourceState {
 pub(crate) struct LocalData {
     features: Arc<FeatureMap>,
     sources: Vec<SourceState>,
-    /// What the process sees of the asked state.
+    /// The features of the asked state.
     state: Vec<f64>,
     /// The table of the asked state.
     here: Option<Arc<ResultTable>>,
@@ -134,7 +134,7 @@ impl LocalData {
         (sample.len() >= ROWS_MIN).then_some(LocalSample { sample, values, warping, records })
     }
 
-    /// What ran and what failed near by.
+    /// Configurations that ran and that failed near by.
     fn running(&self, space: &Space) -> Running {
         let mut runs = Runs::default();
         let mut failures = FAILURES_MAX;
@@ -206,7 +206,7 @@ impl LocalData {
         })
     }
 
-    /// What is expected of one configuration.
+    /// The estimate of one configuration.
     pub(crate) fn estimate(
         &self,
         hyper: &Hyperparameters,

@@ -16,8 +16,8 @@ const CHANGES: usize = 40;
 /// Steps along a continuous axis over the climb.
 const RADII: Radii = Radii { first: 0.2, last: 0.01 };
 
-/// What is looked for: the least mean less `optimism` deviations, in the state of the context. More than zero
-/// looks for what may be good, less for what is surely good.
+/// The target: the least mean less `optimism` deviations, in the state of the context. Above zero it looks
+/// for points that may be good, below for surely good ones.
 pub(super) struct LowestBound<'a> {
     pub(super) process: &'a Process,
     pub(super) layout: &'a Layout,

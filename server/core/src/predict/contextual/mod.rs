@@ -65,7 +65,7 @@ struct Example {
     cost: f64,
 }
 
-/// What a process sees of states and configurations: indicators first, then the machine, then parameters.
+/// The features of states and configurations: indicators first, then the machine, then parameters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct FeatureMap {
     layout: Layout,
@@ -81,12 +81,12 @@ impl FeatureMap {
         Arc::new(FeatureMap { layout, kinds })
     }
 
-    /// What the process sees of a state on a machine.
+    /// The features of a state on a machine.
     fn state(&self, indicators: &[f64], origin: Origin) -> Vec<f64> {
         indicators.iter().map(|&x| draw_in(x)).chain([origin.node as f64]).collect()
     }
 
-    /// What the process sees of a point of the unit cube.
+    /// The features of a point of the unit cube.
     fn features(&self, point: &[f64]) -> Vec<f64> {
         let mut x = point.to_vec();
         let active = self.layout.canonical(&mut x);
@@ -130,14 +130,14 @@ impl HyperparameterUpdate {
     }
 }
 
-/// What [`Predictor::predict`] and [`Predictor::propose`] need to compute an answer apart from the study.
+/// The inputs of [`Predictor::predict`] and [`Predictor::propose`] for an answer apart from the study.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct FitRequest {
     data: LocalData,
     hyper: Hyperparameters,
     optimism: f64,
     neighbours: Vec<Neighbour>,
-    /// What is answered otherwise. `None` where something is looked for to learn of it.
+    /// The configuration that is answered otherwise. `None` for a point to explore.
     rival: Option<Configuration>,
     /// Names the random numbers: the study's seed, what for, which.
     random: (u64, u64, u64),
@@ -152,7 +152,7 @@ impl FitRequest {
         self.data.answer(&self.hyper, space, asked, &self.neighbours, random)
     }
 
-    /// The same beside another rival.
+    /// The request beside another rival.
     pub(crate) fn beside(self, rival: Configuration) -> Self {
         FitRequest { rival: self.rival.is_some().then_some(rival), ..self }
     }

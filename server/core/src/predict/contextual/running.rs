@@ -32,7 +32,7 @@ pub(super) struct Runs {
     pub(super) counts: Vec<f64>,
 }
 
-/// What is believed of points in one state.
+/// The belief about points in one state.
 pub(super) struct Running {
     model: Option<(Process, SharedFeatures)>,
     ran: usize,

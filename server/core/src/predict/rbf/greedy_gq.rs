@@ -68,7 +68,7 @@ impl Rbf {
         dot(&self.theta, phi)
     }
 
-    /// What a value amounts to. A value that is not positive belongs to no cost: the model knows nothing. The
+    /// The estimate of a value. A value that is not positive belongs to no cost: the model knows nothing. The
     /// deviation of the reward becomes that of its inverse to first order.
     fn expected(&self, value: f64) -> Option<Estimate> {
         let share = self.miss_2.sqrt() / value;

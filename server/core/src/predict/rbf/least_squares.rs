@@ -86,7 +86,7 @@ pub struct LeastSquares {
     candidates: Candidates,
 }
 
-/// What is expected of one value.
+/// The estimate of one value.
 #[derive(Clone, Copy, Debug)]
 struct ModelEstimate {
     mean: f64,
@@ -121,7 +121,7 @@ impl LeastSquares {
         phi.push(1.0);
     }
 
-    /// What each model of a machine's chain expects, with what it misses by there, the fleet's first.
+    /// The estimate of each model of a machine's chain, with its miss there, the fleet's first.
     fn chain(&self, phi: &[f64], origin: Origin) -> Vec<ModelEstimate> {
         let (node, group) = (self.nodes.get(&origin.node), self.groups.get(&origin.group));
         let misses = node.or(group).map(|member| member.misses);

@@ -21,7 +21,7 @@ pub(super) struct Solver {
     size: usize,
     /// Upper triangular, row after row, each row from its diagonal on.
     rows: Vec<f64>,
-    /// What the rows make of the values.
+    /// The right-hand side, a value for each row.
     right: Vec<f64>,
     /// The prior's weight against one lesson.
     prior: f64,

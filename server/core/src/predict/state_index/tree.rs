@@ -17,7 +17,7 @@ pub(super) struct KdTree {
     width: usize,
     /// Coordinates of point `i` at `i * width`.
     points: Vec<f64>,
-    /// What the caller calls point `i`.
+    /// The caller's name of point `i`.
     names: Vec<u32>,
     nodes: Vec<TreeNode>,
     /// Least and greatest coordinates of node `i` at `2 * i * width`.
@@ -240,7 +240,7 @@ impl KdTree {
             let (_, &mut at, _) =
                 slots.select_nth_unstable_by(middle, |a, b| x(a).total_cmp(&x(b)).then(a.cmp(b)));
             let mut cut = x(&at);
-            // What equals the cut goes above; below must not stay empty.
+            // Points at the cut go above; below must not stay empty.
             if !slots.iter().any(|slot| x(slot) < cut) {
                 cut = slots.iter().map(x).filter(|x| *x > cut).fold(f64::INFINITY, f64::min);
             }
@@ -292,7 +292,7 @@ mod tests {
 
     use super::*;
 
-    /// What a tree must answer, found by looking at every point.
+    /// The answer that a tree must give, found by looking at every point.
     fn nearest(
         points: &[Vec<f64>],
         state: &[f64],

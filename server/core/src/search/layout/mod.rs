@@ -17,7 +17,7 @@ use crate::search::layout::main_effects::MainEffects;
 use crate::space::{Domain, Space};
 use crate::value::Value;
 
-/// What an axis of the cube stands for.
+/// The meaning of an axis of the cube.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum AxisKind {
@@ -53,7 +53,7 @@ pub struct Layout {
     /// Axes that are left where they are, and where. Points that were measured elsewhere stay what they are.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     held: Vec<(usize, f64)>,
-    /// What other states predict of points. Rows of version 0.1.0 call it `guide`.
+    /// The prediction of points by other states. Rows of version 0.1.0 call it `guide`.
     #[serde(rename = "guide", default, skip_serializing_if = "Option::is_none")]
     main_effects: Option<MainEffects>,
 }
@@ -250,10 +250,10 @@ impl Layout {
         true
     }
 
-    /// What a model sees of a canonical point: the place of each value by size in 0..1, the cell of a
-    /// choice without order, [`INACTIVE`] where the axis does not count. Choices among more than two numbers
-    /// are seen twice, by size and by cell: values such as block sizes follow their order in part only, and
-    /// the model weighs the two.
+    /// The features of a canonical point: the place of each value by size in 0..1, the cell of a choice
+    /// without order, [`INACTIVE`] where the axis does not count. Choices among more than two numbers are
+    /// seen twice, by size and by cell: values such as block sizes follow their order in part only, and the
+    /// model weighs the two.
     pub(crate) fn features(&self, x: &[f64], active: &[bool]) -> Vec<f64> {
         let feature = |index: usize| match &self.axes[index].kind {
             _ if !active[index] => INACTIVE,

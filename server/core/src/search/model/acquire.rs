@@ -12,7 +12,7 @@ use crate::search::layout::Layout;
 pub(super) struct EstimatedPoint {
     /// Canonical coordinates.
     pub(super) x: Vec<f64>,
-    /// What the model makes of its cost.
+    /// Its cost by the model.
     pub(super) believed: f64,
 }
 
@@ -75,7 +75,7 @@ impl Acquisition<'_> {
         if improvement <= floor { f64::NEG_INFINITY } else { improvement + self.log_feasible(&features) }
     }
 
-    /// What an improvement counts, as a logarithm, by the probability that it can be run.
+    /// The weight of an improvement, as a logarithm, by the probability that it can be run.
     pub(super) fn log_feasible(&self, features: &[f64]) -> f64 {
         let runs = self.feasible(features);
         FEASIBLE_WEIGHT * libm::log(runs) - if runs < FEASIBLE_WANTED { UNWANTED } else { 0.0 }

@@ -114,10 +114,10 @@ pub struct ModelSearch {
     pending: PendingPoints,
     /// Points of the initial design that were not asked yet.
     queue: VecDeque<Vec<f64>>,
-    /// What did well in other states, and comes before the design.
+    /// Points that did well in other states, and come before the design.
     #[serde(default, skip_serializing_if = "VecDeque::is_empty")]
     elsewhere: VecDeque<Vec<f64>>,
-    /// What ran and what failed in other states.
+    /// Configurations that ran and that failed in other states.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     runs_elsewhere: Vec<RunElsewhere>,
     /// The default was not asked yet, because something came before it.
@@ -427,7 +427,7 @@ impl ModelSearch {
     }
 }
 
-/// What was measured, as a model of cost sees it.
+/// The measured points, as a model of cost sees them.
 fn known(measured: &[&ModelledPoint], cost: Option<&Process>) -> Vec<EstimatedPoint> {
     let believed = |place: &ModelledPoint| match (cost, place.observed) {
         // A point that was stopped early is never the best.

@@ -1,4 +1,4 @@
-//! What the measurements of a point say of its cost.
+//! The measurements of a point, as observations of its cost.
 
 use serde::{Deserialize, Serialize};
 

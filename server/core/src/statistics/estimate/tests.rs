@@ -21,7 +21,7 @@ fn unordered(log_costs: &[f64]) -> Vec<Measurement> {
     log_costs.iter().map(|&log_cost| Measurement { log_cost, moment: None }).collect()
 }
 
-/// What a search leaves behind that falls for luck: a quarter at random, then steps from the lowest mean.
+/// The samples of a search that falls for luck: a quarter at random, then steps from the lowest mean.
 fn searched(
     truth: impl Fn(&[f64]) -> f64,
     dimension: usize,

@@ -1,4 +1,4 @@
-//! What a linear model sees of a configuration: each parameter's part apart from all others.
+//! The features of a configuration for a linear model: each parameter's part apart from all others.
 
 use crate::configuration::Configuration;
 use crate::space::{Domain, Parameter, Space};
@@ -73,7 +73,7 @@ pub(super) fn of(space: &Space, parts: &[ParameterFeatures], configuration: &Con
     features
 }
 
-/// What one parameter's features would be at each of its values, or at places spread over its range.
+/// One parameter's features at each of its values, or at places spread over its range.
 pub(super) fn alternatives(space: &Space, part: &ParameterFeatures) -> Vec<Vec<f64>> {
     let parameter = &space.parameters()[part.axis];
     let values: Vec<Value> = match &parameter.domain {

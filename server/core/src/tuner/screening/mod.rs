@@ -53,7 +53,7 @@ struct ScreenedState {
     last: u64,
 }
 
-/// What the search of a state leaves out. ParameterFeatures of what is stored of it.
+/// The parameters that the search of a state holds. Stored with the search.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct HeldParameters {
     /// The number of tried configurations at the decision.

@@ -78,7 +78,7 @@ impl Effects {
     }
 }
 
-/// What is common to the effects of all states.
+/// The common part of the effects of all states.
 #[derive(Clone, Debug)]
 pub(super) struct Common {
     mean: Vec<f64>,
@@ -99,7 +99,7 @@ const NOISE_LEAST: f64 = 1e-4;
 const STEPS: usize = 8;
 
 impl Common {
-    /// What is known before any trial.
+    /// The prior, before any trial.
     fn prior(width: usize) -> Self {
         let mut spread = vec![EFFECT_PRIOR * EFFECT_PRIOR; width];
         spread[0] = CONSTANT_PRIOR;

@@ -1,4 +1,4 @@
-//! What an answer may be: something that was measured and works.
+//! Possible answers: configurations that were measured and work.
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -84,8 +84,8 @@ impl RandomWorld {
         }
     }
 
-    /// What may be answered where only measurements count: what ran in the state; where nothing did, what
-    /// ran in another and did not fail here, or the default.
+    /// Checks an answer where only measurements count: it ran in the state. Where nothing did, it ran in
+    /// another and did not fail here, or is the default.
     fn assert_measured(&self, trial: &Trial) {
         let of =
             |book: &BTreeMap<u64, Vec<Configuration>>| book.get(&trial.state_id).cloned().unwrap_or_default();

@@ -19,7 +19,7 @@ fn policies() -> Vec<Policy> {
     ]
 }
 
-/// What an answer's mode allows its rule to be.
+/// Whether an answer's mode allows its rule.
 fn agree(mode: Mode, rule: Option<Rule>) -> bool {
     use Rule::{
         Budget, Confirming, Exploit, Explore, Finished, Frozen, Gain, Incumbent, NothingKnown, RolledBack,

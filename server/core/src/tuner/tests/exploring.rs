@@ -180,7 +180,7 @@ fn a_search_is_dropped_once_its_budget_is_spent_and_goes_on_from_the_table_when_
         assert!(exploration.pack().len() < 64, "{}", exploration.pack().len());
         let tried = tuner.states.results(StateId(1)).tried() as u64;
         assert!(tried + exploration.repeats() >= 12);
-        // What follows writes no search any more.
+        // Later changes write no search any more.
         let (trial, change) = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid");
         assert_eq!(change.states, []);
         finish(&mut tuner, &trial, Outcome::Ok);

@@ -1,4 +1,4 @@
-//! What machines learn from each other, and what they do not.
+//! Learning between machines, and its limits.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -30,7 +30,7 @@ impl Node {
         Ask { fingerprint: Some(fingerprint), ..ask(&client, 0.6, 0.5) }
     }
 
-    /// What a configuration costs here, without noise.
+    /// The cost of a configuration here, without noise.
     fn cost(&self, trial: &Trial) -> f64 {
         let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
         let (width, least, most) = (number("width"), number("min_leaf_size"), number("max_leaf_size"));

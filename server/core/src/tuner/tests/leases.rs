@@ -141,7 +141,7 @@ fn the_silence_of_a_client_that_never_showed_that_it_lives_outlaws_nothing() {
         let again = tuner.suggest(&ask("shell", 0.5, 0.5), now_ms).expect("valid").0;
         assert_eq!(again.configuration, first.configuration, "it is still worth a try");
     }
-    // Who has sessions lives as long as one of them, and who gives a trial back has said goodbye.
+    // A client with sessions lives as long as one of them, and one that gives a trial back has said goodbye.
     let session = Ask { session: 7, ..ask("program", 0.5, 0.5) };
     for lost in 0..3 {
         let trial = tuner.suggest(&session, now_ms).expect("valid").0;

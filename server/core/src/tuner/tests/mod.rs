@@ -1,4 +1,4 @@
-//! What the state machine promises its clients, one promise a test; here the study they share.
+//! The promises of the state machine to its clients, one a test; here the study they share.
 
 mod answers;
 mod budget;

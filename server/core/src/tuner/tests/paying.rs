@@ -105,7 +105,7 @@ fn a_state_that_nobody_met_is_answered_with_what_serves_the_others_best() {
     let told = tuner.measured_answer(&[0.95, 0.9], None, &Planned::AtOnce).asked();
     assert_eq!((told.reason().source.as_str(), told.mode()), ("portfolio", Mode::Exploit));
     assert!(!told.reason().neighbours.is_empty());
-    // Who explores begins with it, and then runs the default.
+    // A client that explores begins with it, and then runs the default.
     let first = suggest(&mut tuner, "b", 0.95, 0.9);
     assert_eq!((&first.configuration, first.reason().step.as_str()), (&told.configuration, "elsewhere"));
     finish(&mut tuner, &first, Outcome::Ok);

@@ -36,7 +36,7 @@ impl World {
         }
     }
 
-    /// What a configuration costs on a quiet machine.
+    /// The cost of a configuration on a quiet machine.
     fn truth(&self, configuration: &Configuration) -> f64 {
         let number = |name: &str| configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
         let leaves = ((number("max_leaf_size") - 6.0) / 10.0).powi(2);

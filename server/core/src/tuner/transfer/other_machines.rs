@@ -1,4 +1,4 @@
-//! What other machines know of a state: the same input, measured elsewhere.
+//! Results of other machines for a state: the same input, measured elsewhere.
 //!
 //! Machines differ by a factor above all, so costs are compared as logarithms, less that factor. It comes
 //! from the configurations that both machines measured in this state (the default is the first of them), else
@@ -39,7 +39,7 @@ const ASK_EVERY: usize = 8;
 struct OtherMachine {
     state: StateId,
     level: MachineLevel,
-    /// What to add to the logarithm of a cost there.
+    /// The term to add to the logarithm of a cost there.
     shift: f64,
     /// Both have measured something, so that the shift rests on this very state.
     shared: bool,
@@ -82,7 +82,7 @@ fn log(cost: f64) -> f64 {
     libm::log(cost.max(REWARD_COST_MIN))
 }
 
-/// What was measured of a configuration that can be run.
+/// The measurements of a configuration that can be run.
 fn measured<'a>(states: &'a States, state: StateId, configuration: &Configuration) -> Option<&'a Record> {
     let record = states.results(state).record(configuration)?;
     (record.measurements > 0 && !record.infeasible).then_some(record)
@@ -130,7 +130,7 @@ impl<'a> OtherMachines<'a> {
         self.peers.is_empty()
     }
 
-    /// What the peers of a level measured of a configuration, as it would be here.
+    /// The peers' estimate of a configuration at a level, as it would be here.
     fn by_level(&self, level: MachineLevel, configuration: &Configuration) -> Option<LevelEstimate> {
         let (mut sum, mut precision, mut machines, mut measurements) = (0.0, 0.0, 0, 0);
         for peer in self.peers.iter().filter(|peer| peer.level == level) {
@@ -199,8 +199,8 @@ impl<'a> OtherMachines<'a> {
 }
 
 impl Transfer<'_> {
-    /// What other machines found best in this state, as long as that counts for more than what the machine
-    /// measured itself.
+    /// The best configuration of other machines in this state, as long as that counts for more than the
+    /// machine's own measurements.
     pub(in crate::tuner) fn best_by_machines(&self, state: StateId) -> Option<Exploitation> {
         let peers = OtherMachines::of(self.states, self.spec.space.default_ref(), state);
         if peers.is_empty() {
