@@ -70,8 +70,8 @@ impl CredentialArguments {
     }
 }
 
-/// The same command, for which a variable that is set and empty is as one that is not set: `VARIABLE=` in a
-/// file of settings, or `${VARIABLE:-}` in one for containers, means just that.
+/// The command, for which an empty variable is as one that is not set: `VARIABLE=` in a file of settings, or
+/// `${VARIABLE:-}` in one for containers, means just that.
 pub fn without_empty_variables(command: clap::Command) -> clap::Command {
     let command = command.mut_args(|argument| {
         let value = argument.get_env().and_then(std::env::var_os);

@@ -70,7 +70,7 @@ impl<T> OpenEnum<T> {
         }
     }
 
-    /// The same without taking it.
+    /// The known value, by reference.
     pub fn as_known(&self) -> Option<&T> {
         match self {
             OpenEnum::Known(value) => Some(value),

@@ -79,8 +79,8 @@ pub struct Standing {
     pub speedup: Summary,
     /// `frame_ms` round by round.
     pub rounds_ms: Vec<f64>,
-    /// The same without the time in which threads waited for processors, by which anybody can be compared
-    /// with anybody.
+    /// `rounds_ms` without the time in which threads waited for processors, which compares any two
+    /// contenders.
     pub undelayed_ms: Vec<f64>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
@@ -117,7 +117,7 @@ impl Measured {
         costs(&self.times(), frames_per_build)
     }
 
-    /// The same without the time in which threads waited for a processor, as far as that is known.
+    /// Frame times without the time in which threads waited for a processor, as far as that is known.
     fn undelayed_ms(&self, frames_per_build: u32) -> Vec<f64> {
         if self.undelayed_render_ms.len() != self.render_ms.len() {
             return self.frame_ms(frames_per_build);

@@ -139,7 +139,7 @@ where
     }
 }
 
-/// The same answer, unless its code is one that the gRPC library should not have given.
+/// The answer, with another code where the gRPC library should not have given its own.
 fn corrected(response: Response<Body>) -> Response<Body> {
     match Status::from_header_map(response.headers()) {
         Some(status) if status.code() == Code::Internal => {

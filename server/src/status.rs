@@ -172,7 +172,7 @@ impl From<Error> for Status {
     }
 }
 
-/// The same inside a stream that stays open.
+/// An error inside a stream that stays open.
 impl From<Error> for TuneError {
     fn from(error: Error) -> Self {
         let retry_after_ms = retry_after(&error).map(|wait| wait.as_millis().try_into().unwrap_or(i64::MAX));

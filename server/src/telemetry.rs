@@ -62,7 +62,7 @@ impl<W: Write> Write for Blotting<W> {
     }
 }
 
-/// The same without secrets, if there are any.
+/// The bytes without secrets; `None` if there are none.
 fn blotted(bytes: &[u8]) -> Option<Vec<u8>> {
     let mark = TOKEN_MARK.as_bytes();
     let mut clean: Option<Vec<u8>> = None;

@@ -333,7 +333,7 @@ impl<R: Read + AsFd> Tail<R> {
         String::from_utf8_lossy(&Vec::from(self.kept)).into_owned()
     }
 
-    /// The same without a line whose beginning was dropped: what is left of it may look like something else.
+    /// The text without a line whose beginning was dropped: its rest may look like something else.
     fn lines(self) -> String {
         let is_cut = self.is_cut;
         let text = self.text();

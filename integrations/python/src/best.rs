@@ -68,7 +68,7 @@ impl Best {
         self.gain().map(|gain| (gain.low, gain.high))
     }
 
-    /// With which probability it costs less than the default, where that can be told.
+    /// The probability that it costs less than the default, where that is known.
     #[getter]
     fn probability_better(&self) -> Option<f64> {
         self.gain().and_then(|gain| gain.probability_better)

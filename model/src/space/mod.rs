@@ -303,7 +303,7 @@ impl Space {
         self.default.clone()
     }
 
-    /// The same without a copy.
+    /// The default configuration, by reference.
     pub fn default_ref(&self) -> &Configuration {
         &self.default
     }

@@ -9,7 +9,7 @@ pub fn timestamp_to_wire(ms: i64) -> Timestamp {
     Timestamp { seconds: ms.div_euclid(1000), nanos: (ms.rem_euclid(1000) * 1_000_000) as i32 }
 }
 
-/// The same back, rounded down to a millisecond. Times that do not fit are the furthest that do.
+/// Milliseconds since 1970, rounded down. Times that do not fit are the furthest that do.
 #[must_use]
 pub fn timestamp_from_wire(wire: Timestamp) -> i64 {
     wire.seconds.saturating_mul(1000).saturating_add(i64::from(wire.nanos).div_euclid(1_000_000))

@@ -15,7 +15,7 @@ use treewright_accel::{Hit, Instance, Ray};
 /// that offsets of this order hold for every coordinate range.
 const OFFSET_OF_POSITION: f32 = 64.0 * f32::EPSILON;
 
-/// The same relative to the triangle's longest edge: an intersection test loses that much of it.
+/// That offset relative to the triangle's longest edge: an intersection test loses that much of it.
 const OFFSET_OF_EDGE: f32 = 8.0 * f32::EPSILON;
 
 /// Scale of a normal's components as 16-bit integers: a direction good to 3e-5, which no picture shows.

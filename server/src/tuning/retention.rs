@@ -60,7 +60,7 @@ impl Tuning {
         self.thin_beyond(keep, MODELS_TRIALS_MAX).await;
     }
 
-    /// The same where a change of predictor asks for no more than `models` completed trials.
+    /// Removes old trials where a change of predictor asks for no more than `models` completed trials.
     pub async fn thin_beyond(&self, keep: u64, models: u64) {
         for (study, runtime) in self.in_memory() {
             let Some(due) = runtime.peek(|live| live.take_thinning(keep, models)).flatten() else {

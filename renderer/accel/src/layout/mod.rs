@@ -5,11 +5,11 @@
 //! Leaves hold the triangles themselves, ready for a test of all lanes at once, so that no index is
 //! followed on the way of a ray.
 //!
-//! | bytes | 2 | 4 | 8 | 16 |
+//! | bytes, by number of children or triangles | 2 | 4 | 8 | 16 |
 //! |---|---|---|---|---|
-//! | a full node of so many children | 64 | 128 | 256 | 512 |
+//! | a full node | 64 | 128 | 256 | 512 |
 //! | a quantised node | | | 128 | 256 |
-//! | a block of so many triangles | | 160 | 320 | |
+//! | a block | | 160 | 320 | |
 
 mod block;
 mod bounds;

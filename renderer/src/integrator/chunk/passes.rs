@@ -151,7 +151,7 @@ fn pick_lamps(columns: &mut Columns, lights: &Lights, sun_share: f32, lanes: Ran
     }
 }
 
-/// The same where a table of the whole sky or lights without size are asked.
+/// Samples lights where a table of the whole sky or lights without size are asked.
 #[inline(always)]
 fn light_one_by_one(columns: &mut Columns, lights: &Lights, lanes: Range<usize>) {
     let Columns { arrivals, numbers, surfaces, sampled, lit, .. } = columns;
