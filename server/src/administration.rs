@@ -41,7 +41,7 @@ impl TokenCommandError {
     }
 }
 
-/// What a command has to say: for standard output, and for the person before the screen.
+/// The output of a command: for standard output, and for the person before the screen.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct CommandOutput {
     /// The result.

@@ -34,7 +34,7 @@ pub enum DaemonError {
     Listen {
         /// The address.
         address: SocketAddr,
-        /// What the system said.
+        /// The system's error.
         problem: std::io::Error,
     },
     /// The Unix socket cannot be had.
@@ -42,7 +42,7 @@ pub enum DaemonError {
     Socket {
         /// The socket.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         problem: std::io::Error,
     },
     /// A socket that the system has opened must not be served.
@@ -53,7 +53,7 @@ pub enum DaemonError {
     Metrics {
         /// The address.
         address: SocketAddr,
-        /// What the system said.
+        /// The system's error.
         problem: std::io::Error,
     },
     /// The address for the dashboard cannot be had.
@@ -63,7 +63,7 @@ pub enum DaemonError {
     Dashboard {
         /// The address.
         address: SocketAddr,
-        /// What the system said.
+        /// The system's error.
         problem: std::io::Error,
     },
     /// The database cannot be had.

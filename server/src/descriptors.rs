@@ -40,7 +40,7 @@ impl DescriptorShares {
 /// Raises the limit as far as the system allows, and says what it is then and what it was.
 ///
 /// # Errors
-/// What the system says.
+/// The system's error.
 pub fn raise() -> std::io::Result<(usize, usize)> {
     let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE)?;
     let count = |limit: u64| usize::try_from(limit).unwrap_or(usize::MAX);

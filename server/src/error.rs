@@ -15,7 +15,7 @@ pub enum Error {
     Invalid {
         /// Which, as a path in the request message.
         field: String,
-        /// What is wrong and what would be right.
+        /// The mistake, and how to mend it.
         problem: String,
     },
     /// The tuner refuses.
@@ -24,12 +24,12 @@ pub enum Error {
     /// The store refuses.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// What is stored does not make a tuner.
+    /// The stored rows do not make a tuner.
     #[error("study {study:?}: {problem}")]
     Restore {
         /// The study.
         study: String,
-        /// What does not fit.
+        /// The inconsistency.
         problem: RestoreError,
     },
     /// The request is for a study that is gone, though its name is in use.
@@ -74,7 +74,7 @@ pub enum Error {
     /// Too much at once.
     #[error("the daemon is working on {limit} {what}, which is its limit; try again later")]
     Busy {
-        /// What is counted.
+        /// The counted things.
         what: &'static str,
         /// The limit.
         limit: usize,
@@ -91,7 +91,7 @@ pub enum Error {
     /// The token's quota is used up.
     #[error("the token's quota of {limit} {what} is used up")]
     Quota {
-        /// What is counted.
+        /// The counted things.
         what: &'static str,
         /// The greatest number.
         limit: u64,

@@ -11,7 +11,7 @@ use std::os::fd::RawFd;
 /// Standard input, output and error.
 const STANDARD: RawFd = 2;
 
-/// What systemd sets for a process to which it hands sockets (`sd_listen_fds(3)`).
+/// The variable that systemd sets for a process to which it hands sockets (`sd_listen_fds(3)`).
 const HANDED_OVER: &str = "LISTEN_FDS";
 
 /// Closes every descriptor but the three standard ones, unless systemd handed some over. To be called before

@@ -33,7 +33,7 @@ pub const CONNECTIONS_MIN: usize = 16;
 /// together.
 pub const UNFINISHED_BYTES: usize = 128 << 20;
 
-/// What a request takes up besides its headers and its message, in bytes: its stream, its task, its span.
+/// Memory of a request besides its headers and its message, in bytes: its stream, its task, its span.
 pub const REQUEST_HEAD_BYTES: usize = 4 << 10;
 
 /// A message up to this size, in bytes, leaves no room behind that is worth counting.

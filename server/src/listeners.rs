@@ -83,7 +83,7 @@ impl Listeners {
     /// Listens on a TCP address as well.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system's error.
     pub async fn bind_tcp(&mut self, address: SocketAddr) -> io::Result<()> {
         self.tcp.push(TcpListener::bind(address).await?);
         Ok(())

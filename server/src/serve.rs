@@ -46,7 +46,7 @@ pub enum ServeError {
 pub struct Options {
     /// How long requests may take to finish at the end.
     pub drain: Duration,
-    /// Who may enter; without it, everybody.
+    /// Access control; without it, everybody may enter.
     pub access: Option<Arc<Access>>,
     /// With which certificates; without them, in plain text.
     pub tls: Option<Arc<Tls>>,

@@ -1,6 +1,6 @@
 //! The one place where errors become gRPC status codes, as the comments of the wire contract promise.
 //!
-//! What passes with time says when to try again: a `google.rpc.RetryInfo` in the status' details, and
+//! Errors that pass with time say when to try again: a `google.rpc.RetryInfo` in the status' details, and
 //! `retry_after_ms` in an error inside a stream.
 
 use std::time::Duration;

@@ -43,7 +43,7 @@ pub enum TlsError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         problem: std::io::Error,
     },
     /// A file is not what it should be.
@@ -51,7 +51,7 @@ pub enum TlsError {
     Content {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The mistake.
         problem: String,
     },
     /// The parts do not fit each other.
@@ -61,7 +61,7 @@ pub enum TlsError {
         certificate: PathBuf,
         /// The key's file.
         key: PathBuf,
-        /// What is wrong.
+        /// The mistake.
         problem: String,
     },
 }
@@ -90,7 +90,7 @@ struct Made {
 pub struct Tls {
     files: TlsFiles,
     current: RwLock<Made>,
-    /// What was last looked at, usable or not.
+    /// The contents that were last looked at, usable or not.
     seen: Mutex<Contents>,
 }
 
@@ -206,7 +206,7 @@ impl TlsFiles {
         let provider = Arc::new(ring::default_provider());
         let chain = certificates(&self.certificate, &contents.certificate)?;
         let key = PrivateKeyDer::from_pem_slice(&contents.key)
-            // Whatever could be said of it might quote it.
+            // An error message might quote it.
             .map_err(|_| content(&self.key, "no private key in PEM".to_owned()))?;
         // Every gRPC library of the last years speaks 1.3, and what it left behind need not be guarded.
         let builder = ServerConfig::builder_with_provider(Arc::clone(&provider))

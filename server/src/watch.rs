@@ -25,7 +25,7 @@ use crate::{limits, maintenance};
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 const PLAIN: &str = "text/plain; charset=utf-8";
 
-/// What is looked at when somebody asks.
+/// The parts that are looked at for each request.
 pub(crate) struct Watched {
     pub(crate) tuning: Arc<Tuning>,
     pub(crate) store: Arc<dyn Store>,

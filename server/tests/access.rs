@@ -119,7 +119,7 @@ async fn without_a_good_token_nobody_gets_in() {
     }
     let mut caller = guarded.showing(Some(format!("bearer {}", good.text()))).await;
     caller.list_studies(wire::ListStudiesRequest::default()).await.expect("let in");
-    // Who balances load asks without a token.
+    // A load balancer asks without a token.
     let mut health = tonic_health::pb::health_client::HealthClient::new(guarded.server.channel().await);
     health.check(tonic_health::pb::HealthCheckRequest::default()).await.expect("answered");
     guarded.server.stop().await;

@@ -102,7 +102,7 @@ fn quiet_week() -> Week {
 /// Something that happens, and the alert that is to fire for it.
 struct Event {
     alert: &'static str,
-    /// What the series hold in place of a quiet week's; none where those of another event do.
+    /// The figures of the series in place of a quiet week's; none where those of another event hold.
     series: Vec<(&'static str, Figures)>,
     /// The last minute before it.
     begins: usize,
@@ -236,7 +236,7 @@ fn notation(figures: &[f64]) -> String {
     text
 }
 
-/// What is asked of an alert at a minute.
+/// A question about an alert at a minute.
 fn asked(alert: &str, minute: usize, fires: bool, labels: &str) -> String {
     let expected = if fires { format!("[{{exp_labels: {{{labels}}}}}]") } else { "[]".to_owned() };
     // promtool compares annotations as well, of which no rule here is asked.
@@ -259,7 +259,7 @@ fn rules_by_alert() -> BTreeMap<String, Value> {
 /// The labels that an alert fires with.
 fn labels(rule: &Value) -> String {
     let severity = rule["labels"]["severity"].as_str().expect("a severity");
-    // What is summed by instance has no other label.
+    // A sum by instance has no other label.
     let is_summed = rule["expr"].as_str().expect("an expression").contains("by (instance");
     let job = if is_summed { "" } else { ", job: treewright" };
     format!("severity: {severity}, instance: 'a:9464'{job}")

@@ -37,8 +37,8 @@ fn text(value: &Value) -> &str {
     value.as_str().unwrap_or_else(|| panic!("{value} is no text"))
 }
 
-/// What the daemon makes of these arguments and variables. The variables are put as the options that they
-/// stand for, since a test must not change its own environment.
+/// The daemon's configuration from these arguments and variables. The variables are put as the options that
+/// they stand for, since a test must not change its own environment.
 fn understood(arguments: &[String], variables: &BTreeMap<String, String>) -> ServeConfig {
     let password = tempfile::NamedTempFile::new().expect("a scratch file");
     let command = Cli::command();

@@ -1,4 +1,4 @@
-//! Who holds which trial: leases that end, are renewed or given back, and clients that race.
+//! The holders of trials: leases that end, are renewed or given back, and clients that race.
 
 mod common;
 

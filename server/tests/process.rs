@@ -12,7 +12,7 @@ struct Daemon {
 
 fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_treewrightd"));
-    // What the developer has set must not reach the test.
+    // The developer's settings must not reach the test.
     for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("TREEWRIGHT_")) {
         command.env_remove(name);
     }

@@ -36,7 +36,7 @@ async fn replicas(database: &Database) -> ([Server; 3], [Client; 3]) {
     (servers, clients)
 }
 
-/// What replicas show each other, read from where they find it.
+/// The key that replicas show each other, read from where they find it.
 async fn replica_key(database: &Database) -> String {
     let found = sqlx::query_scalar("SELECT key FROM replica_key");
     let key: Vec<u8> = found.fetch_one(&mut database.connect().await).await.expect("there is a key");
@@ -81,7 +81,7 @@ async fn any_replica_answers_for_all() {
     let expected: Vec<String> = (1..=4).map(|number| format!("studies/hall/trials/{number}")).collect();
     assert_eq!(names, expected);
 
-    // What changes a study, or rests on its tuner, finds its way as well.
+    // Requests that change a study, or rest on its tuner, find their way as well.
     let best = wire::GetBestRequest { study: "studies/hall".to_owned(), ..wire::GetBestRequest::default() };
     assert!(
         third.get_best(best).await.expect("a best").into_inner().trial.starts_with("studies/hall/trials/")
@@ -190,7 +190,7 @@ async fn a_request_is_passed_on_once() {
     let status = refused.expect_err("not passed on again");
     assert_eq!(status.code(), Code::Unavailable);
     assert!(status.message().contains("is held by the replica at http://127.0.0.1:"), "{status}");
-    // Who only says that it is a replica is treated as what it is.
+    // A client that only says that it is a replica is treated as a client.
     for lie in ["1", "", &key[..key.len() - 1], "tw1_replicas_"] {
         second.suggest(marked(lie)).await.expect("passed on");
     }

@@ -1,4 +1,4 @@
-//! What a session wants for itself holds for its own answers, and leaves nothing behind.
+//! A session's own policy holds for its own answers, and leaves nothing behind.
 
 mod common;
 

@@ -306,7 +306,7 @@ async fn who_names_a_study_by_its_identity_does_not_notice_that_it_is_renamed() 
     let name = format!("studies/loft@{}/trials", study.uid);
     assert_eq!(done.trial.expect("the trial").name, format!("{name}/1"));
     assert_eq!(client.suggest(ask()).await.expect("a trial").into_inner().name, format!("{name}/3"));
-    // Who goes by the name has to learn the new one; its trial may be of whatever was called so before.
+    // A client that goes by the name has to learn the new one; its trial may be of a later study.
     let answer = client.report(common::report(&plain.name, 7.0)).await;
     assert_refused(answer, Code::NotFound, "study \"hall\" does not exist");
     create(&mut client, "hall").await;

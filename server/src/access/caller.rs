@@ -1,5 +1,5 @@
-//! Who sent a request: anybody, where no tokens are asked for, or the holder of a token, whose rights and
-//! quotas it then carries to where the request is understood.
+//! The sender of a request: anybody, where no tokens are asked for, or the holder of a token, whose rights
+//! and quotas it then carries to where the request is understood.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
@@ -14,7 +14,7 @@ use crate::clock::Clock;
 use crate::error::Error;
 use crate::limits;
 
-/// Who sent a request. Cheap to clone.
+/// The sender of a request. Cheap to clone.
 #[derive(Clone, Debug)]
 pub enum Caller {
     /// No tokens are asked for.
@@ -36,7 +36,7 @@ pub struct Holder {
     refused: AtomicU64,
 }
 
-/// What the token has used, as far as this daemon knows.
+/// The usage of the token, as far as this daemon knows.
 #[derive(Clone, Copy, Debug, Default)]
 struct Used {
     day: i64,

@@ -1,4 +1,4 @@
-//! Who may enter: reads the token that a request shows, and keeps a copy of the stored ones in memory.
+//! Access control: reads the token that a request shows, and keeps a copy of the stored ones in memory.
 //!
 //! [`token`] is the form of a token, [`rules`] what each RPC needs, [`caller`] who was let in and what they
 //! may still use, `rate` counts requests a second.
@@ -209,7 +209,7 @@ pub enum Authorization<'a> {
     Missing,
     /// It is not a bearer token, or there are several.
     Malformed,
-    /// What stands behind `Bearer`.
+    /// The text behind `Bearer`.
     Bearer(&'a str),
 }
 

@@ -3,7 +3,7 @@
 
 use treewright_store::tokens::Scope;
 
-/// What must be shown to be let in.
+/// The credential that a request needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
     /// Nothing: load balancers may ask whether the daemon serves.
@@ -19,7 +19,7 @@ pub struct AccessRule {
     pub path: &'static str,
     /// The name in logs and metrics.
     pub rpc: &'static str,
-    /// What must be shown.
+    /// The credential that it needs.
     pub need: Need,
 }
 

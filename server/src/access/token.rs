@@ -11,7 +11,7 @@ use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use sha2::{Digest as _, Sha256};
 use subtle::ConstantTimeEq as _;
 
-/// What every token begins with: a mark by which leaked ones can be searched for, and the version of the
+/// The beginning of every token: a mark by which leaked ones can be searched for, and the version of the
 /// form.
 pub const TOKEN_MARK: &str = "tw1_";
 
@@ -63,7 +63,7 @@ impl Token {
         format!("{TOKEN_MARK}{}_{}", self.id, URL_SAFE_NO_PAD.encode(self.secret))
     }
 
-    /// What is stored of the secret.
+    /// The stored hash of the secret.
     #[must_use]
     pub fn hash(&self) -> [u8; 32] {
         Sha256::digest(self.secret).into()

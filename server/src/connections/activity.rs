@@ -1,4 +1,4 @@
-//! What happens on a connection, and until when something must.
+//! Activity on a connection, and the time limits for it.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::Context;
@@ -12,7 +12,7 @@ use crate::limits;
 /// Bytes with which every HTTP/2 connection begins (RFC 9113, section 3.4).
 const PREFACE_BYTES: u64 = 24;
 
-/// What happens on a connection: shared by it and its requests.
+/// Activity on a connection, shared by it and its requests.
 #[derive(Debug)]
 pub(crate) struct Activity {
     opened: Instant,

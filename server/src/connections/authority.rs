@@ -151,7 +151,7 @@ struct Fields {
     is_huffman: bool,
 }
 
-/// What comes next.
+/// The next part.
 #[derive(Clone, Copy, Debug, Default)]
 enum Part {
     #[default]

@@ -30,7 +30,7 @@ struct Messages {
     missing: usize,
     /// Size of the message under way, in bytes.
     under_way: usize,
-    /// What the largest one took up, whose room the gRPC library keeps for those that follow.
+    /// Size of the largest one, whose room the gRPC library keeps for those that follow.
     kept: usize,
 }
 

@@ -51,7 +51,7 @@ pub(crate) struct Connection {
     metrics: Option<Arc<Metrics>>,
 }
 
-/// What carries the bytes: TCP, TLS over it, or a Unix socket.
+/// The carrier of the bytes: TCP, TLS over it, or a Unix socket.
 trait Transport: AsyncRead + AsyncWrite + Send + Unpin {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Unpin> Transport for T {}

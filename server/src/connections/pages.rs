@@ -22,7 +22,7 @@ use super::pause;
 use super::slots::{ConnectionLimits, ConnectionSlot, ConnectionSlots};
 use crate::limits;
 
-/// What answers on such a listener.
+/// The answers on such a listener.
 pub(crate) trait Pages: Send + Sync + 'static {
     /// The body of an answer.
     type Body: hyper::body::Body<Data = Bytes, Error = Infallible> + Send + 'static;
@@ -67,7 +67,7 @@ pub(crate) async fn serve<P: Pages>(listener: TcpListener, pages: P, connections
                 .keep_alive(P::KEEPS_ALIVE)
                 .serve_connection(TokioIo::new(stream), service);
             tokio::select! {
-                // Whatever went wrong is the asker's affair.
+                // An error is the asker's affair.
                 _ = timeout(P::STAY, served) => {}
                 () = slot.dismissed() => {}
             }

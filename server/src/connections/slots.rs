@@ -348,7 +348,7 @@ mod tests {
         let _fourth = busy(&slots, from(1));
         assert_eq!(slots.try_take(from(1)).expect_err("all are at work"), "limit");
         assert!(!must_go(&known));
-        // Who has not been used for longest goes, and comes again with its next request.
+        // The longest unused connection goes, and comes again with its next request.
         for slot in [&third, &known] {
             slot.used(false);
         }
@@ -426,7 +426,7 @@ mod tests {
         assert_eq!(slots.take(from(1)).await.expect_err("it does not leave"), "limit");
     }
 
-    /// Whatever comes and goes in whatever order, the counts are those of the slots that are held.
+    /// In any order of coming and going, the counts are those of the held slots.
     #[test]
     fn counts_are_those_of_what_is_held() {
         let slots = slots(8, 4, 5);

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::slots::{ConnectionSlot, Notice, Origin};
 
-/// What is unfinished on all connections. Clones share it.
+/// The unfinished bytes of all connections. Clones share them.
 #[derive(Clone, Debug)]
 pub(crate) struct Unfinished {
     limit: usize,

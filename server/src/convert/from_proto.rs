@@ -33,9 +33,9 @@ pub struct Report {
 pub struct Suggest {
     /// The study.
     pub study: StudyName,
-    /// Who asks, and where.
+    /// The client that asks, and its state.
     pub ask: Ask,
-    /// What the client wants to measure, if it does not leave that to the service.
+    /// The configuration that the client wants to measure, if it does not leave that to the service.
     pub wanted: Option<RawConfiguration>,
 }
 
@@ -84,7 +84,7 @@ fn origin(text: String, has_wanted: bool) -> Result<Option<String>, Error> {
     }
 }
 
-/// What a session wants for itself.
+/// The policy of a session.
 fn session_policy(wire: Option<v1::SessionPolicy>) -> Result<SessionPolicy, Error> {
     let policy = session_policy_from_wire(wire.unwrap_or_default());
     policy.validate().map_err(|error| Error::invalid("session_policy", error))?;

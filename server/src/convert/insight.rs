@@ -1,10 +1,10 @@
-//! What the policy knows of a state, and what it leaves out.
+//! The policy's knowledge of a state, and its omissions.
 
 use treewright_core::tuner::{Insight, Omission};
 use treewright_proto::convert::{WireEnum, signed, standing_to_wire};
 use treewright_proto::v1;
 
-/// What the policy knows of a state.
+/// The policy's knowledge of a state.
 pub(super) fn state(insight: &Insight) -> v1::StateInsight {
     v1::StateInsight {
         state_id: signed(insight.state_id),

@@ -111,7 +111,7 @@ fn short(name: &str) -> Option<&str> {
     (name.len() <= NAME_BYTES).then_some(name)
 }
 
-/// What of a name fits into a message.
+/// The part of a name that fits into a message.
 fn shortened(name: &str) -> String {
     const SHOWN: usize = 80;
     let mut text: String = name.chars().take(SHOWN).collect();

@@ -37,7 +37,7 @@ pub fn trial<C: Values>(study: &StudyName, trial: &Trial<C>) -> v1::Trial {
     trial_to_wire(trial_name(study, trial.number), trial)
 }
 
-/// What would be exploited.
+/// A prediction.
 #[must_use]
 pub fn prediction(prediction: &Prediction) -> v1::PredictResponse {
     v1::PredictResponse {

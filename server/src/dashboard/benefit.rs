@@ -12,7 +12,7 @@ pub(super) const DAY_S: f64 = 86_400.0;
 /// Of a normal distribution, for 95 %.
 const DEVIATIONS: f64 = 1.96;
 
-/// What a frame of the default costs in a state, with a standard error, in the objective's units.
+/// The cost of a frame of the default in a state, with a standard error, in the objective's units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DefaultCost {
     mean: f64,

@@ -58,7 +58,7 @@ pub(crate) struct Dashboard {
     pub(crate) refusals: Refusals,
 }
 
-/// Who looks at a page.
+/// The visitor of a page.
 pub(super) struct Visitor<'a> {
     tuning: &'a Tuning,
     caller: &'a Caller,
@@ -202,7 +202,7 @@ impl Dashboard {
         guarded(response)
     }
 
-    /// What changes when something has happened.
+    /// A text that changes when something has happened.
     async fn moment(
         &self,
         caller: &Caller,

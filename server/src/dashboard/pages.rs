@@ -31,7 +31,7 @@ const STUDIES: i32 = 200;
 /// Most trials that pictures rest on: the latest.
 const TRIALS: usize = 1000;
 
-/// What every page has around it.
+/// The frame around every page.
 #[derive(Clone, Copy)]
 pub(super) struct PageFrame {
     /// Somebody has logged in, and may want to log out.
@@ -44,7 +44,7 @@ struct Head {
     what: String,
     tab: &'static str,
     defaults: Defaults,
-    /// What the links of tabs carry along.
+    /// The query that the links of tabs carry along.
     query: String,
     states: i64,
     trials: i64,
@@ -239,7 +239,7 @@ impl Defaults {
         Self(parameters.filter_map(|one| Some((one.name.clone(), one.default_value.clone()?))).collect())
     }
 
-    /// What a configuration has other than the default: few of thirty parameters.
+    /// The values of a configuration that differ from the default: few of thirty parameters.
     fn beside(&self, configuration: Option<&v1::Configuration>) -> String {
         let Some(configuration) = configuration else { return String::new() };
         let others = configuration.values.iter().filter(|(name, of)| self.0.get(*name) != Some(*of));

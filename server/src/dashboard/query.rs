@@ -1,4 +1,4 @@
-//! What stands behind the question mark of an address, and what a form sends.
+//! The part of an address behind its question mark, which a form sends too.
 
 /// Names and values.
 #[derive(Debug, Default)]
@@ -27,7 +27,7 @@ impl Query {
         self.text(name).parse().ok().filter(|number| *number > 0)
     }
 
-    /// What [`Query::read`] reads.
+    /// A text that [`Query::read`] reads.
     pub(super) fn written(pairs: &[(&str, &String)]) -> String {
         let mut text = form_urlencoded::Serializer::new(String::new());
         for (name, value) in pairs.iter().filter(|(_, value)| !value.is_empty()) {

@@ -53,7 +53,7 @@ struct BuildLabel {
     version: &'static str,
 }
 
-/// What came of something.
+/// The outcome of an event.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct OutcomeLabel {
     outcome: &'static str,
@@ -84,7 +84,7 @@ pub struct Metrics {
     studies: StudyFamilies,
 }
 
-/// What is looked up when somebody asks.
+/// Figures that are looked up at every request.
 #[derive(Debug, Default)]
 struct MomentGauges {
     connections: Gauge,
@@ -124,7 +124,7 @@ pub(crate) struct Moment {
     pub(crate) studies_in_memory: usize,
     /// Trials of these studies that are under a lease.
     pub(crate) open_leases: u64,
-    /// What the database takes up.
+    /// The size of the database.
     pub(crate) size: StoreSize,
     /// Most connections, requests and streams.
     pub(crate) limits: (usize, usize, usize),

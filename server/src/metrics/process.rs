@@ -1,4 +1,4 @@
-//! What the system counts of this process.
+//! The system's counters of this process.
 
 use nix::sys::resource::{Resource, getrlimit};
 

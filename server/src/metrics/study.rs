@@ -12,13 +12,13 @@ pub(crate) const MODES: [(Mode, &str); 4] = [
     (Mode::Pinned, "pinned"),
 ];
 
-/// What has been reported since the study came into memory.
+/// Counts of reports since the study came into memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct FrameCounts {
     /// Reported frames with a cost, and those costs, by mode.
     pub(crate) frames: [u64; MODES.len()],
     pub(crate) cost: [f64; MODES.len()],
-    /// What they cost above the best configuration known of their state at that time.
+    /// Their cost above the best configuration known of their state at that time.
     pub(crate) regret: [f64; MODES.len()],
     /// Leases that ran out.
     pub(crate) expired: u64,
@@ -59,7 +59,7 @@ pub(crate) struct StudyFigures {
     pub(crate) study: String,
     /// Counts of the whole study.
     pub(crate) statistics: StudyCounts,
-    /// What happened since it came into memory.
+    /// Counts since it came into memory.
     pub(crate) tally: FrameCounts,
     /// Mean relative error of each predictor, as the absolute logarithm, on trials it had not learnt.
     pub(crate) errors: Vec<(&'static str, f64)>,

@@ -41,7 +41,7 @@ pub struct Peers {
 
 /// A request that may have to look for its replica.
 pub trait Seeking: Sync {
-    /// What it ends with.
+    /// Its answer.
     type Answer: Send;
 
     /// Tries in this replica: the answer, and where to try again what could not be done here.

@@ -25,7 +25,7 @@ pub(super) trait Attempt: Sync {
 /// The way of one stream's frames.
 pub(super) struct FrameRouter {
     peers: Option<Arc<Peers>>,
-    /// What the client sent with the stream, its credentials among it.
+    /// The metadata that the client sent with the stream, its credentials among them.
     metadata: MetadataMap,
 }
 

@@ -57,7 +57,7 @@ impl Service {
         Self { peers, ..self }
     }
 
-    /// Who sent a request, as the middleware found out.
+    /// The sender of a request, as the middleware found out.
     fn caller<Q>(&self, request: &Request<Q>) -> Result<Caller, Error> {
         match request.extensions().get::<Caller>() {
             Some(caller) => Ok(caller.clone()),

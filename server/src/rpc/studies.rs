@@ -15,7 +15,7 @@ use crate::error::Error;
 use crate::limits::PAGE_BYTES;
 use crate::tuning::Tuning;
 
-/// What a page token of ListStudies belongs to.
+/// The question that a page token of ListStudies belongs to.
 const LIST_QUESTION: [&str; 1] = ["studies"];
 
 pub(super) async fn create(
@@ -34,7 +34,7 @@ pub(super) async fn create(
     };
     let spent = match caller.spend_study() {
         Ok(spent) => spent,
-        // Who may create no more may still find what there is.
+        // A caller that may create no more may still find an existing study.
         Err(over) => {
             return match tuning.get_study(&id).await {
                 Ok(_) => Ok(answer(&tuning.create_study(&id, &spec).await?.study)),

@@ -29,14 +29,14 @@ use crate::tuning::Tuning;
 /// The answers of one stream.
 pub(super) type TuneAnswers = ReceiverStream<Result<wire::TuneResponse, Status>>;
 
-/// What one stream works with.
+/// The parts that one stream works with.
 pub(super) struct TuneStream {
     pub(super) tuning: Arc<Tuning>,
     pub(super) admission: Admission,
     pub(super) caller: Caller,
     /// Its frames were counted by the replica that passed them on.
     pub(super) is_counted: bool,
-    /// What is not done here may be done by another replica.
+    /// Another replica may do a request that is not done here.
     pub(super) has_peers: bool,
     pub(super) refusals: Refusals,
     /// Held until the stream ends: a place among the streams, and the connection's right to stay.

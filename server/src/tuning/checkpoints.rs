@@ -16,7 +16,7 @@ use super::runtime::{Live, Runtime};
 use crate::error::Error;
 use crate::limits;
 
-/// What is to be saved, and when it may be.
+/// The knowledge to be saved, and the condition for it.
 struct DueCheckpoint {
     learnt: Learnt,
     fence: Fence,
@@ -185,7 +185,7 @@ pub(super) mod tests {
         assert_eq!(checkpoint.map(|checkpoint| checkpoint.completion), Some(many));
     }
 
-    /// Whatever was saved and whenever the daemon starts, what it answers is the same.
+    /// The daemon's answers do not depend on its checkpoints, nor on when it starts.
     #[tokio::test]
     async fn a_start_from_a_checkpoint_answers_like_one_from_all_trials() {
         let many = CHECKPOINT_TRIALS_MIN + 200;

@@ -40,7 +40,7 @@ impl FrameAnswer {
     }
 }
 
-/// What the tuner made of a report.
+/// The outcome of a report.
 enum ReportOutcome {
     /// It completes an open trial.
     Now(Box<Trial>, Change),

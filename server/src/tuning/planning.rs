@@ -24,7 +24,7 @@ pub(super) fn permits() -> Arc<Semaphore> {
     Arc::new(Semaphore::new(std::thread::available_parallelism().map_or(1, usize::from)))
 }
 
-/// What has to be computed without the lock before a question can be answered.
+/// The computation without the lock before a question can be answered.
 pub(super) enum Preparation {
     /// Reports have deferred updates of the models, which are about to be asked.
     Update,

@@ -133,7 +133,7 @@ impl Live {
             );
         }
         if !change.is_empty() {
-            // Whatever is queued later waits for it too; and should it fail, the fence breaks.
+            // Later changes in the queue wait for it too; and should it fail, the fence breaks.
             drop(self.commit(store, &[change]));
         }
     }

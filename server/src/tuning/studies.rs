@@ -1,4 +1,4 @@
-//! What concerns a study: create, read, list, change its policy, delete, and end leases everywhere.
+//! Use cases of a study: create, read, list, change its policy, delete, and end leases everywhere.
 
 use treewright_core::study::StudySpec;
 use treewright_store::{Created, StudyRecord};

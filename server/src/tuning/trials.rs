@@ -1,4 +1,4 @@
-//! What concerns one trial or reads many: abandon, extend, read, predict, best.
+//! Use cases of one trial, and those that read many: abandon, extend, read, predict, best.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use crate::error::Error;
 /// How often a closed trial is looked at, should another request change such a trial meanwhile.
 const TRIES: usize = 8;
 
-/// What became of a request for a trial under the tuner's lock.
+/// The result of a request for a trial under the tuner's lock.
 enum TrialLookup {
     Done(Box<Trial>, Receipt),
     Closed(ClosedMark),
@@ -112,7 +112,7 @@ impl Tuning {
         Ok(self.store().query_trials(study, query).await?)
     }
 
-    /// What would be exploited. Writes nothing and waits for nothing.
+    /// The prediction. Writes nothing and waits for nothing.
     ///
     /// # Errors
     /// As the wire contract names them.

@@ -1,4 +1,4 @@
-//! What can go wrong with a store, each with its cause and its remedy.
+//! The errors of a store, each with its cause and its remedy.
 
 use std::path::PathBuf;
 
@@ -64,7 +64,7 @@ pub enum StoreError {
     /// The database refused, at the moment.
     #[error("the database cannot be used at the moment: {problem}; try again later")]
     Unavailable {
-        /// What it said.
+        /// Its error.
         problem: String,
     },
     /// The store has been closed.
@@ -73,7 +73,7 @@ pub enum StoreError {
     /// A stored row does not say what it should, or a change breaks a rule of the tables.
     #[error("the database is inconsistent: {problem}; restore it from a backup and report this as a defect")]
     Inconsistent {
-        /// What was found.
+        /// The damage that was found.
         problem: String,
     },
 }
@@ -98,7 +98,7 @@ pub enum OpenError {
     NotWritable {
         /// The path.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         problem: String,
     },
     /// The name stands for no file.
@@ -110,7 +110,7 @@ pub enum OpenError {
     /// The name is a URL, which SQLite and other programs read in their own ways.
     #[error("{} is a URL, and a database is named by its path: write tuning.db, or ./{} for a file that is called so", path.display(), path.display())]
     Url {
-        /// What was given.
+        /// The path that was given.
         path: PathBuf,
     },
     /// The file is reached by several names.
@@ -134,7 +134,7 @@ pub enum OpenError {
         path: PathBuf,
         /// The file that is locked.
         lock: PathBuf,
-        /// Who holds it.
+        /// The process that holds it.
         pid: u32,
     },
     /// Another daemon serves this file.
@@ -156,7 +156,7 @@ pub enum OpenError {
     NotADatabase {
         /// The path.
         path: PathBuf,
-        /// What SQLite said.
+        /// SQLite's error.
         problem: String,
     },
     /// A database of ours that is not as it should be.
@@ -188,7 +188,7 @@ pub enum OpenError {
     Unreachable {
         /// Host, port and database, without any secret.
         server: String,
-        /// What was said.
+        /// Its error.
         problem: String,
     },
     /// PostgreSQL is starting or recovering, and not ready yet.
@@ -196,7 +196,7 @@ pub enum OpenError {
     Starting {
         /// Host, port and database, without any secret.
         server: String,
-        /// What it said.
+        /// Its error.
         problem: String,
     },
     /// PostgreSQL answers and will not let us in.
@@ -206,7 +206,7 @@ pub enum OpenError {
     Refused {
         /// Host, port and database, without any secret.
         server: String,
-        /// What it said.
+        /// Its error.
         problem: String,
     },
     /// The database at the server cannot be ours.
@@ -220,7 +220,7 @@ pub enum OpenError {
     /// The address of the database makes no sense.
     #[error("the database's address cannot be used: {problem}; write postgres://USER@HOST:PORT/DATABASE")]
     BadAddress {
-        /// What is wrong, without repeating the address.
+        /// The mistake, without repeating the address.
         problem: String,
     },
     /// Anything else.
@@ -228,7 +228,7 @@ pub enum OpenError {
     Other {
         /// The path.
         path: PathBuf,
-        /// What was said.
+        /// Its error.
         problem: String,
     },
 }

@@ -70,7 +70,7 @@ mod tests {
 
     use super::*;
 
-    /// What sqlx reads from the folder, down to the check sums that databases hold.
+    /// The list is that which sqlx reads from the folder, down to the check sums that databases hold.
     #[tokio::test]
     async fn every_file_is_listed_as_sqlx_reads_it() {
         let top = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../migrations");

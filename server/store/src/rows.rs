@@ -86,7 +86,7 @@ row! {
         pub(crate) number: i64,
         pub(crate) since: i64,
         pub(crate) decision: String,
-        /// What earlier versions stored beside a decision to explore; part of it since.
+        /// The estimate that earlier versions stored beside a decision to explore; part of it since.
         pub(crate) weighed: Option<String>,
         pub(crate) account: Option<String>,
     }
@@ -118,7 +118,7 @@ impl Rows {
             visits.extend(change.visits.iter().map(|visit| (&visit.client_id, visit)));
             trials.extend(change.trials.iter().map(|trial| (trial.number, trial)));
         }
-        // Who has come back since is stored like any other.
+        // A client that has come back since is stored like any other.
         forgotten.retain(|client_id| !visits.contains_key(*client_id));
         Ok(Self {
             forgotten: forgotten.into_iter().cloned().collect(),

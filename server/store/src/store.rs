@@ -41,7 +41,7 @@ pub struct StoreSize {
     pub log_bytes: u64,
 }
 
-/// What [`Store::create_study`] found or made.
+/// The study that [`Store::create_study`] found or made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Created {
     /// The study as it is stored.
@@ -50,8 +50,8 @@ pub struct Created {
     pub is_new: bool,
 }
 
-/// What [`Restoring`](treewright_core::tuner::Restoring) begins with; it then asks for
-/// [completed trials](Store::completed_trials).
+/// The beginning of a [`Restoring`](treewright_core::tuner::Restoring); it then asks for [completed
+/// trials](Store::completed_trials).
 #[derive(Debug)]
 pub struct Loaded {
     /// The right to change the study from here on. Earlier fences of the study are broken.

@@ -1,4 +1,4 @@
-//! What every store promises, run against each implementation. The memory store is the oracle.
+//! The promises of every store, run against each implementation. The memory store is the oracle.
 
 mod common;
 
@@ -196,7 +196,7 @@ async fn the_latest_checkpoint_comes_back_whole(store: &dyn Store) {
         assert!(held.holds());
         let other = store.load("hall").await.unwrap();
         assert_eq!(other.checkpoint.as_ref(), Some(checkpoint));
-        // Who has lost the study cannot save any more.
+        // A replica that has lost the study cannot save any more.
         let error = store.save_checkpoint(&held, checkpoint).await.unwrap_err();
         assert!(matches!(error, StoreError::Fenced { .. }), "{error}");
         held = other.fence;
@@ -241,7 +241,7 @@ async fn old_trials_go_and_the_counts_stay(store: &dyn Store) {
     let loaded = store.load("hall").await.unwrap();
     assert_eq!((loaded.snapshot.last_trial, loaded.open_trials.len()), (10, 2));
 
-    // Who has lost the study removes nothing, and a failure is no reason to give the study up.
+    // A replica that has lost the study removes nothing, and a failure is no reason to give the study up.
     let error = store.remove_trials(&held, &[4], 4).await.unwrap_err();
     assert!(matches!(error, StoreError::Fenced { .. }), "{error}");
     assert_eq!(numbers(store, "").await.len(), 6);
@@ -417,7 +417,7 @@ async fn a_renamed_study_stays_the_same_one(store: &dyn Store) {
     let next = change(vec![completed(6, 3, Outcome::Ok)]);
     commit(store, &fence, &[next]).await.unwrap();
     assert_eq!(store.get_study("hall").await.unwrap().statistics.trials, 3);
-    // What comes under its old name begins after it, and so does what comes under the new one.
+    // A new study under its old name begins after it, and so does one under the new name.
     assert_eq!(store.create_study("attic", &spec(), 9).await.unwrap().study.last_trial, 2);
     let back = store.rename_study("hall", "loft").await.unwrap();
     assert_eq!((back.named_after, back.last_trial, back.statistics.trials), (6, 6, 3));

@@ -121,7 +121,7 @@ async fn a_backup_goes_where_nothing_is_unless_told() {
     let error = maintenance::back_up(&folder.join("missing"), &place.backup, true).await.unwrap_err();
     assert!(matches!(error, MaintenanceError::Missing { .. }), "{error}");
     assert!(!folder.join("missing").exists());
-    // Who may not read the database may not read its backup.
+    // Users who may not read the database may not read its backup.
     use std::os::unix::fs::PermissionsExt as _;
     std::fs::set_permissions(&place.database, std::fs::Permissions::from_mode(0o600)).unwrap();
     maintenance::back_up(&place.database, &place.backup, true).await.unwrap();

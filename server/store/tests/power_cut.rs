@@ -39,7 +39,7 @@ impl Dice {
     }
 }
 
-/// What the disk holds.
+/// The contents of the disk.
 #[derive(Clone)]
 struct Image {
     file: Vec<u8>,

@@ -119,7 +119,7 @@ async fn a_replica_that_was_taken_for_dead_stores_nothing_more() {
     let refused = first.commit(&held, &[change(vec![open(1)])]).durable().await;
     assert!(matches!(refused, Err(StoreError::Fenced { .. })));
     second.commit(&taken, &[change(vec![open(1)])]).durable().await.unwrap();
-    // What nobody took stays with it.
+    // A study that nobody took stays with it.
     assert!(kept.holds());
     first.commit(&kept, &[change(vec![open(1)])]).durable().await.unwrap();
 }

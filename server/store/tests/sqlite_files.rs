@@ -1,4 +1,4 @@
-//! What the SQLite store makes of files: reopening, and every file that cannot be opened.
+//! The SQLite store and its files: reopening, and every file that cannot be opened.
 
 mod common;
 

@@ -1,4 +1,4 @@
-//! What every token store promises, run against each implementation. The memory store is the oracle.
+//! The promises of every token store, run against each implementation. The memory store is the oracle.
 
 use std::time::Duration;
 

@@ -8,7 +8,7 @@ pub(in super::super) struct Place {
     /// Between the ends of the axes, 0 to 1.
     pub(in super::super) x: f64,
     pub(in super::super) y: f64,
-    /// What its colour tells: the smaller, the warmer.
+    /// The rank that its colour shows: the smaller, the warmer.
     pub(in super::super) rank: f64,
     /// That in words.
     pub(in super::super) words: String,

@@ -106,7 +106,7 @@ fn row(
     }
 }
 
-/// What the trials cost over the default of their own state, oldest first.
+/// The costs of the trials over the default of their own state, oldest first.
 fn ratios(states: &[StateStands], latest: &[v1::Trial]) -> Vec<f64> {
     let default = |state: i64| {
         let one = states.iter().find(|one| one.state == state)?;

@@ -1,4 +1,4 @@
-//! What the parameters do to the cost, in one state: importances, parallel coordinates, slices, contour.
+//! Effects of parameters on the cost in one state: importances, parallel coordinates, slices, contour.
 
 use askama::Template;
 use treewright_core::space::Parameter;

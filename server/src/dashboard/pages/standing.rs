@@ -1,4 +1,4 @@
-//! What is proven in each state, and what it saves.
+//! The proven configuration of each state, and its savings.
 
 use std::collections::BTreeMap;
 
@@ -80,8 +80,8 @@ pub(super) async fn roofline(visitor: &Visitor<'_>, id: &str, of: &StateStands) 
     Some(of.standing?.cost * (1.0 - expected.clamp(0.0, 1.0)))
 }
 
-/// What each state saved within a day until now. `latest` are the newest trials; where there may be more of
-/// that day, the time that these span counts for all of it.
+/// The savings of each state within a day until now. `latest` are the newest trials; where there may be more
+/// of that day, the time that these span counts for all of it.
 pub(super) fn benefits(
     states: &[StateStands],
     latest: &[v1::Trial],

@@ -38,7 +38,7 @@ struct Page {
     failures: Vec<TrialRow>,
 }
 
-/// What is best in the shown state.
+/// The best configuration of the shown state.
 struct BestCard {
     cost: String,
     interval: String,

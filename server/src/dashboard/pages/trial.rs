@@ -71,7 +71,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
     render(&page)
 }
 
-/// What the policy weighed.
+/// The figures that the policy weighed.
 fn reasons(reason: &v1::Reason) -> Pairs {
     let told = reason.explanation.clone().unwrap_or_default();
     let given = |name: &str, value: Option<f64>| value.map(|value| (name.to_owned(), figure(value)));

@@ -1,4 +1,4 @@
-//! What a filter means, in memory. The translations to SQL are held against this.
+//! The meaning of a filter, in memory. The translations to SQL are held against this.
 
 use treewright_core::trial::RawTrial;
 use treewright_core::value::Value;

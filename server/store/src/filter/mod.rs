@@ -41,7 +41,7 @@ impl Filter {
 pub struct FilterError {
     /// Where, counted in characters from 1.
     pub position: usize,
-    /// What is wrong there and what would be right.
+    /// The mistake there, and how to mend it.
     pub problem: String,
 }
 

@@ -13,13 +13,13 @@ use crate::cursor::Cursor;
 /// that an order is always total and a page can go on where the last one ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Order {
-    /// What is compared.
+    /// The key that is compared.
     pub key: OrderKey,
     /// Largest first.
     pub descending: bool,
 }
 
-/// What trials can be ordered by.
+/// The keys by which trials can be ordered.
 #[derive(Clone, Debug, PartialEq)]
 pub enum OrderKey {
     /// The trial's number.

@@ -56,7 +56,7 @@ pub enum MaintenanceError {
     Damaged {
         /// The path.
         path: PathBuf,
-        /// What was found, the first twenty things.
+        /// The first twenty problems.
         problems: Vec<String>,
     },
     /// The system refuses.
@@ -64,9 +64,9 @@ pub enum MaintenanceError {
     System {
         /// The path.
         path: PathBuf,
-        /// What was being done to it.
+        /// The operation on it.
         doing: &'static str,
-        /// What the system said.
+        /// The system's error.
         problem: String,
     },
 }
@@ -89,7 +89,7 @@ impl MaintenanceError {
     }
 }
 
-/// What a sound database holds.
+/// The contents of a sound database.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Inventory {
     /// Studies.

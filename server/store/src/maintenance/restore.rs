@@ -13,10 +13,10 @@ use super::files::{self, PartialFile};
 use super::{Inventory, MaintenanceError, check_closed};
 use crate::sqlite::file;
 
-/// What was done.
+/// The result of a restore.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Restored {
-    /// What the database now holds.
+    /// The present contents of the database.
     pub inventory: Inventory,
     /// Where the database is that was there before, if there was one.
     pub aside: Option<PathBuf>,

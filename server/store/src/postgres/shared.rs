@@ -86,7 +86,7 @@ impl SharedState {
         self.forget_owners(|owner| owner.key == key);
     }
 
-    /// Who is known to hold the study, where that is fresh enough to be believed.
+    /// The known holder of the study, where that is fresh enough to be believed.
     pub(super) fn owner(&self, study: &str) -> Option<StudyHolder> {
         lock(&self.owners).get(study).filter(|owner| owner.seen.elapsed() < limits::OWNER_REMEMBERED).cloned()
     }

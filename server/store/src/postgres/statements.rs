@@ -146,7 +146,7 @@ pub(super) const STUDY_RENAME: &str = concat!(
 
 pub(super) const STUDY_OF_UID: &str = "SELECT name FROM studies WHERE uid = $1 AND name IS NOT NULL";
 
-/// Who holds the study: its key, epoch, owner, and the owner's address while it lives.
+/// The holder of the study: its key, epoch, owner, and the owner's address while it lives.
 pub(super) const STUDY_OWNER: &str = concat!(
     "SELECT s.id, s.epoch, s.owner, CASE WHEN ",
     lives!("$2"),

@@ -79,7 +79,7 @@ impl StudyJob {
     }
 }
 
-/// What came of a batch.
+/// The result of a batch.
 enum BatchResult {
     /// The studies whose epoch still holds; what belongs to these is stored.
     Held(HashSet<i64>),
@@ -300,7 +300,7 @@ fn leading_commits(group: &VecDeque<StudyJob>) -> usize {
     count
 }
 
-/// What an error of the database means for a write.
+/// The class of a database error, for a write.
 enum Class {
     Again,
     Rule,

@@ -26,7 +26,7 @@ pub(crate) enum Depth {
     Whole,
 }
 
-/// What was found in a file without problems.
+/// The extent of a check that found no problems.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Looked {
     /// All that was to be looked at.
@@ -38,7 +38,7 @@ pub(crate) enum Looked {
 /// Why a check did not come to the end.
 #[derive(Debug)]
 pub(crate) enum Unsound {
-    /// What is wrong, at least one thing, each in a line.
+    /// The problems, at least one, each in a line.
     Problems(Vec<String>),
     /// The file cannot be read at all.
     Unreadable(sqlx::Error),
@@ -150,7 +150,7 @@ async fn objects(
     Ok(rows.into_iter().map(|(kind, name, sql)| ((kind, name), sql)).collect())
 }
 
-/// What a start does: for a moment, and no longer.
+/// The check at a start: for a moment, and no longer.
 pub(super) async fn at_start(connection: &mut SqliteConnection) -> Result<Looked, Unsound> {
     check(connection, Depth::For(limits::START_CHECK)).await
 }

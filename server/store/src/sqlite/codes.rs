@@ -1,6 +1,6 @@
-//! What SQLite says of an error: its words, and its result code.
+//! SQLite's view of an error: its words, and its result code.
 
-/// What SQLite says, without what sqlx says of it.
+/// SQLite's words, without those of sqlx.
 pub(crate) fn message(error: &sqlx::Error) -> String {
     match error.as_database_error() {
         Some(database) => database.message().to_owned(),

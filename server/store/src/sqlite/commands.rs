@@ -1,4 +1,4 @@
-//! What can be written, and what each write does inside the transaction that the writer has opened.
+//! The write commands, and the work of each inside the transaction that the writer has opened.
 
 use std::collections::HashMap;
 
@@ -14,7 +14,7 @@ use crate::limits;
 use crate::rows::{self, PartRow, Rows, inconsistent};
 use crate::store::Created;
 
-/// What can be written.
+/// A write.
 pub(super) enum WriteCommand {
     Create {
         id: String,
@@ -54,7 +54,7 @@ pub(super) enum WriteCommand {
     },
 }
 
-/// What a write yields.
+/// The result of a write.
 pub(super) enum WriteResult {
     Nothing,
     Created(Box<Created>),

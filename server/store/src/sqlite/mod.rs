@@ -44,7 +44,7 @@ use commands::{WriteCommand, WriteResult};
 pub use tokens::SqliteTokens;
 use writer::{Reply, WriteJob};
 
-/// What those need of a file who keep it: see [`maintenance`](crate::maintenance).
+/// Tools for files, used by [`maintenance`](crate::maintenance).
 pub(crate) mod file {
     pub(crate) use super::check::{check, check_pages};
     pub(crate) use super::codes::message;

@@ -19,7 +19,7 @@ use crate::{limits, migrations};
 /// Marks a file as ours ("TWrt"), so that another program's database is not migrated by accident.
 const APPLICATION_ID: i64 = 0x5457_7274;
 
-/// What an open database consists of.
+/// The parts of an open database.
 pub(super) struct Opened {
     pub(super) lock: DatabaseLock,
     pub(super) writer: SqliteConnection,
@@ -39,8 +39,8 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     let options = options.journal_mode(SqliteJournalMode::Wal);
     let mut making = options.clone();
     if std::fs::metadata(path).is_ok_and(|file| file.len() == 0) {
-        // What retention frees can then be given back to the system piece by piece. Only a new file takes
-        // this on.
+        // Pages that retention frees can then be given back to the system piece by piece. Only a new file
+        // takes this on.
         making = making.auto_vacuum(SqliteAutoVacuum::Incremental);
     }
     let mut writer = SqliteConnection::connect_with(&making).await.map_err(|error| explain(path, &error))?;

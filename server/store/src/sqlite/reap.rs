@@ -15,7 +15,7 @@ pub(super) async fn reap(connection: &mut SqliteConnection) -> Result<bool, sqlx
     let Some(study) = found else {
         return Ok(false);
     };
-    // What refers to others goes before them.
+    // Rows that refer to others go before them.
     for statement in [sql::REAP_TRIALS, sql::REAP_VISITS, sql::REAP_STATES, sql::REAP_CHECKPOINTS] {
         let removed = sqlx::query(statement).bind(study).bind(REAPED_ROWS_SQLITE).execute(&mut *connection);
         if removed.await?.rows_affected() > 0 {

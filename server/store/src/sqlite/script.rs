@@ -26,7 +26,7 @@ pub(super) fn transaction(study: i64, rows: &Rows) -> Statements<'_> {
     bound(study, rows, format!("BEGIN IMMEDIATE;{};COMMIT", text(rows)))
 }
 
-/// What goes makes room first, then states: visits and trials refer to them.
+/// Removals make room first, then states: visits and trials refer to them.
 fn text(rows: &Rows) -> String {
     let forgotten = std::iter::repeat_n(sql::VISIT_DELETE, rows.forgotten.len());
     let states = std::iter::repeat_n(sql::STATE_UPSERT, rows.states.len());

@@ -137,7 +137,7 @@ macro_rules! trial_columns {
 /// The columns that a [`TrialRow`](crate::rows::TrialRow) reads.
 pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
 
-/// What was handed out stays; only the lease and the report can still change.
+/// The trial stays as it was handed out; only the lease and the report can still change.
 pub(super) const TRIAL_UPSERT: &str = concat!(
     "INSERT INTO trials (study, ",
     trial_columns!(),

@@ -19,7 +19,7 @@ use crate::error::StoreError;
 
 pub use memory::MemoryTokens;
 
-/// What a token lets its holder do. Each includes those before it.
+/// The rights of a token's holder. Each scope includes those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Scope {
     /// Look at studies and trials, and predict.
@@ -68,7 +68,7 @@ pub struct Quota {
     pub bytes_per_day: Option<u64>,
 }
 
-/// What a token has used.
+/// The usage of a token.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Usage {
     /// Studies created.
@@ -88,7 +88,7 @@ pub struct TokenRecord {
     pub name: String,
     /// SHA-256 of the secret part.
     pub hash: [u8; 32],
-    /// What it lets its holder do.
+    /// The rights of its holder.
     pub scope: Scope,
     /// For which studies.
     pub studies: Studies,
@@ -160,7 +160,7 @@ pub trait TokenStore: Send + Sync + 'static {
     /// A number that rises with each change of a token, through any replica or command.
     async fn revision(&self) -> Result<i64, TokenError>;
 
-    /// What a token has used in all, and on one day.
+    /// The usage of a token in all, and on one day.
     async fn usage(&self, id: &str, day: i64) -> Result<(Usage, Usage), TokenError>;
 
     /// Adds to what tokens have used on a day. Tokens that are gone are passed over.
