@@ -1,5 +1,5 @@
-//! What goes along with every call: the token, and a request id by which a line of this program's log finds
-//! the lines of the daemon's.
+//! Additions to every call: the token, and a request id by which a line of this program's log finds the lines
+//! of the daemon's.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -30,7 +30,7 @@ pub struct Question {
     pub session: Option<u64>,
     /// The client stops every trial no later than when its cost reaches [`TrialRecord::abort_above`].
     pub can_abort: bool,
-    /// What this question wants for itself, in place of what the study's policy says.
+    /// This question's own policy, in place of the study's.
     pub session_policy: SessionPolicy,
     /// The configuration to measure, where that is not left to the service.
     pub wanted: Option<Configuration>,

@@ -10,7 +10,7 @@ use tokio::time::Instant;
 use crate::back_off::BackOff;
 use crate::{ClientError, SharedError};
 
-/// What is known of the connection.
+/// The state of the connection.
 #[derive(Debug, Clone)]
 pub enum Status {
     /// Nothing was heard of the daemon yet, neither good nor bad.

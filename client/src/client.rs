@@ -107,13 +107,13 @@ impl Client {
         &self.core.url
     }
 
-    /// What is known of the connection at the moment.
+    /// The state of the connection at the moment.
     #[must_use]
     pub fn status(&self) -> Status {
         self.core.circuit_breaker.status()
     }
 
-    /// What became of suggestions and reports so far.
+    /// Counts of suggestions and reports so far.
     #[must_use]
     pub fn stats(&self) -> Stats {
         self.core.counters.snapshot(self.core.outbox.waiting())

@@ -1,4 +1,4 @@
-//! What all handles of one client share: the channel, the state of the connection, the outbox, the counts.
+//! Shared by all handles of one client: the channel, the state of the connection, the outbox, the counts.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,7 +30,7 @@ pub(crate) struct Core {
     pub(crate) circuit_breaker: CircuitBreaker,
     pub(crate) outbox: Arc<Outbox>,
     pub(crate) counters: Counters,
-    /// Who this is, to the service.
+    /// The workers, by their names for the service.
     pub(crate) workers: Arc<Workers>,
     /// Tells this client from an earlier one of the same id.
     pub(crate) session: u64,

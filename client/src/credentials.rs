@@ -1,4 +1,4 @@
-//! What a client shows to a daemon, and what it wants to be shown: tokens and certificates.
+//! Credentials of a client and those that it asks of a daemon: tokens and certificates.
 //!
 //! None of it appears in debug output or in errors. A token is only sent where nobody can listen: over TLS,
 //! or to this machine.
@@ -13,7 +13,7 @@ use tonic::transport::{Certificate, ClientTlsConfig, Identity};
 
 use crate::{ClientError, limits};
 
-/// What a PEM file holds.
+/// The contents of a PEM file.
 type Pem = Arc<[u8]>;
 
 /// Token and certificates. The default has none: enough for a daemon on this machine, or for one whose

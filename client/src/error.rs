@@ -1,4 +1,4 @@
-//! What can go wrong, as one small enum. Each message names the cause and the remedy, because it is
+//! The errors of a client, as one small enum. Each message names the cause and the remedy, because it is
 //! mostly read in a renderer's log by somebody who does not know this service.
 
 use std::sync::Arc;
@@ -15,14 +15,14 @@ pub enum ClientError {
     BadUrl {
         /// As given by the caller.
         url: String,
-        /// What is wrong with it.
+        /// The mistake in it.
         reason: String,
     },
 
     /// The asynchronous client was used outside a tokio runtime, or its thread could not be started.
     #[error("no tokio runtime: {reason}; use `treewright_client::blocking` in programs without one")]
     NoRuntime {
-        /// What was missing.
+        /// The missing part.
         reason: String,
     },
 
@@ -41,7 +41,7 @@ pub enum ClientError {
     Away {
         /// Where the daemon was expected.
         url: String,
-        /// What the network said.
+        /// The network's error.
         reason: String,
         /// When it may be asked again, if it answered that it cannot serve yet: while it loads a study, or
         /// drains.
@@ -67,7 +67,7 @@ pub enum ClientError {
     Late {
         /// Where the daemon was asked.
         url: String,
-        /// What was asked.
+        /// The call.
         call: &'static str,
         /// How long was waited.
         deadline: Duration,
@@ -76,7 +76,7 @@ pub enum ClientError {
     /// The daemon answered that it will not do it.
     #[error("the daemon refused {call}: {message} ({code:?}{})", request_words(request_id.as_deref()))]
     Refused {
-        /// What was asked.
+        /// The call.
         call: &'static str,
         /// The canonical gRPC code.
         code: tonic::Code,
@@ -93,9 +93,9 @@ pub enum ClientError {
         "the daemon's answer to {call} cannot be understood: {problem}; client and daemon may be of different versions"
     )]
     Malformed {
-        /// What was asked.
+        /// The call.
         call: &'static str,
-        /// What was found.
+        /// The fault that was found.
         problem: String,
     },
 
@@ -104,7 +104,7 @@ pub enum ClientError {
     Invalid {
         /// The offending thing, e.g. `parameter max_depth`.
         what: String,
-        /// What is wrong with it and what would be right.
+        /// The mistake in it, and how to mend it.
         problem: String,
     },
 

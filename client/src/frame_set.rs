@@ -31,7 +31,7 @@ pub struct FrameSet {
     stopped_from: f64,
 }
 
-/// What a trial of several frames came to, in the units of the frames.
+/// The result of a trial of several frames, in the units of the frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FrameSetResult {
     /// The median of all frames that count.
@@ -131,7 +131,7 @@ impl FrameSet {
             count if count % 2 == 1 => sorted[middle],
             _ => sorted[middle - 1] / 2.0 + sorted[middle] / 2.0,
         };
-        // What lies above the middle may lie higher still.
+        // Costs above the middle may be higher still.
         if sorted.get(middle).is_some_and(|&cost| cost >= self.stopped_from) {
             return FrameSetResult::Stopped { lower_bound: median };
         }

@@ -4,16 +4,16 @@ use serde::Serialize;
 
 use crate::{Configuration, OmissionReason, OpenEnum, Rule, Standing};
 
-/// What the policy weighed. Costs are in the objective's units; `None` is what played no part.
+/// The figures that the policy weighed. Costs are in the objective's units; `None` played no part.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Explanation {
     /// The rule that decided.
     pub rule: Option<OpenEnum<Rule>>,
     /// The probability of exploring that the dice were thrown with.
     pub epsilon: Option<f64>,
-    /// What was left of the client's regret budget before this answer.
+    /// The rest of the client's regret budget before this answer.
     pub budget_left: Option<f64>,
-    /// What was set aside of it for this trial.
+    /// The part of it that was reserved for this trial.
     pub set_aside: Option<f64>,
     /// The cost of what would have been run without exploring.
     pub reference_cost: Option<f64>,
@@ -31,7 +31,7 @@ pub struct Explanation {
     pub silent: bool,
 }
 
-/// What the policy knows of a state.
+/// The policy's knowledge of a state.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct StateInsight {
     /// The state's number.

@@ -28,7 +28,7 @@ pub const ANSWER_BYTES: usize = 16 << 20;
 
 /// A suggestion that missed its frame is still awaited for so long, for the next frame.
 pub const LATE_ANSWER: Duration = Duration::from_secs(5);
-/// Who waits for a daemon that is away looks for it again after so long.
+/// Pause between looks for a daemon that is away.
 pub const WAIT_PAUSE: Duration = Duration::from_millis(100);
 /// One attempt to deliver a report or to give a trial back may take so long.
 pub const DELIVERY_ATTEMPT: Duration = Duration::from_secs(5);

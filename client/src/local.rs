@@ -226,7 +226,7 @@ fn none(problem: String) -> ClientError {
 
 /// Refuses a folder that is not the user's alone.
 fn check_folder(folder: &Path, may_be_link: bool) -> Result<(), ClientError> {
-    /// Who may write, besides the owner.
+    /// Write permissions of others than the owner.
     const OTHERS_WRITE: u32 = 0o022;
     let user = rustix::process::geteuid().as_raw();
     let failed = |error| of_file(folder, &error);

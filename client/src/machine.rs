@@ -1,4 +1,4 @@
-//! What can be found out about the machine that a measurement holds for.
+//! Detection of the machine that a measurement holds for.
 
 use treewright_model::trial::Fingerprint;
 

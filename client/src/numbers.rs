@@ -69,14 +69,14 @@ macro_rules! named_numbers {
 }
 
 named_numbers! {
-    /// What describes the input at the moment: one raw number for each indicator of the study, in the
+    /// A description of the input at the moment: one raw number for each indicator of the study, in the
     /// indicator's own unit. The service does the normalising.
     Indicators
 }
 
 named_numbers! {
-    /// What was measured with a trial's configuration, e.g. `build_ms` and `render_ms`: kept raw by the
-    /// service. At most 64, finite, not negative; names spelt like a parameter's.
+    /// Measurements with a trial's configuration, e.g. `build_ms` and `render_ms`: kept raw by the service.
+    /// At most 64, finite, not negative; names spelt like a parameter's.
     Measurements
 }
 

@@ -12,7 +12,7 @@ use tokio::sync::watch;
 
 use crate::{Measurements, Outcome};
 
-/// What is to be said about a trial.
+/// A message about a trial.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Message {
     /// Its result.
@@ -25,7 +25,7 @@ pub(crate) enum Message {
 #[derive(Debug, Clone)]
 pub(crate) struct OutboxItem {
     pub(crate) study: Arc<str>,
-    /// Who ran the trial; see [`crate::workers`].
+    /// The worker that ran the trial; see [`crate::workers`].
     pub(crate) worker: Arc<str>,
     pub(crate) trial: Arc<str>,
     pub(crate) message: Message,
@@ -33,7 +33,7 @@ pub(crate) struct OutboxItem {
     pub(crate) attempts: u32,
 }
 
-/// What a full or closed outbox lost.
+/// Counts of messages that a full or closed outbox lost.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Lost {
     pub(crate) reports: usize,

@@ -10,9 +10,9 @@ use crate::{ClientError, Configuration, Indicators, Study, Suggestion};
 /// Which of a pair runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// What is run today.
+    /// The configuration in use today.
     Incumbent,
-    /// What may be better.
+    /// The configuration that may be better.
     Challenger,
 }
 

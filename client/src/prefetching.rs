@@ -59,8 +59,8 @@ impl PrefetchingTuner {
         &self.study
     }
 
-    /// What to run in this frame. Hands in the previous frame's result, and asks for the next frame as if its
-    /// indicators were the same.
+    /// The suggestion for this frame. Hands in the previous frame's result, and asks for the next frame as if
+    /// its indicators were the same.
     ///
     /// It never waits and never fails: where no answer is there yet it is a fallback, and
     /// [`Suggestion::problem`] says why. So is the first frame.

@@ -1,4 +1,4 @@
-//! What the service tells about studies and trials, in types of this crate.
+//! Records of studies and trials from the service, in types of this crate.
 
 use std::time::SystemTime;
 
@@ -21,7 +21,7 @@ pub struct Reason {
     pub step: String,
     /// The known states the answer rests on, nearest first.
     pub neighbours: Vec<Neighbour>,
-    /// What the policy weighed.
+    /// The figures that the policy weighed.
     pub explanation: Explanation,
 }
 
@@ -47,7 +47,7 @@ pub struct TrialRecord {
     pub state_id: i64,
     /// The indicators as the client sent them.
     pub indicators: Indicators,
-    /// What to run with.
+    /// The configuration to run with.
     pub configuration: Configuration,
     /// Parameters of it whose values are of a kind that this version cannot read.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -106,7 +106,7 @@ pub struct StudyRecord {
     pub display_name: String,
     /// How the service decides.
     pub policy: Policy,
-    /// What defines it; else what this version cannot read of it.
+    /// Its specification; else the reason why this version cannot read it.
     #[serde(serialize_with = "spec_or_problem")]
     pub(crate) spec: Result<StudySpec, String>,
     /// When it was created.
@@ -120,7 +120,7 @@ pub struct StudyRecord {
 }
 
 impl StudyRecord {
-    /// What defines it, and its policy at the time.
+    /// Its specification, with its policy at the time.
     ///
     /// # Errors
     /// [`ClientError::Malformed`] for a study of a newer version, when this one cannot read it.
@@ -156,7 +156,7 @@ pub struct StudyStatistics {
     pub open_trials: i64,
 }
 
-/// What would be exploited for some indicators.
+/// The exploitation for some indicators.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Prediction {
     /// The configuration.
@@ -167,7 +167,7 @@ pub struct Prediction {
     pub predicted_cost: Option<f64>,
     /// How the answer came about.
     pub reason: Reason,
-    /// What is known of the state, if the study has met it.
+    /// The insight into the state, if the study has met it.
     pub state: Option<StateInsight>,
 }
 
@@ -189,7 +189,7 @@ pub struct Best {
     /// When that was.
     #[serde(serialize_with = "time_as_text")]
     pub last_measure_time: Option<SystemTime>,
-    /// What is proven of it; `None` from a daemon that does not tell.
+    /// How far it is proven; `None` from a daemon that does not say.
     pub standing: Option<Standing>,
 }
 

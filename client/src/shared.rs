@@ -20,7 +20,7 @@ use crate::{
 /// How often a suggestion is asked for again when the daemon names a trial that is just being reported.
 const ASK_AGAIN: usize = 3;
 
-/// What comes back for one question.
+/// The answer to one question.
 pub(crate) type SuggestAnswer = Result<Suggestion, ClientError>;
 
 #[derive(Debug)]
@@ -77,7 +77,7 @@ impl Shared {
         again
     }
 
-    /// What this process wants for itself from now on.
+    /// Sets this process's own policy from now on.
     pub(crate) fn set_session_policy(&self, policy: SessionPolicy) {
         *lock(&self.session_policy) = policy;
     }
@@ -203,7 +203,7 @@ impl Shared {
                     .await;
             let result =
                 result.unwrap_or_else(|_| Err(shared.context.core.late("Suggest", limits::LATE_ANSWER)));
-            // Who is answered may be done with the trial at once, and ask again.
+            // A caller with its answer may be done with the trial at once, and ask again.
             drop(worker);
             // A suggestion that nobody waits for comes back from here and gives its trial back.
             drop(reply.send(result));

@@ -8,7 +8,7 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 /// Bytes of an abstract socket's name.
 const NAME_BYTES: usize = 107;
 
-/// What came of asking for a name.
+/// The result of asking for a name.
 #[derive(Debug)]
 pub(crate) enum Slot {
     /// It is held for as long as this lives; without a socket where the system has none of that kind.

@@ -151,7 +151,7 @@ impl Stream<'_> {
         if let Err(problem) = &answer {
             self.shared.look_at_refusal(problem);
         }
-        // Who is answered may be done with the trial at once, and ask again.
+        // A caller with its answer may be done with the trial at once, and ask again.
         drop(worker);
         // A suggestion that nobody waits for comes back from here and gives its trial back.
         drop(reply.send(answer));

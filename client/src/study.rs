@@ -54,15 +54,15 @@ impl Study {
         &self.shared.context.name
     }
 
-    /// What defines it.
+    /// Its specification.
     #[must_use]
     pub fn spec(&self) -> &StudySpec {
         &self.shared.context.spec
     }
 
-    /// What this process wants for itself from now on, instead of what the study's policy says. It goes along
-    /// with every question of this study's handles and holds for their answers alone: other clients are not
-    /// concerned, and when the process ends, however it ends, nothing is left behind.
+    /// Sets this process's own policy from now on, in place of the study's. It goes along with every question
+    /// of this study's handles and holds for their answers alone: other clients are not concerned, and when
+    /// the process ends, however it ends, nothing is left behind.
     ///
     /// Errors: [`ClientError::Invalid`] for a value out of its range.
     pub fn set_session_policy(&self, policy: SessionPolicy) -> Result<(), ClientError> {
@@ -150,8 +150,8 @@ impl Study {
         PrefetchingTuner::new(self)
     }
 
-    /// What would be exploited for these indicators. Writes nothing. Here and in what follows, a daemon that
-    /// is still loading the study is asked again until [`crate::Options::call_deadline`] is over.
+    /// The exploitation for these indicators. Writes nothing. Here and in what follows, a daemon that is
+    /// still loading the study is asked again until [`crate::Options::call_deadline`] is over.
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {

@@ -25,7 +25,7 @@ pub enum Source {
     Default,
 }
 
-/// What to run next. If it came from the daemon it holds a trial: report the result with
+/// A configuration to run next. If it came from the daemon it holds a trial: report the result with
 /// [`Suggestion::report`], or drop it, which gives the trial back. Neither ever blocks.
 ///
 /// A suggestion that did not come from the daemon ([`Suggestion::source`]) is used in the same way, but there
@@ -89,7 +89,7 @@ impl Suggestion {
         }
     }
 
-    /// What to run with.
+    /// The configuration to run with.
     #[must_use]
     pub fn configuration(&self) -> &Configuration {
         &self.configuration
@@ -217,7 +217,7 @@ impl Finished {
         self.lease.as_ref().is_none_or(|lease| lease.study.core.is_of_this_process())
     }
 
-    /// Who ran the trial, and so may ask for the next; `None` when there was no trial.
+    /// The worker that ran the trial, and so may ask for the next; `None` when there was no trial.
     pub(crate) fn worker(&self) -> Option<Arc<Worker>> {
         self.lease.as_ref().map(|lease| Arc::clone(&lease.worker))
     }

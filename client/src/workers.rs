@@ -32,7 +32,7 @@ pub(crate) struct Workers {
 struct WorkersState {
     /// Taken from other processes as they are needed, and kept until the client ends.
     owned: Vec<OwnedName>,
-    /// Who does what in each study; the workers stand as they do in `owned`.
+    /// The seats of the workers in each study, in the order of `owned`.
     studies: HashMap<Arc<str>, Vec<Seat>>,
 }
 
@@ -124,7 +124,7 @@ impl Worker {
         *self.study == *study
     }
 
-    /// Who it is to the service.
+    /// Its name for the service.
     pub(crate) fn name(&self) -> &Arc<str> {
         &self.name
     }

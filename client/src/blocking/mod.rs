@@ -1,4 +1,4 @@
-//! The same client for programs without a tokio runtime: calls return when they are done.
+//! The client for programs without a tokio runtime: calls return when they are done.
 //!
 //! One thread drives the network, the outbox and the timers; calls wait on the caller's own thread. What the
 //! asynchronous client never lets block ([`crate::Suggestion::report`], dropping a suggestion) does not block
@@ -64,7 +64,7 @@ impl Client {
         Ok(Self { connected: Arc::new(PerProcess::new(connected)) })
     }
 
-    /// What this process has, made at its first call. Errors: [`ClientError::NoRuntime`].
+    /// This process's client, made at its first call. Errors: [`ClientError::NoRuntime`].
     fn here(&self) -> Result<&ConnectedClient, ClientError> {
         self.connected.get(ConnectedClient::again)
     }

@@ -1,6 +1,6 @@
-//! What belongs to one process. After a fork the child has a copy of its parent's memory and none of its
-//! threads: nobody there will let go of a lock that one of them held, or answer. So what is the parent's is
-//! neither used nor cleaned up in the child.
+//! Values that belong to one process. After a fork the child has a copy of its parent's memory and none of
+//! its threads: nobody there will let go of a lock that one of them held, or answer. So what is the parent's
+//! is neither used nor cleaned up in the child.
 
 use std::sync::OnceLock;
 
@@ -67,7 +67,7 @@ impl<T> PerProcess<T> {
         self.first.value.as_ref().expect("it is only taken when dropped")
     }
 
-    /// What this process has; made with that of the one before where it has none yet. Errors: those of
+    /// The value of this process; made with that of the one before where it has none yet. Errors: those of
     /// `make`.
     pub(super) fn get(&self, make: impl Fn(&T) -> Result<T, ClientError>) -> Result<&T, ClientError> {
         let mut at = self;

@@ -14,7 +14,7 @@ fn versions() -> Vec<PathBuf> {
     entries.map(|entry| entry.expect("an entry").path()).filter(|path| path.is_dir()).collect()
 }
 
-/// What a released daemon answered to every call of an RPC, in order.
+/// The answers of a released daemon to every call of an RPC, in order.
 fn responses<M: Message + Default>(version: &Path, rpc: &str) -> Vec<M> {
     let ending = format!(".{rpc}.response.binpb");
     let entries = std::fs::read_dir(version).expect("a recorded conversation");

@@ -66,7 +66,7 @@ async fn a_daemon_that_is_still_loading_the_study_is_asked_again() {
     client.flush(Duration::from_secs(20)).await.unwrap();
     assert_eq!(fake.book().count("Suggest"), 4);
     assert_eq!(client.stats().fallbacks, 0);
-    // What only reads waits as well.
+    // Calls that only read wait as well.
     for call in ["Predict", "GetBest", "GetStudy"] {
         let before = fake.book().count(call);
         fake.book().loading = 2;

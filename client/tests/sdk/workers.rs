@@ -8,7 +8,7 @@ use treewright_proto::v1::TrialState;
 
 use crate::support::{Fake, measured, patient, spec, state};
 
-/// Who ran the trials so far.
+/// The workers that ran the trials so far.
 fn workers(fake: &Fake) -> BTreeSet<String> {
     fake.book().trials.iter().map(|trial| trial.client_id.clone()).collect()
 }

@@ -1,4 +1,4 @@
-//! What the stand-in knows: studies and trials, after the rules of the wire contract.
+//! The stand-in's state: studies and trials, after the rules of the wire contract.
 
 use std::collections::BTreeMap;
 
