@@ -32,7 +32,7 @@ pub struct Reason {
     pub step: String,
     /// The known states that the answer rests on, nearest first, at most 5.
     pub neighbours: Vec<Neighbour>,
-    /// What the policy weighed.
+    /// The figures that the policy weighed.
     #[serde(default, skip_serializing_if = "Explanation::is_empty")]
     pub explanation: Explanation,
 }
@@ -52,7 +52,7 @@ words! {
         Budget = "BUDGET",
         /// Not explored, because the expected gain does not pay for it, or is below the noise.
         Gain = "GAIN",
-        /// What was exploited here did clearly worse than another configuration.
+        /// The configuration exploited here did clearly worse than another.
         RolledBack = "ROLLED_BACK",
         /// The study is frozen.
         Frozen = "FROZEN",
@@ -72,7 +72,7 @@ words! {
     }
 }
 
-/// What the policy weighed when it answered. Costs are in the objective's units, and finite.
+/// The figures that the policy weighed when it answered. Costs are in the objective's units, and finite.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Explanation {
@@ -82,10 +82,10 @@ pub struct Explanation {
     /// The probability of exploring that the dice were thrown with.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epsilon: Option<f64>,
-    /// What was left of the client's regret budget before this answer.
+    /// The rest of the client's regret budget before this answer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget_left: Option<f64>,
-    /// What was set aside of it for this trial: the most that it can cost above the reference.
+    /// The part of it that was reserved for this trial: the most that it can cost above the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub set_aside: Option<f64>,
     /// The client is to stop the trial as soon as its cost exceeds this.
@@ -106,7 +106,7 @@ pub struct Explanation {
     /// Parameters that were left at their best known value because they do not matter here.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub held: Vec<String>,
-    /// What would have been answered, were the study not in shadow.
+    /// The answer without shadow operation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instead_of: Option<RawConfiguration>,
     /// The cost of this trial is not learnt.

@@ -1,4 +1,4 @@
-//! What a client's session wants for itself.
+//! The policy of a client's session.
 //!
 //! A run such as a benchmark wants to explore more, or not at all, without changing how the study treats
 //! everybody else. It sends its wishes with every question. They hold for its own answers and nobody else's;
@@ -38,7 +38,7 @@ impl SessionPolicy {
         *self == Self::default()
     }
 
-    /// What holds at a time: past its deadline a session explores no more.
+    /// The policy at a time: past its deadline a session explores no more.
     #[must_use]
     pub fn at(self, now_ms: i64) -> Self {
         match self.explore_until_ms {

@@ -19,8 +19,7 @@ pub const LIKELY: f64 = 0.8;
 pub const NOTHING_TO_WIN: f64 = 0.01;
 
 words! {
-    /// What is known of an answer beside the study's default configuration: the one list of what every
-    /// surface says of it.
+    /// The standing of an answer beside the study's default configuration: the one list for every surface.
     pub enum StandingVerdict {
         /// Better, by the paired rounds of its confirmation alone, with a probability of at least [`PROVEN`].
         /// The reported gain is that of the same rounds.
@@ -156,7 +155,7 @@ pub struct Standing {
 }
 
 impl Standing {
-    /// What is known of the answer beside the default.
+    /// The standing of the answer beside the default.
     pub fn verdict(&self) -> StandingVerdict {
         let stage = self.confirmation.stage;
         let by_rounds = self.confirmation.gain;
@@ -188,7 +187,7 @@ impl Standing {
         }
     }
 
-    /// What is known with its probability, as a sentence for people, without its full stop.
+    /// The verdict with its probability, as a sentence for people, without its full stop.
     pub fn sentence(&self) -> String {
         let Confirmation { rounds, rounds_max, measurements, gain, .. } = self.confirmation;
         let verdict = self.verdict();

@@ -25,7 +25,7 @@ pub struct StudySpec<P = Policy> {
     pub space: Space,
     /// The numbers that describe an input. May be empty: the study then has one state.
     pub indicators: IndicatorSchema,
-    /// What is minimised.
+    /// The objective that is minimised.
     pub objective: Objective,
     /// Two states are the same when every normalised indicator differs by at most this much, 0 to 1.
     pub state_tolerance: f64,

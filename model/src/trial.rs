@@ -149,13 +149,13 @@ impl Fingerprint {
 pub struct Trial<C = Configuration> {
     /// Rises by one from 1 within the study.
     pub number: u64,
-    /// Who holds it.
+    /// The client that holds it.
     pub client_id: String,
     /// The state it is for.
     pub state_id: u64,
     /// The indicators as the client sent them, all finite.
     pub indicators: BTreeMap<String, f64>,
-    /// What to run with.
+    /// The configuration to run with.
     pub configuration: C,
     /// Why this configuration.
     pub decision: Decision,
@@ -180,7 +180,7 @@ pub struct Trial<C = Configuration> {
     pub complete_ms: Option<i64>,
     /// Place in the order of completion within the study, from 1. `None` before the report.
     pub completion: Option<u64>,
-    /// What the client said of its machine.
+    /// The client's description of its machine.
     pub fingerprint: Option<Fingerprint>,
 }
 

@@ -43,7 +43,7 @@ fn services(set: &FileDescriptorSet) -> BTreeMap<&str, &ServiceDescriptorProto> 
     set.file.iter().flat_map(|file| &file.service).map(|service| (service.name(), service)).collect()
 }
 
-/// What `new` breaks of `old`, in words.
+/// The parts of `old` that `new` breaks, in words.
 fn broken(old: &FileDescriptorSet, new: &FileDescriptorSet) -> Vec<String> {
     let mut found = Vec::new();
     let new_messages = messages(new);

@@ -20,7 +20,7 @@ use crate::standing::Gain;
 /// Why a client gets a configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Decision {
-    /// What was chosen, by which rule.
+    /// The choice, with its rule.
     pub choice: Choice,
     /// The cost of the trial is not learnt. That its configuration cannot be run is.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -51,7 +51,7 @@ fn is_none_lost(count: &u32) -> bool {
     *count == 0
 }
 
-/// What was chosen, by which rule.
+/// The choice of a decision, with its rule.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
@@ -61,7 +61,7 @@ pub enum Choice {
     Wanted,
     /// The study answers the default and only looks on.
     Shadow {
-        /// What would have been answered.
+        /// The configuration that would have been answered.
         instead_of: RawConfiguration,
         /// By how much that is expected to be cheaper than the default, as a share.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -94,7 +94,7 @@ pub struct Explore {
     pub held: Vec<String>,
 }
 
-/// What is explored.
+/// The kind of explored point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExploredPoint {
@@ -114,9 +114,9 @@ pub enum ExploredPoint {
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         neighbours: Vec<Neighbour>,
     },
-    /// What a predictor proposes to begin a state with.
+    /// A predictor's proposal to begin a state with.
     Proposal(Predicted),
-    /// What other machines found best.
+    /// The best configuration of other machines.
     ByMachines(ByMachines),
     /// Drawn at random, because the search met known configurations only.
     Random,
@@ -141,7 +141,7 @@ pub enum ExploredPoint {
 /// A configuration known to be good is run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exploit {
-    /// Who says that it is good.
+    /// The source that calls it good.
     pub source: ExploitSource,
     /// Why the client does not explore.
     pub rule: ExploitRule,
@@ -153,7 +153,7 @@ pub struct Exploit {
     pub budget: BudgetStatus,
 }
 
-/// Who says that a configuration is good.
+/// The source that calls a configuration good.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExploitSource {
@@ -191,7 +191,7 @@ pub enum ExploitSource {
     Machines(ByMachines),
 }
 
-/// What a predictor says.
+/// The answer of a predictor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Predicted {
     /// Which one.
@@ -202,7 +202,7 @@ pub struct Predicted {
     pub neighbours: Vec<Neighbour>,
 }
 
-/// What other machines measured in a state.
+/// The measurements of other machines in a state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ByMachines {
     /// How near the machines are whose measurements count most.
@@ -244,7 +244,7 @@ pub enum ExploitRule {
     Budget,
     /// The expected gain does not pay for it, or is below the noise.
     Gain,
-    /// What was exploited here did clearly worse than this.
+    /// The configuration exploited here did clearly worse than this.
     RolledBack,
     /// The study is frozen.
     Frozen,
@@ -282,11 +282,11 @@ impl ExplorationEstimate {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct BudgetStatus {
-    /// What was left of the client's budget, in the objective's units.
+    /// The rest of the client's budget, in the objective's units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget_left: Option<f64>,
-    /// What was set aside of it for this trial, or would have had to be: the most that it can cost above the
-    /// reference.
+    /// The part of it that was reserved for this trial, or would have had to be: the most that it can cost
+    /// above the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub set_aside: Option<f64>,
     /// The cost of what would have been run without exploring.
@@ -309,7 +309,7 @@ pub enum Step {
     Default,
     /// A point of a Latin hypercube design.
     LatinHypercube,
-    /// What did well in other states of the study.
+    /// A configuration that did well in other states of the study.
     Elsewhere,
     /// The best point so far, one step along one axis: the design of a continuous space.
     Coordinate,

@@ -41,7 +41,7 @@ fn named<T: for<'a> Deserialize<'a>>(name: &str) -> Option<T> {
 }
 
 impl ExplorationEstimate {
-    /// What an explanation has of it.
+    /// The part of it that an explanation has.
     pub fn recorded(explanation: &Explanation) -> Self {
         ExplorationEstimate {
             epsilon: explanation.epsilon,
@@ -54,7 +54,7 @@ impl ExplorationEstimate {
 }
 
 impl ExploreRule {
-    /// What the rule of a client that explores stands for.
+    /// The meaning of the rule of a client that explores.
     pub fn recorded(rule: Option<Rule>) -> Self {
         match rule {
             Some(Rule::NothingKnown) => ExploreRule::NothingKnown,

@@ -86,7 +86,7 @@ fn neighbours(choice: &Choice) -> Vec<Neighbour> {
     }
 }
 
-/// What the policy weighed.
+/// The figures that the policy weighed.
 fn explanation(decision: &Decision) -> Explanation {
     let mut told = Explanation { rule: decision.rule(), silent: decision.silent, ..Explanation::default() };
     let (estimate, budget) = match &decision.choice {
@@ -126,7 +126,7 @@ fn summary(choice: &Choice) -> String {
     }
 }
 
-/// What is said of leases that were lost.
+/// The words about lost leases.
 fn of_lost(leases: u32) -> &'static str {
     match leases {
         0 => "",

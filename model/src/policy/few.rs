@@ -1,4 +1,4 @@
-//! What a search takes that tries every configuration of a space.
+//! The length of a search that tries every configuration of a space.
 
 use crate::policy::{Policy, PolicySettings};
 use crate::space::Space;
@@ -20,7 +20,7 @@ const CONTENDERS: u64 = 3;
 const ROUNDS: u64 = 10;
 
 impl PolicySettings {
-    /// What tuning takes in a space, where this policy's searches try all of it; `None` where they do not.
+    /// The length of tuning in a space, where this policy's searches try all of it; `None` where they do not.
     pub fn few(&self, space: &Space) -> Option<Few> {
         let policy: Policy = Policy::default();
         let trials = u64::from(self.trials_per_state.unwrap_or(policy.trials_per_state));

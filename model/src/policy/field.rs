@@ -1,4 +1,4 @@
-//! What a field of a policy can be: a number, a switch or a word, with its range.
+//! The kinds of fields of a policy: a number, a switch or a word, with its range.
 
 use std::fmt;
 
@@ -43,7 +43,7 @@ impl fmt::Display for Range {
 pub struct PolicyField {
     /// Its name, in the field mask too.
     pub name: &'static str,
-    /// What it does, with its unit and range.
+    /// Its effect, with its unit and range.
     pub about: &'static str,
     /// The value that holds where it is not set, in words.
     pub unset: &'static str,

@@ -20,7 +20,7 @@ impl<T> RegisteredMethod<T> {
     }
 }
 
-/// What the registry knows: [`SearchMethod`] and [`PredictorMethod`].
+/// The methods of the registry: [`SearchMethod`] and [`PredictorMethod`].
 pub trait Method: Word {
     /// Every method: `auto`, then the rows of the registry in their order.
     const REGISTERED: &'static [RegisteredMethod<Self>];
@@ -90,7 +90,7 @@ crate::search_methods!(define_searches);
 crate::predictor_methods!(define_predictors);
 
 words! {
-    /// What a study does with what it knows.
+    /// The operation of a study: how it uses its knowledge.
     #[derive(Default)]
     pub enum Operation {
         /// Explores, exploits and learns.

@@ -41,7 +41,7 @@ pub enum PolicyError {
         field: &'static str,
         /// As given.
         value: f64,
-        /// What is allowed.
+        /// The allowed range.
         range: Range,
     },
     /// A method or operation of another version.
@@ -54,12 +54,12 @@ pub enum PolicyError {
         /// The words for what there is.
         known: String,
     },
-    /// What is written for a field cannot be read.
+    /// The text for a field cannot be read.
     #[error("policy.{field}: {problem}")]
     Text {
         /// The field.
         field: &'static str,
-        /// What is wrong and what would be right.
+        /// The mistake, and how to mend it.
         problem: String,
     },
     /// There is no such field.

@@ -9,7 +9,7 @@ use crate::space::{Domain, Scale};
 use crate::value::Value;
 
 impl Domain {
-    /// What is wrong with the domain itself, in words.
+    /// The mistake in the domain itself, in words.
     pub(super) fn problem(&self) -> Option<String> {
         match self {
             Domain::Integer { min, max, scale } => {

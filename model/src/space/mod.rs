@@ -38,7 +38,7 @@ pub enum Scale {
     Log,
 }
 
-/// What a parameter may be.
+/// The values that a parameter may have.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Domain {
@@ -83,7 +83,7 @@ pub struct Condition {
 pub struct Parameter {
     /// 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a letter.
     pub name: String,
-    /// What it may be.
+    /// The values that it may have.
     pub domain: Domain,
     /// The recommended value, inside the domain: the baseline everything is judged against.
     pub default: Value,
@@ -127,7 +127,7 @@ pub enum SpaceError {
     /// A count is out of range.
     #[error("the space has {count} {what}; {least} to {most} are allowed")]
     Count {
-        /// What is counted.
+        /// The counted things.
         what: &'static str,
         /// The number that was given.
         count: usize,
@@ -159,7 +159,7 @@ pub enum SpaceError {
     Domain {
         /// The parameter.
         parameter: String,
-        /// What is wrong, in words.
+        /// The mistake, in words.
         problem: String,
     },
     /// The default is not in the domain.
@@ -177,7 +177,7 @@ pub enum SpaceError {
     Condition {
         /// The parameter that carries the condition.
         parameter: String,
-        /// What is wrong, in words.
+        /// The mistake, in words.
         problem: String,
     },
     /// A constraint is not acceptable.
@@ -187,7 +187,7 @@ pub enum SpaceError {
         lesser: String,
         /// The greater parameter.
         greater: String,
-        /// What is wrong, in words.
+        /// The mistake, in words.
         problem: String,
     },
     /// A configuration names a parameter that the space does not have.

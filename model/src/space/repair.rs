@@ -1,4 +1,4 @@
-//! What is done about points of the cube that break a constraint `lesser <= greater`.
+//! Repair of points of the cube that break a constraint `lesser <= greater`.
 //!
 //! First the two values are swapped where both domains allow it: the cube is folded along the diagonal, so
 //! uniform points stay uniform over the allowed triangle and the map stays continuous (clamping would heap a

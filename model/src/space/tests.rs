@@ -1,4 +1,4 @@
-//! What a space promises: only valid configurations, from any point and from any list of values.
+//! The promises of a space: only valid configurations, from any point and from any list of values.
 
 use std::collections::BTreeMap;
 
@@ -305,7 +305,7 @@ fn few_configurations_are_counted_as_they_are() {
     assert_eq!(count(vec![integer("level", 1, 19, Scale::Log, 3)], vec![]), Some(19));
     assert_eq!(count(vec![float("one", 2.0, 2.0, Scale::Linear, 2.0)], vec![]), Some(1));
     assert_eq!(count(vec![level(), float("x", 0.0, 1.0, Scale::Linear, 0.0)], vec![]), None);
-    // What is inactive has no values of its own.
+    // An inactive parameter has no values of its own.
     let only = only_if(level(), "kind", vec![Value::Integer(7)]);
     assert_eq!(count(vec![choice("kind", &[5, 6, 7]), only], vec![]), Some(2 + 19));
     let (small, large) = (integer("a", 1, 4, Scale::Linear, 1), integer("b", 1, 4, Scale::Linear, 4));

@@ -52,7 +52,7 @@ pub use values::{
 pub struct Malformed {
     /// Which, as a path in the message.
     pub field: String,
-    /// What is wrong and what would be right.
+    /// The mistake, and how to mend it.
     pub problem: String,
 }
 

@@ -22,7 +22,7 @@ fn neighbour(neighbour: &Neighbour) -> v1::Neighbour {
     v1::Neighbour { state_id: signed(state_id), distance, best_cost }
 }
 
-/// What the policy weighed.
+/// The figures that the policy weighed.
 fn explanation(explanation: &Explanation) -> v1::Explanation {
     v1::Explanation {
         rule: explanation.rule.map_or(0, WireEnum::number),

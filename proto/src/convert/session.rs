@@ -1,4 +1,4 @@
-//! What a session wants for itself.
+//! The policy of a session.
 
 use treewright_model::session::SessionPolicy;
 

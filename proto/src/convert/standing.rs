@@ -1,4 +1,4 @@
-//! What is proven of answers.
+//! The standing of answers.
 
 use treewright_model::standing::{Confirmation, ConfirmationStage, Gain, Standing};
 use treewright_model::words::OpenEnum;
