@@ -63,23 +63,80 @@ impl Model {
         node.leaves() <= self.max_leaf_size
     }
 
-    /// The costs of an inner node from those of its children.
+    /// The costs of an inner node from those of its children, and what to do with it.
     #[inline(always)]
-    fn costs<const W: usize>(&self, node: &BinaryNode, left: &Costs<W>, right: &Costs<W>) -> Costs<W> {
+    fn costs<const W: usize>(
+        &self,
+        node: &BinaryNode,
+        left: &Costs<W>,
+        right: &Costs<W>,
+    ) -> (Costs<W>, Decision) {
         if self.must_be_leaf(node) {
-            return [self.leaf(node); W];
+            return ([self.leaf(node); W], Decision::LEAF);
         }
         let mut costs = [f32::INFINITY; W];
         for children in 2..=W {
             costs[children - 1] = shared(left, right, children);
         }
+        let mut decision = Decision::NONE;
+        decision.split(W, first_split(left, right, W, costs[W - 1]));
         let as_node = costs[W - 1] + self.share(node) * self.traversal_cost;
-        costs[0] = if self.may_be_leaf(node) { as_node.min(self.leaf(node)) } else { as_node };
-        for children in 1..W {
-            costs[children] = costs[children].min(costs[children - 1]);
+        let as_leaf = if self.may_be_leaf(node) { self.leaf(node) } else { f32::INFINITY };
+        costs[0] = as_node.min(as_leaf);
+        if self.may_be_leaf(node) && as_leaf <= costs[0] {
+            decision = Decision(decision.0 | Decision::LEAF.0);
         }
-        costs
+        for children in 2..=W {
+            match costs[children - 1] < costs[children - 2] {
+                true if children < W => {
+                    decision.split(children, first_split(left, right, children, costs[children - 1]));
+                }
+                true => {}
+                false => costs[children - 1] = costs[children - 2],
+            }
+        }
+        (costs, decision)
     }
+
+    /// The costs of a leaf of the binary tree.
+    fn of_leaf<const W: usize>(&self, node: &BinaryNode) -> (Costs<W>, Decision) {
+        ([self.leaf(node); W], Decision::LEAF)
+    }
+}
+
+/// How a subtree becomes children of a wide node: whether it is a leaf where it is one child, and for each
+/// greater number of children how many of them its first half gets, four bits each. None means that fewer
+/// children cost as little.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Decision(u64);
+
+impl Decision {
+    const NONE: Self = Self(0);
+    const LEAF: Self = Self(1);
+
+    fn split(&mut self, children: usize, of_left: usize) {
+        self.0 |= (of_left as u64) << Self::place(children);
+    }
+
+    fn is_leaf(self) -> bool {
+        self.0 & Self::LEAF.0 != 0
+    }
+
+    /// How many of `children` the first half gets; 0 where fewer children cost as little.
+    fn of_left(self, children: usize) -> usize {
+        (self.0 >> Self::place(children) & 0xf) as usize
+    }
+
+    /// Two children come first, behind the bit of the leaf; sixteen end with the word.
+    fn place(children: usize) -> usize {
+        4 * (children - 1)
+    }
+}
+
+/// The least number of children for the first half with which the sum is `least`.
+#[inline(always)]
+fn first_split<const W: usize>(left: &Costs<W>, right: &Costs<W>, children: usize, least: f32) -> usize {
+    (1..children).find(|of_left| left[of_left - 1] + right[children - of_left - 1] == least).unwrap_or(1)
 }
 
 /// Least cost of two subtrees that share `children` children.
@@ -93,16 +150,15 @@ fn shared<const W: usize>(left: &Costs<W>, right: &Costs<W>, children: usize) ->
 /// The wide tree of `W` children a node. The binary tree must be numbered depth first.
 pub(super) fn collapse<const W: usize>(tree: &BinaryTree, parameters: &TreeParameters) -> Plan {
     let model = Model::new(parameters, tree.root());
-    let mut costs = vec![[0.0; W]; tree.nodes.len()];
-    let (top, below) = costs.split_at_mut(2);
-    top[0] = solve(tree, &model, 0, below, 2, TASK_LEVELS);
+    let mut decisions = vec![Decision::NONE; tree.nodes.len()];
+    let (top, below) = decisions.split_at_mut(2);
+    top[0] = solve::<W>(tree, &model, 0, below, 2, TASK_LEVELS).1;
 
     let triangles = tree.root().leaves() as usize;
     let mut plan = Plan::with_capacity(triangles / W, triangles / 2, triangles);
     let (mut stack, mut ends) = (Vec::new(), Vec::new());
     plan.grow((tree.root().bounds(), 0), |plan, number, found| {
-        let node = &tree.nodes[number];
-        if model.may_be_leaf(node) && model.leaf(node) <= costs[number][0] {
+        if decisions[number].is_leaf() {
             ends.clear();
             stack.push(number);
             while let Some(number) = stack.pop() {
@@ -114,54 +170,53 @@ pub(super) fn collapse<const W: usize>(tree: &BinaryTree, parameters: &TreeParam
             }
             return Some(plan.add_leaf(ends.iter().copied()));
         }
-        children(tree, &costs, number, found);
+        children::<W>(tree, &decisions, number, found);
         None
     });
     plan
 }
 
-/// Costs of a node; those of the nodes below it, which follow number `first`, go into `below`.
+/// Costs of a node and what to do with it; the decisions for the nodes below it, which follow number `first`,
+/// go into `below`. Costs are kept for one task's part of the tree only: they are eight times as large.
 fn solve<const W: usize>(
     tree: &BinaryTree,
     model: &Model,
     node: usize,
-    below: &mut [Costs<W>],
+    below: &mut [Decision],
     first: usize,
     levels: u32,
-) -> Costs<W> {
+) -> (Costs<W>, Decision) {
     let this = &tree.nodes[node];
     if this.leaves() < LEAVES_PER_TASK || levels == 0 {
+        let mut costs = vec![[0.0; W]; below.len()];
         // Children have higher numbers than their parents.
         for place in (0..below.len()).rev() {
-            let number = first + place;
-            below[place] = match tree.nodes[number].first_child() {
-                Some(pair) => {
-                    let [left, right] = [below[pair - first], below[pair + 1 - first]];
-                    model.costs(&tree.nodes[number], &left, &right)
-                }
-                None => [model.leaf(&tree.nodes[number]); W],
+            let node = &tree.nodes[first + place];
+            (costs[place], below[place]) = match node.first_child() {
+                Some(pair) => model.costs(node, &costs[pair - first], &costs[pair + 1 - first]),
+                None => model.of_leaf(node),
             };
         }
         return match this.first_child() {
-            Some(_) => model.costs(this, &below[0], &below[1]),
-            None => [model.leaf(this); W],
+            Some(_) => model.costs(this, &costs[0], &costs[1]),
+            None => model.of_leaf(this),
         };
     }
     let (pair, below) = below.split_at_mut(2);
     let of_left = 2 * (tree.nodes[first].leaves() as usize - 1);
     let (below_left, below_right) = below.split_at_mut(of_left);
     let (left, right) = rayon::join(
-        || solve(tree, model, first, below_left, first + 2, levels - 1),
-        || solve(tree, model, first + 1, below_right, first + 2 + of_left, levels - 1),
+        || solve::<W>(tree, model, first, below_left, first + 2, levels - 1),
+        || solve::<W>(tree, model, first + 1, below_right, first + 2 + of_left, levels - 1),
     );
-    (pair[0], pair[1]) = (left, right);
-    model.costs(this, &left, &right)
+    (pair[0], pair[1]) = (left.1, right.1);
+    model.costs(this, &left.0, &right.0)
 }
 
 /// Lists the children that a wide node made of `number` has.
 fn children<const W: usize>(
     tree: &BinaryTree,
-    costs: &[Costs<W>],
+    decisions: &[Decision],
     number: usize,
     found: &mut Vec<(Bounds, usize)>,
 ) {
@@ -172,23 +227,18 @@ fn children<const W: usize>(
     while count > 0 {
         count -= 1;
         let (number, mut share) = open[count];
-        let of_this = &costs[number];
-        if share < W {
-            while share > 1 && of_this[share - 2] == of_this[share - 1] {
-                share -= 1;
-            }
-            if share == 1 {
-                found.push((tree.nodes[number].bounds(), number));
-                continue;
-            }
+        let decision = decisions[number];
+        while share > 1 && decision.of_left(share) == 0 {
+            share -= 1;
+        }
+        if share == 1 {
+            found.push((tree.nodes[number].bounds(), number));
+            continue;
         }
         let Some(first) = tree.nodes[number].first_child() else {
-            unreachable!("a leaf costs the same as any number of children");
+            unreachable!("a leaf is never split");
         };
-        let (left, right) = (&costs[first], &costs[first + 1]);
-        let least = shared(left, right, share);
-        let of_left = (1..share).find(|of_left| left[of_left - 1] + right[share - of_left - 1] == least);
-        let of_left = of_left.expect("the least of these sums is one of them");
+        let of_left = decision.of_left(share);
         open[count] = (first + 1, share - of_left);
         open[count + 1] = (first, of_left);
         count += 2;

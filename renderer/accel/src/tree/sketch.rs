@@ -11,7 +11,7 @@ use crate::embree::ffi;
 use crate::layout::Bounds;
 
 /// A node of up to `W` children.
-#[repr(C, align(32))]
+#[repr(C, align(16))]
 pub(super) struct Sketch<const W: usize> {
     bounds: [Bounds; W],
     children: [SketchRef; W],
