@@ -18,7 +18,7 @@ fn copy(from: &Path, to: &Path) {
 fn packed(folder: &Path, modules: &Path) {
     let source = folder.join("integrations/javascript");
     std::fs::create_dir_all(&source).expect("a folder");
-    for name in ["package.json", "README.md", "src"] {
+    for name in ["package.json", "README.md", "src", "examples"] {
         copy(&file("javascript").join(name), &source.join(name));
     }
     for name in ["proto", "LICENSE"] {
@@ -45,8 +45,7 @@ fn the_packed_package_works_in_a_folder_of_its_own() {
     let modules = folder.path().join("program/node_modules");
     packed(folder.path(), &modules);
     let package = modules.join("treewright");
-    for name in ["proto/treewright/v1/tuning.proto", "src/index.js", "src/index.d.ts", "LICENSE", "README.md"]
-    {
+    for name in ["proto/treewright/v1/tuning.proto", "src/index.js", "src/index.d.ts", "LICENSE"] {
         assert!(package.join(name).is_file(), "the package lacks {name}");
     }
     let installed = file("javascript/node_modules");
@@ -63,9 +62,15 @@ fn the_packed_package_works_in_a_folder_of_its_own() {
         std::os::unix::fs::symlink(&path, link).expect("a link");
     }
     let script = folder.path().join("program/run.mjs");
+    let typed = folder.path().join("program/typed.ts");
     std::fs::copy(file("javascript/test/run.js"), &script).expect("the tests");
+    std::fs::copy(file("javascript/test/typed.ts"), &typed).expect("the tests of the types");
     let daemon = Daemon::start(&folder.path().join("tuning.db"));
-    let run =
-        |program: &mut Command| succeed(program.env("TREEWRIGHT_PACKAGE", "treewright").arg(daemon.url()));
-    assert_eq!(run(Command::new("node").arg(&script)), "ok\n");
+    let node = || Command::new("node");
+    assert_eq!(succeed(node().arg(&script).arg(daemon.url())), "ok\n");
+    let checks = ["--noEmit", "--strict", "--module", "nodenext", "--target", "es2022"];
+    succeed(node().arg(modules.join("typescript/bin/tsc")).args(checks).arg(&typed));
+    let example = package.join("examples/three_mesh_bvh.js");
+    let few = ["--trials", "1", "--rays", "2000", "--url"];
+    assert_eq!(succeed(node().arg(example).args(few).arg(daemon.url())).lines().count(), 2);
 }

@@ -1,6 +1,6 @@
 // three-mesh-bvh, tuned per mesh and per number of rays that its tree has to serve.
 //
-//   node --single-threaded examples/three_mesh_bvh.js --url URL --trials 25 --rays 1000,1000000 [--rounds 5] [SCENE.ply ...]
+//   node --single-threaded node_modules/treewright/examples/three_mesh_bvh.js --url URL --trials 25 --rays 1000,1000000 [--rounds 5] [SCENE.ply ...]
 //
 // How many rays follow a build is the use: a thousand for picking in a mesh that is edited, a million for a light map. Cost is build plus
 // rays, in milliseconds of processor time. Of many rays a run traces --sample and multiplies. With --rounds the tuned configuration is then
@@ -14,8 +14,7 @@ import { parseArgs } from "node:util";
 
 import { BufferAttribute, BufferGeometry, DoubleSide, Ray, Vector3 } from "three";
 import { AVERAGE, CENTER, MeshBVH, SAH } from "three-mesh-bvh";
-
-import { Client } from "../src/index.js";
+import { Client } from "treewright";
 
 const STRATEGIES = { center: CENTER, average: AVERAGE, sah: SAH };
 // The package's own default comes first.

@@ -48,7 +48,7 @@ export interface Options {
   /** A token, sent only over TLS or to this machine. */
   token?: string;
   /** PEM of the authority of the daemon's certificate; for `https:` addresses. */
-  authority?: Buffer;
+  authority?: string | Uint8Array;
   /** Names and versions of software that decides how fast something is. */
   software?: Record<string, string>;
 }

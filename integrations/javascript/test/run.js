@@ -4,8 +4,8 @@ import assert from "node:assert/strict";
 
 import * as grpc from "@grpc/grpc-js";
 
-// The package as it is installed somewhere, or else the one in the checkout.
-const { Client, TreewrightError } = await import(process.env.TREEWRIGHT_PACKAGE ?? "../src/index.js");
+// The package installed beside this file; in the checkout, the checkout itself.
+import { Client, TreewrightError } from "treewright";
 
 const url = process.argv[2] ?? "http://127.0.0.1:50611";
 const spec = {
