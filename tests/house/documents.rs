@@ -224,7 +224,7 @@ fn every_command_that_is_shown_is_known() {
 #[test]
 fn the_rust_that_is_shown_is_compiled() {
     let example = read(&workspace().join("client/examples/integrate.rs"));
-    for page in ["README.md", "docs/renderer.md"] {
+    for page in ["README.md", "client/README.md", "docs/renderer.md"] {
         let text = read(&workspace().join(page));
         let blocks: Vec<&str> =
             text.split("```rust\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();

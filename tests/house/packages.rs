@@ -31,6 +31,12 @@ fn every_package_says_what_it_is() {
         assert!(description.len() > 20 && !description.ends_with('.'), "{name}: {description:?}");
         assert_eq!(package["license"], "MIT", "{name}");
         assert!(package["rust_version"].is_string(), "{name} says nothing of the compiler");
+        // `null` is anywhere, a list names where.
+        if package["publish"].is_null() {
+            let says = |key: &str| package[key].as_array().is_some_and(|words| !words.is_empty());
+            assert!(says("keywords") && says("categories"), "{name} cannot be found by what it is for");
+            assert!(package["readme"].is_string(), "{name} has no README.md");
+        }
     }
 }
 
@@ -73,9 +79,9 @@ fn libraries_can_be_packaged() {
         "--target-dir",
         target,
     ];
-    let libraries =
-        ["treewright-model", "treewright-proto", "treewright-client", "treewright-core", "treewright-cli"];
-    arguments.extend(libraries.iter().flat_map(|name| ["-p", name]));
+    let libraries = ["model", "proto", "client", "core", "cli", "indicators"];
+    let libraries = libraries.map(|name| format!("treewright-{name}"));
+    arguments.extend(libraries.iter().flat_map(|name| ["-p", name.as_str()]));
     cargo(&arguments);
     let version = packages()[0]["version"].as_str().expect("a version").to_owned();
     let missing: Vec<_> = libraries
