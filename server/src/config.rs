@@ -62,6 +62,18 @@ pub enum Command {
     /// Check a database file for damage; works while the daemon runs. Exit codes: 0 sound, 1 cannot read it,
     /// 2 wrong usage, 4 damaged, or not a database.
     Check(FileDatabase),
+
+    /// Print the completion script for a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+
+    /// Write the manual pages.
+    Man {
+        /// Folder to write them to.
+        folder: PathBuf,
+    },
 }
 
 /// Heading of the options by which a daemon is observed.

@@ -8,7 +8,8 @@
 //! and `watch` shows the figures.
 //!
 //! [`serve`] runs all that until a signal to stop; [`daemon`] adds what makes it a process.
-//! [`administration`] makes and revokes tokens, [`maintenance`] backs up, restores and checks database files.
+//! [`administration`] makes and revokes tokens, [`maintenance`] backs up, restores and checks database files,
+//! [`manual`] writes manual pages and completions.
 
 pub mod access;
 pub mod administration;
@@ -28,6 +29,7 @@ pub mod inherited;
 pub mod limits;
 pub mod listeners;
 pub mod maintenance;
+pub mod manual;
 pub mod metrics;
 pub mod middleware;
 pub mod peers;

@@ -9,7 +9,7 @@ use treewright_server::administration::CommandOutput;
 use treewright_server::config::{Cli, Command, ServeConfig};
 use treewright_server::metrics::Metrics;
 use treewright_server::telemetry::traces::Traces;
-use treewright_server::{administration, daemon, inherited, maintenance, telemetry};
+use treewright_server::{administration, daemon, inherited, maintenance, manual, telemetry};
 use treewright_store::maintenance::MaintenanceError;
 
 fn main() -> ExitCode {
@@ -38,6 +38,11 @@ fn main() -> ExitCode {
         Command::Backup(config) => finish(maintained(runtime.block_on(maintenance::back_up(&config)))),
         Command::Restore(config) => finish(maintained(runtime.block_on(maintenance::restore(&config)))),
         Command::Check(database) => finish(maintained(runtime.block_on(maintenance::check(&database)))),
+        Command::Completions { shell } => finish(Ok(manual::completions(shell))),
+        Command::Man { folder } => {
+            let written = manual::man(&folder);
+            finish(written.map_err(|error| (1, format!("{} cannot be written: {error}", folder.display()))))
+        }
     }
 }
 

@@ -222,6 +222,20 @@ fn every_command_that_is_shown_is_known() {
 }
 
 #[test]
+fn every_program_writes_its_completions_and_its_manual() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().to_str().expect("a path of text");
+    for name in ["treewrightd", "treewright", "treewright-render", "treewright-lab"] {
+        for arguments in [["completions", "bash"], ["man", path]] {
+            let output = Command::new(program(name)).args(arguments).output().expect("it starts");
+            let said = String::from_utf8_lossy(&output.stdout);
+            assert!(output.status.success() && said.contains(name), "{name} {arguments:?}: {said}");
+        }
+        assert!(folder.path().join(format!("{name}.1")).is_file(), "{name} has no manual");
+    }
+}
+
+#[test]
 fn the_rust_that_is_shown_is_compiled() {
     let example = read(&workspace().join("client/examples/integrate.rs"));
     for page in ["README.md", "client/README.md", "docs/renderer.md"] {

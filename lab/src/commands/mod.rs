@@ -16,6 +16,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use treewright_render_cli::error::CliError;
+use treewright_render_cli::manual::ManualCommand;
 use treewright_render_cli::{carry_out, parse};
 
 const EXAMPLES: &str = "\
@@ -67,6 +68,8 @@ enum Command {
     Ablate(ablate::Arguments),
     /// Check that all acceleration structures give the same hits and pictures.
     Verify(verify::Arguments),
+    #[command(flatten)]
+    Manual(ManualCommand),
 }
 
 /// Runs the program with the process's arguments.
@@ -83,6 +86,7 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Report(arguments) => verify_answers::judge(arguments, true),
         Command::Ablate(arguments) => ablate::run(arguments),
         Command::Verify(arguments) => verify::run(arguments),
+        Command::Manual(command) => command.run(<Cli as clap::CommandFactory>::command()),
     }
 }
 

@@ -5,6 +5,7 @@
 //! | `commands` | one file for each command |
 //! | `arguments`, `narrowing`, `server` | groups of arguments that several commands share, also those of `treewright-lab` |
 //! | `output`, `error`, `interrupt` | tables and progress, exit codes, Ctrl-C |
+//! | `manual` | manual pages and completions |
 //! | `report` | the page that `tune --report` writes |
 //! | `laboratory` | commands that the program `treewright-lab` carries out |
 
@@ -13,6 +14,7 @@ mod commands;
 pub mod error;
 pub mod interrupt;
 mod laboratory;
+pub mod manual;
 pub mod narrowing;
 pub mod output;
 pub mod report;
@@ -32,6 +34,7 @@ use treewright_client::without_empty_variables;
 
 use commands::{animate, bench, best, image, info, play, rays, sample, tune};
 use error::CliError;
+use manual::ManualCommand;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -90,6 +93,8 @@ enum Command {
     Bench(bench::Arguments),
     /// Record the rays of a frame, for benchmarks of acceleration structures.
     Rays(rays::Arguments),
+    #[command(flatten)]
+    Manual(ManualCommand),
     /// Measure the gain from leaving out shading features that a scene does not use.
     LeaveOut(laboratory::Arguments),
     /// Measure the service on scenes it has never seen.
@@ -173,6 +178,7 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Animate(arguments) => animate::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Rays(arguments) => rays::run(arguments),
+        Command::Manual(command) => command.run(<Cli as clap::CommandFactory>::command()),
         Command::LeaveOut(arguments) => laboratory::run("leave-out", arguments),
         Command::LeaveSceneOut(arguments) => laboratory::run("leave-scene-out", arguments),
         Command::Converge(arguments) => laboratory::run("converge", arguments),
