@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 """Makes what is handed out: target/dist-VERSION/treewright-VERSION-x86_64-linux.tar.gz and its SHA-256.
 
-The archive holds the four programs without symbols, the Embree that the renderer was built with, the documentation and the
-licences, and runs from whatever folder it is unpacked in. The same commit gives the same bytes: paths of this machine are
-mapped away, and times are those of the commit. `--pack-only` packs programs that were built before.
+The archive holds the four programs without symbols, their manual pages and completions, the Embree that the
+renderer was built with, the documentation and the licences, and runs from whatever folder it is unpacked in.
+The same commit gives the same bytes: paths of this machine are mapped away, and times are those of the
+commit. `--pack-only` packs programs that were built before. `--links` only checks the links of the
+documentation.
 """
 
 import gzip
@@ -11,7 +13,9 @@ import hashlib
 import io
 import os
 import pathlib
+import posixpath
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -20,9 +24,17 @@ import tomllib
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PROGRAMS = ["treewrightd", "treewright", "treewright-render", "treewright-lab"]
 PACKAGES = ["treewright-server", "treewright-cli", "treewright-render-cli", "treewright-lab"]
-# Of the repository, as they stand there.
-FILES = ["README.md", "CHANGELOG.md", "LICENSE", "tools/install-archive.md"]
+# Of the repository; links in pages that lead out of the archive are replaced.
+FILES = ["README.md", "CHANGELOG.md", "LICENSE", "client/examples/integrate.rs"]
 FOLDERS = ["docs", "server/deploy", "proto/treewright"]
+# Below share/, where each shell looks for what completes the commands of a program.
+COMPLETIONS = {
+    "bash": "bash-completion/completions/{}",
+    "fish": "fish/vendor_completions.d/{}.fish",
+    "zsh": "zsh/site-functions/_{}",
+}
+# [words](path#part)
+LINK = re.compile(r"\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 
 
 def version():
@@ -65,6 +77,60 @@ def soname(library):
     return found.group(1) if found else library.name
 
 
+def share():
+    """What the programs say of themselves, manual pages and completions, as a folder."""
+    folder = ROOT / "target" / "dist" / "share"
+    shutil.rmtree(folder, ignore_errors=True)
+    environment = {**os.environ, "LD_LIBRARY_PATH": str(ROOT / "target" / "native" / "embree" / "lib")}
+
+    def said(program, *arguments):
+        command = [ROOT / "target" / "dist" / program, *arguments]
+        try:
+            return subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True).stdout
+        except (OSError, subprocess.CalledProcessError) as problem:
+            sys.exit(f"dist: {problem}")
+
+    for program in PROGRAMS:
+        said(program, "man", folder / "man" / "man1")
+        for shell, name in COMPLETIONS.items():
+            file = folder / name.format(program)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(said(program, "completions", shell))
+    return folder
+
+
+def documents():
+    """Names in the archive with the files of the repository that they are."""
+    yield "START.md", ROOT / "tools" / "install-archive.md"
+    for name in FILES:
+        yield name, ROOT / name
+    for folder in FOLDERS:
+        for file in sorted((ROOT / folder).rglob("*")):
+            if file.is_file():
+                yield str(file.relative_to(ROOT)), file
+
+
+def linked():
+    """The archive's pages. What they link to and only the repository holds is named in place of the link."""
+    files = dict(documents())
+    there = {str(path) for name in map(pathlib.PurePosixPath, files) for path in (name, *name.parents)}
+    pages, dead = {}, []
+    for page, file in files.items():
+        def replaced(match):
+            words, path = match.group(1), match.group(2)
+            inside = posixpath.normpath(posixpath.join(posixpath.dirname(page), path))
+            if ":" in path or inside in there:
+                return match.group(0)
+            if not (ROOT / inside).exists():
+                dead.append(f"{page}: {path}")
+            return words if inside in words else f"{words} (`{inside}`)"
+        if page.endswith(".md"):
+            pages[page] = LINK.sub(replaced, file.read_text()).encode()
+    if dead:
+        sys.exit("dist: links lead nowhere: " + ", ".join(dead))
+    return pages
+
+
 def contents():
     """Names in the archive with files of this machine."""
     for program in PROGRAMS:
@@ -76,31 +142,34 @@ def contents():
         yield f"lib/{soname(file)}", file
     for licence in sorted(embree.glob("*LICENSE*")):
         yield f"lib/embree-{licence.name}", licence
-    for name in FILES:
-        yield ("START.md" if name.endswith("install-archive.md") else name), ROOT / name
-    for folder in FOLDERS:
-        for file in sorted((ROOT / folder).rglob("*")):
-            if file.is_file():
-                yield str(file.relative_to(ROOT)), file
+    folder = share()
+    for file in folder.rglob("*"):
+        if file.is_file():
+            yield f"share/{file.relative_to(folder)}", file
+    yield from documents()
 
 
 def pack(name, when):
+    pages = linked()
     archive = io.BytesIO()
     with gzip.GzipFile(fileobj=archive, mode="wb", mtime=when, compresslevel=9) as zipped:
         with tarfile.open(fileobj=zipped, mode="w", format=tarfile.USTAR_FORMAT) as tar:
             for inside, file in sorted(contents()):
                 if not file.exists():
                     sys.exit(f"dist: {file} is missing")
+                content = pages.get(inside) or file.read_bytes()
                 entry = tarfile.TarInfo(f"{name}/{inside}")
-                entry.size = file.stat().st_size
+                entry.size = len(content)
                 entry.mtime = when
                 entry.mode = 0o755 if inside.startswith("bin/") else 0o644
-                with file.open("rb") as content:
-                    tar.addfile(entry, content)
+                tar.addfile(entry, io.BytesIO(content))
     return archive.getvalue()
 
 
 def main():
+    if "--links" in sys.argv[1:]:
+        linked()
+        return
     when = commit_time()
     if "--pack-only" not in sys.argv[1:]:
         subprocess.run([sys.executable, ROOT / "tools" / "setup.py"], check=True)

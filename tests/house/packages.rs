@@ -111,6 +111,13 @@ fn the_debian_package_finds_what_it_names() {
 }
 
 #[test]
+fn the_archive_finds_its_pages_and_what_they_link_to() {
+    let script = workspace().join("tools/dist.py");
+    let checked = Command::new("python3").arg(script).arg("--links").output().expect("Python is installed");
+    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
+}
+
+#[test]
 fn the_changelog_tells_of_this_version() {
     let version = packages()[0]["version"].as_str().expect("a version").to_owned();
     let log = std::fs::read_to_string(workspace().join("CHANGELOG.md")).expect("the changelog");
