@@ -77,6 +77,8 @@ def trials(url: str) -> None:
         (treewright.Invalid, lambda: study.suggest({"low": 1.0})),
         (treewright.Invalid, lambda: study.tuner().next({"low": 1.0})),
         (treewright.Invalid, lambda: study.trial_of({"split": "sah"}, {"low": 1.0})),
+        (treewright.Refused, lambda: study.predict({"low": 1.0})),
+        (treewright.Refused, lambda: study.best({"low": 1.0})),
         (treewright.Refused, lambda: study.trial_of({"split": "other"})),
         (treewright.Refused, lambda: client.existing_study("nowhere")),
         (treewright.Invalid, lambda: treewright.Client(url, deadline_ms=-1)),
