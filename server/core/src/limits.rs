@@ -53,6 +53,8 @@ pub const CHECKPOINT_BYTES_PER_TRIAL: u64 = 512;
 
 /// Most clients whose machines' speed is remembered: those that reported last.
 pub const SPEEDS_MAX: usize = 4096;
+/// Most states of a study in which it is open whether they or a machine have changed.
+pub const RECHECKS_MAX: usize = 64;
 /// Most trials of a client that are taken back when the speed of its machine jumped.
 pub const UNHELD_MAX: usize = 64;
 /// Most trials of a state that the regression of costs on auxiliary measurements is learnt from: the latest.

@@ -279,6 +279,17 @@ impl ResultTable {
         self.disturbances += 1;
     }
 
+    /// Forgets everything, because the state costs something else now. The version rises all the same.
+    pub fn begin_again(&mut self) {
+        *self = Self {
+            touches: self.touches + 1,
+            latest: self.latest,
+            disturbances: self.disturbances,
+            pace: std::mem::take(&mut self.pace),
+            ..Self::default()
+        };
+    }
+
     /// Notes how fast the client's machine was in a trial: the factor that its cost is divided by.
     pub fn note_pace(&mut self, factor: f64) {
         let noise = self.noise().unwrap_or(0.0);

@@ -20,12 +20,13 @@ use crate::results::ResultTable;
 use crate::study::StudySpec;
 use crate::tuner::auxiliaries::Auxiliaries;
 use crate::tuner::history::History;
+use crate::tuner::rechecks::Rechecks;
 use crate::tuner::screening::Screening;
 use crate::tuner::speeds::Speeds;
 use crate::tuner::{Checkpoint, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
-const VERSION: u64 = 10;
+const VERSION: u64 = 11;
 
 /// The knowledge of a tuner. Taken in a moment, since it shares its tables with the tuner until either
 /// changes them.
@@ -53,6 +54,7 @@ struct Body {
     models_since: u64,
     predictors: Predictors,
     speeds: Speeds,
+    rechecks: Rechecks,
     auxiliaries: Auxiliaries,
 }
 
@@ -98,6 +100,7 @@ impl Tuner {
                 models_since: self.models.since(),
                 predictors: self.models.predictors().clone(),
                 speeds: self.speeds.clone(),
+                rechecks: self.rechecks.clone(),
                 auxiliaries: self.auxiliaries.clone(),
             },
         }
@@ -129,7 +132,8 @@ impl Tuner {
         let space = &self.spec.space;
         let tables = body.results.iter_mut().all(|results| Arc::make_mut(results).settle(space));
         let metrics = self.spec.objective.auxiliary().len();
-        let heard = body.speeds.fits(space) && body.auxiliaries.fits(space, metrics);
+        let heard =
+            body.speeds.fits(space) && body.rechecks.fits(space) && body.auxiliaries.fits(space, metrics);
         if !(tables && heard && body.screening.settle(space) && body.predictors.settle(space)) {
             return Err("it does not fit its study".into());
         }
@@ -145,6 +149,7 @@ impl Tuner {
         self.screening = body.screening;
         self.states.take_over(body.results, &body.pooling, body.statistics, body.forget_above);
         (self.history, self.speeds, self.auxiliaries) = (body.history, body.speeds, body.auxiliaries);
+        self.rechecks = body.rechecks;
         (self.history.len()..self.states.len()).for_each(|_| self.history.found());
         Ok(())
     }

@@ -99,7 +99,10 @@ impl Tuner {
                 let doubled = stay > 1 && stay.is_power_of_two();
                 let by_dice = matches!(exploit.rule, ExploitRule::Dice | ExploitRule::RolledBack);
                 let is_thrown_again = || by_dice && self.explores(ask, visit.number, state);
+                let begins_again =
+                    exploit.rule == ExploitRule::Finished && !self.is_spent_for(&ask.session_policy, state);
                 self.states.results(state).fails(configuration)
+                    || begins_again
                     || self.is_unfounded(ask, state, configuration)
                     || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
                     || doubled
@@ -107,6 +110,17 @@ impl Tuner {
             }
         };
         ends.then_some(visit.number)
+    }
+
+    /// Whether a client that exploits a finished state is to run another known configuration now, because the
+    /// cost of its own has jumped. Where exploring has a budget, or is not wanted at all, nothing is rechecked.
+    pub(super) fn is_rechecked(&self, ask: &Ask, state: StateId) -> bool {
+        let policy = &self.spec.policy;
+        policy.operation == Operation::Tune
+            && policy.regret_budget.is_none()
+            && ask.session_policy.epsilon.unwrap_or(policy.epsilon) > 0.0
+            && self.is_finished_for(&ask.session_policy, state)
+            && self.rechecks.wanted(&ask.client_id, state).is_some()
     }
 
     /// Whether a kept configuration was never run in a state where something else was, though only

@@ -83,6 +83,11 @@ impl Exploration {
         *self = Exploration { lost, confirming, confirmed, ..Exploration::new(search) };
     }
 
+    /// Forgets the search and what it confirmed; what was lost in the state is remembered.
+    pub(super) fn forget_search(&mut self) {
+        *self = Exploration { lost: std::mem::take(&mut self.lost), ..Exploration::unbegun() };
+    }
+
     /// The number of lost leases of a configuration.
     pub(super) fn lost(&self, configuration: &Configuration) -> u32 {
         let lost = self.lost.iter().find(|lost| lost.configuration == *configuration.values());

@@ -85,6 +85,12 @@ impl Tuner {
         normalised: &[f64],
         planned: &mut Planned,
     ) -> Explored {
+        if let Some(candidate) = self.recheck(client_id, state)
+            && self.is_spent_within(room, state)
+            && !self.is_to_be_confirmed(state)
+        {
+            return Explored::Candidate { candidate, held: Vec::new() };
+        }
         let transfer = self.transfer();
         let candidate = transfer.untried_by_machines(state);
         let candidate = candidate.or_else(|| self.first_of_a_state(state, number, normalised, planned));
@@ -164,6 +170,17 @@ impl Tuner {
         let point = decision::ExploredPoint::Incumbent { is_default, round: None };
         let predicted_cost = Some(record.mean_cost);
         Some(ProposedTrial { configuration: incumbent.clone(), predicted_cost, point })
+    }
+
+    /// What tells whether the machine or the state has changed, where a cost has jumped.
+    fn recheck(&self, client_id: &str, state: StateId) -> Option<ProposedTrial> {
+        let results = self.states.results(state);
+        let wanted = self.rechecks.wanted(client_id, state);
+        let record = wanted.and_then(|wanted| results.record(wanted)).filter(|record| !record.fails())?;
+        let is_default = record.configuration == *self.spec.space.default_ref();
+        let point = decision::ExploredPoint::Incumbent { is_default, round: None };
+        let predicted_cost = Some(record.mean_cost);
+        Some(ProposedTrial { configuration: record.configuration.clone(), predicted_cost, point })
     }
 
     /// One of the few that look better than the incumbent, where it is not clear yet whether they are. The

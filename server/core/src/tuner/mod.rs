@@ -38,6 +38,7 @@ mod planning;
 mod portfolio;
 mod progress;
 mod proposal;
+mod rechecks;
 mod recorded;
 mod report;
 mod restore;
@@ -83,6 +84,7 @@ use crate::tuner::auxiliaries::Auxiliaries;
 use crate::tuner::history::History;
 use crate::tuner::models::Models;
 use crate::tuner::plan::Planned;
+use crate::tuner::rechecks::Rechecks;
 use crate::tuner::screening::Screening;
 use crate::tuner::searches::Searches;
 use crate::tuner::speeds::Speeds;
@@ -106,6 +108,7 @@ pub struct Tuner {
     screening: Screening,
     assessments: Assessments,
     speeds: Speeds,
+    rechecks: Rechecks,
     auxiliaries: Auxiliaries,
     /// The number of completed trials, and the place of the last in the order of completion.
     completed: u64,
@@ -138,6 +141,7 @@ impl Tuner {
             history: History::default(),
             assessments: Assessments::default(),
             speeds: Speeds::default(),
+            rechecks: Rechecks::default(),
             auxiliaries: Auxiliaries::default(),
             completed: 0,
             last_completion: 0,

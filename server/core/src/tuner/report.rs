@@ -7,6 +7,7 @@ use crate::results::Record;
 use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::explore::is_spent;
+use crate::tuner::rechecks::Finding;
 use crate::tuner::speeds::Unheld;
 use crate::tuner::states::place;
 use crate::tuner::transfer;
@@ -21,6 +22,8 @@ pub(super) struct LearntCost {
     pub(super) believed: Option<f64>,
     /// The speed of its client's machine was found to have jumped.
     pub(super) has_jumped: bool,
+    /// The state was found to cost something else than before.
+    pub(super) has_changed: bool,
 }
 
 impl Tuner {
@@ -55,6 +58,9 @@ impl Tuner {
         let before = self.searches.changes(state);
         self.trials.remove(number);
         let learnt = self.complete(completed);
+        if learnt.has_changed {
+            self.searches.begin_again(state);
+        }
         if learnt.has_jumped
             && let Some(exploration) = self.searches.change(state)
         {
@@ -151,7 +157,8 @@ impl Tuner {
     /// The cost of a completed trial without the noise that its auxiliary measurements explain, and corrected
     /// for the present speed of its client's machine.
     fn understood(&mut self, trial: &Trial) -> LearntCost {
-        let unchanged = LearntCost { cost: trial.cost, believed: trial.cost, has_jumped: false };
+        let unchanged =
+            LearntCost { cost: trial.cost, believed: trial.cost, has_jumped: false, has_changed: false };
         let state = StateId(trial.state_id);
         // A trial carried over from elsewhere says nothing of the speed of the machine here.
         let is_own = trial.outcome.is_some() && !is_silent(trial) && trial.decision.origin.is_none();
@@ -166,6 +173,9 @@ impl Tuner {
         let auxiliary = self.spec.objective.auxiliary_of(&trial.measurements);
         let denoised = auxiliary.as_ref().map_or(cost, |aux| self.auxiliaries.denoised(state, cost, aux));
         let (mut factor, mut has_jumped) = (1.0, false);
+        if self.spec.policy.track_speed && self.changed(trial, denoised) {
+            return LearntCost { has_changed: true, ..unchanged };
+        }
         if self.spec.policy.track_speed {
             let table = (self.states.results(state), self.spec.space.default_ref());
             // A difference that may have another explanation is no speed.
@@ -176,6 +186,8 @@ impl Tuner {
             self.states.amend(state, |results| results.note_pace(factor));
             if let Some(unheld) = held.jumped {
                 has_jumped = true;
+                let table = (self.states.results(state), self.spec.space.default_ref());
+                self.rechecks.begin((&trial.client_id, state), &trial.configuration, table);
                 self.take_back_unheld(state, &unheld);
             }
         }
@@ -198,7 +210,20 @@ impl Tuner {
                 self.states.amend(state, |results| results.withhold(&trial.configuration));
             }
         }
-        LearntCost { cost: Some(learnt), believed: Some(learnt), has_jumped }
+        LearntCost { cost: Some(learnt), believed: Some(learnt), has_jumped, has_changed: false }
+    }
+
+    /// Whether a trial shows that its state costs something else than before. What was measured there is
+    /// forgotten then, and the speed of machines is held by what is measured from now on.
+    fn changed(&mut self, trial: &Trial, cost: f64) -> bool {
+        let state = StateId(trial.state_id);
+        let finding = self.rechecks.take((&trial.client_id, state), &trial.configuration, cost);
+        let is_changed = finding == Some(Finding::State);
+        if is_changed {
+            self.states.begin_again(state);
+            self.speeds.reset(state);
+        }
+        is_changed
     }
 
     /// Takes back what was learnt since the speed of a client's machine was last held, before it jumped.

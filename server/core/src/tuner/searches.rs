@@ -113,6 +113,14 @@ impl Searches {
         own.changes += 1;
     }
 
+    /// Drops the search of a state with what it confirmed, so that another one begins from nothing. Lost leases
+    /// are remembered.
+    pub(super) fn begin_again(&mut self, state: StateId) {
+        let own = &mut self.of_states[place(state)];
+        own.changes += 1;
+        own.exploration.iter_mut().for_each(Exploration::forget_search);
+    }
+
     /// The number of a state's trials that count towards the budget of its search: every one that explored
     /// it, whatever it ran. Where the policy wants replicates, those of one configuration count as one. Of
     /// states that an earlier version searched, only trials of new configurations and the search's own

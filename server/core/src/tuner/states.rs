@@ -252,6 +252,12 @@ impl States {
         self.index.note(state);
     }
 
+    /// Forgets what was measured in a state, because it costs something else now.
+    pub(super) fn begin_again(&mut self, id: StateId) {
+        self.remembered -= self[id].results.remembered();
+        self.amend(id, ResultTable::begin_again);
+    }
+
     /// Where more configurations are remembered than a study may, forgets most of the states that nobody has
     /// reported from for longest.
     pub(super) fn forget_somewhere(&mut self) {

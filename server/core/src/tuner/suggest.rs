@@ -133,6 +133,9 @@ impl Tuner {
         planned: &mut Planned,
     ) -> Prediction {
         let decided = match self.visits.of(&ask.client_id).map(|visit| &visit.decision) {
+            Some(VisitDecision::Exploit { .. }) if self.is_rechecked(ask, state) => {
+                (ExploreRule::Dice, ExplorationEstimate::default())
+            }
             Some(VisitDecision::Exploit { configuration, predicted_cost, exploit, said }) => {
                 let choice = Choice::Exploit(exploit.as_ref().clone());
                 return Prediction {

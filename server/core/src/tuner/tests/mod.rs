@@ -2,6 +2,7 @@
 
 mod answers;
 mod budget;
+mod changed;
 mod decisions;
 mod exploiting;
 mod exploring;

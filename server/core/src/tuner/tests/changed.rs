@@ -1,0 +1,98 @@
+//! A finished state is searched again where it costs something else, and not where the machine does.
+
+use proptest::prelude::*;
+use rand::RngExt;
+
+use super::*;
+use crate::policy::Operation;
+use crate::randomness::{Purpose, stream};
+use crate::testing::cases;
+
+/// A search of 20 trials in each state, and its confirmation.
+fn finishes() -> Policy {
+    Policy { epsilon: 1.0, trials_per_state: 20, ..Policy::default() }
+}
+
+/// Runs a frame whose cost is `factor` times that of the trial, with noise of 2 %.
+fn frame(tuner: &mut Tuner, seed: u64, factor: impl Fn(&Trial) -> f64) -> Trial {
+    let trial = suggest(tuner, "a", 0.5, 0.5);
+    let mut random = stream(seed, Purpose::Decision, 0, trial.number);
+    let noise: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+    let cost = cost(&trial) * factor(&trial) * (1.0 + 0.02 * noise);
+    tuner.report(&trial, measured(cost), Outcome::Ok, 1).expect("a valid report").0
+}
+
+/// Frames until the state is finished.
+fn finish_search(tuner: &mut Tuner, seed: u64) -> Configuration {
+    for _ in 0..200 {
+        let trial = frame(tuner, seed, |_| 1.0);
+        if trial.decision.rule() == Some(Rule::Finished) {
+            return trial.configuration;
+        }
+    }
+    panic!("a search of 20 trials ends");
+}
+
+#[test]
+fn a_state_that_costs_something_else_is_searched_again() {
+    for seed in 0..8 {
+        let mut tuner = tuner(finishes());
+        let before = finish_search(&mut tuner, seed);
+        (0..50).for_each(|_| drop(frame(&mut tuner, seed, |_| 1.0)));
+        // Wide nodes become bad, which no indicator tells.
+        let width = before.get("width").cloned();
+        let dear = |trial: &Trial| if trial.configuration.get("width") == width.as_ref() { 2.0 } else { 1.0 };
+        let after: Vec<Trial> = (0..150).map(|_| frame(&mut tuner, seed, dear)).collect();
+        let explores = |trial: &Trial| trial.decision.explores() && trial.configuration != before;
+        let default = tuner.spec().space.default_configuration();
+        let first = after.iter().position(|one| explores(one) && one.configuration != default);
+        assert!(first.is_some_and(|frames| frames <= 14), "seed {seed}: {first:?}");
+        let last = &after[after.len() - 1];
+        assert!(
+            last.configuration != before && cost(last) * dear(last) < 0.8 * 2.0 * cost(&after[0]),
+            "{last:?}"
+        );
+    }
+}
+
+#[test]
+fn a_machine_that_changes_its_speed_is_no_reason() {
+    for (seed, factor) in [(1, 1.6), (2, 3.0), (3, 0.5), (4, 1.3)] {
+        let mut tuner = tuner(finishes());
+        let before = finish_search(&mut tuner, seed);
+        (0..30).for_each(|_| drop(frame(&mut tuner, seed, |_| 1.0)));
+        let after: Vec<Trial> = (0..100).map(|_| frame(&mut tuner, seed, |_| factor)).collect();
+        let default = tuner.spec().space.default_configuration();
+        let others = after.iter().filter(|one| one.configuration != before).count();
+        assert!(after.iter().all(|one| one.configuration == before || one.configuration == default));
+        assert!((1..=4).contains(&others), "factor {factor}: the default ran {others} times beside it");
+        assert_eq!(after[99].configuration, before);
+    }
+}
+
+#[test]
+fn who_wants_no_exploring_is_not_used_for_rechecks() {
+    let mut tuner = tuner(finishes());
+    let before = finish_search(&mut tuner, 5);
+    (0..30).for_each(|_| drop(frame(&mut tuner, 5, |_| 1.0)));
+    tuner.set_policy(Policy { operation: Operation::Freeze, ..finishes() }).expect("a valid policy");
+    assert!((0..60).all(|_| frame(&mut tuner, 5, |_| 2.0).configuration == before));
+}
+
+proptest! {
+    #![proptest_config(cases(16))]
+
+    #[test]
+    fn a_machine_whose_speed_comes_and_goes_never_makes_a_state_forget(
+        seed in 0u64..1000, lengths in prop::collection::vec((3usize..40, 0usize..3), 12..20),
+    ) {
+        let mut tuner = tuner(finishes());
+        finish_search(&mut tuner, seed);
+        let tried = tuner.states.results(StateId(1)).tried();
+        for (frames, busy) in lengths {
+            let factor = [1.0, 1.4, 1.9][busy];
+            (0..frames).for_each(|_| drop(frame(&mut tuner, seed, |_| factor)));
+            prop_assert!(tuner.states.results(StateId(1)).tried() >= tried);
+        }
+    }
+}
