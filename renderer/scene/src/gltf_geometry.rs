@@ -138,7 +138,12 @@ pub(super) fn check(
 ) -> Result<(), String> {
     let fault = |what: String| Err(format!("accessor {} {what}", accessor.index()));
     if accessor.dimensions() != expected.0 || !expected.1.contains(&accessor.data_type()) {
-        return fault(format!("holds {:?} of {:?}", accessor.dimensions(), accessor.data_type()));
+        let held = format!("holds {:?} of {:?}", accessor.dimensions(), accessor.data_type());
+        let is_quantised = accessor.dimensions() == expected.0 && accessor.data_type() != DataType::F32;
+        return fault(match is_quantised && expected.1.contains(&DataType::F32) {
+            true => format!("{held}; the extension KHR_mesh_quantization is not read"),
+            false => held,
+        });
     }
     if accessor.count() > VERTICES_MAX {
         return fault(format!("has {} elements, more than the limit of {VERTICES_MAX}", accessor.count()));

@@ -50,7 +50,7 @@ fn of_node(attributes: &Value, document: &Document, buffers: &Buffers) -> Option
     let translations = vectors("TRANSLATION", Vec3::ZERO)?;
     let scales = vectors("SCALE", Vec3::ONE)?;
     let rotations: Option<Vec<[f32; 4]>> = match attributes.get("ROTATION") {
-        Some(found) => Some(numbers(found, Dimensions::Vec4, document, buffers)?),
+        Some(found) => Some(quaternions(found, document, buffers)?),
         None => None,
     };
     let count = count.or(rotations.as_ref().map(Vec::len))?;
@@ -76,10 +76,41 @@ fn numbers<T: gltf::accessor::Item>(
     document: &Document,
     buffers: &Buffers,
 ) -> Option<Vec<T>> {
-    let accessor = document.accessors().nth(usize::try_from(number.as_u64()?).ok()?)?;
-    check(&accessor, (dimensions, &[DataType::F32]), buffers).ok()?;
+    values(&accessor(number, document)?, (dimensions, DataType::F32), buffers)
+}
+
+/// Rotations of copies: in single precision, or in signed integers that stand for -1 to 1.
+fn quaternions(number: &Value, document: &Document, buffers: &Buffers) -> Option<Vec<[f32; 4]>> {
+    let accessor = accessor(number, document)?;
+    let of = |kind| (Dimensions::Vec4, kind);
+    match accessor.data_type() {
+        DataType::I8 if accessor.normalized() => {
+            let all: Vec<[i8; 4]> = values(&accessor, of(DataType::I8), buffers)?;
+            let part = |part: i8| (f32::from(part) / f32::from(i8::MAX)).max(-1.0);
+            Some(all.into_iter().map(|one| one.map(part)).collect())
+        }
+        DataType::I16 if accessor.normalized() => {
+            let all: Vec<[i16; 4]> = values(&accessor, of(DataType::I16), buffers)?;
+            let part = |part: i16| (f32::from(part) / f32::from(i16::MAX)).max(-1.0);
+            Some(all.into_iter().map(|one| one.map(part)).collect())
+        }
+        _ => values(&accessor, of(DataType::F32), buffers),
+    }
+}
+
+fn accessor<'a>(number: &Value, document: &'a Document) -> Option<gltf::Accessor<'a>> {
+    document.accessors().nth(usize::try_from(number.as_u64()?).ok()?)
+}
+
+fn values<T: gltf::accessor::Item>(
+    accessor: &gltf::Accessor<'_>,
+    (dimensions, kind): (Dimensions, DataType),
+    buffers: &Buffers,
+) -> Option<Vec<T>> {
+    check(accessor, (dimensions, &[kind]), buffers).ok()?;
     if accessor.count() > INSTANCES_MAX {
         return None;
     }
-    Some(Iter::new(accessor, |buffer| buffers.get(buffer.index()).map(|data| &data.0[..]))?.collect())
+    let data = |buffer: gltf::Buffer<'_>| buffers.get(buffer.index()).map(|data| &data.0[..]);
+    Some(Iter::new(accessor.clone(), data)?.collect())
 }

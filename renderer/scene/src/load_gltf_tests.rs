@@ -209,6 +209,26 @@ fn copies_of_a_mesh_stand_where_they_are_put() {
     // Half a turn about the upright axis of z, at ten by the node's scale.
     assert!((first(1)[1] - Vec3::new(18.0, 0.0, 0.0)).length() < 1e-5, "{:?}", first(1));
     assert_eq!(first(2)[0], Vec3::new(0.0, 0.0, 14.0));
+    // Turns in 16 bits: the identity, half a turn about z, and none at all.
+    let mut quantised = (document.clone(), data.clone());
+    quantised.1.truncate(80);
+    for turn in [[0i16, 0, 0, i16::MAX], [0, 0, i16::MAX, 0], [0; 4]] {
+        quantised.1.extend(turn.into_iter().flat_map(i16::to_le_bytes));
+    }
+    quantised.0["buffers"][0]["byteLength"] = json!(quantised.1.len());
+    quantised.0["bufferViews"][3]["byteLength"] = json!(24);
+    quantised.0["accessors"][3]["componentType"] = json!(5122);
+    quantised.0["accessors"][3]["normalized"] = json!(true);
+    let same = load_bytes("quantised.glb", &glb(&quantised.0, &quantised.1)).unwrap();
+    for triangle in 0..3 {
+        assert_eq!(same.triangles.corners(triangle), scene.triangles.corners(triangle));
+    }
+    // Without being normalised they stand for nothing.
+    quantised.0["accessors"][3]["normalized"] = json!(false);
+    let unread = load_bytes("integers.glb", &glb(&quantised.0, &quantised.1)).unwrap();
+    assert!(
+        unread.triangles.len() == 1 && unread.notes.iter().any(|note| note.contains("1 nodes have copies"))
+    );
     document["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["SCALE"] = json!(0);
     document["accessors"][0]["count"] = json!(2);
     let odd = load_bytes("odd.glb", &glb(&document, &data));
@@ -380,6 +400,10 @@ fn refusals_name_what_is_missing() {
         let told = refused("packed.glb", &glb(&document, &[]));
         assert!(told.contains(extension) && told.contains("without mesh compression"), "{told}");
     }
+    let document =
+        changed(&[("/accessors/0/componentType", json!(5120)), ("/accessors/0/normalized", json!(true))]);
+    let told = refused("quantised.glb", &glb(&document, &[0; 64]));
+    assert!(told.contains("KHR_mesh_quantization is not read"), "{told}");
     let with = |uri: &str| {
         let document = changed(&[("/buffers", json!([{"byteLength": 42, "uri": uri}]))]);
         refused("a.gltf", document.to_string().as_bytes())

@@ -218,6 +218,14 @@ fn every_kind_of_line_end_is_one() {
 }
 
 #[test]
+fn old_words_are_read() {
+    // Faces before version 3.0 of the format, and a first word in capitals.
+    assert!(is_the_cube(&obj(format!("{CORNERS}{}", FACES.replace("f ", "fo ")).as_bytes())));
+    let capital = ply("\n", "\n").replacen("ply", "PLY", 1);
+    assert!(is_the_cube(&load_bytes("cube.ply", capital.as_bytes()).unwrap()));
+}
+
+#[test]
 fn ply_elements_may_take_several_lines_or_share_one() {
     for text in
         [ply("\n", " "), ply("\n", "\n\n"), ply("\n", "\n").replace(" 1\n", "\n1\n"), ply("\r", " \r ")]

@@ -123,7 +123,8 @@ impl Checked {
                 let mut number = || numbers.next().flatten().unwrap_or(0.0);
                 push_line(&mut self.text, &format!("vt {} {}", number(), number()));
             }
-            "f" => {
+            // `fo` is what faces were called before version 3.0.
+            "f" | "fo" => {
                 let read = |word| corners.read(word, &mut self.astray);
                 let found: Vec<String> = words().map(read).collect::<Result<_, _>>()?;
                 if found.len() < 3 {

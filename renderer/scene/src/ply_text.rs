@@ -23,8 +23,10 @@ pub(super) fn with_plain_header(bytes: &[u8]) -> (Cow<'_, [u8]>, usize) {
     let rest = &unmarked[place..];
     let body = place + rest.iter().position(|byte| *byte == end_line).map_or(rest.len(), |end| end + 1);
     let header = text::decoded(&unmarked[..body]);
-    let lines = header.lines().map(str::trim).filter(|line| !line.is_empty());
-    let plain: String = lines.flat_map(|line| [line, "\n"]).collect();
+    let mut lines = header.lines().map(str::trim).filter(|line| !line.is_empty());
+    // Some programs write the first word in capitals, and other readers take it.
+    let first = lines.next().map(|line| if line.eq_ignore_ascii_case("ply") { "ply" } else { line });
+    let plain: String = first.into_iter().chain(lines).flat_map(|line| [line, "\n"]).collect();
     if plain.as_bytes() == &unmarked[..body] {
         (Cow::Borrowed(unmarked), body)
     } else {
