@@ -19,6 +19,9 @@ use crate::tuner::portfolio::MeasuredElsewhere;
 /// Numbers of nearest states, and of their best measured configurations, that main effects are fitted to.
 pub(super) const STATES: usize = 8;
 const RECORDS: usize = 640;
+/// Fewest states whose best fixed configuration is the incumbent of a new one. A single one that wants the
+/// opposite would cost the search a ninth of the optimum at 20 trials.
+const INCUMBENT_STATES_LEAST: usize = 2;
 /// Most of their configurations that say what can be run.
 const RUNS: usize = 64;
 
@@ -31,7 +34,7 @@ pub(super) struct WarmStart {
     pub(super) first: Vec<Vec<f64>>,
     /// Configurations that ran and that failed elsewhere; empty where nothing failed.
     pub(super) runs: Vec<SourceRun>,
-    /// The best fixed configuration of the other states, which is the incumbent here where it is not the
+    /// The best fixed configuration of several other states, which is the incumbent here where it is not the
     /// default.
     pub(super) incumbent: Option<Configuration>,
 }
@@ -55,10 +58,11 @@ impl MeasuredElsewhere {
         if !first.contains(&downhill) {
             first.push(downhill);
         }
-        // The expected best of other states is to be beaten here. That needs no proof: neither it nor the
+        // The expected best of two other states or more is to be beaten here. That needs no proof: neither it nor the
         // default is known here, and the first few measurements show where it does badly. It is decoded as it
         // will be run, because a point gives a number less exactly than its measurement.
-        let incumbent = Some(space.decode(&on_grid(&first[0]))).filter(|first| first != space.default_ref());
+        let incumbent = Some(space.decode(&on_grid(&first[0])))
+            .filter(|first| self.states.len() >= INCUMBENT_STATES_LEAST && first != space.default_ref());
         Some(WarmStart { main_effects, first, runs: self.runs(space), incumbent })
     }
 
