@@ -3,16 +3,17 @@
 # `make demo` calls it.
 #
 #   DEMO_SCENE       what is tuned (default builtin:voxels; also a glTF, OBJ or PLY file)
-#   DEMO_OTHER       what is answered without a search (default builtin:city)
-#   DEMO_UNLIKE      a scene that wants something else (default builtin:hall)
+#   DEMO_OTHER       what is answered without a search (default: another builtin:voxels)
+#   DEMO_UNLIKE      a scene that wants something else (default builtin:statue with fewer triangles)
 #   DEMO_ITERATIONS  how many trials each search runs (default 40)
 #   DEMO_BIN         folder of the programs (default target/demo)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scene=${DEMO_SCENE:-builtin:voxels}
-other=${DEMO_OTHER:-builtin:city}
-unlike=${DEMO_UNLIKE:-builtin:hall}
+# Each may be followed by options, such as --detail 0.3.
+read -ra other <<<"${DEMO_OTHER:-builtin:voxels --scene-seed 9}"
+read -ra unlike <<<"${DEMO_UNLIKE:-builtin:statue --detail 0.3}"
 iterations=${DEMO_ITERATIONS:-40}
 bin=${DEMO_BIN:-target/demo}
 folder=demo
@@ -64,12 +65,12 @@ tune() {
 say "2. From native Embree's default: every trial tries another way to build the tree of boxes that rays are tested against"
 tune --scene "$scene" --iterations "$iterations" --json "$folder/run.json" --report "$folder/report.html"
 
-say "3. Another scene and a camera that moves: answered at once from what was learnt, without any search"
-"$bin/treewright-render" play --server "$url" --start native --scene "$other" --objective render --frames 12 --from 0.05 --to 0.6 \
+say "3. Another scene of its kind and a camera that moves: answered at once from what was learnt, without any search"
+"$bin/treewright-render" play --server "$url" --start native --scene "${other[@]}" --objective render --frames 12 --from 0.05 --to 0.6 \
     --size "$size" --epsilon 0 --compare --json "$folder/flight.json"
 
-say "4. A scene unlike the others: what they answer is not its best, and a search of its own repairs that"
-tune --scene "$unlike" --iterations "$iterations" --json "$folder/unlike.json" --report "$folder/unlike.html"
+say "4. A scene unlike the others: their answer is wrong here, and a search of its own repairs that"
+tune --scene "${unlike[@]}" --iterations "$iterations" --rounds 11 --json "$folder/unlike.json" --report "$folder/unlike.html"
 
 say "5. Stopping the daemon"
 stop

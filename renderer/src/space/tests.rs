@@ -66,6 +66,9 @@ fn the_full_default_is_the_best_of_the_measured_ones() {
     assert_eq!((quick.branching_factor, quick.block_width, quick.reinsertion_passes), (8, 8, 0));
     assert_eq!((quick.builder, quick.collapse), (Builder::Ploc, Collapse::Builder));
     assert_eq!((quick.search_radius, quick.cluster_size), (4, 8));
+    // What moves is followed where it has decayed.
+    let update = choice(&each_frame, "").expect("the default is valid").update;
+    assert_eq!(update, Update::Partial { rebuild_threshold: Update::REBUILD_THRESHOLD });
     assert_eq!((tree.min_leaf_size, tree.max_leaf_size), (8, 32));
     assert_eq!((quick.min_leaf_size, quick.max_leaf_size), (16, 32));
 }
