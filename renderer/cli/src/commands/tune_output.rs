@@ -79,9 +79,11 @@ fn verdict(results: &TuningResults) -> String {
         results.standing(FOUND).zip(results.standing(start)).map(|(found, start)| found.gain_over(start));
     match (results.search_won(), results.gains.over_start) {
         (true, Some(gain)) if gain.is_gain() => match level_with(results).as_slice() {
-            [] => format!("verdict: what the search found is faster than everybody it was to beat, and {gain} the {start}"),
+            [] => format!(
+                "verdict: what the search found is faster than everybody that it was to beat: {gain} over the {start}"
+            ),
             names => format!(
-                "verdict: what the search found is faster than the {start}, {gain}; the rounds of this table leave open \
+                "verdict: what the search found is faster than the {start} ({gain}); the rounds of this table leave open \
                  whether it is faster than the {}",
                 names.join(", the ")
             ),

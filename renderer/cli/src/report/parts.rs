@@ -120,7 +120,7 @@ pub(super) fn on_the_way(results: &TuningResults) -> Vec<WayRow> {
 /// A standing's name inside a sentence.
 fn the(name: &str) -> String {
     match name {
-        PAPER_DEFAULT => "the paper's default".to_owned(),
+        PAPER_DEFAULT => "the default of the paper".to_owned(),
         NATIVE_DEFAULT => "native Embree".to_owned(),
         NATIVE_USED_WELL => "native Embree used well".to_owned(),
         other => format!("the {other}"),
