@@ -148,6 +148,7 @@ fn what_is_proven_is_told_wherever_the_best_is() {
             gain: None,
         }),
         disturbances: 1,
+        gain_at_most: None,
     });
     let shown = answer(&fake, &["best", "sponza"]);
     for words in [

@@ -184,8 +184,8 @@ impl TuningResults {
         (speedup.count > 0).then_some(speedup.median)
     }
 
-    /// After how many trials the service's answer is shown to be `factor` times as fast as the start, where it
-    /// stays so: its interval lies above that.
+    /// After how many trials the service's answer is shown to be `factor` times as fast as the start, where
+    /// it stays so: its interval lies above that.
     pub fn trials_until(&self, factor: f64) -> Option<u32> {
         let reaches = |milestone: &&Milestone| {
             milestone.over_start.and_then(|ratio| ratio.interval).is_some_and(|[low, _]| low >= factor)

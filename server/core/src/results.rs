@@ -99,8 +99,8 @@ impl Record {
 
 /// When a trial was measured, and by whom; what was carried over from elsewhere has no such moment.
 fn moment(trial: &Trial) -> Option<Moment> {
-    let client = || fnv::hash(trial.client_id.bytes());
-    trial.decision.origin.is_none().then(|| Moment { client: client(), time: trial.number })
+    let of = || Moment { client: fnv::hash(trial.client_id.bytes()), time: trial.number };
+    trial.decision.origin.is_none().then(of)
 }
 
 /// Every configuration that ran in one state, with what was measured of it.
@@ -281,19 +281,14 @@ impl ResultTable {
 
     /// Forgets everything, because the state costs something else now. The version rises all the same.
     pub fn begin_again(&mut self) {
-        *self = Self {
-            touches: self.touches + 1,
-            latest: self.latest,
-            disturbances: self.disturbances,
-            pace: std::mem::take(&mut self.pace),
-            ..Self::default()
-        };
+        let (touches, latest, disturbances) = (self.touches + 1, self.latest, self.disturbances);
+        let pace = std::mem::take(&mut self.pace);
+        *self = Self { touches, latest, disturbances, pace, ..Self::default() };
     }
 
     /// Notes how fast the client's machine was in a trial: the factor that its cost is divided by.
     pub fn note_pace(&mut self, factor: f64) {
-        let noise = self.noise().unwrap_or(0.0);
-        self.pace.note(factor, noise);
+        self.pace.note(factor, self.noise().unwrap_or(0.0));
     }
 
     /// By which factor costs are to be multiplied to be those of the machine at its fastest; at most 1.
@@ -413,8 +408,7 @@ impl ResultTable {
         self.records.len()
     }
 
-    /// Rises with every trial that was learnt and with everything else that changes costs: equal numbers,
-    /// equal tables.
+    /// Rises with everything that changes costs: equal numbers, equal tables.
     pub fn version(&self) -> u64 {
         self.touches
     }
@@ -511,14 +505,12 @@ impl ResultTable {
         self.tried
     }
 
-    /// How many of them by trials that no client had asked for by itself: those count towards a search's
-    /// budget.
+    /// Those of them that no client had asked for by itself: they count towards a search's budget.
     pub fn searched(&self) -> usize {
         self.searched
     }
 
-    /// How many completed trials explored the state, repeats among them, but for those of confirmations: what
-    /// a budget counts.
+    /// Completed trials that explored the state, confirmations apart: what a budget counts.
     pub fn runs(&self) -> usize {
         usize::try_from(self.runs).unwrap_or(usize::MAX)
     }
@@ -555,8 +547,7 @@ impl ResultTable {
         self.record(configuration).filter(|record| record.measurements > 0 && !record.infeasible)
     }
 
-    /// Whether the configuration was tried here and never ran to its end, be it that it was stopped, or
-    /// cannot be run any more.
+    /// Whether the configuration was tried here and never ran to its end: it was stopped, or cannot be run.
     pub fn fails(&self, configuration: &Configuration) -> bool {
         let stopped = |record: &Record| record.measurements == 0 && record.lower_bound.is_some();
         self.record(configuration).is_some_and(|record| record.fails() || stopped(record))
@@ -600,8 +591,7 @@ pub struct KnownState {
     pub id: StateId,
     /// The normalised indicators that founded it.
     pub anchor: Vec<f64>,
-    /// The machine whose measurements these are: its place in the study's
-    /// [`Machines`](crate::machines::Machines).
+    /// The machine of these measurements: its place in the study's [`Machines`](crate::machines::Machines).
     pub machine: MachineId,
     /// A search was begun in it, or clients brought along the measurements of one.
     pub explored: bool,

@@ -113,7 +113,7 @@ impl Tuner {
     }
 
     /// Whether a client that exploits a finished state is to run another known configuration now, because the
-    /// cost of its own has jumped. Where exploring has a budget, or is not wanted at all, nothing is rechecked.
+    /// cost of its own has jumped. Where exploring has a budget, or is not wanted, nothing is rechecked.
     pub(super) fn is_rechecked(&self, ask: &Ask, state: StateId) -> bool {
         let policy = &self.spec.policy;
         policy.operation == Operation::Tune

@@ -2,9 +2,9 @@
 //!
 //! Where a known configuration suddenly costs something else, the machine may have become slower or faster,
 //! which moves all costs alike. Or what the state's indicators do not tell has changed, and its old results
-//! hold no longer. A second known configuration, run in turns with the first, tells the two apart: neighbouring
-//! runs share the machine's speed, so the ratio of their costs is that of the state. Where it contradicts what
-//! was known, the state is searched again from the beginning.
+//! hold no longer. A second known configuration, run in turns with the first, tells the two apart:
+//! neighbouring runs share the machine's speed, so the ratio of their costs is that of the state. Where it
+//! contradicts what was known, the state is searched again from the beginning.
 //!
 //! All of it follows from the completed trials in their order, so a restored tuner has it again.
 
@@ -37,7 +37,7 @@ const NOISE_MAX: f64 = 0.2;
 
 /// The end of a recheck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Finding {
+pub(super) enum Moved {
     /// All costs moved alike.
     Machine,
     /// The ratio of the two is another one now.
@@ -70,11 +70,11 @@ struct Recheck {
 }
 
 impl Recheck {
-    fn finding(&self) -> Option<Finding> {
+    fn finding(&self) -> Option<Moved> {
         let median = lower_median(&self.changes).filter(|_| self.changes.len() >= RATIOS)?;
         let is_clear = median.abs() > (CLEAR * self.noise).max(CHANGE_LEAST);
         let agree = self.changes.iter().all(|change| change * median > 0.0);
-        Some(if is_clear && agree { Finding::State } else { Finding::Machine })
+        Some(if is_clear && agree { Moved::State } else { Moved::Machine })
     }
 }
 
@@ -124,7 +124,7 @@ impl Rechecks {
         (client_id, state): (&str, StateId),
         configuration: &Configuration,
         cost: f64,
-    ) -> Option<Finding> {
+    ) -> Option<Moved> {
         let recheck = self.open.get_mut(&state.0)?;
         recheck.trials += 1;
         if recheck.client_id == client_id {

@@ -7,7 +7,7 @@ use crate::results::Record;
 use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::explore::is_spent;
-use crate::tuner::rechecks::Finding;
+use crate::tuner::rechecks::Moved;
 use crate::tuner::speeds::Unheld;
 use crate::tuner::states::place;
 use crate::tuner::transfer;
@@ -218,7 +218,7 @@ impl Tuner {
     fn changed(&mut self, trial: &Trial, cost: f64) -> bool {
         let state = StateId(trial.state_id);
         let finding = self.rechecks.take((&trial.client_id, state), &trial.configuration, cost);
-        let is_changed = finding == Some(Finding::State);
+        let is_changed = finding == Some(Moved::State);
         if is_changed {
             self.states.begin_again(state);
             self.speeds.reset(state);

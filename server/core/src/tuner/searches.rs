@@ -113,8 +113,8 @@ impl Searches {
         own.changes += 1;
     }
 
-    /// Drops the search of a state with what it confirmed, so that another one begins from nothing. Lost leases
-    /// are remembered.
+    /// Drops the search of a state with what it confirmed, so that another one begins from nothing. Lost
+    /// leases are remembered.
     pub(super) fn begin_again(&mut self, state: StateId) {
         let own = &mut self.of_states[place(state)];
         own.changes += 1;

@@ -58,9 +58,9 @@ impl MeasuredElsewhere {
         if !first.contains(&downhill) {
             first.push(downhill);
         }
-        // The expected best of two other states or more is to be beaten here. That needs no proof: neither it nor the
-        // default is known here, and the first few measurements show where it does badly. It is decoded as it
-        // will be run, because a point gives a number less exactly than its measurement.
+        // The expected best of two other states or more is to be beaten here. That needs no proof: neither it
+        // nor the default is known here, and the first few measurements show where it does badly. It is
+        // decoded as it will be run, because a point gives a number less exactly than its measurement.
         let incumbent = Some(space.decode(&on_grid(&first[0])))
             .filter(|first| self.states.len() >= INCUMBENT_STATES_LEAST && first != space.default_ref());
         Some(WarmStart { main_effects, first, runs: self.runs(space), incumbent })
