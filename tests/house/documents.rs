@@ -300,7 +300,7 @@ fn of_file(proto: &str) -> String {
             _ => {
                 if let Some((field, number)) = line.split_once(" = ")
                     && let Some((number, _)) = number.split_once(';')
-                    && !line.starts_with("option")
+                    && !line.starts_with("option ")
                 {
                     let number = number.split_whitespace().next().unwrap_or_default();
                     fields.push(format!("| `{field}` | {number} | {} |", cell(&said)));

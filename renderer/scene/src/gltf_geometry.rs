@@ -153,9 +153,18 @@ pub(super) fn check(
     {
         return fault(format!("replaces {} of its {} elements", sparse.count(), accessor.count()));
     }
+    let is_close =
+        |view: &gltf::buffer::View<'_>| view.stride().is_some_and(|stride| stride < accessor.size());
+    // Indices of sparse elements take four bytes at most, the least stride that there may be.
+    if accessor.sparse().is_some_and(|sparse| is_close(&sparse.values().view())) {
+        return fault("has sparse elements that lie closer together than they are long".to_owned());
+    }
     let Some(view) = accessor.view() else {
         return Ok(());
     };
+    if is_close(&view) {
+        return fault("has elements that lie closer together than they are long".to_owned());
+    }
     let stride = view.stride().unwrap_or(accessor.size());
     let end_in_view = stride
         .checked_mul(accessor.count().saturating_sub(1))

@@ -276,6 +276,16 @@ impl Document {
 
     /// Takes textures without a picture out of materials, and tells what samplers ask for in vain.
     fn textures(&mut self) {
+        // The parser takes it for granted that a picture is somewhere, and that one in a buffer says its
+        // kind, which is told from its first bytes anyway.
+        for image in list_mut(&mut self.json, "images").filter_map(Value::as_object_mut) {
+            let has = |key: &str| image.get(key).is_some_and(|value| !value.is_null());
+            match (has("bufferView"), has("uri"), has("mimeType")) {
+                (true, _, false) => drop(image.insert("mimeType".to_owned(), json!("image/png"))),
+                (false, false, _) => drop(image.insert("uri".to_owned(), json!("data:,"))),
+                _ => {}
+            }
+        }
         let mut others = BTreeMap::new();
         let textures = list(&self.json, "textures");
         let missing: Vec<bool> = textures.iter().map(|texture| texture.get("source").is_none()).collect();

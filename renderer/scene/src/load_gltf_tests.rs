@@ -391,6 +391,46 @@ fn a_file_on_another_axis_is_turned_as_a_whole() {
 }
 
 #[test]
+fn elements_that_overlap_are_refused() {
+    let told = refused("close.glb", &glb(&changed(&[("/bufferViews/0/byteStride", json!(11))]), &[0; 64]));
+    assert!(told.contains("accessor 0 has elements that lie closer together"), "{told}");
+    let mut document = changed(&[
+        (
+            "/accessors/0/sparse",
+            json!({"count": 1, "indices": {"bufferView": 2, "componentType": 5123}, "values": {"bufferView": 3}}),
+        ),
+        ("/buffers/0/byteLength", json!(64)),
+    ]);
+    document["bufferViews"].as_array_mut().unwrap().extend([
+        json!({"buffer": 0, "byteOffset": 42, "byteLength": 2}),
+        json!({"buffer": 0, "byteOffset": 44, "byteLength": 12, "byteStride": 4}),
+    ]);
+    let told = refused("close.glb", &glb(&document, &[0; 64]));
+    assert!(told.contains("sparse elements that lie closer together"), "{told}");
+}
+
+#[test]
+fn a_corner_that_there_is_not_is_refused_beside_normals_without_length() {
+    let (mut document, mut data) = triangle_document();
+    // A second triangle, one of whose corners there is not; all normals are zero.
+    data.truncate(42);
+    data.extend([0_u16, 1, 700].iter().flat_map(|index| index.to_le_bytes()));
+    data.extend([0; 36]);
+    document["buffers"][0]["byteLength"] = json!(data.len());
+    document["bufferViews"][1]["byteLength"] = json!(12);
+    document["bufferViews"]
+        .as_array_mut()
+        .unwrap()
+        .push(json!({"buffer": 0, "byteOffset": 48, "byteLength": 36}));
+    document["accessors"][1]["count"] = json!(6);
+    let normals = json!({"bufferView": 2, "componentType": 5126, "count": 3, "type": "VEC3"});
+    document["accessors"].as_array_mut().unwrap().push(normals);
+    document["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(2);
+    let told = refused("wild.glb", &glb(&document, &data));
+    assert!(told.contains("700"), "{told}");
+}
+
+#[test]
 fn refusals_name_what_is_missing() {
     for extension in ["KHR_draco_mesh_compression", "EXT_meshopt_compression"] {
         let document = changed(&[

@@ -66,6 +66,18 @@ fn gltf_textures_are_read_once_for_each_meaning() {
 }
 
 #[test]
+fn a_picture_without_its_kind_is_read_and_one_without_any_place_left_out() {
+    for kind in [json!({"bufferView": 3}), json!({"bufferView": 3, "mimeType": null, "uri": null})] {
+        let scene = textured(|document| document["images"][0] = kind);
+        assert_eq!(scene.textures[0].sample(Vec2::new(0.25, 0.75), 0.0), Vec3::Z.extend(1.0));
+    }
+    for nowhere in [json!({}), json!({"mimeType": "image/png"}), json!({"bufferView": null, "uri": null})] {
+        let scene = textured(|document| document["images"][0] = nowhere);
+        assert!(scene.textures.is_empty() && scene.notes.iter().any(|note| note.contains("image 0")));
+    }
+}
+
+#[test]
 fn gltf_alpha_cuts_out_and_blends() {
     let cut = textured(|document| {
         document["materials"][0]["alphaMode"] = json!("MASK");

@@ -66,11 +66,12 @@ impl Part {
     }
 
     /// Area-weighted normals of the vertices, for surfaces that should look smooth. Unit length; up where a
-    /// vertex has no area around it.
+    /// vertex has no area around it. Triangles of vertices that there are not count for nothing.
     pub fn smooth_normals(&self) -> Vec<Vec3> {
         let mut normals = vec![Vec3::ZERO; self.positions.len()];
         for triangle in &self.indices {
-            let [a, b, c] = triangle.map(|vertex| self.positions[vertex as usize]);
+            let corners = triangle.map(|vertex| self.positions.get(vertex as usize));
+            let [Some(&a), Some(&b), Some(&c)] = corners else { continue };
             let weighted = (b - a).cross(c - a);
             for vertex in triangle {
                 normals[*vertex as usize] += weighted;

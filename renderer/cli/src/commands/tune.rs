@@ -362,7 +362,7 @@ fn within(rival: &Rival, space: &TuningSpace) -> Option<Rival> {
 
 /// After so many trials it is asked what a client would get: 1, 2, 3, 4, 6, 8, 12, 16, ….
 fn is_milestone(trials: u32) -> bool {
-    trials.is_power_of_two() || trials % 3 == 0 && (trials / 3).is_power_of_two()
+    trials.is_power_of_two() || trials.is_multiple_of(3) && (trials / 3).is_power_of_two()
 }
 
 /// Name of the standing of what the service held for the best on the way.
