@@ -464,7 +464,8 @@ impl Judge<'_> {
         }
         contenders.push(verdict::contender(FOUND, self.space, found)?);
         // Each answer on the way runs once, and those that run anyway not again.
-        let mut seen = vec![found.clone(), self.space.default_configuration()];
+        let mut seen = vec![found.clone()];
+        seen.extend(self.start_in_space());
         for milestone in milestones {
             if !seen.contains(&milestone.configuration) {
                 seen.push(milestone.configuration.clone());
@@ -479,6 +480,12 @@ impl Judge<'_> {
         Ok((standings, disturbance))
     }
 
+    /// The start as a configuration of the space that is searched. A part of a space begins elsewhere, so
+    /// what it begins with has to be measured by itself.
+    fn start_in_space(&self) -> Option<Configuration> {
+        self.arguments.narrowing.is_empty().then(|| self.space.default_configuration())
+    }
+
     /// What the answers on the way gain over the start; their standings leave the table.
     fn milestones(
         &self,
@@ -488,8 +495,8 @@ impl Judge<'_> {
         start: &str,
     ) -> Vec<Milestone> {
         let find = |name: &str| standings.iter().find(|one| one.name == name);
-        let mut names: Vec<(Configuration, String)> =
-            vec![(found.clone(), FOUND.to_owned()), (self.space.default_configuration(), start.to_owned())];
+        let mut names: Vec<(Configuration, String)> = vec![(found.clone(), FOUND.to_owned())];
+        names.extend(self.start_in_space().map(|configuration| (configuration, start.to_owned())));
         let mut measured = Vec::new();
         for milestone in milestones {
             let known = names.iter().find(|(configuration, _)| *configuration == milestone.configuration);
