@@ -192,12 +192,10 @@ impl SearchSetup {
     fn dimension(&self) -> usize {
         self.start.len()
     }
-
-    fn levels_of(&self, axis: usize) -> u32 {
-        self.levels.get(axis).copied().unwrap_or(0)
-    }
 }
 
+#[cfg(test)]
+mod chang;
 #[cfg(test)]
 mod contract;
 #[cfg(test)]
