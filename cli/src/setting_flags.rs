@@ -16,7 +16,7 @@ fn fields() -> impl Iterator<Item = &'static PolicyField> {
 
 /// The arguments of which a change of policy needs one.
 pub(crate) fn change_arguments() -> Vec<&'static str> {
-    fields().map(|field| field.name).chain(["pin", "unpin", "clear"]).collect()
+    fields().map(|field| field.name).chain(["preset", "pin", "unpin", "clear"]).collect()
 }
 
 fn flag(field: &'static PolicyField) -> Arg {
@@ -42,6 +42,14 @@ fn flag(field: &'static PolicyField) -> Arg {
 
 impl Args for SettingFlags {
     fn augment_args(command: Command) -> Command {
+        let preset = Arg::new("preset")
+            .long("preset")
+            .value_name("NAME")
+            .help(
+                "Set all fields of a preset; fields that are named beside it win. `paper` tunes as published",
+            )
+            .value_parser(PossibleValuesParser::new(Policy::PRESETS));
+        let command = command.arg(preset);
         fields().fold(command, |command, field| command.arg(flag(field)))
     }
 
@@ -58,6 +66,10 @@ impl FromArgMatches for SettingFlags {
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), Error> {
+        if let Some(name) = matches.get_one::<String>("preset") {
+            let preset = Policy::preset(name);
+            self.0 = preset.map_err(|error| Error::raw(ErrorKind::ValueValidation, format!("{error}\n")))?;
+        }
         for field in fields() {
             if let Some(text) = matches.get_one::<String>(field.name) {
                 let set = self.0.set_text(field.name, text);

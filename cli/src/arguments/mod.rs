@@ -244,6 +244,8 @@ mod tests {
                 .weigh_gain(true)
         );
         assert_eq!(read(&[]).unwrap(), treewright_client::Policy::new());
+        let paper = read(&["--epsilon", "0.5", "--preset", "paper"]).unwrap();
+        assert_eq!(paper, treewright_client::Policy::paper().epsilon(0.5));
         assert!(read(&["--search", "best"]).unwrap_err().contains("nelder-mead"));
         assert!(read(&["--epsilon", "often"]).unwrap_err().contains("`often` is not a number"));
         let help = Arguments::try_parse_from(["treewright", "policy", "--help"]).unwrap_err().to_string();

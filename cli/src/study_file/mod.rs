@@ -267,6 +267,9 @@ fn one() -> f64 {
     1.0
 }
 
+/// The key in a policy that names a preset.
+const PRESET: &str = "preset";
+
 /// What a policy says of a field.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
@@ -352,7 +355,11 @@ impl StudyFile {
 
     fn policy_settings(&self) -> Result<Policy, Failure> {
         let mut policy = Policy::new();
-        for (field, entry) in &self.policy {
+        if let Some(PolicyEntry::Value(name)) = self.policy.get(PRESET) {
+            policy = Policy::preset(&name.value(false).to_string())
+                .map_err(|error| Failure::Usage(error.to_string()))?;
+        }
+        for (field, entry) in self.policy.iter().filter(|(field, _)| *field != PRESET) {
             match entry {
                 PolicyEntry::Value(value) => policy
                     .set_text(field, &value.value(false).to_string())

@@ -5,7 +5,7 @@ use schemars::{Schema, SchemaGenerator, json_schema};
 use serde_json::json;
 use treewright_client::{Policy, PolicyField};
 
-use super::StudyFile;
+use super::{PRESET, StudyFile};
 
 /// JSON Schema 2020-12 of a study file. Editors that know TOML use it, too.
 pub(crate) fn schema() -> serde_json::Value {
@@ -20,6 +20,8 @@ pub(super) fn policy(_: &mut SchemaGenerator) -> Schema {
     for field in Policy::FIELDS {
         properties.insert(field.name.to_owned(), field_schema(field));
     }
+    let about = "All fields of a preset; fields that are named beside it win.";
+    properties.insert(PRESET.to_owned(), json!({ "enum": Policy::PRESETS, "description": about }));
     json_schema!({
         "type": "object",
         "description": "How the service decides. What is left out takes the daemon's default.",

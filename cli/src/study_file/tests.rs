@@ -93,6 +93,16 @@ fn a_policy_as_the_daemon_has_it_is_shortened_to_what_differs() {
 }
 
 #[test]
+fn a_preset_sets_what_is_not_named_beside_it() {
+    let text = FILE.replace("[policy]", "[policy]\npreset = \"paper\"").replace("nelder_mead", "random");
+    let policy = read(&text).policy_settings().expect("a policy");
+    assert_eq!((policy.dice_once, policy.confirm_rounds, policy.epsilon), (Some(true), Some(0), Some(0.5)));
+    assert_eq!(policy.show("search").as_deref(), Some("random"));
+    let wrong = read(&text.replace("\"paper\"", "\"papers\"")).policy_settings().expect_err("a mistake");
+    assert!(wrong.to_string().contains("`papers` is none of paper"), "{wrong}");
+}
+
+#[test]
 fn mistakes_are_named() {
     let parse = |text: &str| StudyFile::parse(text, Language::Toml).expect_err("a mistake");
     assert!(parse(&FILE.replace("display_name", "colour")).contains("colour"));

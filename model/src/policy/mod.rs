@@ -88,6 +88,42 @@ pub fn field_names() -> String {
     names.join(", ")
 }
 
+impl PolicySettings {
+    /// The names of the presets.
+    pub const PRESETS: &'static [&'static str] = &["paper"];
+
+    /// The paper's policy: the dice are thrown once for each change of state, a search is the 80 iterations of
+    /// a stochastic Nelder-Mead simplex, the nearest known state answers, and nothing is run twice or
+    /// confirmed.
+    #[must_use]
+    pub fn paper() -> Self {
+        Self::new()
+            .epsilon(0.2)
+            .dice_once(true)
+            .search(SearchMethod::NelderMead)
+            .trials_per_state(80)
+            .replicates(1)
+            .confirm_rounds(0)
+            .track_speed(false)
+            .roll_back(false)
+            .predictor(PredictorMethod::NearestNeighbour)
+    }
+
+    /// A preset by its name.
+    ///
+    /// # Errors
+    /// [`PolicyError::Text`] with the names that there are.
+    pub fn preset(name: &str) -> Result<Self, PolicyError> {
+        match name {
+            "paper" => Ok(Self::paper()),
+            _ => {
+                let problem = format!("`{name}` is none of {}", Self::PRESETS.join(", "));
+                Err(PolicyError::Text { field: "preset", problem })
+            }
+        }
+    }
+}
+
 impl<C> Policy<C> {
     /// How long a lease lasts, in milliseconds.
     pub fn lease_ms(&self) -> i64 {

@@ -12,6 +12,9 @@ macro_rules! policy_table {
     ($apply:ident) => {
         $apply! {
             /// Probability of exploring when a client's state changes, 0 to 1 (paper section 6).
+            ///
+            /// The dice are thrown again whenever a client's stay in a state has doubled its length, and a
+            /// stay of 3 / epsilon frames explores for certain, unless `dice_once` is set.
             epsilon: f64 | f64 = 0.2, unset "0.2", in Range::Within(0.0, 1.0), as "PROBABILITY";
 
             /// Search inside a state.
@@ -89,6 +92,12 @@ macro_rules! policy_table {
             /// The default is measured again now and then while a state is searched, and costs are divided by
             /// how fast the client's machine is at the moment.
             track_speed: bool | bool = true, unset "true", in Range::Any, as "BOOL";
+
+            /// The dice are thrown once for each visit of a client to a state, as in the paper, however long
+            /// it stays.
+            ///
+            /// A client that never leaves its state may then never explore it: its first throw stands.
+            dice_once: bool | bool = false, unset "false", in Range::Any, as "BOOL";
         }
     };
 }

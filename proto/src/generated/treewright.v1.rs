@@ -223,6 +223,8 @@ pub struct ObjectiveTerm {
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Policy {
     /// Probability of exploring when a client's state changes (paper section 6). OPTIONAL, 0 to 1; unset means 0.2.
+    /// The dice are thrown again whenever a client's stay in a state has doubled its length, and a stay of 3 / epsilon
+    /// frames explores for certain, unless dice_once is set.
     #[prost(double, optional, tag = "1")]
     pub epsilon: ::core::option::Option<f64>,
     /// Search inside a state. OPTIONAL; unset means AUTO.
@@ -292,6 +294,10 @@ pub struct Policy {
     /// machine is at the moment, before they are compared. OPTIONAL; unset means true.
     #[prost(bool, optional, tag = "21")]
     pub track_speed: ::core::option::Option<bool>,
+    /// The dice are thrown once for each visit of a client to a state, as in the paper, however long it stays. OPTIONAL;
+    /// unset means false.
+    #[prost(bool, optional, tag = "22")]
+    pub dice_once: ::core::option::Option<bool>,
 }
 /// How a numeric domain is spread over the unit interval in which searches work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]

@@ -16,6 +16,8 @@ mod explained;
 mod full;
 mod narrow;
 mod paper;
+#[cfg(test)]
+mod paper_page;
 mod start;
 #[cfg(test)]
 mod tests;

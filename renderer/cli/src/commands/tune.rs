@@ -23,7 +23,7 @@ use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::frame::{Renderer, milliseconds};
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
 use treewright_renderer::measure::{Conditions, Contender, Standing, delay_told, interleaved, standings};
-use treewright_renderer::space::TuningSpace;
+use treewright_renderer::space::{Narrowing, Preset, TuningSpace};
 use treewright_renderer::tuning::confirmation;
 use treewright_renderer::tuning::objective::{Objective, specification, study_id};
 use treewright_renderer::tuning::patience::{Patience, PatientTuner};
@@ -61,6 +61,11 @@ pub(crate) struct Arguments {
     narrowing: NarrowingArguments,
     #[command(flatten)]
     start: StartArguments,
+
+    /// Tune as the paper does: its space without `compact`, the stochastic Nelder-Mead search, nothing run
+    /// twice and nothing confirmed by the service (`treewright policy --preset paper`).
+    #[arg(long, conflicts_with = "space")]
+    paper: bool,
 
     /// What to minimise.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
@@ -127,8 +132,25 @@ pub(crate) struct Arguments {
     report: Option<PathBuf>,
 }
 
+impl Arguments {
+    /// With the space that `--paper` asks for.
+    fn with_space(&self) -> Result<Self, CliError> {
+        let mut arguments = self.clone();
+        if self.paper {
+            arguments.space.space = Preset::Paper;
+            arguments.narrowing.fix.push(Narrowing::fix("compact=false").map_err(CliError::Failed)?);
+        }
+        Ok(arguments)
+    }
+
+    fn policy(&self) -> Policy {
+        if self.paper { Policy::paper() } else { Policy::new() }
+    }
+}
+
 /// Tunes and tells.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let arguments = &arguments.with_space()?;
     for path in arguments.json.iter().chain(&arguments.report) {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
@@ -154,7 +176,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         Some(id) => id.clone(),
         None => {
             let id = study_id(arguments.objective, &whole) + &start.mark(&whole);
-            id + &arguments.narrowing.mark(&space)
+            id + &arguments.narrowing.mark(&space) + if arguments.paper { "-as-published" } else { "" }
         }
     };
     let workload = arguments.frame.workload(&scene, arguments.size);
@@ -324,7 +346,7 @@ fn open_study(
     state: &Indicators,
     arguments: &Arguments,
 ) -> Result<Study, CliError> {
-    let study = client.study(id, specification(space, arguments.objective, Policy::new())?)?;
+    let study = client.study(id, specification(space, arguments.objective, arguments.policy())?)?;
     let insight = study.predict(state)?.state;
     let done = insight.map_or(0, |insight| insight.tried);
     let room = u32::try_from(done).unwrap_or(0).saturating_add(arguments.iterations).min(ITERATIONS_MAX);

@@ -18,7 +18,8 @@ use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
 use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
 
-/// A client that stays for this number of frames divided by epsilon explores whatever the dice say.
+/// A client that stays for this number of frames divided by epsilon explores whatever the dice say, unless
+/// the policy has them thrown once.
 const STAY_EXPLORES: f64 = 3.0;
 /// Dice of one visit differ in these bits by how long the stay is.
 const THROWS_SHIFT: u32 = 32;
@@ -77,7 +78,8 @@ impl Tuner {
     /// The number of the visit that needs a decision in a state, known or not; `None` where the last decision
     /// holds. It does not hold for a session that wants something else, nor for a kept configuration that has
     /// proved infeasible or clearly worse than another here. Whenever a stay has doubled its length, the dice
-    /// or the expected gain decide again whether to explore: no client stays for ever with its first throw.
+    /// or the expected gain decide again whether to explore: no client stays for ever with its first throw,
+    /// unless the policy has the dice thrown once.
     pub(super) fn decides(&self, ask: &Ask, state: Option<StateId>) -> Option<u64> {
         let client_id = &ask.client_id;
         let Some(visit) = self.visits.of(client_id) else {
@@ -98,7 +100,8 @@ impl Tuner {
             VisitDecision::Exploit { configuration, exploit, .. } => {
                 let doubled = stay > 1 && stay.is_power_of_two();
                 let by_dice = matches!(exploit.rule, ExploitRule::Dice | ExploitRule::RolledBack);
-                let is_thrown_again = || by_dice && self.explores(ask, visit.number, state);
+                let is_thrown_again =
+                    || by_dice && !policy.dice_once && self.explores(ask, visit.number, state);
                 let begins_again =
                     exploit.rule == ExploitRule::Finished && !self.is_spent_for(&ask.session_policy, state);
                 self.states.results(state).fails(configuration)
@@ -206,7 +209,8 @@ impl Tuner {
             return true;
         }
         let epsilon = self.epsilon_of(&ask.session_policy, state);
-        let stay = state.map_or(0, |state| self.history.stay(&ask.client_id, state));
+        let long = state.filter(|_| !self.spec.policy.dice_once);
+        let stay = long.map_or(0, |state| self.history.stay(&ask.client_id, state));
         if stay as f64 * epsilon >= STAY_EXPLORES {
             return true;
         }

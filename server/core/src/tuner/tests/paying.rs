@@ -4,6 +4,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use crate::policy::PolicySettings;
 use crate::randomness::standard_normal;
 
 /// Frames of one client in a state: how many of them explored.
@@ -64,6 +65,33 @@ fn who_stays_is_not_left_at_what_the_dice_gave_first() {
         }
         assert!(explored > 0, "client {client}");
     }
+}
+
+#[test]
+fn dice_that_are_thrown_once_stand_as_long_as_a_client_stays() {
+    let policy = Policy { dice_once: true, trials_per_state: 100_000, ..unconfirmed() };
+    let mut tuner = tuner(Policy { epsilon: 0.2, track_speed: false, ..policy });
+    run(&mut tuner, "first", 0.5, 0.5, 20);
+    let of_client = |client: usize| explored(&mut tuner, &format!("client {client}"), 0.5, 60, cost);
+    let explored: Vec<usize> = (0..40).map(of_client).collect();
+    assert!(explored.iter().all(|&frames| frames == 0 || frames == 60), "{explored:?}");
+    let explorers = explored.iter().filter(|&&frames| frames > 0).count();
+    assert!((2..=18).contains(&explorers), "{explorers} of 40 clients explore where 8 are expected");
+}
+
+#[test]
+fn the_policy_of_the_paper_runs_no_configuration_twice() {
+    let said = PolicySettings::paper().epsilon(1.0).decide().expect("known words");
+    let space = spec(Policy::default()).space;
+    let mut tuner = tuner(said.check(&space).expect("in range"));
+    let trials = run(&mut tuner, "a", 0.5, 0.5, 100);
+    let (searched, after) = trials.split_at(80);
+    for trial in searched {
+        assert_ne!(trial.mode(), Mode::Exploit, "{trial:?}");
+    }
+    let different: BTreeSet<_> = searched.iter().map(|trial| &trial.configuration).collect();
+    assert_eq!(different.len(), 80);
+    assert!(after.iter().all(|trial| trial.mode() == Mode::Exploit), "nothing is confirmed");
 }
 
 #[test]
