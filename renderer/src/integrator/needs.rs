@@ -21,8 +21,8 @@ pub struct Needs {
     pub sun: bool,
     /// More than one material.
     pub materials: bool,
-    /// Objects placed by instances. Such scenes, and those of the needs below, have the kernel that can do
-    /// everything.
+    /// Objects placed by instances. Kernels for such scenes, and for those of the four needs below, can do
+    /// all of the six above.
     pub instances: bool,
     /// Materials with textures.
     pub textures: bool,
@@ -66,16 +66,37 @@ impl Needs {
         metals: true,
     };
 
-    /// The needs of which each set has a kernel.
-    const OWN: usize = 63;
+    /// The needs of which each set has a kernel where there are no others: the first six.
+    const COMMON: usize = 63;
+    /// The needs of which each set has a kernel that can do all of the common ones: the next five.
+    const RARE: usize = 31;
+    const COMMON_COUNT: usize = 6;
 
-    /// Number of sets that have kernels: those of the first six needs alone, and everything.
-    pub(super) const SETS: usize = Self::OWN + 2;
+    /// Number of sets that have kernels.
+    pub(super) const SETS: usize = Self::COMMON + 1 + Self::RARE;
+
+    /// The rare needs as a number.
+    const fn rare(self) -> usize {
+        self.bits() >> Self::COMMON_COUNT & Self::RARE
+    }
 
     /// Number of the kernel.
     pub(super) const fn kernel(self) -> usize {
         let closed = self.closed();
-        if closed.bits() == Self::ALL.bits() { Self::OWN + 1 } else { closed.bits() & Self::OWN }
+        match closed.rare() {
+            0 => closed.bits() & Self::COMMON,
+            rare => Self::COMMON + rare,
+        }
+    }
+
+    /// What the kernel of a number can do. Numbers of sets that are closed only with more are those of the
+    /// larger set, which nobody asks for by them.
+    pub(super) const fn of_kernel(number: usize) -> Self {
+        let bits = match number {
+            0..=Self::COMMON => number,
+            _ => Self::COMMON | (number - Self::COMMON) << Self::COMMON_COUNT,
+        };
+        Self::from_bits(bits).closed()
     }
 
     /// As a number.
@@ -112,15 +133,18 @@ impl Needs {
         }
     }
 
-    /// With what comes along: sheets reflect as well, and what has no kernels of its own comes with
-    /// everything.
+    /// With what comes along: sheets and rough metals reflect as well, and rare needs come with all the common
+    /// ones. A kernel that reflects tells rough metals by their material.
     pub(super) const fn closed(self) -> Self {
-        if self.instances || self.textures || self.solids || self.environment || self.punctual {
-            Self::ALL
+        if self.rare() > 0 {
+            Self::from_bits(self.bits() | Self::COMMON | Self::METALS)
         } else {
             Self { layers: self.layers || self.sheets || self.metals, ..self }
         }
     }
+
+    /// The bit of rough metals.
+    const METALS: usize = 1 << (Self::COMMON_COUNT + 5);
 
     /// Whether a kernel for these needs can render a scene with those.
     pub fn covers(self, needed: Self) -> bool {
@@ -234,6 +258,20 @@ mod tests {
             assert_eq!(needs.bits(), bits);
             assert!(Needs::ALL.covers(needs) && needs.covers(needs));
             assert_eq!(needs.covers(Needs::ALL), needs == Needs::ALL);
+        }
+    }
+
+    #[test]
+    fn a_kernel_can_do_what_is_needed_and_no_more_of_what_is_rare() {
+        for bits in 0..4096 {
+            let needs = Needs::from_bits(bits);
+            let number = needs.kernel();
+            assert!(number < Needs::SETS);
+            let kernel = Needs::of_kernel(number);
+            let common = Needs { metals: false, ..needs };
+            assert!(kernel.covers(common), "{needs:?} {kernel:?}");
+            assert_eq!(kernel.rare(), needs.rare());
+            assert_eq!(Needs::of_kernel(kernel.kernel()), kernel);
         }
     }
 
