@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
-use glam::Vec3;
+use glam::DVec3;
 use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Update};
 use treewright_client::{Configuration, Indicators};
 
@@ -20,7 +20,7 @@ use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
 use treewright_scene::limits::FOV_RANGE_DEG;
-use treewright_scene::{Camera, Scene};
+use treewright_scene::{Camera, Placement, Scene};
 
 /// Which camera of the scene, or one of one's own.
 #[derive(Args, Clone, Debug)]
@@ -33,17 +33,18 @@ pub struct CameraArguments {
     #[arg(long, value_name = "T", value_parser = unit_interval)]
     pub at: Option<f32>,
 
-    /// Position of the camera, instead of the chosen camera's.
+    /// Position of the camera, instead of the chosen camera's. In the lengths of the scene's file, turned as
+    /// `--up-axis` says, also where the scene is moved or scaled to be drawn.
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
-    pub eye: Option<Vec3>,
+    pub eye: Option<DVec3>,
 
-    /// Point that the camera looks at.
+    /// Point that the camera looks at, in the same lengths.
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
-    pub target: Option<Vec3>,
+    pub target: Option<DVec3>,
 
     /// Up direction of the picture.
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
-    pub up: Option<Vec3>,
+    pub up: Option<DVec3>,
 
     /// Vertical field of view in degrees, 0.01 to 170.
     #[arg(long, value_name = "DEG", value_parser = fov)]
@@ -55,7 +56,7 @@ impl CameraArguments {
     /// place of its own.
     pub fn find(&self, scene: &Scene) -> Result<Camera, CliError> {
         let chosen = self.chosen(scene)?;
-        let camera = self.changed(chosen);
+        let camera = self.changed(chosen, &scene.placement);
         if camera.position == camera.target {
             return Err(CliError::Usage(
                 "--eye and --target are the same point: a camera looks at another".to_owned(),
@@ -65,11 +66,12 @@ impl CameraArguments {
     }
 
     /// The camera with what is given in place of its own.
-    pub fn changed(&self, camera: Camera) -> Camera {
+    pub fn changed(&self, camera: Camera, placement: &Placement) -> Camera {
+        let given = |at: Option<DVec3>| at.map(|at| placement.in_scene(at));
         Camera {
-            position: self.eye.unwrap_or(camera.position),
-            target: self.target.unwrap_or(camera.target),
-            up: self.up.unwrap_or(camera.up),
+            position: given(self.eye).unwrap_or(camera.position),
+            target: given(self.target).unwrap_or(camera.target),
+            up: self.up.map_or(camera.up, |up| up.as_vec3()),
             vertical_fov_deg: self.fov.unwrap_or(camera.vertical_fov_deg),
             framed_aspect: camera.framed_aspect.filter(|_| self.fov.is_none()),
         }
@@ -458,10 +460,10 @@ pub fn unit_interval(text: &str) -> Result<f32, String> {
 }
 
 /// Three finite numbers with commas between them.
-fn vector(text: &str) -> Result<Vec3, String> {
-    let numbers: Vec<f32> = text.split(',').filter_map(|number| number.trim().parse().ok()).collect();
+fn vector(text: &str) -> Result<DVec3, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|number| number.trim().parse().ok()).collect();
     match (numbers.as_slice(), text.split(',').count()) {
-        (&[x, y, z], 3) if Vec3::new(x, y, z).is_finite() => Ok(Vec3::new(x, y, z)),
+        (&[x, y, z], 3) if DVec3::new(x, y, z).as_vec3().is_finite() => Ok(DVec3::new(x, y, z)),
         _ => Err("it must be three numbers like 1,2.5,-3".to_owned()),
     }
 }
@@ -486,7 +488,7 @@ mod tests {
 
     #[test]
     fn vectors_and_angles_are_read_and_refused() {
-        assert_eq!(vector("1,-2.5, 3e1"), Ok(Vec3::new(1.0, -2.5, 30.0)));
+        assert_eq!(vector("1,-2.5, 3e1"), Ok(DVec3::new(1.0, -2.5, 30.0)));
         for wrong in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,nan", "1,2,inf", "1 2 3"] {
             assert!(vector(wrong).is_err(), "{wrong}");
         }

@@ -1,10 +1,11 @@
 //! Puts parts together into a [`Scene`] and settles what the source left open: bad triangles, missing
 //! normals, light and camera.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::{Affine3A, Vec2, Vec3, Vec3A};
+use glam::{Affine3A, DVec3, Vec2, Vec3, Vec3A};
 use treewright_accel::limits::{COORDINATE_MAX, TRIANGLES_MAX};
 use treewright_accel::{GeometryError, Triangles};
 
@@ -14,9 +15,10 @@ use super::images::Pixels;
 use super::limits::{CAMERAS_MAX, FOV_RANGE_DEG, MESHES_MAX, PUNCTUAL_LIGHTS_MAX, VERTICES_MAX};
 use super::objects::Objects;
 use super::part::Part;
+use super::place::{Lengths, Placement};
 use super::texture::{Encoding, Wrap};
 use super::textures::{Textures, cut_out};
-use super::{Camera, Material, Mesh, Placed, Punctual, Scene, SceneError, Sky, Up, scale};
+use super::{Camera, Material, Mesh, Placed, Punctual, Scene, SceneError, Sky, Up};
 
 /// Marks a vertex that no kept triangle names.
 const UNUSED: u32 = u32::MAX;
@@ -40,8 +42,13 @@ pub struct Assembler {
     textures: Textures,
     lights: Vec<Punctual>,
     notes: Vec<String>,
-    dropped: usize,
+    /// Triangles that are left out: with a corner that is not finite, and with one too far out.
+    not_finite: usize,
+    too_far: usize,
     objects: Objects,
+    /// The positions outside objects.
+    in_world: Vec<Range<usize>>,
+    placement: Placement,
     /// The box around everything outside objects.
     world: Bounds,
 }
@@ -85,10 +92,18 @@ impl Assembler {
             textures: Textures::default(),
             lights: Vec::new(),
             notes: Vec::new(),
-            dropped: 0,
+            not_finite: 0,
+            too_far: 0,
             objects: Objects::default(),
+            in_world: Vec::new(),
+            placement: Placement::default(),
             world: Bounds::NOTHING,
         }
+    }
+
+    /// Says that what is added has been moved, so that this place of the file is the origin.
+    pub(crate) fn moved_to(&mut self, origin: DVec3) {
+        self.placement.origin = self.up.turned_far(origin);
     }
 
     /// Adds a material, its numbers brought into range, and returns its index.
@@ -175,6 +190,7 @@ impl Assembler {
             return Err(SceneError::TooMany { path: self.origin.clone() });
         }
         let first_triangle = self.indices.len() as u32;
+        let first_position = self.positions.len();
         let mut renumbered = vec![UNUSED; vertices];
         // The contents of an object are turned where it is placed.
         let up = if self.objects.is_open() { Up::Y } else { self.up };
@@ -186,11 +202,10 @@ impl Assembler {
             if let Some(&vertex) = corners.iter().find(|vertex| **vertex as usize >= vertices) {
                 return Err(refuse(GeometryError::IndexOutOfRange { triangle, vertex, vertices }));
             }
-            let good = |vertex: &u32| {
-                part.positions[*vertex as usize].abs().cmple(Vec3::splat(COORDINATE_MAX)).all()
-            };
-            if !corners.iter().all(good) {
-                self.dropped += 1;
+            let all = |good: fn(Vec3) -> bool| corners.iter().all(|at| good(part.positions[*at as usize]));
+            if !all(|at| at.abs().cmple(Vec3::splat(COORDINATE_MAX)).all()) {
+                let count = if all(Vec3::is_finite) { &mut self.too_far } else { &mut self.not_finite };
+                *count += 1;
                 continue;
             }
             let mut kept = [0; 3];
@@ -224,6 +239,9 @@ impl Assembler {
             }
             self.indices.push(kept);
         }
+        if !self.objects.is_open() {
+            self.in_world.push(first_position..self.positions.len());
+        }
         let triangle_count = self.indices.len() as u32 - first_triangle;
         if triangle_count > 0 {
             self.meshes.push(Mesh { name, first_triangle, triangle_count, material });
@@ -242,22 +260,19 @@ impl Assembler {
     pub fn finish(mut self, lighting: Lighting, mut views: Vec<CameraPose>) -> Result<Scene, SceneError> {
         if self.indices.is_empty() {
             let mut found = std::mem::take(&mut self.notes);
-            if self.dropped > 0 {
-                found.push(format!("{} triangles have corners that are not finite", self.dropped));
-            }
+            found
+                .extend(self.dropped().map(|(count, what)| format!("{count} triangles have corners {what}")));
             let found = if found.is_empty() { "no faces".to_owned() } else { found.join("; ") };
             return Err(SceneError::NoTriangles { path: self.origin, found });
         }
-        if self.dropped > 0 {
-            self.notes.push(format!(
-                "Dropped {} triangles with corners that are not finite or beyond ±{COORDINATE_MAX:e}.",
-                self.dropped
-            ));
-        }
+        let notes =
+            self.dropped().map(|(count, what)| format!("Dropped {count} triangles with corners {what}."));
+        let notes: Vec<String> = notes.collect();
+        self.notes.extend(notes);
         if self.materials.is_empty() {
             self.materials.push(Material::default());
         }
-        self.settle_scale(&mut views);
+        self.settle_placement(&mut views);
         self.settle_normals();
         let sky = self.settle_sky(lighting);
         let refuse =
@@ -315,22 +330,27 @@ impl Assembler {
             environment: None,
             cameras,
             path_keys: Vec::new(),
+            placement: self.placement,
             notes: self.notes,
         })
     }
 
-    /// Brings lengths into the range of single precision.
-    fn settle_scale(&mut self, views: &mut [CameraPose]) {
-        // Squares of small lengths would be zero in single precision.
-        let diagonal = self.bounds().size().as_dvec3().length() as f32;
-        let Some(factor) = scale::factor(diagonal) else {
-            return;
-        };
-        self.note(format!(
-            "The scene is {diagonal:e} across, which single precision is not enough for: all lengths are multiplied by {factor:e}."
-        ));
-        let Self { positions, objects, lights, materials, .. } = self;
-        scale::Lengths { positions, objects, lights, materials, views }.multiply(factor);
+    /// The triangles that are left out, and why.
+    fn dropped(&self) -> impl Iterator<Item = (usize, String)> + use<> {
+        let reasons = [
+            (self.not_finite, "that are not finite".to_owned()),
+            (self.too_far, format!("that are too far out, beyond ±{COORDINATE_MAX:e}")),
+        ];
+        reasons.into_iter().filter(|(count, _)| *count > 0)
+    }
+
+    /// Brings lengths and places into the range of single precision.
+    fn settle_placement(&mut self, views: &mut [CameraPose]) {
+        let bounds = self.bounds();
+        let Self { positions, in_world, objects, lights, materials, .. } = self;
+        let mut lengths = Lengths { positions, in_world, objects, lights, materials, views };
+        let notes = lengths.settle(bounds, &mut self.placement);
+        self.notes.extend(notes);
     }
 
     /// Leaves no normals when every mesh is flat; otherwise gives the flat ones vertices of their own, three
@@ -445,7 +465,9 @@ mod tests {
         let scene = assembler.finish(Lighting::Automatic, vec![]).unwrap();
         assert_eq!(scene.triangles.len(), 2);
         assert_eq!(scene.triangles.positions().len(), 3);
-        assert!(scene.notes.iter().any(|note| note.starts_with("Dropped 2 ")));
+        let dropped = |what: &str| scene.notes.iter().any(|note| note.contains(what));
+        assert!(dropped("Dropped 1 triangles with corners that are not finite."));
+        assert!(dropped("Dropped 1 triangles with corners that are too far out, beyond"));
         assert!(scene.notes.iter().any(|note| note.starts_with("Kept 1 ")));
         assert!(scene.normals.is_empty());
         assert!(!scene.sky.is_black());

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use glam::{Affine3A, Mat4, Vec3};
+use glam::{Affine3A, DMat4, DVec3, Mat4, Vec3};
 use gltf::camera::Projection;
 use gltf::khr_lights_punctual::{Kind, Light};
 use gltf::{Document, Mesh, Node};
@@ -18,7 +18,7 @@ use super::gltf_geometry::{self, Buffers};
 use super::gltf_instances::{self, Copies};
 use super::gltf_json::{self, Refusal};
 use super::gltf_material::{self, Materials};
-use super::limits::{INSTANCING_SAVES_MIN, NODE_DEPTH_MAX};
+use super::limits::{DISTANCE_MAX, INSTANCING_SAVES_MIN, NODE_DEPTH_MAX};
 use super::{Cone, Punctual, Scene, SceneError, Up};
 
 /// Reads one file. See [`super::load`].
@@ -112,6 +112,21 @@ fn shared_meshes(document: &Document, copies: &Copies) -> Vec<Option<Vec<Affine3
     uses.into_iter().map(|uses| (uses > 1 && saved > INSTANCING_SAVES_MIN).then(Vec::new)).collect()
 }
 
+/// Nodes that are nearer to the origin keep their digits whatever their size.
+const FAR_NODES: f64 = 1e4;
+
+/// Where to put the origin so that meshes that stand close together and far away keep their digits; zero where
+/// they do not.
+fn far_origin(nodes: &[(Node, DMat4)]) -> DVec3 {
+    let with_mesh = nodes.iter().filter(|(node, _)| node.mesh().is_some());
+    let mut places = with_mesh.map(|(_, to_world)| to_world.w_axis.truncate());
+    let Some(first) = places.next().filter(|first| first.is_finite() && first.length() > FAR_NODES) else {
+        return DVec3::ZERO;
+    };
+    let extent = places.map(|place| place.distance(first)).fold(0.0, f64::max);
+    if first.length() > DISTANCE_MAX * extent { first } else { DVec3::ZERO }
+}
+
 struct Walk<'a> {
     buffers: &'a Buffers,
     materials: Materials,
@@ -136,8 +151,9 @@ impl Walk<'_> {
             None => document.nodes().collect(),
         };
         let mut seen = vec![false; document.nodes().len()];
-        let mut stack: Vec<(Node, Mat4, usize)> =
-            roots.into_iter().rev().map(|node| (node, Mat4::IDENTITY, 0)).collect();
+        let mut stack: Vec<(Node, DMat4, usize)> =
+            roots.into_iter().rev().map(|node| (node, DMat4::IDENTITY, 0)).collect();
+        let mut found = Vec::new();
         while let Some((node, parent, depth)) = stack.pop() {
             if std::mem::replace(&mut seen[node.index()], true) {
                 return Err((self.malformed)(format!(
@@ -148,11 +164,16 @@ impl Walk<'_> {
             if depth > NODE_DEPTH_MAX {
                 return Err((self.malformed)(format!("its nodes are nested deeper than {NODE_DEPTH_MAX}")));
             }
-            let to_world = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
-            self.node(&node, &to_world)?;
+            let to_world = parent * Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
             // The copy in `children` keeps the order of the file, which makes mesh order stable.
             let children: Vec<Node> = node.children().collect();
             stack.extend(children.into_iter().rev().map(|child| (child, to_world, depth + 1)));
+            found.push((node, to_world));
+        }
+        let origin = far_origin(&found);
+        self.assembler.moved_to(origin);
+        for (node, to_world) in found {
+            self.node(&node, &(DMat4::from_translation(-origin) * to_world).as_mat4())?;
         }
         Ok(())
     }

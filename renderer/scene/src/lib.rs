@@ -22,6 +22,8 @@ pub mod indicators;
 pub mod limits;
 mod load;
 #[cfg(test)]
+mod load_far_tests;
+#[cfg(test)]
 mod load_gltf_tests;
 #[cfg(test)]
 mod load_tests;
@@ -36,13 +38,13 @@ mod obj_maps;
 mod obj_text;
 mod objects;
 pub mod part;
+mod place;
 pub mod placed;
 mod ply_file;
 mod ply_text;
 mod polygon;
 mod probe;
 mod punctual;
-mod scale;
 pub mod shapes;
 mod sky;
 mod text;
@@ -59,6 +61,7 @@ pub use bounds::Bounds;
 pub use environment::Environment;
 pub use error::SceneError;
 pub use load::{load, load_upright};
+pub use place::Placement;
 pub use placed::Placed;
 pub use punctual::{Arrival, Cone, Punctual};
 pub use texture::{Texture, Wrap};
@@ -96,6 +99,8 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Keys of a hand-laid camera path; empty when nobody laid one (see [`crate::camera_path`]).
     pub path_keys: Vec<Camera>,
+    /// How places of the file became places of the scene.
+    pub placement: Placement,
     /// What the loader had to leave out or make up, one sentence each.
     pub notes: Vec<String>,
 }

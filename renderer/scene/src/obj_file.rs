@@ -31,6 +31,9 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
     let checked = obj_text::check(&text, with_textures, libraries.loaded.len()).map_err(malformed)?;
     let mut assembler = Assembler::of_file(path, up);
     note_what_is_left_out(&checked, &libraries, &mut assembler);
+    if let Some(origin) = checked.origin {
+        assembler.moved_to(origin);
+    }
     if checked.faces == 0 {
         assembler.note("no faces");
         return assembler.finish(Lighting::Automatic, Vec::new());

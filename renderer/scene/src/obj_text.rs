@@ -3,6 +3,10 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
+use glam::{DVec3, Vec3};
+
+use super::place::far_middle;
+
 /// An OBJ text that is safe to parse.
 pub(super) struct Checked {
     /// The text without what is ignored. Where there are normals, the first is zero and stands for none.
@@ -17,6 +21,8 @@ pub(super) struct Checked {
     pub(super) coloured: usize,
     /// The names of materials that faces have.
     pub(super) materials: BTreeSet<String>,
+    /// What was subtracted from all positions, because they lie far from the origin.
+    pub(super) origin: Option<DVec3>,
 }
 
 /// The counts of each kind of vertex data.
@@ -78,6 +84,10 @@ pub(super) fn check(text: &str, with_textures: bool, libraries: usize) -> Result
     for (_, statement) in statements(text) {
         total.count(keyword_and_rest(&statement).0);
     }
+    let position = |statement: &str| match keyword_and_rest(statement) {
+        ("v", rest) => doubles(rest),
+        _ => None,
+    };
     let mut checked = Checked {
         text: String::with_capacity(text.len()),
         ignored: 0,
@@ -85,6 +95,7 @@ pub(super) fn check(text: &str, with_textures: bool, libraries: usize) -> Result
         astray: 0,
         coloured: 0,
         materials: BTreeSet::new(),
+        origin: far_middle(statements(text).filter_map(|(_, statement)| position(&statement))),
     };
     (0..libraries).for_each(|number| push_line(&mut checked.text, &format!("mtllib {number}")));
     if with_textures {
@@ -115,7 +126,13 @@ impl Checked {
                 }
                 // Colours and weights behind the position are not used; some exporters write them badly.
                 self.coloured += usize::from(keyword == "v" && words().count() >= 6);
-                push_line(&mut self.text, &format!("{keyword} {}", found.join(" ")));
+                match (self.origin, doubles(rest)) {
+                    (Some(origin), Some(at)) if keyword == "v" => {
+                        let Vec3 { x, y, z } = (at - origin).as_vec3();
+                        push_line(&mut self.text, &format!("v {x} {y} {z}"));
+                    }
+                    _ => push_line(&mut self.text, &format!("{keyword} {}", found.join(" "))),
+                }
             }
             "vt" if corners.with_textures => {
                 let mut numbers =
@@ -144,6 +161,13 @@ impl Checked {
         }
         Ok(())
     }
+}
+
+/// The first three numbers of a statement.
+fn doubles(rest: &str) -> Option<DVec3> {
+    let mut numbers = rest.split_whitespace().map(|word| word.parse::<f64>());
+    let mut number = || numbers.next()?.ok();
+    Some(DVec3::new(number()?, number()?, number()?))
 }
 
 fn push_line(text: &mut String, line: &str) {

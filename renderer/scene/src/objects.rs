@@ -64,6 +64,11 @@ impl Objects {
         self.placed.iter().map(|(object, to_world)| self.boxes[*object as usize].transformed(to_world))
     }
 
+    /// Moves what is placed; objects stay as they are.
+    pub(super) fn move_by(&mut self, by: Vec3) {
+        self.placed.iter_mut().for_each(|(_, to_world)| to_world.translation += Vec3A::from(by));
+    }
+
     /// Multiplies all lengths by a factor: the objects' own and how far they are moved.
     pub(super) fn multiply(&mut self, factor: f32) {
         for (_, to_world) in &mut self.placed {

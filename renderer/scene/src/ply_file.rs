@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::Path;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     DefaultElement, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult,
@@ -14,6 +14,7 @@ use ply_rs_bw::ply::{
 use super::assemble::{Assembler, Lighting};
 use super::error::one_line;
 use super::part::Part;
+use super::place::far_middle;
 use super::{Material, Scene, SceneError, Up, ply_text, text};
 
 /// Reads one file. See [`super::load`].
@@ -49,7 +50,11 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
     for note in &content.notes {
         assembler.note(note.clone());
     }
-    let part = content.part().map_err(malformed)?;
+    let origin = far_middle(content.vertices.iter().map(|vertex| vertex.position));
+    if let Some(origin) = origin {
+        assembler.moved_to(origin);
+    }
+    let part = content.part(origin.unwrap_or(DVec3::ZERO)).map_err(malformed)?;
     if part.indices.is_empty() {
         assembler.note(format!("{} vertices and {} faces", part.positions.len(), content.faces.len()));
     }
@@ -108,12 +113,12 @@ impl Content {
         Ok(content)
     }
 
-    /// Vertices and cut polygons, or a sentence about a face.
-    fn part(&self) -> Result<Part, String> {
-        let of = |pick: fn(&Vertex) -> Vec3| self.vertices.iter().map(pick).collect::<Vec<_>>();
-        let mut part = Part { positions: of(|vertex| vertex.position), ..Part::default() };
+    /// Vertices, seen from `origin`, and cut polygons, or a sentence about a face.
+    fn part(&self, origin: DVec3) -> Result<Part, String> {
+        let positions = self.vertices.iter().map(|vertex| (vertex.position - origin).as_vec3());
+        let mut part = Part { positions: positions.collect(), ..Part::default() };
         if self.with_normals {
-            part.normals = of(|vertex| vertex.normal);
+            part.normals = self.vertices.iter().map(|vertex| vertex.normal).collect();
         }
         let vertices = part.positions.len();
         for (number, face) in self.faces.iter().enumerate() {
@@ -140,32 +145,37 @@ fn payload<E: PropertyAccess>(
 
 #[derive(Clone, Copy)]
 struct Vertex {
-    position: Vec3,
+    position: DVec3,
     normal: Vec3,
 }
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self { position: Vec3::NAN, normal: Vec3::ZERO }
+        Self { position: DVec3::NAN, normal: Vec3::ZERO }
     }
 
     fn set_property(&mut self, key: &str, property: Property) -> PropertyAccessResult {
-        let field = match key {
-            "x" => &mut self.position.x,
-            "y" => &mut self.position.y,
-            "z" => &mut self.position.z,
-            "nx" => &mut self.normal.x,
-            "ny" => &mut self.normal.y,
-            "nz" => &mut self.normal.z,
-            _ => return PropertyAccessResult::Ignored,
-        };
-        match property.to_f32_lossy() {
-            Some(value) => {
-                *field = value;
-                PropertyAccessResult::Set
-            }
-            None => PropertyAccessResult::UnsupportedType,
+        if !["x", "y", "z", "nx", "ny", "nz"].contains(&key) {
+            return PropertyAccessResult::Ignored;
         }
+        let value = match property {
+            Property::Double(value) => Some(value),
+            Property::Int(value) => Some(f64::from(value)),
+            Property::UInt(value) => Some(f64::from(value)),
+            _ => property.to_f32_lossy().map(f64::from),
+        };
+        let Some(value) = value else {
+            return PropertyAccessResult::UnsupportedType;
+        };
+        match key {
+            "x" => self.position.x = value,
+            "y" => self.position.y = value,
+            "z" => self.position.z = value,
+            "nx" => self.normal.x = value as f32,
+            "ny" => self.normal.y = value as f32,
+            _ => self.normal.z = value as f32,
+        }
+        PropertyAccessResult::Set
     }
 }
 

@@ -115,6 +115,16 @@ impl Punctual {
         }
     }
 
+    /// The light in a scene that is moved.
+    pub(crate) fn moved(self, by: Vec3) -> Self {
+        match self {
+            Self::Directional { .. } => self,
+            Self::Point { position, intensity, cone, range } => {
+                Self::Point { position: position + by, intensity, cone, range }
+            }
+        }
+    }
+
     /// What arrives at a position; no irradiance at the light itself.
     pub fn arrival(&self, at: Vec3) -> Arrival {
         match *self {

@@ -1,6 +1,6 @@
 //! Which way is up in a file. Scenes stand on y; programs for construction and printing mostly mean z.
 
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 
 /// The axis of a file that points up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -21,6 +21,15 @@ impl Up {
             Self::Y => vector,
             Self::Z => Vec3::new(vector.x, vector.z, -vector.y),
             Self::X => Vec3::new(-vector.y, vector.x, vector.z),
+        }
+    }
+
+    /// The same in double precision.
+    pub(super) fn turned_far(self, vector: DVec3) -> DVec3 {
+        match self {
+            Self::Y => vector,
+            Self::Z => DVec3::new(vector.x, vector.z, -vector.y),
+            Self::X => DVec3::new(-vector.y, vector.x, vector.z),
         }
     }
 
