@@ -8,6 +8,7 @@
 //! | [`portfolio`] | which few configurations together serve all known states best |
 //! | [`drift`] | how fast a client's machine is at the moment |
 //! | [`auxiliary`] | what a cost would have been without the noise that other measurements explain |
+//! | [`movement`] | what a cost would have been at the anchor of its state |
 //! | [`exploration_value`] | whether the next few trials pay for themselves |
 //! | [`distribution`] | the normal distribution and Student's |
 
@@ -17,6 +18,7 @@ pub mod distribution;
 pub mod drift;
 pub mod estimate;
 pub mod exploration_value;
+pub mod movement;
 pub mod portfolio;
 #[cfg(test)]
 pub(crate) mod simulated;

@@ -1,8 +1,9 @@
-//! Costs without the noise that auxiliary measurements explain, state by state.
+//! Costs without what else explains them, state by state.
 //!
-//! A study may name metrics beside those of its objective. Their regression is learnt from the state's own
-//! trials (see [`Denoiser`]), and again after every few of them. The table is then restated, because its
-//! costs are less what the regression explains. All of it follows from the completed trials in their order.
+//! Indicators move a little within a state, and costs with them (see [`Movement`]). A study may also name
+//! metrics beside those of its objective (see [`Denoiser`]). Both regressions are learnt from the state's own
+//! trials, and again after every few of them. The table is then restated, because its costs are less what the
+//! regressions explain. All of it follows from the completed trials in their order.
 
 use std::collections::BTreeMap;
 
@@ -11,16 +12,40 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::{DENOISED_STATES_MAX, EVIDENCE_MAX, OBSERVATIONS_MAX};
+use crate::results::{Record, ResultTable};
 use crate::robust::{deviation, median, reach_of};
 use crate::statistics::auxiliary::{Denoiser, Observation};
+use crate::statistics::movement::{MovedMeasurement, Movement};
 use crate::tuner::confirmation::Stored;
 
 /// Number of trials after which the regression is learnt again.
 const LEARNT_EVERY: u64 = 4;
 /// Growth of the regression's weight after which the speeds of machines are judged again.
 const WEIGHT_GROWN: f64 = 0.25;
+/// A movement that changes a cost by so much may have seemed to be the machine's speed before it was known.
+const MOVEMENT_SEEMS_SPEED: f64 = 0.02;
 /// Costs of zero have no logarithm.
 const COST_LEAST: f64 = 1e-300;
+
+/// What is known of a trial beside its cost.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Beside {
+    /// Its auxiliary measurements, if the study has any.
+    pub(super) auxiliary: Vec<f64>,
+    /// How far its indicators are from the anchor of its state, in shares of their ranges.
+    pub(super) offset: Vec<f64>,
+}
+
+impl Beside {
+    /// Whether nothing can be explained by it.
+    pub(super) fn is_nothing(&self) -> bool {
+        self.auxiliary.is_empty() && !self.has_moved()
+    }
+
+    fn has_moved(&self) -> bool {
+        self.offset.iter().any(|offset| *offset != 0.0)
+    }
+}
 
 /// A measured trial.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,16 +54,20 @@ struct Seen {
     configuration: Stored,
     log_cost: f64,
     auxiliary: Vec<f64>,
+    #[serde(default)]
+    offset: Vec<f64>,
     /// The logarithm of the factor on the client's costs at its time.
     log_factor: f64,
 }
 
-/// The measurements of one state with their auxiliary metrics.
+/// The measurements of one state, with what is known beside their costs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct OfState {
     seen: Vec<Seen>,
     taken: u64,
     denoiser: Option<Denoiser>,
+    #[serde(default)]
+    movement: Option<Movement>,
     /// The weight of the auxiliary measurements when the factors were last judged.
     weight: f64,
     latest: u64,
@@ -55,11 +84,22 @@ pub(super) struct Auxiliaries {
 pub(super) type Restated = Vec<(Configuration, Vec<(u64, f64)>)>;
 
 impl OfState {
+    /// The logarithm of a cost at the state's anchor.
+    fn at_anchor(&self, log_cost: f64, offset: &[f64]) -> f64 {
+        log_cost - self.movement.as_ref().map_or(0.0, |movement| movement.explained(offset))
+    }
+
+    /// The same without the noise that auxiliary measurements explain.
+    fn understood(&self, log_cost: f64, auxiliary: &[f64], offset: &[f64]) -> f64 {
+        let log = self.at_anchor(log_cost, offset);
+        match &self.denoiser {
+            Some(denoiser) if !auxiliary.is_empty() => denoiser.denoised(log, auxiliary),
+            _ => log,
+        }
+    }
+
     fn cost(&self, one: &Seen) -> f64 {
-        let log = match &self.denoiser {
-            Some(denoiser) => denoiser.denoised(one.log_cost, &one.auxiliary),
-            None => one.log_cost,
-        };
+        let log = self.understood(one.log_cost, &one.auxiliary, &one.offset);
         libm::exp(log - one.log_factor).min(f64::MAX)
     }
 
@@ -87,19 +127,30 @@ impl OfState {
                 names.len() - 1
             })
         };
-        let mut logs: Vec<f64> = self.seen.iter().map(|one| one.log_cost).collect();
+        let names: Vec<usize> = self.seen.iter().map(|one| name(&one.configuration.0)).collect();
+        // Speeds that were told before are part of the cost that the movement explains.
+        let moved = self.seen.iter().zip(&names).map(|(one, &configuration)| MovedMeasurement {
+            configuration,
+            log_cost: one.log_cost - one.log_factor,
+            offset: one.offset.clone(),
+        });
+        let moved: Vec<MovedMeasurement> = moved.filter(|one| !one.offset.is_empty()).collect();
+        self.movement = Movement::of(&moved).or(self.movement.take());
+        if self.seen.iter().all(|one| one.auxiliary.is_empty()) {
+            return;
+        }
+        let at_anchor = |one: &Seen| self.at_anchor(one.log_cost, &one.offset);
+        let mut logs: Vec<f64> = self.seen.iter().map(at_anchor).collect();
         let middle = median(&mut logs);
         let reach = reach_of(deviation(&logs, middle));
         // One absurd report would be most of what there is to explain.
-        let is_far = |one: &&Seen| (one.log_cost - middle).abs() > reach;
-        let far = self.seen.iter().filter(is_far).count();
-        let observations: Vec<Observation> = self
-            .seen
-            .iter()
-            .filter(|one| far != 1 || !is_far(one))
-            .map(|one| Observation {
-                configuration: name(&one.configuration.0),
-                log_cost: one.log_cost,
+        let is_far = |one: &Seen| (at_anchor(one) - middle).abs() > reach;
+        let far = self.seen.iter().filter(|one| is_far(one)).count();
+        let counted = self.seen.iter().zip(&names).filter(|(one, _)| far != 1 || !is_far(one));
+        let observations: Vec<Observation> = counted
+            .map(|(one, &configuration)| Observation {
+                configuration,
+                log_cost: at_anchor(one),
                 auxiliary: one.auxiliary.clone(),
             })
             .collect();
@@ -114,55 +165,69 @@ impl Auxiliaries {
         self.states.get(&state.0).is_some_and(|own| own.denoiser.is_some())
     }
 
-    /// A cost without the noise that its auxiliary measurements explain.
-    pub(super) fn denoised(&self, state: StateId, cost: f64, auxiliary: &[f64]) -> f64 {
-        let denoiser = self.states.get(&state.0).and_then(|own| own.denoiser.as_ref());
-        denoiser.map_or(cost, |denoiser| {
-            libm::exp(denoiser.denoised(libm::log(cost.max(COST_LEAST)), &logs(auxiliary))).min(f64::MAX)
+    /// A cost without what is known to explain it.
+    pub(super) fn understood(&self, state: StateId, cost: f64, beside: &Beside) -> f64 {
+        self.states.get(&state.0).map_or(cost, |own| {
+            let log = libm::log(cost.max(COST_LEAST));
+            let understood = own.understood(log, &logs(&beside.auxiliary), &beside.offset);
+            // A cost that nothing explains keeps its last digit.
+            if understood == log { cost } else { libm::exp(understood).min(f64::MAX) }
         })
     }
 
-    /// Takes a trial. Where the regression was learnt again, returns the costs of all configurations by it.
-    /// It also says whether to judge the speeds of machines again, because it explains what seemed to be
-    /// speed.
+    /// Takes a trial. Where the regressions were learnt again, returns the costs of all configurations by
+    /// them. It also says whether to judge the speeds of machines again, because they explain what seemed to
+    /// be speed. `table` is what was measured before.
     pub(super) fn take(
         &mut self,
         state: StateId,
         (trial, configuration): (u64, &Configuration),
         cost: f64,
-        auxiliary: &[f64],
-        factor: f64,
+        beside: &Beside,
+        (factor, table): (f64, &ResultTable),
     ) -> Option<(Restated, bool)> {
         self.clock += 1;
-        if !self.states.contains_key(&state.0) && self.states.len() >= DENOISED_STATES_MAX {
+        let is_new = !self.states.contains_key(&state.0);
+        if is_new && beside.is_nothing() {
+            return None;
+        }
+        if is_new && self.states.len() >= DENOISED_STATES_MAX {
             let oldest = self.states.iter().min_by_key(|(_, own)| own.latest).map(|(&state, _)| state);
             oldest.map(|state| self.states.remove(&state));
         }
         let own = self.states.entry(state.0).or_default();
+        if is_new && beside.auxiliary.is_empty() {
+            own.seen = at_rest(table, beside.offset.len());
+        }
         own.latest = self.clock;
-        if own.seen.len() == OBSERVATIONS_MAX {
+        if own.seen.len() >= OBSERVATIONS_MAX {
             own.seen.remove(0);
         }
         own.seen.push(Seen {
             trial,
             configuration: Stored(configuration.clone()),
             log_cost: libm::log(cost.max(COST_LEAST)),
-            auxiliary: logs(auxiliary),
+            auxiliary: logs(&beside.auxiliary),
+            offset: beside.offset.clone(),
             log_factor: libm::log(factor),
         });
         own.taken += 1;
         if !own.taken.is_multiple_of(LEARNT_EVERY) {
             return None;
         }
-        let knew = own.denoiser.is_some();
+        let (knew, knew_movement) = (own.denoiser.is_some(), own.movement.is_some());
         own.learn();
-        let weight = own.denoiser.as_ref()?.weight();
-        let explains_more = !knew || weight > own.weight + WEIGHT_GROWN;
+        let weight = own.denoiser.as_ref().map_or(0.0, Denoiser::weight);
+        let mut explains_more = own.denoiser.is_some() && (!knew || weight > own.weight + WEIGHT_GROWN);
+        if !knew_movement && let Some(movement) = &own.movement {
+            let explained = own.seen.iter().map(|one| movement.explained(&one.offset).abs());
+            explains_more |= explained.fold(0.0, f64::max) > MOVEMENT_SEEMS_SPEED;
+        }
         if explains_more {
             own.weight = weight;
             own.seen.iter_mut().for_each(|one| one.log_factor = 0.0);
         }
-        Some((own.all(), explains_more))
+        (own.denoiser.is_some() || own.movement.is_some()).then(|| (own.all(), explains_more))
     }
 
     /// Takes trials back, and tells the costs of their configurations without them.
@@ -177,11 +242,35 @@ impl Auxiliaries {
         gone.into_iter().map(|configuration| (configuration.clone(), own.of(&configuration))).collect()
     }
 
-    /// Whether it fits the space and this number of metrics.
-    pub(super) fn fits(&self, space: &crate::space::Space, metrics: usize) -> bool {
+    /// Whether it fits the space and these numbers of metrics and indicators.
+    pub(super) fn fits(&self, space: &crate::space::Space, metrics: usize, indicators: usize) -> bool {
         let mut seen = self.states.values().flat_map(|own| &own.seen);
-        seen.all(|one| space.owns(&one.configuration.0) && one.auxiliary.len() == metrics)
+        seen.all(|one| {
+            space.owns(&one.configuration.0)
+                && one.auxiliary.len() == metrics
+                && [0, indicators].contains(&one.offset.len())
+        })
     }
+}
+
+/// What was measured in a state before anything moved there, oldest first: all of it at the anchor.
+fn at_rest(table: &ResultTable, indicators: usize) -> Vec<Seen> {
+    let of = |record: &Record| {
+        let measured = record.evidence.values().iter().zip(record.evidence.moments());
+        let seen = measured.map(|(cost, moment)| Seen {
+            trial: moment.map_or(0, |moment| moment.time),
+            configuration: Stored(record.configuration.clone()),
+            log_cost: libm::log(cost.max(COST_LEAST)),
+            auxiliary: Vec::new(),
+            offset: vec![0.0; indicators],
+            log_factor: 0.0,
+        });
+        seen.collect::<Vec<_>>()
+    };
+    let mut seen: Vec<Seen> = table.ranked().flat_map(of).collect();
+    seen.sort_by_key(|one| one.trial);
+    let surplus = seen.len().saturating_sub(OBSERVATIONS_MAX - 1);
+    seen.split_off(surplus)
 }
 
 fn logs(auxiliary: &[f64]) -> Vec<f64> {

@@ -6,6 +6,7 @@ use crate::predict::Predictors;
 use crate::results::Record;
 use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Outcome, Trial, TrialState};
+use crate::tuner::auxiliaries::Beside;
 use crate::tuner::explore::is_spent;
 use crate::tuner::rechecks::Moved;
 use crate::tuner::speeds::Unheld;
@@ -154,8 +155,8 @@ impl Tuner {
         learnt
     }
 
-    /// The cost of a completed trial without the noise that its auxiliary measurements explain, and corrected
-    /// for the present speed of its client's machine.
+    /// The cost of a completed trial without what its auxiliary measurements and its movement within the state
+    /// explain, and corrected for the present speed of its client's machine.
     fn understood(&mut self, trial: &Trial) -> LearntCost {
         let unchanged =
             LearntCost { cost: trial.cost, believed: trial.cost, has_jumped: false, has_changed: false };
@@ -170,8 +171,9 @@ impl Tuner {
                 if self.spec.policy.track_speed { self.speeds.factor(&trial.client_id) } else { 1.0 };
             return LearntCost { cost: Some((cost / factor).min(f64::MAX)), ..unchanged };
         }
-        let auxiliary = self.spec.objective.auxiliary_of(&trial.measurements);
-        let denoised = auxiliary.as_ref().map_or(cost, |aux| self.auxiliaries.denoised(state, cost, aux));
+        let beside = self.beside(trial);
+        let denoised =
+            beside.as_ref().map_or(cost, |beside| self.auxiliaries.understood(state, cost, beside));
         let (mut factor, mut has_jumped) = (1.0, false);
         if self.spec.policy.track_speed && self.changed(trial, denoised) {
             return LearntCost { has_changed: true, ..unchanged };
@@ -179,7 +181,8 @@ impl Tuner {
         if self.spec.policy.track_speed {
             let table = (self.states.results(state), self.spec.space.default_ref());
             // A difference that may have another explanation is no speed.
-            let holds = auxiliary.is_none() || self.auxiliaries.explains(state);
+            let has_metrics = beside.as_ref().is_some_and(|beside| !beside.auxiliary.is_empty());
+            let holds = !has_metrics || self.auxiliaries.explains(state);
             let what = (trial.client_id.as_str(), trial.number, state);
             let held = self.speeds.take(what, &trial.configuration, denoised, table, holds);
             factor = held.factor;
@@ -192,10 +195,10 @@ impl Tuner {
             }
         }
         let mut learnt = (denoised / factor).min(f64::MAX);
-        if let Some(auxiliary) = &auxiliary {
+        if let Some(beside) = &beside {
             let what = (trial.number, &trial.configuration);
-            if let Some((restated, explains_more)) =
-                self.auxiliaries.take(state, what, cost, auxiliary, factor)
+            let before = (factor, self.states.results(state));
+            if let Some((restated, explains_more)) = self.auxiliaries.take(state, what, cost, beside, before)
             {
                 self.states.amend(state, |results| {
                     restated.iter().for_each(|(configuration, costs)| results.restate(configuration, costs));
@@ -205,12 +208,29 @@ impl Tuner {
                     (factor, has_jumped) = (1.0, true);
                     self.speeds.reset(state);
                 }
-                learnt = (self.auxiliaries.denoised(state, cost, auxiliary) / factor).min(f64::MAX);
+                learnt = (self.auxiliaries.understood(state, cost, beside) / factor).min(f64::MAX);
                 // The table is about to learn it once more.
                 self.states.amend(state, |results| results.withhold(&trial.configuration));
             }
         }
         LearntCost { cost: Some(learnt), believed: Some(learnt), has_jumped, has_changed: false }
+    }
+
+    /// What is known of a trial beside its cost. `None` where it lacks a metric that the study names.
+    fn beside(&self, trial: &Trial) -> Option<Beside> {
+        let auxiliary = match self.spec.objective.auxiliary().is_empty() {
+            true => Vec::new(),
+            false => self.spec.objective.auxiliary_of(&trial.measurements)?,
+        };
+        let anchor = &self.states[StateId(trial.state_id)].anchor;
+        // The indicators were checked when the trial was handed out.
+        let normalised = self.spec.indicators.normalise(&trial.indicators).unwrap_or_default();
+        let mut offset: Vec<f64> = normalised.iter().zip(anchor).map(|(x, anchor)| x - anchor).collect();
+        if offset.iter().any(|offset| offset.abs() > self.spec.state_tolerance) {
+            // No state matches, and there may be no more of them: how far away this one is says nothing.
+            offset.clear();
+        }
+        Some(Beside { auxiliary, offset })
     }
 
     /// Whether a trial shows that its state costs something else than before. What was measured there is

@@ -1,0 +1,240 @@
+//! Costs without what small movements within a state explain.
+//!
+//! Indicators that differ by less than the study's tolerance are one state, and yet a camera that moves a
+//! little sees a little more or less. The logarithm of a cost is taken to be that of its configuration, at
+//! the state's anchor, plus a linear function of how far the indicators are from the anchor, plus noise.
+//! Configurations count as random effects, so that single measurements say something too, and repeats, from
+//! which their own merit cancels, say most (Laird and Ware, "Random-effects models for longitudinal data",
+//! Biometrics 38, 1982). The slopes have a normal prior around zero: where movement does not matter they stay
+//! there.
+
+use serde::{Deserialize, Serialize};
+
+use crate::matrix::Factor;
+use crate::robust::{deviation, median, reach_of};
+
+/// Measurements from which slopes are estimated.
+const MEASUREMENTS_LEAST: usize = 8;
+/// Standard deviation of what all movements together do to the logarithm of a cost, before it is known.
+const EFFECT_PRIOR: f64 = 0.15;
+/// Standard deviation of the noise of a measurement before anything was measured often enough, and the least.
+const NOISE_PRIOR: f64 = 0.05;
+const NOISE_LEAST: f64 = 0.01;
+/// The least standard deviation between configurations.
+const BETWEEN_LEAST: f64 = 0.02;
+/// Repeats from which noise is estimated.
+const REPEATS_LEAST: usize = 4;
+/// Rounds in which noise and slopes are estimated in turn.
+const ROUNDS: usize = 3;
+/// Movements of less, in shares of an indicator's range, are rounding.
+const MOVEMENT_LEAST: f64 = 1e-12;
+/// The logarithm of a cost is never corrected by more.
+const CORRECTION_MAX: f64 = std::f64::consts::LN_2;
+
+/// One measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MovedMeasurement {
+    /// Which configuration: any number.
+    pub configuration: usize,
+    /// The logarithm of its cost.
+    pub log_cost: f64,
+    /// How far each indicator is from the state's anchor, in shares of its range.
+    pub offset: Vec<f64>,
+}
+
+/// What movements within a state do to costs there.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Movement {
+    /// By indicator.
+    slopes: Vec<f64>,
+}
+
+/// The measurements of one configuration.
+#[derive(Clone, Default)]
+struct Repeats {
+    count: f64,
+    cost: f64,
+    offset: Vec<f64>,
+}
+
+impl Movement {
+    /// Learns from measurements, all with the same indicators. `None` where there are too few or nothing
+    /// moves.
+    pub fn of(measurements: &[MovedMeasurement]) -> Option<Movement> {
+        let width = measurements.first()?.offset.len();
+        let spread = |axis: usize| {
+            let values = || measurements.iter().map(|one| one.offset[axis]);
+            let mean = values().sum::<f64>() / measurements.len() as f64;
+            (values().map(|x| (x - mean) * (x - mean)).sum::<f64>() / measurements.len() as f64).sqrt()
+        };
+        let axes: Vec<(usize, f64)> = (0..width)
+            .map(|axis| (axis, spread(axis)))
+            .filter(|(_, spread)| *spread > MOVEMENT_LEAST)
+            .collect();
+        if axes.is_empty() || measurements.len() < MEASUREMENTS_LEAST {
+            return None;
+        }
+        let mut logs: Vec<f64> = measurements.iter().map(|one| one.log_cost).collect();
+        let middle = median(&mut logs);
+        let reach = reach_of(deviation(&logs, middle));
+        let centred = |one: &MovedMeasurement| MovedMeasurement {
+            configuration: one.configuration,
+            log_cost: (one.log_cost - middle).clamp(-reach, reach),
+            offset: axes.iter().map(|(axis, spread)| one.offset[*axis] / spread).collect(),
+        };
+        let centred: Vec<MovedMeasurement> = measurements.iter().map(centred).collect();
+        let mut found = vec![0.0; axes.len()];
+        for _ in 0..ROUNDS {
+            found = slopes(&centred, &found)?;
+        }
+        let mut slopes = vec![0.0; width];
+        for ((axis, spread), slope) in axes.iter().zip(&found) {
+            slopes[*axis] = slope / spread;
+        }
+        slopes.iter().all(|slope| slope.is_finite()).then_some(Movement { slopes })
+    }
+
+    /// What the logarithm of a cost owes to the movement.
+    pub fn explained(&self, offset: &[f64]) -> f64 {
+        let sum: f64 = self.slopes.iter().zip(offset).map(|(slope, x)| slope * x).sum();
+        sum.clamp(-CORRECTION_MAX, CORRECTION_MAX)
+    }
+}
+
+/// Means by configuration, numbered as in the measurements.
+fn repeats(measurements: &[MovedMeasurement]) -> Vec<Repeats> {
+    let count = measurements.iter().map(|one| one.configuration + 1).max().unwrap_or(0);
+    let mut all = vec![Repeats::default(); count];
+    for one in measurements {
+        let of = &mut all[one.configuration];
+        of.offset.resize(one.offset.len(), 0.0);
+        of.count += 1.0;
+        of.cost += (one.log_cost - of.cost) / of.count;
+        for (mean, x) in of.offset.iter_mut().zip(&one.offset) {
+            *mean += (x - *mean) / of.count;
+        }
+    }
+    all
+}
+
+/// One round: the noise that is left by the slopes so far, and the slopes by that noise.
+fn slopes(measurements: &[MovedMeasurement], before: &[f64]) -> Option<Vec<f64>> {
+    let dot = |x: &[f64]| x.iter().zip(before).map(|(x, slope)| x * slope).sum::<f64>();
+    let all = repeats(measurements);
+    let groups = all.iter().filter(|of| of.count > 0.0).count();
+    let freedom = measurements.len() - groups;
+    let within = |one: &MovedMeasurement| {
+        let of = &all[one.configuration];
+        let left = one.log_cost - dot(&one.offset) - (of.cost - dot(&of.offset));
+        left * left
+    };
+    let noise_2 = match freedom >= REPEATS_LEAST {
+        true => measurements.iter().map(within).sum::<f64>() / freedom as f64,
+        false => NOISE_PRIOR * NOISE_PRIOR,
+    };
+    let noise_2 = noise_2.max(NOISE_LEAST * NOISE_LEAST);
+    let mean = all.iter().filter(|of| of.count > 0.0).map(|of| of.cost - dot(&of.offset)).sum::<f64>();
+    let mean = mean / groups as f64;
+    let between = |of: &Repeats| {
+        let left = of.cost - dot(&of.offset) - mean;
+        left * left - noise_2 / of.count
+    };
+    let between_2 = all.iter().filter(|of| of.count > 0.0).map(between).sum::<f64>() / groups as f64;
+    let between_2 = between_2.max(BETWEEN_LEAST * BETWEEN_LEAST);
+    // Each measurement less a part of its configuration's mean, which makes the errors of all independent.
+    let width = before.len() + 1;
+    let (mut matrix, mut right) = (vec![0.0; width * width], vec![0.0; width]);
+    for one in measurements {
+        let of = &all[one.configuration];
+        let part = 1.0 - (noise_2 / (noise_2 + of.count * between_2)).sqrt();
+        let cost = one.log_cost - part * of.cost;
+        let mut row = vec![1.0 - part];
+        row.extend(one.offset.iter().zip(&of.offset).map(|(x, mean)| x - part * mean));
+        for i in 0..width {
+            (0..=i).for_each(|j| matrix[i * width + j] += row[i] * row[j]);
+            right[i] += row[i] * cost;
+        }
+    }
+    let prior = noise_2 * before.len() as f64 / (EFFECT_PRIOR * EFFECT_PRIOR);
+    (1..width).for_each(|axis| matrix[axis * width + axis] += prior);
+    let factor = Factor::of(&matrix, width)?;
+    factor.forward(&mut right);
+    factor.backward(&mut right);
+    Some(right[1..].to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::statistics::simulated::normal;
+
+    /// A search of 60 trials, the first configuration every sixth time, while three of four indicators move.
+    fn search(seed: u64, slope: f64) -> (Vec<MovedMeasurement>, Vec<f64>) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let truths: Vec<f64> = (0..60).map(|_| 2.0 + 0.1 * normal(&mut random)).collect();
+        let one = |trial: usize| {
+            let configuration = if trial.is_multiple_of(6) { 0 } else { trial };
+            let mut offset: Vec<f64> = (0..3).map(|_| 0.01 * (2.0 * random.random::<f64>() - 1.0)).collect();
+            offset.push(0.0);
+            let moved = slope * (offset[0] - 0.5 * offset[1]);
+            let log_cost = truths[configuration] + moved + 0.02 * normal(&mut random);
+            MovedMeasurement { configuration, log_cost, offset }
+        };
+        ((0..60).map(one).collect(), truths)
+    }
+
+    /// Root of the mean square error of the costs of a search, corrected and as they were measured.
+    fn errors(measurements: &[MovedMeasurement], truths: &[f64], movement: &Movement) -> (f64, f64) {
+        let error = |cost: &dyn Fn(&MovedMeasurement) -> f64| {
+            let squares = measurements.iter().map(|one| (cost(one) - truths[one.configuration]).powi(2));
+            (squares.sum::<f64>() / measurements.len() as f64).sqrt()
+        };
+        let corrected = |one: &MovedMeasurement| one.log_cost - movement.explained(&one.offset);
+        (error(&corrected), error(&|one| one.log_cost))
+    }
+
+    #[test]
+    fn what_a_moving_camera_adds_is_taken_off() {
+        let (mut corrected, mut raw) = (0.0, 0.0);
+        for seed in 0..20 {
+            // Twelve per cent at the ends.
+            let (measurements, truths) = search(seed, 12.0);
+            let movement = Movement::of(&measurements).expect("enough");
+            let (with, without) = errors(&measurements, &truths, &movement);
+            (corrected, raw) = (corrected + with, raw + without);
+        }
+        assert!(corrected < 0.55 * raw, "{corrected} of {raw}");
+    }
+
+    #[test]
+    fn movement_that_costs_nothing_changes_little() {
+        for seed in 0..20 {
+            let (measurements, truths) = search(seed, 0.0);
+            let movement = Movement::of(&measurements).expect("enough");
+            let (with, without) = errors(&measurements, &truths, &movement);
+            assert!(with < 1.5 * without, "{with} of {without}");
+        }
+    }
+
+    #[test]
+    fn where_nothing_moves_or_little_was_measured_nothing_is_learnt() {
+        let (mut measurements, _) = search(1, 12.0);
+        assert_eq!(Movement::of(&measurements[..7]), None);
+        assert_eq!(Movement::of(&[]), None);
+        measurements.iter_mut().for_each(|one| one.offset.fill(0.001));
+        assert_eq!(Movement::of(&measurements), None);
+    }
+
+    #[test]
+    fn one_absurd_cost_does_not_bend_the_slopes() {
+        let (mut measurements, truths) = search(3, 12.0);
+        measurements[17].log_cost = 700.0;
+        let movement = Movement::of(&measurements).expect("enough");
+        measurements[17].log_cost = truths[17];
+        let (with, without) = errors(&measurements, &truths, &movement);
+        assert!(with < 2.0 * without, "{with} of {without}");
+    }
+}
