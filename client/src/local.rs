@@ -43,6 +43,8 @@ const READY: &str = "treewrightd listening on ";
 pub struct LocalDaemon {
     runtime: PathBuf,
     data: PathBuf,
+    /// The daemon's program; `None` is one beside this program or in `PATH`.
+    program: Option<PathBuf>,
 }
 
 impl LocalDaemon {
@@ -64,7 +66,15 @@ impl LocalDaemon {
             let number = hash(runtime.as_os_str().as_bytes());
             runtime = PathBuf::from(format!("/tmp/treewright-{user}-{number:08x}"));
         }
-        Self { runtime, data }
+        Self { runtime, data, program: None }
+    }
+
+    /// Starts this file in place of a `treewrightd` beside this program or in `PATH`: for packages that hold
+    /// one.
+    #[must_use]
+    pub fn with_program(mut self, program: PathBuf) -> Self {
+        self.program = Some(program);
+        self
     }
 
     /// Its database, which may not exist yet.
@@ -144,7 +154,8 @@ impl LocalDaemon {
     }
 
     fn spawn(&self) -> Result<String, ClientError> {
-        let program = program(PROGRAM)
+        let named = self.program.clone().or_else(|| program(PROGRAM));
+        let program = named
             .ok_or_else(|| none(format!("the program {PROGRAM} is neither beside this one nor in PATH")))?;
         let log = self.log();
         let log_file = File::create(&log).map_err(|error| of_file(&log, &error))?;

@@ -153,16 +153,21 @@ impl Study {
     /// The exploitation for these indicators. Writes nothing. Here and in what follows, a daemon that is
     /// still loading the study is asked again until [`crate::Options::call_deadline`] is over.
     ///
-    /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
+    /// Errors: [`ClientError::Invalid`] for wrong indicators; [`ClientError::Refused`],
+    /// [`ClientError::Away`], [`ClientError::Late`].
     pub async fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
+        checks::state(self.spec(), indicators)?;
         self.shared.context.core.predict(&self.shared.context.asked_name(), indicators).await
     }
 
     /// The best configuration of the state with these indicators, or of all states when there are none.
     ///
-    /// Errors: [`ClientError::Refused`] when nothing is measured there yet; [`ClientError::Away`],
-    /// [`ClientError::Late`].
+    /// Errors: [`ClientError::Invalid`] for wrong indicators; [`ClientError::Refused`] when nothing is
+    /// measured there yet; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn best(&self, indicators: &Indicators) -> Result<Best, ClientError> {
+        if !indicators.0.is_empty() {
+            checks::state(self.spec(), indicators)?;
+        }
         self.shared.context.core.best(&self.shared.context.asked_name(), indicators).await
     }
 

@@ -74,6 +74,20 @@ async fn trials_are_read_across_pages() {
 }
 
 #[tokio::test]
+async fn a_wrong_question_is_told_from_a_refusal() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let study = client.study("scene", spec()).await.unwrap();
+    let wrong = state(1).with("no_such", 1.0);
+    for error in [study.predict(&wrong).await.unwrap_err(), study.best(&wrong).await.unwrap_err()] {
+        assert!(matches!(error, ClientError::Invalid { .. }), "{error:?}");
+        assert!(error.to_string().contains("no_such"), "{error}");
+    }
+    let error = study.predict(&Indicators::new()).await.unwrap_err();
+    assert!(matches!(error, ClientError::Invalid { .. }), "{error:?}");
+}
+
+#[tokio::test]
 async fn a_lease_is_extended() {
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();

@@ -184,12 +184,14 @@ export class Study {
   }
 
   async predict(indicators = {}) {
+    checkIndicators(indicators, this.spec);
     const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint };
     const known = await this.client.untilReady((deadlineMs) => this.client.call("predict", request, deadlineMs));
     return { configuration: configurationFromWire(known.configuration), cost: known.predictedCost };
   }
 
   async best(indicators = {}) {
+    if (Object.keys(indicators).length > 0) checkIndicators(indicators, this.spec);
     const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint };
     const best = await this.client.untilReady((deadlineMs) => this.client.call("getBest", request, deadlineMs));
     return bestFromWire(best);

@@ -53,7 +53,9 @@ async function trials() {
   await rejects(study.trialOf({ leaf: 99 }, input), "refused", "leaf");
   await rejects(client.study("bad", { ...spec, minimise: {} }), "refused", "objective");
   for (const wrong of [{ triangle: 1 }, { ...input, triangle: 1 }, {}, { triangles: NaN }])
-    for (const ask of [() => study.suggest(wrong), () => study.trialOf(own.configuration, wrong)]) await rejects(ask(), "invalid", "triangle");
+    for (const ask of [() => study.suggest(wrong), () => study.trialOf(own.configuration, wrong), () => study.predict(wrong)])
+      await rejects(ask(), "invalid", "triangle");
+  await rejects(study.best({ triangle: 1 }), "invalid", "triangle");
   assert.equal(client.stats.fallbacks, 0);
   await client.deleteStudy("node");
   client.close();
@@ -138,7 +140,7 @@ async function whileTheStudyIsLoaded(times) {
   assert.deepEqual([own.configuration.leaf, asked], [3, times + 1]);
   own.abandon();
   await client.flush(20000);
-  for (const [ask, leaf, cost] of [[() => study.predict(), 5, 2.5], [() => study.best(), 6, 1.5]]) {
+  for (const [ask, leaf, cost] of [[() => study.predict({ triangles: 1000 }), 5, 2.5], [() => study.best(), 6, 1.5]]) {
     asked = 0;
     const known = await ask();
     assert.deepEqual([known.configuration.leaf, known.cost, asked], [leaf, cost, times + 1]);
