@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Tries the integrations with the real packages: the Python wheel, built and installed into an environment, with Optuna; the CMake package;
-# tinybvh-rs; the SDK for Node and three-mesh-bvh. Fetches from PyPI and npm. PROFILE=dev builds the wheel faster.
+# tinybvh-rs; the SDK for Node and three-mesh-bvh. Fetches from PyPI and npm.
 # From nothing, on two cores that others shared: programs 9 minutes, wheel 8 (PROFILE=dev), CMake 12 s, tinybvh-rs 5, Node 5. With everything
 # compiled before and the programs linked anew: 163, 22, 5, 1 and 29 s.
 set -euo pipefail
@@ -22,12 +22,12 @@ trap 'kill $daemon; rm -rf "$work"' EXIT
 until [ -s "$work/address" ]; do sleep 0.1; done
 url=$(sed 's/.* //' "$work/address")
 
-step "the Python wheel: packages from PyPI, a ${PROFILE:-release} build (minutes the first time), tests of the SDK and of the Optuna sampler, mypy"
+step "the Python wheel of what was built: packages from PyPI (minutes the first time), tests of the SDK and of the Optuna sampler, mypy"
+built=$(cd "${CARGO_TARGET_DIR:-target}/debug" && pwd)
 environment=target/integrations/python
 [ -x "$environment/bin/pip" ] || python3 -m venv "$environment"
 "$environment/bin/pip" install --quiet --requirement integrations/python/requirements.txt
-"$environment/bin/maturin" build --quiet --locked --profile "${PROFILE:-release}" --interpreter "$environment/bin/python" \
-    --manifest-path integrations/python/Cargo.toml --out "$work/wheels"
+TREEWRIGHT_BUILT=$built "$environment/bin/pip" wheel --quiet --no-deps --wheel-dir "$work/wheels" integrations/python
 "$environment/bin/pip" install --quiet --force-reinstall --no-deps "$work"/wheels/*.whl
 top=$PWD
 python=$top/$environment/bin/python
@@ -35,7 +35,6 @@ python=$top/$environment/bin/python
 "$environment/bin/mypy" --strict integrations/python/tests/typed.py
 
 step "the CMake package: installed into a folder, found from there, linked shared and static, a study tuned by each; seconds"
-built=$(cd "${CARGO_TARGET_DIR:-target}/debug" && pwd)
 integrations/c/install.sh "$work/prefix" "$built"
 cmake="$PWD/$environment/bin/cmake"
 "$cmake" -S integrations/c/tests/cmake -B "$work/cmake" -DCMAKE_PREFIX_PATH="$work/prefix" > "$work/cmake.log" || { cat "$work/cmake.log"; exit 1; }

@@ -12,6 +12,7 @@ Everything fetched lands below target/native:
 """
 
 import hashlib
+import importlib.util
 import json
 import os
 import pathlib
@@ -86,7 +87,7 @@ def need_postgres():
 
 
 def want_fault_tools():
-    """Tests of faults (docs/durability.md), of alerting rules, of the C++ headers and of the dashboard in a browser pass by what is not there, so
+    """Tests of faults (docs/durability.md), of alerting rules, of the C++ headers, of the wheel and of the dashboard in a browser pass by what is not there, so
     these are only installed where that is easy."""
     missing = [package for package, there in {
         "g++": shutil.which("c++"),
@@ -96,6 +97,8 @@ def want_fault_tools():
         "chromium-driver": shutil.which("chromedriver"),
         # For promtool.
         "prometheus": shutil.which("promtool"),
+        # For the test of the wheel.
+        "python3-venv": importlib.util.find_spec("ensurepip"),
         "libfaketime": any(pathlib.Path("/usr/lib").glob("**/faketime/libfaketime.so.1")),
     }.items() if not there]
     if not missing or os.geteuid() != 0 or not shutil.which("apt-get"):
@@ -104,7 +107,7 @@ def want_fault_tools():
     environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
     for step in (["update", "-q"], ["install", "-y", "--no-install-recommends", *missing]):
         if subprocess.run(["apt-get", *step], env=environment, stdout=subprocess.DEVNULL).returncode != 0:
-            return say(f"without {' '.join(missing)} some tests of faults, of alerts, of C++, or of the dashboard in a browser are passed by")
+            return say(f"without {' '.join(missing)} some tests of faults, of alerts, of C++, of the wheel, or of the dashboard in a browser are passed by")
 
 
 def need_pip():

@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use treewright_client::{Credentials, Options, TrialQuery, blocking};
+use treewright_client::{
+    Credentials, Operation, Options, Policy, PolicyChange, TrialQuery, blocking, local::LocalDaemon,
+};
 
 use crate::best::Best;
 use crate::convert::{Numbers, configuration_of, shown};
@@ -26,6 +28,11 @@ fn milliseconds(ms: f64) -> PyResult<Duration> {
         return Ok(Duration::from_secs_f64(ms / 1e3));
     }
     Err(Invalid::new_err(format!("a deadline of {ms} ms is not within 0 to {DEADLINE_MS_MAX}")))
+}
+
+/// A field of a policy as it is written.
+fn words(value: &Bound<'_, PyAny>) -> PyResult<String> {
+    Ok(value.str()?.to_string().to_lowercase())
 }
 
 impl Client {
@@ -74,8 +81,36 @@ impl Client {
         python.detach(|| blocking::Client::connect(url, options)).map(Self).map_err(raised)
     }
 
+    /// A client of the user's own daemon, which is started where it is not running and ends by itself when
+    /// nobody has asked it anything for ten minutes. It is the one that the package holds, and its database
+    /// lies in ``~/.local/share/treewright``. Options are those of ``Client``. Raises Unreachable when it
+    /// cannot be started.
+    #[staticmethod]
+    #[pyo3(signature = (**options))]
+    fn local<'py>(python: Python<'py>, options: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
+        let program = python.import("treewright.programs")?.call_method1("held", ("treewrightd",))?;
+        let program: Option<std::path::PathBuf> = program.extract()?;
+        let start = || {
+            let daemon = LocalDaemon::of_user()?;
+            program.map_or(daemon.clone(), |program| daemon.with_program(program)).start(|_| {})
+        };
+        let url = python.detach(start).map_err(raised)?;
+        python.get_type::<Self>().call((url,), options)
+    }
+
+    /// The address that it was made with.
+    #[getter]
+    fn url(&self) -> String {
+        self.0.url().to_owned()
+    }
+
     /// Creates the study, or finds the equal one of that id. An absent daemon is no error: it is created when
     /// it is there.
+    ///
+    /// ``minimise`` has the weight of each measurement, of which the weighted sum is the objective.
+    /// ``indicators`` describe the input: the lowest and the highest value of each, and ``"log"`` where
+    /// factors count; larger and smaller values are taken all the same. ``policy`` is how the daemon decides,
+    /// e.g. ``{"epsilon": 0.1}``; see ``Study.policy``.
     #[pyo3(signature = (id, space, *, minimise, indicators=HashMap::new(), auxiliary=Vec::new(), policy=HashMap::new(),
         display_name=String::new(), state_tolerance=None, seed=0))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
@@ -97,9 +132,8 @@ impl Client {
         indicators.sort_by(|a, b| a.0.cmp(&b.0));
         let mut terms: Vec<(String, f64)> = minimise.extract::<HashMap<_, _>>()?.into_iter().collect();
         terms.sort_by(|a, b| a.0.cmp(&b.0));
-        let words =
-            |(field, value): (String, Bound<'_, PyAny>)| Ok((field, value.str()?.to_string().to_lowercase()));
-        let policy = policy.into_iter().map(words).collect::<PyResult<_>>()?;
+        let policy =
+            policy.into_iter().map(|(field, value)| Ok((field, words(&value)?))).collect::<PyResult<_>>()?;
         let definition = Definition {
             indicators,
             minimise: terms,
@@ -169,12 +203,85 @@ impl Client {
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Study(blocking::Study, blocking::Client);
 
+impl Study {
+    fn change(&self, python: Python<'_>, change: &PolicyChange) -> PyResult<()> {
+        python.detach(|| self.1.update_policy(self.0.name(), change)).map(drop).map_err(raised)
+    }
+}
+
 #[pymethods]
 impl Study {
     /// Its resource name, ``studies/ID``.
     #[getter]
     fn name(&self) -> &str {
         self.0.name()
+    }
+
+    /// The measurements that a report has to hold, each with its weight in the objective.
+    #[getter]
+    fn metrics(&self) -> HashMap<String, f64> {
+        let terms = self.0.spec().objective.terms();
+        terms.iter().map(|term| (term.metric.clone(), term.weight)).collect()
+    }
+
+    /// Waits until every report of its client is acknowledged. Raises Unreachable when some are not.
+    #[pyo3(signature = (deadline_ms=5000.0))]
+    fn flush(&self, python: Python<'_>, deadline_ms: f64) -> PyResult<()> {
+        let deadline = milliseconds(deadline_ms)?;
+        python.detach(|| self.1.flush(deadline)).map_err(raised)
+    }
+
+    /// How the daemon decides: each field as it is written. Fields that are left to themselves are not there.
+    fn policy(&self, python: Python<'_>) -> PyResult<HashMap<&'static str, String>> {
+        let policy = python.detach(|| self.0.record()).map_err(raised)?.policy;
+        let field = |name: &'static str| policy.show(name).map(|value| (name, value));
+        Ok(Policy::FIELDS.iter().filter_map(|one| field(one.name)).collect())
+    }
+
+    /// Changes fields of the policy for all clients; None gives one its default back. Raises Invalid for a
+    /// field that there is not, and for a value out of its range.
+    #[pyo3(signature = (**fields))]
+    fn set_policy(
+        &self,
+        python: Python<'_>,
+        fields: Option<HashMap<String, Bound<'_, PyAny>>>,
+    ) -> PyResult<()> {
+        let mut change = PolicyChange::default();
+        for (field, value) in fields.unwrap_or_default() {
+            if value.is_none() {
+                change.clear.push(field);
+            } else {
+                change.set.set_text(&field, &words(&value)?).map_err(|error| raised(error.into()))?;
+            }
+        }
+        self.change(python, &change)
+    }
+
+    /// Neither explores nor learns any more, until ``thaw``: answers stay what they are.
+    fn freeze(&self, python: Python<'_>) -> PyResult<()> {
+        self.change(python, &PolicyChange::set(Policy::new().operation(Operation::Freeze)))
+    }
+
+    /// Explores and learns again.
+    fn thaw(&self, python: Python<'_>) -> PyResult<()> {
+        self.change(python, &PolicyChange::clear(["operation"]))
+    }
+
+    /// Gives every client this configuration, until ``unpin``. Parameters that are not named have their
+    /// defaults.
+    fn pin(&self, python: Python<'_>, configuration: &Bound<'_, PyDict>) -> PyResult<()> {
+        let wanted = configuration_of(configuration)?;
+        let whole = self.0.spec().space.complete(&wanted).map_err(|error| raised(error.into()))?;
+        self.change(python, &PolicyChange::set(Policy::new().pinned(whole)))
+    }
+
+    /// Undoes ``pin``.
+    fn unpin(&self, python: Python<'_>) -> PyResult<()> {
+        self.change(python, &PolicyChange::unpin())
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Study {}>", self.0.name())
     }
 
     /// What to run next, within the deadline. Without the daemon it is the last good configuration, or the
@@ -198,7 +305,8 @@ impl Study {
         python.detach(|| self.0.trial_of(&numbers, &wanted)).map(Suggestion::new).map_err(raised)
     }
 
-    /// What would be exploited, and the predicted objective. Writes nothing.
+    /// What would be exploited, and the predicted objective. Writes nothing. Raises Invalid for wrong
+    /// indicators.
     #[pyo3(signature = (indicators=None))]
     fn predict<'py>(
         &self,
@@ -211,7 +319,8 @@ impl Study {
     }
 
     /// The best known, which unpacks into a configuration and its mean objective, and tells what is proven of
-    /// it; of all states without indicators. Raises Refused when nothing was measured.
+    /// it; of all states without indicators. Raises Invalid for wrong indicators, and Refused when nothing
+    /// was measured.
     #[pyo3(signature = (indicators=None))]
     fn best(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Best> {
         let numbers = crate::convert::indicators(indicators);

@@ -14,9 +14,9 @@ import warnings
 
 
 def documentation() -> None:
-    for name in ("treewright", "treewright.aio", "treewright.autotune"):
+    for name in ("treewright", "treewright.aio", "treewright.autotune", "treewright.loop", "treewright.plot"):
         result = doctest.testmod(importlib.import_module(name), optionflags=doctest.ELLIPSIS)
-        assert result.attempted > 3 and result.failed == 0, (name, result)
+        assert result.attempted > 1 and result.failed == 0, (name, result)
         print(f"{name}: {result.attempted} examples hold")
 
 
@@ -42,6 +42,13 @@ def stubs() -> None:
         assert public(told) == public(dir(there)), (name, public(told) ^ public(dir(there)))
         for each in public(told):
             assert getattr(there, each).__doc__, f"{name}.{each} has no docstring"
+    for name in ("treewright", *(f"treewright.{each}" for each in ("aio", "autotune", "loop", "optional", "plot", "programs", "trials"))):
+        module = importlib.import_module(name)
+        for each in (module, *(getattr(module, part) for part in module.__all__ if part != "__version__")):
+            assert each.__doc__, f"{each} has no docstring"
+            parts = vars(each).items() if isinstance(each, type) and each.__module__.startswith("treewright.") else ()
+            for part, there in parts:
+                assert part.startswith("_") or there.__doc__, f"{name}: {each.__name__}.{part} has no docstring"
     version = treewright.__version__.split(".")
     assert len(version) == 3 and all(part.isdigit() for part in version), version
 
@@ -77,8 +84,11 @@ def trials(url: str) -> None:
         (treewright.Invalid, lambda: study.suggest({"low": 1.0})),
         (treewright.Invalid, lambda: study.tuner().next({"low": 1.0})),
         (treewright.Invalid, lambda: study.trial_of({"split": "sah"}, {"low": 1.0})),
-        (treewright.Refused, lambda: study.predict({"low": 1.0})),
-        (treewright.Refused, lambda: study.best({"low": 1.0})),
+        (treewright.Invalid, lambda: study.predict({"low": 1.0})),
+        (treewright.Invalid, lambda: study.best({"low": 1.0})),
+        (treewright.Invalid, lambda: study.set_policy(epsilom=1)),
+        (treewright.Invalid, lambda: study.set_policy(epsilon=2)),
+        (treewright.Invalid, lambda: study.pin({"leaf": 2})),
         (treewright.Refused, lambda: study.trial_of({"split": "other"})),
         (treewright.Refused, lambda: client.existing_study("nowhere")),
         (treewright.Invalid, lambda: treewright.Client(url, deadline_ms=-1)),
@@ -105,6 +115,98 @@ def trials(url: str) -> None:
         table = study.trials().to_pandas()
         assert table.index.name == "number" and table["cost"].min() == row["cost"] and str(table["create_time"].dt.tz) == "UTC", table
     assert best.gain_interval[0] <= best.gain <= best.gain_interval[1] and not best.nothing_better, best
+
+
+def steering(url: str) -> None:
+    import treewright
+
+    client = treewright.Client(url, client_id="python-steering", deadline_ms=20000)
+    space = treewright.Space().integer("leaf", 1, 32, default=8, log=True).boolean("compact", default=False)
+    study = client.study("python-steering", space, minimise={"ms": 1.0, "mb": 0.5}, policy={"epsilon": 0.5})
+    assert client.url == url and study.metrics == {"ms": 1.0, "mb": 0.5}
+    assert study.policy()["epsilon"] == "0.5"
+    study.set_policy(epsilon=None, confirm_rounds=0)
+    usual = study.policy()
+    assert usual["epsilon"] != "0.5" and usual["confirm_rounds"] == "0" and usual["operation"] == "tune", usual
+    study.pin({"leaf": 3})
+    assert study.suggest().configuration == {"leaf": 3, "compact": False}
+    study.unpin()
+    study.freeze()
+    assert study.policy() == {**usual, "operation": "freeze"}
+    assert {study.suggest()["leaf"] for _ in range(5)} == {8}
+    study.thaw()
+    assert study.policy() == usual
+
+
+def loop(url: str) -> None:
+    import treewright
+
+    client = treewright.Client(url, client_id="python-loop", deadline_ms=20000)
+    space = treewright.Space().integer("leaf", 1, 32, default=8, log=True)
+    study = client.study("python-loop", space, minimise={"ms": 1.0, "mb": 0.5}, policy={"epsilon": 1.0, "confirm_rounds": 0})
+
+    def objective(values: dict) -> dict:
+        if values["leaf"] > 30:
+            raise OSError("too large")
+        return {"ms": values["leaf"], "mb": 2.0}
+
+    ran = []
+    best = treewright.tune(study, objective, trials=60, callbacks=[ran.append, lambda one: one.number == 39], catch=(OSError,))
+    assert [one.number for one in ran] == list(range(40)) and best.cost == min(one.cost for one in ran if one.measured)
+    assert all(one.cost == one.suggestion["leaf"] + 1 for one in ran if one.measured)
+    assert treewright.tune(study, objective, seconds=0, catch=(OSError,)).cost <= best.cost
+    for problem, wrong in (
+        (ValueError, lambda: treewright.tune(study, objective)),
+        (TypeError, lambda: treewright.tune(study, lambda values: 1.0, trials=1)),
+        (OSError, lambda: [treewright.tune(study, lambda values: objective({"leaf": 31}), trials=1)]),
+    ):
+        try:
+            wrong()
+        except problem:
+            continue
+        raise AssertionError(problem)
+    client.flush(20000)
+    last = study.trials(order_by="number desc")[0]
+    assert last["outcome"] == "failed", last
+    tables_and_figures(client, study)
+
+
+def tables_and_figures(client, study) -> None:
+    """What needs packages of others says so where they are not."""
+    import treewright
+    from treewright import plot
+
+    table = study.trials("outcome = OK")
+    uses = {
+        "pandas": lambda: table.to_pandas(),
+        "pyarrow": lambda: table.to_arrow(),
+        "matplotlib": lambda: plot.best_so_far(study),
+        "tqdm": lambda: treewright.tune(study, lambda values: {"ms": 1, "mb": 1}, trials=1, progress=True),
+    }
+    for package, use in uses.items():
+        if importlib.util.find_spec(package) is None:
+            try:
+                use()
+            except ImportError as problem:
+                assert problem.name == package and f"needs the package {package}: pip install 'treewright[" in str(problem), problem
+                continue
+            raise AssertionError(f"{package} is not there")
+        use()
+    if importlib.util.find_spec("pyarrow") is not None:
+        arrow = table.to_arrow()
+        assert arrow.num_rows == len(table) and min(arrow["cost"].to_pylist()) == min(each["cost"] for each in table)
+        assert str(arrow.schema.field("create_time").type) == "timestamp[us, tz=UTC]"
+    if importlib.util.find_spec("matplotlib") is not None:
+        import matplotlib
+
+        matplotlib.use("agg")
+        everything, line, lowered = plot.best_so_far(study).lines
+        assert len(everything.get_xdata()) == len(study.trials("outcome = OK")) and lowered.get_ydata()[-1] == line.get_ydata()[-1]
+        assert sorted(line.get_ydata(), reverse=True) == list(line.get_ydata())
+        assert set(plot.slice(study, "leaf").lines[0].get_xdata()) == {each["configuration"]["leaf"] for each in study.trials("outcome = OK")}
+        ranked = [{"parameter": name, "first_order": share} for name, share in (("leaf", 0.9), ("none", None), ("warps", 0.2))]
+        analysis = {"study": "s", "conditions": [{"metrics": [{"name": "ms", "parameters": ranked}]}]}
+        assert [bar.get_width() for bar in plot.importances(analysis).patches] == [0.2, 0.9]
 
 
 def threads(url: str) -> None:
@@ -377,6 +479,8 @@ if __name__ == "__main__":
     documentation()
     stubs()
     trials(sys.argv[1])
+    steering(sys.argv[1])
+    loop(sys.argv[1])
     threads(sys.argv[1])
     a_trial_each(sys.argv[1])
     recognised_after_a_crash(sys.argv[1])

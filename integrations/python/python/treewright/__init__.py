@@ -1,6 +1,10 @@
-"""Client SDK of the Treewright tuning service.
+"""Treewright tunes a program while it runs, and keeps what was learnt.
 
-Say what can be tuned and what describes the input, ask for a suggestion, and report what was measured:
+The package holds the client SDK, the daemon and the command line. ``Client.local()`` starts a daemon of your own where none is running:
+
+    client = treewright.Client.local()
+
+With the address of one, say what can be tuned and what describes the input, ask for a suggestion, and report what was measured:
 
 >>> import os, treewright
 >>> client = treewright.Client(os.environ["TREEWRIGHT_URL"], client_id="doc", deadline_ms=5000)
@@ -37,6 +41,7 @@ Traceback (most recent call last):
 ...
 treewright.Invalid: `not an address` is not an address of a daemon: ...
 
+``treewright.tune`` is the loop for searches that run by themselves, ``treewright.plot`` draws figures for notebooks.
 ``treewright.aio`` has the same for asyncio, ``treewright.optuna`` a sampler for Optuna, ``treewright.autotune`` a cache for autotuners
 that finds the nearest known shape.
 """
@@ -54,11 +59,13 @@ from ._native import (
     Unreachable,
     __version__,
 )
+from .loop import Ran, tune
 
 __all__ = [
     "Best",
     "Client",
     "Invalid",
+    "Ran",
     "Refused",
     "Space",
     "Study",
@@ -67,4 +74,5 @@ __all__ = [
     "Tuner",
     "Unreachable",
     "__version__",
+    "tune",
 ]

@@ -60,6 +60,11 @@ class Client:
         authority_file: Optional[Union[str, PathLike[str]]] = None,
         software: Mapping[str, str] = ...,
     ) -> None: ...
+    @staticmethod
+    def local(**options: Any) -> Client:
+        """A client of the user's own daemon, which is started where it is not running. Options as above."""
+    @property
+    def url(self) -> str: ...
     def study(
         self,
         id: str,
@@ -85,6 +90,18 @@ class Client:
 class Study:
     @property
     def name(self) -> str: ...
+    @property
+    def metrics(self) -> dict[str, float]:
+        """The measurements that a report has to hold, each with its weight."""
+    def flush(self, deadline_ms: float = 5000.0) -> None: ...
+    def policy(self) -> dict[str, str]:
+        """Each field as it is written; those that are left to themselves are not there."""
+    def set_policy(self, **fields: Optional[Value]) -> None:
+        """Changes fields of the policy for all clients; None gives one its default back."""
+    def freeze(self) -> None: ...
+    def thaw(self) -> None: ...
+    def pin(self, configuration: Mapping[str, Value]) -> None: ...
+    def unpin(self) -> None: ...
     def suggest(self, indicators: Optional[Numbers] = None) -> Suggestion:
         """What to run next, within the deadline; see Suggestion.problem. Raises Invalid for wrong indicators."""
     def trial_of(self, configuration: Mapping[str, Value], indicators: Optional[Numbers] = None) -> Suggestion:

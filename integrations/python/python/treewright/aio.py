@@ -23,12 +23,17 @@ from . import _native
 from ._native import Best, Space, Suggestion
 from .trials import Trials
 
-__all__ = ["Client", "Study", "connect"]
+__all__ = ["Client", "Study", "connect", "local"]
 
 
 async def _beside(function: Any, *arguments: Any, **named: Any) -> Any:
     """Runs a call that lets go of the interpreter's lock while it waits."""
     return await asyncio.get_running_loop().run_in_executor(None, partial(function, *arguments, **named))
+
+
+async def local(**options: Any) -> "Client":
+    """A client of the user's own daemon; see ``treewright.Client.local``."""
+    return Client(await _beside(_native.Client.local, **options))
 
 
 async def connect(url: str = "http://127.0.0.1:50611", **options: Any) -> "Client":
@@ -43,24 +48,31 @@ class Client:
         self._client = client
 
     async def study(self, id: str, space: Space, **definition: Any) -> "Study":
+        """Creates the study, or finds the equal one of that id; arguments as those of ``treewright.Client.study``."""
         return Study(await _beside(self._client.study, id, space, **definition))
 
     async def existing_study(self, id: str) -> "Study":
+        """A study that exists. Raises Refused when there is none."""
         return Study(await _beside(self._client.existing_study, id))
 
     async def delete_study(self, id: str) -> None:
+        """Deletes a study with all that was learnt."""
         await _beside(self._client.delete_study, id)
 
     async def studies(self) -> "list[str]":
+        """The ids of all studies."""
         return await _beside(self._client.studies)
 
     async def flush(self, deadline_ms: float = 5000.0) -> None:
+        """Waits until every report is acknowledged. Raises Unreachable when some are not."""
         await _beside(self._client.flush, deadline_ms)
 
     async def ping_ms(self) -> float:
+        """How long the daemon takes to answer, in milliseconds."""
         return await _beside(self._client.ping_ms)
 
     def stats(self) -> dict:
+        """What became of suggestions and reports since the client was made."""
         return self._client.stats()
 
 
@@ -89,19 +101,49 @@ class Study:
 
     @property
     def name(self) -> str:
+        """Its resource name, ``studies/ID``."""
         return self._study.name
 
     def suggest(self, indicators: Optional[dict] = None) -> _Asked:
+        """What to run next: awaited, or entered with ``async with``. See ``treewright.Study.suggest``."""
         return _Asked(self._study, indicators)
 
     async def trial_of(self, configuration: dict, indicators: Optional[dict] = None) -> Suggestion:
+        """A trial of the caller's own configuration. Raises where no daemon answers."""
         return await _beside(self._study.trial_of, configuration, indicators)
 
     async def predict(self, indicators: Optional[dict] = None) -> tuple:
+        """What would be exploited, and the predicted objective. Writes nothing."""
         return await _beside(self._study.predict, indicators)
 
     async def trials(self, filter: str = "", order_by: str = "") -> Trials:
+        """The stored trials that match; see ``treewright.Study.trials``."""
         return await _beside(self._study.trials, filter, order_by)
 
     async def best(self, indicators: Optional[dict] = None) -> Best:
+        """The best known, with what is proven of it; see ``treewright.Study.best``."""
         return await _beside(self._study.best, indicators)
+
+    async def policy(self) -> "dict[str, str]":
+        """How the daemon decides; see ``treewright.Study.policy``."""
+        return await _beside(self._study.policy)
+
+    async def set_policy(self, **fields: Any) -> None:
+        """Changes fields of the policy for all clients; None gives one its default back."""
+        await _beside(self._study.set_policy, **fields)
+
+    async def freeze(self) -> None:
+        """Neither explores nor learns any more, until ``thaw``."""
+        await _beside(self._study.freeze)
+
+    async def thaw(self) -> None:
+        """Explores and learns again."""
+        await _beside(self._study.thaw)
+
+    async def pin(self, configuration: dict) -> None:
+        """Gives every client this configuration, until ``unpin``."""
+        await _beside(self._study.pin, configuration)
+
+    async def unpin(self) -> None:
+        """Undoes ``pin``."""
+        await _beside(self._study.unpin)

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from .optional import needed
+
 __all__ = ["Trials"]
 
 
@@ -22,10 +24,21 @@ class Trials(list):  # type: ignore[type-arg]
 
     def to_pandas(self) -> Any:
         """A DataFrame of rows(), by number; times are timestamps in UTC. Needs pandas."""
-        import pandas
-
+        pandas = needed("pandas", "to_pandas", "pandas")
         table = pandas.DataFrame(self.rows())
         for name in ("create_time", "complete_time"):
             if name in table:
                 table[name] = pandas.to_datetime(table[name], unit="s", utc=True)
         return table.set_index("number") if "number" in table else table
+
+    def to_arrow(self) -> Any:
+        """A pyarrow.Table of rows(), with the trials in the order they have here; what a trial has not is null. Needs pyarrow."""
+        pyarrow = needed("pyarrow", "to_arrow", "arrow")
+        rows = self.rows()
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        columns = {name: [row.get(name) for row in rows] for name in names}
+        for name in ("create_time", "complete_time"):
+            if name in columns:
+                microseconds = [None if each is None else round(each * 1e6) for each in columns[name]]
+                columns[name] = pyarrow.array(microseconds, pyarrow.timestamp("us", tz="UTC"))
+        return pyarrow.table(columns)

@@ -1,0 +1,91 @@
+"""Figures for notebooks, by matplotlib: each function draws on ``ax``, or on a figure of its own, and returns the axes.
+
+>>> import treewright.plot
+>>> sorted(treewright.plot.__all__)
+['best_so_far', 'importances', 'slice']
+"""
+
+import json
+from typing import Any, Mapping, Optional, Union
+
+from ._native import Study
+from .optional import needed
+
+__all__ = ["best_so_far", "importances", "slice"]
+
+
+def _axes(ax: Any) -> Any:
+    pyplot = needed("matplotlib.pyplot", "a figure", "plot")
+    return pyplot.subplots()[1] if ax is None else ax
+
+
+def _by_state(study: Study) -> "dict[int, list[dict[str, Any]]]":
+    """Trials that were measured, by number, of each state: costs of different inputs cannot be compared."""
+    states: "dict[int, list[dict[str, Any]]]" = {}
+    for trial in study.trials("state = COMPLETED AND outcome = OK"):
+        if trial["cost"] is not None:
+            states.setdefault(trial["state_id"], []).append(trial)
+    return states
+
+
+def best_so_far(study: Study, *, state: Optional[int] = None, ax: Any = None) -> Any:
+    """The cost of each trial, the least so far as a line, and the trials that lowered it as larger points.
+
+    ``state`` is the number of the state, ``state_id`` of its trials; by default the one with most trials."""
+    states, ax = _by_state(study), _axes(ax)
+    if state is None and states:
+        state = max(states, key=lambda each: len(states[each]))
+    trials = states.get(state, []) if state is not None else []
+    numbers, costs = [trial["number"] for trial in trials], [trial["cost"] for trial in trials]
+    least: "list[float]" = []
+    for cost in costs:
+        least.append(min(cost, least[-1]) if least else cost)
+    lowered = [place for place in range(len(costs)) if place == 0 or least[place] < least[place - 1]]
+    ax.plot(numbers, costs, ".", color="0.6", label="trial")
+    ax.step(numbers, least, where="post", label="best so far")
+    ax.plot([numbers[place] for place in lowered], [costs[place] for place in lowered], "o", label="incumbent")
+    title = study.name if len(states) < 2 else f"{study.name}, state {state}"
+    ax.set(xlabel="trial", ylabel=_unit(study), title=title)
+    if trials:
+        ax.legend()
+    return ax
+
+
+def slice(study: Study, parameter: str, *, ax: Any = None) -> Any:
+    """The cost of each trial over the value that it gave one parameter, as a multiple of the least of its state."""
+    values, costs = [], []
+    for trials in _by_state(study).values():
+        least = min(trial["cost"] for trial in trials)
+        here = [trial for trial in trials if parameter in trial["configuration"] and least > 0]
+        values += [trial["configuration"][parameter] for trial in here]
+        costs += [trial["cost"] / least for trial in here]
+    if not values:
+        raise ValueError(f"no measured trial of {study.name} has a parameter {parameter}")
+    ax = _axes(ax)
+    # Words, and what else has no order, side by side.
+    ordered = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
+    ax.plot(values if ordered else [str(value) for value in values], costs, ".")
+    ax.set(xlabel=parameter, ylabel="cost, least of the state = 1", title=study.name)
+    return ax
+
+
+def importances(analysis: Union[str, Mapping[str, Any]], *, ax: Any = None) -> Any:
+    """Which share of a measurement's variance each parameter explains by itself, largest above.
+
+    ``analysis`` is what ``treewright --json analyze STUDY`` prints, or the path of the ``analysis.json`` that its ``--out`` writes;
+    it wants 30 trials. Parameters with too few configurations to say are left out."""
+    if isinstance(analysis, str):
+        with open(analysis, encoding="utf-8") as file:
+            analysis = json.load(file)
+    metric = analysis["conditions"][0]["metrics"][0]
+    known = [one for one in metric["parameters"] if one["first_order"] is not None]
+    known.sort(key=lambda one: one["first_order"])
+    ax = _axes(ax)
+    ax.barh([one["parameter"] for one in known], [one["first_order"] for one in known])
+    ax.set(xlabel=f"share of the variance of {metric['name']}", xlim=(0, 1), title=analysis["study"])
+    return ax
+
+
+def _unit(study: Study) -> str:
+    terms = [name if weight == 1 else f"{weight:g} {name}" for name, weight in study.metrics.items()]
+    return " + ".join(terms)
