@@ -11,7 +11,7 @@ use crate::core::Core;
 use crate::pages::{TrialPages, TrialQuery};
 use crate::{
     Best, ClientError, Indicators, Options, PolicyChange, Prediction, Stats, Study, StudyRecord, StudySpec,
-    TrialRecord, delivery, limits, wire,
+    TrialRecord, delivery, limits, local, wire,
 };
 
 /// A connection to the tuning service. Cheap to clone; clones share the connection, the outbox and the
@@ -55,10 +55,12 @@ impl Client {
         let core = Arc::new(Core::new(url, options)?);
         runtime.spawn(delivery::run(Arc::clone(&core)));
         let probing = Arc::clone(&core);
+        let keep_awake = local::keep_awake_every(url);
         runtime.spawn(async move {
             let probe = || probing.look_for_daemon();
             tokio::select! {
                 () = probing.circuit_breaker.keep_probing(probing.looking_back_off(), probe) => {}
+                () = probing.keep_awake(keep_awake) => {}
                 // Delivery ends at most so long after closing, and until then wants to know of the daemon's
                 // return.
                 () = async {

@@ -96,6 +96,16 @@ impl Core {
         self.probe(limits::PROBE.saturating_mul(addresses + 1)).await
     }
 
+    /// Asks the daemon again and again whether it serves, with this pause; without one it only waits.
+    pub(crate) async fn keep_awake(&self, pause: Option<Duration>) {
+        let Some(pause) = pause else { return std::future::pending().await };
+        loop {
+            tokio::time::sleep(pause).await;
+            // A daemon that does not answer is looked for elsewhere.
+            let _ = self.probe(limits::PROBE).await;
+        }
+    }
+
     /// Pauses between looking for the daemon.
     pub(crate) fn looking_back_off(&self) -> BackOff {
         if self.channel.count() > 1 { self.back_off().sooner() } else { self.back_off() }

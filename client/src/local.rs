@@ -1,5 +1,6 @@
 //! A daemon of one's own, for those who have none: started when it is needed, found again by its database,
-//! and ended by itself when nobody has asked it anything for a while.
+//! and ended by itself when nobody has asked it anything for a while. A client asks now and then whether it
+//! serves, so that it stays as long as the client does.
 //!
 //! Its database is in the data folder of the user (XDG Base Directory Specification 0.8). It listens on a
 //! Unix socket in a folder beside the database, or below `/tmp` where that path is too long for a socket. So
@@ -25,6 +26,8 @@ use crate::{ClientError, Options};
 const IDLE_S: u32 = 600;
 /// Seconds without a request after which it ends.
 const IDLE_VARIABLE: &str = "TREEWRIGHT_LOCAL_IDLE_S";
+/// Who holds a client asks so often within that time.
+const ASKED_WHILE_IDLE: u32 = 4;
 /// One that is just ending still holds the database; so long is waited for that.
 const PATIENCE: Duration = Duration::from_secs(15);
 /// One that is there answers within this.
@@ -196,7 +199,7 @@ impl LocalDaemon {
 
 impl crate::Client {
     /// Makes a client of the user's own daemon, which is started where it is not running and ends by itself
-    /// when nobody has asked it anything for a while; see [`LocalDaemon`].
+    /// when there has been no client for a while; see [`LocalDaemon`].
     ///
     /// Errors: [`ClientError::NoLocalDaemon`] when there is none to be had; else as
     /// [`crate::Client::connect`].
@@ -216,6 +219,13 @@ impl Client {
 
 fn idle_s() -> u32 {
     std::env::var(IDLE_VARIABLE).ok().and_then(|text| text.parse().ok()).filter(|&s| s > 0).unwrap_or(IDLE_S)
+}
+
+/// How often a client of this address has to ask for the user's own daemon to stay while the program is busy
+/// with something else; `None` for other daemons.
+pub(crate) fn keep_awake_every(url: &str) -> Option<Duration> {
+    let is_own = LocalDaemon::of_user().is_ok_and(|own| own.url() == url);
+    is_own.then(|| Duration::from_secs(idle_s().into()) / ASKED_WHILE_IDLE)
 }
 
 fn last_line(log: &Path) -> String {

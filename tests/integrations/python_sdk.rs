@@ -66,7 +66,7 @@ fn the_wheel_alone_runs_a_first_trial() {
     std::fs::create_dir(&home).expect("a folder");
     let mut first = Command::new(&python);
     // A path without the daemon; it ends by itself when nobody asks it anything.
-    first.env_clear().env("HOME", &home).env("PATH", "").env("TREEWRIGHT_LOCAL_IDLE_S", "3");
+    first.env_clear().env("HOME", &home).env("PATH", "").env("TREEWRIGHT_LOCAL_IDLE_S", "2");
     let said = succeed(first.current_dir(&home).arg(file("python/tests/first.py")));
     assert!(said.contains("<Best leaf=") && said.contains("site-packages"), "{said}");
     assert!(begin.elapsed() < Duration::from_secs(60), "{:?}", begin.elapsed());

@@ -1,4 +1,6 @@
-"""From an installed wheel to a first trial; the daemon is the one that the wheel holds."""
+"""From an installed wheel to a first trial, and to one after a long pause; the daemon is the one that the wheel holds."""
+
+import time
 
 import treewright
 
@@ -8,4 +10,7 @@ study = client.study("first", space, minimise={"render_ms": 1.0})
 with study.suggest() as trial:
     trial.report(render_ms=5 + abs(trial["leaf"] - 3))
 client.flush()
+# Longer than the daemon would stay for nobody.
+time.sleep(5)
+assert study.suggest().source == "daemon", study.suggest().problem
 print(study.best(), "by", treewright.__file__)
