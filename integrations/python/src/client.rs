@@ -10,8 +10,9 @@ use treewright_client::{
 };
 
 use crate::best::Best;
-use crate::convert::{Numbers, configuration_of, shown};
+use crate::convert::{Numbers, configuration_of};
 use crate::error::{Invalid, raised};
+use crate::prediction::Prediction;
 use crate::space::{Definition, Range, Space};
 use crate::suggestion::{Suggestion, Tuner};
 
@@ -305,17 +306,12 @@ impl Study {
         python.detach(|| self.0.trial_of(&numbers, &wanted)).map(Suggestion::new).map_err(raised)
     }
 
-    /// What would be exploited, and the predicted objective. Writes nothing. Raises Invalid for wrong
-    /// indicators.
+    /// What would be exploited, which unpacks into a configuration and the predicted objective. Writes
+    /// nothing. Raises Invalid for wrong indicators.
     #[pyo3(signature = (indicators=None))]
-    fn predict<'py>(
-        &self,
-        python: Python<'py>,
-        indicators: Option<Numbers>,
-    ) -> PyResult<(Bound<'py, PyDict>, Option<f64>)> {
+    fn predict(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Prediction> {
         let numbers = crate::convert::indicators(indicators);
-        let known = python.detach(|| self.0.predict(&numbers)).map_err(raised)?;
-        Ok((shown(python, &known.configuration)?, known.predicted_cost))
+        python.detach(|| self.0.predict(&numbers)).map(Prediction::new).map_err(raised)
     }
 
     /// The best known, which unpacks into a configuration and its mean objective, and tells what is proven of

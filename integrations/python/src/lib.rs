@@ -8,6 +8,7 @@ mod best;
 mod client;
 mod convert;
 mod error;
+mod prediction;
 mod space;
 mod suggestion;
 mod trials;
@@ -21,6 +22,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<client::Client>()?;
     module.add_class::<client::Study>()?;
     module.add_class::<best::Best>()?;
+    module.add_class::<prediction::Prediction>()?;
     module.add_class::<suggestion::Suggestion>()?;
     module.add_class::<suggestion::Tuner>()?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;

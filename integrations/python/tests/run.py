@@ -89,6 +89,7 @@ def trials(url: str) -> None:
         (treewright.Invalid, lambda: study.set_policy(epsilom=1)),
         (treewright.Invalid, lambda: study.set_policy(epsilon=2)),
         (treewright.Invalid, lambda: study.pin({"leaf": 2})),
+        (IndexError, lambda: study.predict()[2]),
         (treewright.Refused, lambda: study.trial_of({"split": "other"})),
         (treewright.Refused, lambda: client.existing_study("nowhere")),
         (treewright.Invalid, lambda: treewright.Client(url, deadline_ms=-1)),
@@ -97,7 +98,7 @@ def trials(url: str) -> None:
         try:
             wrong()
         except problem as error:
-            assert isinstance(error, treewright.TreewrightError) and str(error)
+            assert isinstance(error, (treewright.TreewrightError, IndexError)) and str(error)
         else:
             raise AssertionError(problem)
     client.flush(20000)
@@ -105,6 +106,9 @@ def trials(url: str) -> None:
     assert stats["acknowledged"] >= 31 and stats["abandoned"] >= 2 and stats["dropped"] == 0, stats
     best = study.best()
     assert best[1] == best.cost >= 1 and best[0] == best.configuration and len(best) == 2 and "python" in client.studies()
+    known = study.predict()
+    assert known[0] == known.configuration and known[1] == known.predicted_cost and len(known) == 2, known
+    assert known.mode == "exploit" and known.reason, known
     low, high = best.cost_interval
     assert low <= high and best.measurements >= 1 and best.verdict and best.stage, best
     trials = study.trials("state = COMPLETED AND outcome = OK", "cost")
@@ -346,6 +350,83 @@ os._exit(0)
     assert not set(shared(url, "crashed", crash)) & set(left)
 
 
+def helion_cache(url: str) -> None:
+    """The cache for Helion, by stand-ins that call it as Helion 1.5 calls its caches."""
+    import types
+
+    import treewright
+
+    class Tensor:
+        is_cuda, dtype = False, "f4"
+
+        def __init__(self, *shape: int) -> None:
+            self.shape = shape
+
+    class AutotuneCacheBase:
+        def __init__(self, autotuner, *, autotuner_factory=None) -> None:
+            self.autotuner, self.kernel, self.args = autotuner, autotuner.kernel, autotuner.args
+
+        def autotune(self) -> str:
+            config = self.get()
+            if config is None:
+                config = self.autotuner.autotune()
+                self.put(config)
+            return config
+
+    class FiniteSearch:
+        """Times that a kernel with blocks of that size would take; a block larger than the tensor does not compile."""
+
+        benchmarked = 0
+
+        def __init__(self, kernel, args, configs) -> None:
+            self.kernel, self.args, self.configs = kernel, args, configs
+
+        def benchmark_batch(self, configs, *, desc: str = "") -> list:
+            FiniteSearch.benchmarked += len(configs)
+            size = self.args[0].shape[0]
+            cost = lambda block: float("inf") if block > size else size / 1e3 * (1 + abs(block - 256) / 256)
+            return [types.SimpleNamespace(config=each, perf=cost(int(each))) for each in configs]
+
+        def autotune(self) -> str:
+            return min(self.benchmark_batch(self.configs, desc="Benchmarking"), key=lambda result: result.perf).config
+
+    def module(name: str, **parts) -> types.ModuleType:
+        made = types.ModuleType(name)
+        vars(made).update(parts)
+        return made
+
+    cuda = types.SimpleNamespace(is_available=lambda: False)
+    stand_ins = [
+        module("torch", Tensor=Tensor, cuda=cuda),
+        module("helion", __path__=[]),
+        module("helion.language"),
+        module("helion.autotuner", FiniteSearch=FiniteSearch, __path__=[]),
+        module("helion.autotuner.base_cache", AutotuneCacheBase=AutotuneCacheBase, BoundKernelInMemoryCacheKey=dict),
+    ]
+    before = dict(sys.modules)
+    sys.modules.update({each.__name__: each for each in stand_ins})
+    try:
+        path = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "examples", "helion_cache.py")
+        example = module("helion_cache")
+        with open(path, encoding="utf-8") as file:
+            exec(compile(file.read(), path, "exec"), vars(example))
+    finally:
+        sys.modules.clear()
+        sys.modules.update(before)
+    client = treewright.Client(url, client_id="helion", deadline_ms=20000, call_deadline_ms=20000)
+    tuned = example.tuned_by(client, ["64", "128", "256", "2048"])
+    kernel = types.SimpleNamespace(kernel=types.SimpleNamespace(name="add"))
+    ask = lambda size: tuned(kernel, [Tensor(size), Tensor(size), 3]).autotune()
+    measured = []
+    for size in (1024, 4096, 1024, 2048, 3000, 1500):
+        assert ask(size) == "256", size
+        measured.append(FiniteSearch.benchmarked)
+    # Helion measured a few shapes; the one that it had and those between them were answered.
+    assert measured[1] == measured[2], measured
+    assert measured[-1] <= 4 * 3, measured
+    print(f"Helion's cache: {measured[-1] // 4} of 6 shapes were measured")
+
+
 def optuna_sampler(url: str) -> None:
     if importlib.util.find_spec("optuna") is None:
         return print("passed by: the Optuna sampler, because Optuna is not installed")
@@ -484,5 +565,6 @@ if __name__ == "__main__":
     threads(sys.argv[1])
     a_trial_each(sys.argv[1])
     recognised_after_a_crash(sys.argv[1])
+    helion_cache(sys.argv[1])
     optuna_sampler(sys.argv[1])
     print("ok")

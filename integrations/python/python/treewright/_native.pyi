@@ -106,7 +106,7 @@ class Study:
         """What to run next, within the deadline; see Suggestion.problem. Raises Invalid for wrong indicators."""
     def trial_of(self, configuration: Mapping[str, Value], indicators: Optional[Numbers] = None) -> Suggestion:
         """A trial of the caller's own configuration."""
-    def predict(self, indicators: Optional[Numbers] = None) -> tuple[dict[str, Value], Optional[float]]:
+    def predict(self, indicators: Optional[Numbers] = None) -> Prediction:
         """What would be exploited, and the predicted objective. Writes nothing."""
     def best(self, indicators: Optional[Numbers] = None) -> Best:
         """The best known, with what is proven of it; of all states without indicators. Raises Refused when nothing was measured."""
@@ -146,6 +146,25 @@ class Best:
     def __getitem__(self, place: Literal[0, -2]) -> dict[str, Value]: ...
     @overload
     def __getitem__(self, place: Literal[1, -1]) -> float: ...
+    def __iter__(self) -> Iterator[Any]: ...
+
+class Prediction:
+    """What would be exploited: ``configuration, cost = study.predict()``, or by name."""
+
+    @property
+    def configuration(self) -> dict[str, Value]: ...
+    @property
+    def predicted_cost(self) -> Optional[float]: ...
+    @property
+    def mode(self) -> str:
+        """exploit where something is known, default where nothing is, pinned where the policy says so."""
+    @property
+    def reason(self) -> str: ...
+    def __len__(self) -> int: ...
+    @overload
+    def __getitem__(self, place: Literal[0, -2]) -> dict[str, Value]: ...
+    @overload
+    def __getitem__(self, place: Literal[1, -1]) -> Optional[float]: ...
     def __iter__(self) -> Iterator[Any]: ...
 
 class Suggestion:

@@ -20,7 +20,7 @@ from functools import partial
 from typing import Any, Optional
 
 from . import _native
-from ._native import Best, Space, Suggestion
+from ._native import Best, Prediction, Space, Suggestion
 from .trials import Trials
 
 __all__ = ["Client", "Study", "connect", "local"]
@@ -112,7 +112,7 @@ class Study:
         """A trial of the caller's own configuration. Raises where no daemon answers."""
         return await _beside(self._study.trial_of, configuration, indicators)
 
-    async def predict(self, indicators: Optional[dict] = None) -> tuple:
+    async def predict(self, indicators: Optional[dict] = None) -> Prediction:
         """What would be exploited, and the predicted objective. Writes nothing."""
         return await _beside(self._study.predict, indicators)
 

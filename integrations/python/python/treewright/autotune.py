@@ -16,6 +16,12 @@ True
 64
 >>> cache.get({"m": 640, "n": 512, "k": 256}) is None  # what was measured once, in one shape, is no answer elsewhere
 True
+>>> for _ in range(2):
+...     for m in (512, 1024, 4096):
+...         for block in (16, 64, 128):
+...             assert cache.put({"m": m, "n": 512, "k": 256}, {"block": block, "warps": 4}, ms=m / 512 + abs(block - 64) / 64)
+>>> cache.get({"m": 2048, "n": 512, "k": 256})["block"]
+64
 """
 
 from typing import Mapping, Optional, Sequence, Union
@@ -50,10 +56,10 @@ class NearestCache:
     def get(self, key: Mapping[str, float]) -> "Optional[dict[str, Value]]":
         """The configuration for this shape, or None where nothing near is known."""
         try:
-            configuration, predicted = self._study.predict(self._shape(key))
+            known = self._study.predict(self._shape(key))
         except (Refused, Unreachable):
             return None
-        return None if predicted is None else configuration
+        return None if known.mode == "default" else known.configuration
 
     def put(self, key: Mapping[str, float], configuration: Mapping[str, Value], **measured: float) -> bool:
         """Tells what a configuration took; False where the daemon is away."""
