@@ -2,8 +2,8 @@
 """Tables of what the examples measured, from lines as the examples print them with --rounds.
 
     summary.py FILE.jsonl ...    print every state of the files
-    summary.py --page            write the table by use in docs/measurements/integrations.md, from recorded/
-    summary.py --check           say whether that table is what the records give; a test asks
+    summary.py --page            write the tables by use in docs/measurements, from recorded/
+    summary.py --check           say whether those tables are what the records give; a test asks
 
 Of each state (mesh and use) the ratio of the default's cost to the tuned one's, and of the one fixed configuration that is best over all
 states of the files together: medians over rounds in which all ran in turns, with the interval between order statistics that
@@ -19,14 +19,17 @@ import pathlib
 import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
-PAGE = HERE.parent / "docs" / "measurements" / "integrations.md"
+FOLDER = HERE.parent / "docs" / "measurements"
 BEGIN, END = "<!-- integrations: made by integrations/summary.py -->", "<!-- end of integrations -->"
-CASES = {
-    "embree.jsonl": "C++ on Embree",
-    "builders.jsonl": "Rust builders",
-    "embreex.jsonl": "Python, embreex",
-    "embree_caster.jsonl": "Python, Embree by ctypes",
-    "three_mesh_bvh.jsonl": "Node, three-mesh-bvh",
+PAGES = {
+    "integrations.md": {
+        "embree.jsonl": "C++ on Embree",
+        "builders.jsonl": "Rust builders",
+        "embreex.jsonl": "Python, embreex",
+        "embree_caster.jsonl": "Python, Embree by ctypes",
+        "three_mesh_bvh.jsonl": "Node, three-mesh-bvh",
+    },
+    "warp.md": {"warp.jsonl": "Python, NVIDIA Warp"},
 }
 
 
@@ -116,9 +119,9 @@ def every_state(case):
     print(f"\nOver the fixed configuration that is best on the other meshes: {means[3]}.")
 
 
-def by_use():
+def by_use(cases):
     lines = ["| case: default; best fixed | use | meshes | over the default | over the best fixed |", "|---|---|--:|---|---|"]
-    for file, title in CASES.items():
+    for file, title in cases.items():
         case = Case([HERE / "recorded" / file])
         uses = {}
         for state in case.states:
@@ -130,20 +133,22 @@ def by_use():
     return "\n".join(lines)
 
 
-def page():
-    before, _, rest = PAGE.read_text().partition(BEGIN)
+def page(name):
+    before, _, rest = (FOLDER / name).read_text().partition(BEGIN)
     _, _, after = rest.partition(END)
     if not after:
-        sys.exit(f"summary: {PAGE} has no place for the table; write the lines {BEGIN} and {END} where it belongs")
-    return f"{before}{BEGIN}\n{by_use()}\n{END}{after}"
+        sys.exit(f"summary: {name} has no place for the table; write the lines {BEGIN} and {END} where it belongs")
+    return f"{before}{BEGIN}\n{by_use(PAGES[name])}\n{END}{after}"
 
 
 def main():
     if sys.argv[1:] == ["--page"]:
-        PAGE.write_text(page())
+        for name in PAGES:
+            (FOLDER / name).write_text(page(name))
     elif sys.argv[1:] == ["--check"]:
-        if PAGE.read_text() != page():
-            sys.exit("summary: docs/measurements/integrations.md is not what the records give; run integrations/summary.py --page")
+        wrong = [name for name in PAGES if (FOLDER / name).read_text() != page(name)]
+        if wrong:
+            sys.exit(f"summary: {', '.join(wrong)} in docs/measurements: not what the records give; run integrations/summary.py --page")
     else:
         every_state(Case(sys.argv[1:]))
 
