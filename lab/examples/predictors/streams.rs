@@ -148,12 +148,6 @@ pub(crate) fn unseen() -> Vec<Stream> {
 }
 
 impl Stream {
-    /// The same with so many frames.
-    #[allow(dead_code)]
-    pub(crate) fn of_length(self, frames: usize) -> Self {
-        Stream { frames, ..self }
-    }
-
     /// The study whose trials these are.
     pub(crate) fn study(&self, policy: Policy, seed: u64) -> StudySpec {
         study(self.parameters, self.indicators, policy, seed)
