@@ -6,6 +6,7 @@
 //! | `ablation` | a winner taken apart, one value at a time |
 //! | `leave_scene_out` | what the service is worth on scenes it has never seen |
 //! | `evaluation` | the paper's section 7: searches along camera paths are recorded, predictors judged by the record |
+//! | `simulated` | what the studies of the examples are made of |
 //! | `commands` | the program `treewright-lab`: these, `verify` and `leave-out` |
 //!
 //! The examples of this crate measure the tuner without a renderer: searches, predictors, regret
@@ -16,3 +17,4 @@ pub mod commands;
 pub mod converge;
 pub(crate) mod evaluation;
 pub(crate) mod leave_scene_out;
+pub mod simulated;

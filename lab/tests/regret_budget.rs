@@ -2,10 +2,9 @@
 //! one.
 //!
 //! What is judged is the truth that the simulation knows and the tuner does not: at every frame, what the
-//! frame cost less what the default would have cost in its place, under the same speed of the machine. The
-//! example `regret_budget` runs ten thousand sessions of the same kind.
+//! frame cost less what the default would have cost in its place, under the same speed of the machine.
 
-#[path = "../examples/regret_budget/session.rs"]
+#[path = "regret_budget/session.rs"]
 mod session;
 
 use std::collections::BTreeSet;

@@ -13,7 +13,6 @@
 mod problem;
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::time::Instant;
 
 use problem::Problem;
@@ -21,8 +20,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use treewright_core::policy::{Policy, PredictorMethod};
-use treewright_core::trial::Outcome;
-use treewright_core::tuner::{Ask, Tuner};
+use treewright_lab::simulated::{ask, normal, report};
 
 /// Rounds of one run, and the first that counts.
 const ROUNDS: usize = 80;
@@ -32,22 +30,20 @@ const NOISE: f64 = 0.05;
 
 /// Regret of each round, the time that asking and telling took, in microseconds, and the predictors' errors.
 fn run(problem: &Problem, policy: &Policy, seed: u64) -> (Vec<f64>, Vec<f64>, Vec<(PredictorMethod, f64)>) {
-    let mut tuner = Tuner::new(Arc::new(problem.study(policy.clone(), seed))).expect("a valid study");
+    let mut tuner = problem.tuner(policy.clone(), seed);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let (mut regrets, mut times) = (Vec::new(), Vec::new());
     for round in 0..ROUNDS as i64 {
         let context: [f64; 2] = [random.random(), random.random()];
-        let indicators = BTreeMap::from([("u".to_owned(), context[0]), ("v".to_owned(), context[1])]);
-        let ask = Ask { client_id: "bench".into(), indicators, ..Ask::default() };
+        let ask = ask([("u", context[0]), ("v", context[1])]);
         let begin = Instant::now();
         let (trial, _) = tuner.suggest(&ask, round).expect("a valid question");
         let mut spent = begin.elapsed();
         let cost = problem.cost(&context, &problem.point(&trial.configuration));
         regrets.push(problem.regret(cost, &context));
-        let noisy = cost * (1.0 + NOISE * problem::normal(&mut random)).max(0.01);
-        let measurements = BTreeMap::from([("cost".to_owned(), noisy)]);
+        let noisy = cost * (1.0 + NOISE * normal(&mut random)).max(0.01);
         let begin = Instant::now();
-        let _ = tuner.report(&trial, measurements, Outcome::Ok, round).expect("a valid report");
+        report(&mut tuner, &trial, Some(noisy));
         spent += begin.elapsed();
         times.push(spent.as_secs_f64() * 1e6);
     }
@@ -56,9 +52,8 @@ fn run(problem: &Problem, policy: &Policy, seed: u64) -> (Vec<f64>, Vec<f64>, Ve
     (regrets, times, errors)
 }
 
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
-    sum / count
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
 fn main() {
@@ -88,7 +83,7 @@ fn main() {
                 }
             }
             times.sort_by(f64::total_cmp);
-            let part = |from: usize, to: usize| mean(regrets[from..to].iter().copied());
+            let part = |from: usize, to: usize| mean(&regrets[from..to]);
             println!(
                 "{}",
                 json!({
@@ -103,7 +98,7 @@ fn main() {
                     "best_fixed": 0.6,
                     "random": problem.random_regret(),
                     "prequential_error": errors,
-                    "answer_us": { "mean": mean(times.iter().copied()), "p50": times[times.len() / 2],
+                    "answer_us": { "mean": mean(&times), "p50": times[times.len() / 2],
                         "p99": times[times.len() * 99 / 100] },
                 })
             );

@@ -1,14 +1,16 @@
 //! Problems whose optimum moves with the context.
 
+use std::sync::Arc;
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
-use treewright_core::indicator::{Indicator, IndicatorSchema};
-use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::Policy;
-use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::space::{Domain, Scale, Space};
 use treewright_core::study::{STATE_TOLERANCE_DEFAULT, StudySpec};
+use treewright_core::tuner::Tuner;
 use treewright_core::value::Value;
+use treewright_lab::simulated::{parameter, share, study};
 
 /// Contexts on which the best fixed configuration is found.
 const CONTEXTS: usize = 4000;
@@ -123,12 +125,6 @@ pub(crate) fn all() -> Vec<Problem> {
     ]
 }
 
-/// A standard normal number (Box and Muller 1958).
-pub(crate) fn normal(random: &mut ChaCha8Rng) -> f64 {
-    let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
-    (-2.0 * u.ln()).sqrt() * (2.0 * std::f64::consts::PI * v).cos()
-}
-
 impl Problem {
     /// The noiseless cost of a point of the unit cube.
     pub(crate) fn cost(&self, context: &[f64; 2], point: &[f64]) -> f64 {
@@ -193,29 +189,16 @@ impl Problem {
         (0..4).map(coordinate).collect()
     }
 
-    /// The study in which the problem is tuned.
-    pub(crate) fn study(&self, policy: Policy, seed: u64) -> StudySpec {
-        let parameter = |axis: usize| Parameter {
-            name: Self::name_of(axis),
-            domain: if self.integers {
-                Domain::Integer { min: 0, max: 16, scale: Scale::Linear }
-            } else {
-                Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear }
-            },
-            default: if self.integers { Value::Integer(8) } else { Value::Float(0.5) },
-            active_if: None,
+    /// The tuner of a study of the problem.
+    pub(crate) fn tuner(&self, policy: Policy, seed: u64) -> Tuner {
+        let level = Domain::Integer { min: 0, max: 16, scale: Scale::Linear };
+        let of = |axis: usize| match self.integers {
+            true => parameter(Self::name_of(axis), level.clone(), Value::Integer(8)),
+            false => share(Self::name_of(axis)),
         };
-        let indicator =
-            |name: &str| Indicator { name: name.into(), min: 0.0, max: 1.0, scale: Scale::Linear };
-        let term = ObjectiveTerm { metric: "cost".into(), weight: 1.0 };
-        StudySpec {
-            display_name: self.name.into(),
-            space: Space::new((0..4).map(parameter).collect(), vec![]).expect("a valid space"),
-            indicators: IndicatorSchema::new(vec![indicator("u"), indicator("v")]).expect("valid"),
-            objective: Objective::new(vec![term]).expect("a valid objective"),
-            state_tolerance: STATE_TOLERANCE_DEFAULT,
-            policy,
-            seed,
-        }
+        let space = Space::new((0..4).map(of).collect(), vec![]).expect("a valid space");
+        let study = study(space, ["u", "v"].map(str::to_owned).into_iter(), policy, seed);
+        let spec = StudySpec { state_tolerance: STATE_TOLERANCE_DEFAULT, ..study };
+        Tuner::new(Arc::new(spec)).expect("a valid study")
     }
 }

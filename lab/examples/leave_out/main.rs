@@ -11,29 +11,19 @@
 //! Names of arms choose among them.
 
 #[path = "../search_quality/problem.rs"]
-#[allow(dead_code)]
 mod problem;
-#[path = "../search_quality/roofline.rs"]
-mod roofline;
 #[path = "../search_quality/trees.rs"]
 mod trees;
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
-use treewright_core::indicator::{Indicator, IndicatorSchema};
-use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::Policy;
-use treewright_core::space::{Parameter, Scale, Space};
-use treewright_core::study::StudySpec;
-use treewright_core::trial::Outcome;
-use treewright_core::tuner::{Ask, Tuner};
-
-use problem::{Problem, normal};
-pub(crate) use roofline::best_of;
+use treewright_core::space::{Parameter, Space};
+use treewright_core::tuner::Tuner;
+use treewright_lab::simulated::{ask, normal, report, study};
 
 /// Shares of the roofline that count as arrived, by what is truly best among all that was tried.
 const ARRIVED: [f64; 3] = [0.90, 0.95, 0.98];
@@ -42,20 +32,6 @@ fn flat(space: &Space) -> Space {
     let parameters = space.parameters().iter().cloned();
     let always = parameters.map(|parameter| Parameter { active_if: None, ..parameter });
     Space::new(always.collect(), space.constraints().to_vec()).expect("a valid space")
-}
-
-fn spec(space: Space, seed: u64, trials: u32, freeze_risk: Option<f64>) -> StudySpec {
-    let indicator = Indicator { name: "scene".into(), min: 0.0, max: 1.0, scale: Scale::Linear };
-    let terms = vec![ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }];
-    StudySpec {
-        display_name: "leave out".into(),
-        space,
-        indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
-        objective: Objective::new(terms).expect("valid"),
-        state_tolerance: 0.01,
-        policy: Policy { epsilon: 1.0, trials_per_state: trials, freeze_risk, ..Policy::default() },
-        seed,
-    }
 }
 
 /// An arm of the comparison.
@@ -85,9 +61,11 @@ fn opposite(space: &Space, configuration: &Configuration) -> Configuration {
 /// Explores `before` scenes and then one that counts.
 fn run(arm: &Arm, seed: u64, trials: u32, noise: Option<f64>) -> Run {
     let &Arm { is_flat, freeze_risk, before, unlike, .. } = arm;
-    let first: Problem = trees::problem(seed);
-    let space = if is_flat { flat(&first.space) } else { first.space.clone() };
-    let mut tuner = Tuner::new(Arc::new(spec(space, seed, trials, freeze_risk))).expect("valid");
+    let first = trees::problem(seed);
+    let space = if is_flat { flat(&first.space) } else { first.space };
+    let policy = Policy { epsilon: 1.0, trials_per_state: trials, freeze_risk, ..Policy::default() };
+    let spec = study(space, std::iter::once("scene".to_owned()), policy, seed);
+    let mut tuner = Tuner::new(Arc::new(spec)).expect("a valid study");
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut result = Run { arrived: Default::default(), held: 0, share: 0.0 };
     for scene in 0..=before {
@@ -96,9 +74,7 @@ fn run(arm: &Arm, seed: u64, trials: u32, noise: Option<f64>) -> Run {
         let turned = unlike && !counts;
         let mut best = f64::INFINITY;
         for number in 1..=trials as usize {
-            let place = scene as f64 / 50.0;
-            let indicators = BTreeMap::from([("scene".to_owned(), place)]);
-            let ask = Ask { client_id: "a".into(), indicators, ..Ask::default() };
+            let ask = ask([("scene", scene as f64 / 50.0)]);
             let trial = tuner.suggest(&ask, 0).expect("a valid question").0;
             let truth = match turned {
                 true => (problem.truth)(&opposite(&problem.space, &trial.configuration)),
@@ -107,15 +83,10 @@ fn run(arm: &Arm, seed: u64, trials: u32, noise: Option<f64>) -> Run {
             if counts {
                 result.held = result.held.max(trial.reason().explanation.held.len());
             }
-            let (measurements, outcome) = match truth {
-                Some(truth) => {
-                    best = best.min(truth);
-                    let cost = truth * (noise.unwrap_or(problem.noise) * normal(&mut random)).exp();
-                    (BTreeMap::from([("render_ms".to_owned(), cost)]), Outcome::Ok)
-                }
-                None => (BTreeMap::new(), Outcome::Infeasible { reason: "cannot be built".into() }),
-            };
-            let _change = tuner.report(&trial, measurements, outcome, 1).expect("a valid report");
+            best = truth.map_or(best, |truth| best.min(truth));
+            let noise = noise.unwrap_or(problem.noise);
+            let cost = truth.map(|truth| truth * (noise * normal(&mut random)).exp());
+            report(&mut tuner, &trial, cost);
             if counts {
                 for (arrived, share) in result.arrived.iter_mut().zip(ARRIVED) {
                     if problem.optimum / best >= share {

@@ -1,19 +1,15 @@
 //! Streams of trials on which predictors are compared: over which states they go, who decides, what a
 //! configuration costs, and how much of that is noise.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use treewright_core::indicator::{Indicator, IndicatorSchema};
-use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::{Policy, PredictorMethod, SearchMethod};
-use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::space::Space;
 use treewright_core::study::StudySpec;
-use treewright_core::trial::{Outcome, Trial};
 use treewright_core::tuner::{Ask, Tuner};
-use treewright_core::value::Value;
+use treewright_lab::simulated::{report, share, study};
 
 /// What a configuration costs in a state, in a frame.
 type Cost = fn(&[f64], &[f64], usize) -> f64;
@@ -148,12 +144,7 @@ pub(crate) fn unseen() -> Vec<Stream> {
 }
 
 impl Stream {
-    /// The study whose trials these are.
-    pub(crate) fn study(&self, policy: Policy, seed: u64) -> StudySpec {
-        study(self.parameters, self.indicators, policy, seed)
-    }
-
-    /// The tuner that decides, with all predictors.
+    /// The tuner that decides, with all predictors; parameters and indicators go from 0 to 1.
     fn tuner(&self, seed: u64) -> Tuner {
         let policy = Policy {
             predictor: PredictorMethod::Auto,
@@ -162,11 +153,14 @@ impl Stream {
             trials_per_state: 60,
             ..Policy::default()
         };
-        Tuner::new(Arc::new(self.study(policy, seed))).expect("a valid study")
+        let parameters = (0..self.parameters).map(|axis| share(format!("p{axis}")));
+        let space = Space::new(parameters.collect(), vec![]).expect("a valid space");
+        let study = study(space, (0..self.indicators).map(|axis| format!("i{axis}")), policy, seed);
+        Tuner::new(Arc::new(StudySpec { state_tolerance: 1e-3, ..study })).expect("a valid study")
     }
 
-    /// Goes through the stream; `each` sees every trial when it is complete.
-    pub(crate) fn run(&self, seed: u64, mut each: impl FnMut(&[f64], &Trial)) -> Tuner {
+    /// Goes through the stream.
+    pub(crate) fn run(&self, seed: u64) -> Tuner {
         let mut tuner = self.tuner(seed);
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let places: Vec<Vec<f64>> = (0..self.states.unwrap_or(self.frames))
@@ -181,33 +175,8 @@ impl Stream {
             let point: Vec<f64> = (0..self.parameters).map(|axis| value(axis).unwrap_or(0.5)).collect();
             let noise = 1.0 + self.noise * (random.random::<f64>() - random.random::<f64>());
             let wild = if self.wild && random.random::<f64>() < WILD_SHARE { WILD } else { 1.0 };
-            let cost = wild * noise * (self.cost)(state, &point, frame);
-            let measurements = BTreeMap::from([("cost".to_owned(), cost)]);
-            let (trial, _) = tuner.report(&trial, measurements, Outcome::Ok, 1).expect("a valid report");
-            each(state, &trial);
+            report(&mut tuner, &trial, Some(wild * noise * (self.cost)(state, &point, frame)));
         }
         tuner
-    }
-}
-
-/// A study with parameters and indicators in 0..1.
-pub(crate) fn study(parameters: usize, indicators: usize, policy: Policy, seed: u64) -> StudySpec {
-    let parameter = |index: usize| Parameter {
-        name: format!("p{index}"),
-        domain: Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear },
-        default: Value::Float(0.5),
-        active_if: None,
-    };
-    let indicator =
-        |index: usize| Indicator { name: format!("i{index}"), min: 0.0, max: 1.0, scale: Scale::Linear };
-    let term = ObjectiveTerm { metric: "cost".into(), weight: 1.0 };
-    StudySpec {
-        display_name: "predictors".into(),
-        space: Space::new((0..parameters).map(parameter).collect(), vec![]).expect("a valid space"),
-        indicators: IndicatorSchema::new((0..indicators).map(indicator).collect()).expect("valid"),
-        objective: Objective::new(vec![term]).expect("a valid objective"),
-        state_tolerance: 1e-3,
-        policy,
-        seed,
     }
 }

@@ -4,10 +4,11 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
-use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::space::{Domain, Scale, Space};
 use treewright_core::value::Value;
+use treewright_lab::simulated::{normal, parameter};
 
-use crate::problem::{Kind, Problem, normal};
+use crate::problem::Problem;
 
 /// Names and values of the parameters.
 type Grid = Vec<(&'static str, Vec<i64>)>;
@@ -170,7 +171,7 @@ fn grid(name: &str) -> (Grid, Cost) {
 pub(crate) const GRIDS: [&str; 3] = ["gemm", "convolution", "stencil"];
 
 /// A grid either as integers that count the values or as choices among the values.
-pub(crate) fn problem(name: &str, seed: u64, counted: bool, noise: f64) -> Problem {
+pub(crate) fn problem(name: &str, seed: u64, counted: bool) -> Problem {
     let (grid, cost) = grid(name);
     let random = &mut ChaCha8Rng::seed_from_u64(seed);
     let domain = |values: &Vec<i64>| {
@@ -187,11 +188,9 @@ pub(crate) fn problem(name: &str, seed: u64, counted: bool, noise: f64) -> Probl
     {
         middle = grid.iter().map(|(_, values)| random.random_range(0..values.len())).collect();
     }
-    let parameters = grid.iter().zip(&middle).map(|((name, values), &middle)| Parameter {
-        name: (*name).to_owned(),
-        domain: domain(values),
-        default: Value::Integer(if counted { middle as i64 } else { values[middle] }),
-        active_if: None,
+    let parameters = grid.iter().zip(&middle).map(|((name, values), &middle)| {
+        let default = if counted { middle as i64 } else { values[middle] };
+        parameter(*name, domain(values), Value::Integer(default))
     });
     let space = Space::new(parameters.collect(), Vec::new()).expect("a valid space");
     let names: Vec<(&str, Vec<i64>)> = grid;
@@ -204,9 +203,7 @@ pub(crate) fn problem(name: &str, seed: u64, counted: bool, noise: f64) -> Probl
         };
         cost(&names.iter().map(value).collect::<Vec<f64>>(), seed)
     };
-    let optimum = crate::best_of(&space, &truth, random);
-    let name = format!("{name}{}", if counted { "-n" } else { "" });
-    Problem { name, kind: Kind::Ratio, space, truth: Box::new(truth), noise, offset: 0.0, optimum }
+    Problem::new(space, 0.02, random, truth)
 }
 
 /// A random landscape: each value of seven choices has an effect of its own, six pairs interact, and four
@@ -230,11 +227,9 @@ pub(crate) fn random_effects(seed: u64) -> Problem {
     }
     let needs: Vec<(usize, f64)> =
         axes[..4].iter().map(|&axis| (axis, 0.5 + random.random::<f64>())).collect();
-    let parameters = levels.iter().enumerate().map(|(axis, &count)| Parameter {
-        name: format!("p{axis}"),
-        domain: Domain::Categorical { values: (0..count).map(|step| Value::Integer(1 << step)).collect() },
-        default: Value::Integer(1),
-        active_if: None,
+    let parameters = levels.iter().enumerate().map(|(axis, &count)| {
+        let values = (0..count).map(|step| Value::Integer(1 << step)).collect();
+        parameter(format!("p{axis}"), Domain::Categorical { values }, Value::Integer(1))
     });
     let space = Space::new(parameters.collect(), Vec::new()).expect("a valid space");
     let bound = 0.36 * needs.iter().map(|need| need.1).sum::<f64>();
@@ -251,7 +246,5 @@ pub(crate) fn random_effects(seed: u64) -> Problem {
         let both: f64 = pairs.iter().map(|(a, b, table)| table[place(*a) * levels[*b] + place(*b)]).sum();
         (need <= bound).then(|| (alone + both).exp())
     };
-    let optimum = crate::best_of(&space, &truth, random);
-    let name = "random effects".into();
-    Problem { name, kind: Kind::Ratio, space, truth: Box::new(truth), noise: 0.05, offset: 0.0, optimum }
+    Problem::new(space, 0.05, random, truth)
 }

@@ -11,9 +11,10 @@ use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
 use treewright_core::space::{Condition, Domain, Parameter, Scale, Space};
 use treewright_core::value::Value;
+use treewright_lab::simulated::{parameter, share};
 
 use crate::grids::hash;
-use crate::problem::{Kind, Problem};
+use crate::problem::Problem;
 
 pub(crate) const KERNELS: [&str; 3] = ["reduction", "hotspot", "sorting"];
 pub(crate) const UNSEEN: [&str; 4] = ["dedispersion", "tiled loops", "wavefront", "transform"];
@@ -202,32 +203,31 @@ fn transform(at: &At) -> Option<f64> {
     Some(passes / 2.0 * spill * latency * conflicts * waste * table * at.rough(0.06))
 }
 
-/// Numbers in the order given.
-fn list(name: &str, values: &[i64]) -> Parameter {
-    let values: Vec<Value> = values.iter().copied().map(Value::Integer).collect();
+/// One of some values; the first is the default.
+fn one_of(name: &str, values: Vec<Value>) -> Parameter {
     let default = values[0].clone();
-    Parameter { name: name.into(), domain: Domain::Categorical { values }, default, active_if: None }
+    parameter(name, Domain::Categorical { values }, default)
+}
+
+fn list(name: &str, values: &[i64]) -> Parameter {
+    one_of(name, values.iter().copied().map(Value::Integer).collect())
 }
 
 /// Powers of two between two exponents.
 fn powers(name: &str, from: u32, to: u32) -> Parameter {
-    list(name, &(from..=to).map(|exponent| 1 << exponent).collect::<Vec<i64>>())
+    one_of(name, (from..=to).map(|exponent| Value::Integer(1 << exponent)).collect())
 }
 
 fn range(name: &str, min: i64, max: i64, scale: Scale) -> Parameter {
-    let domain = Domain::Integer { min, max, scale };
-    Parameter { name: name.into(), domain, default: Value::Integer(min), active_if: None }
+    parameter(name, Domain::Integer { min, max, scale }, Value::Integer(min))
 }
 
 fn switch(name: &str) -> Parameter {
-    let default = Value::Boolean(false);
-    Parameter { name: name.into(), domain: Domain::Boolean, default, active_if: None }
+    parameter(name, Domain::Boolean, Value::Boolean(false))
 }
 
 fn names(name: &str, values: &[&str]) -> Parameter {
-    let values: Vec<Value> = values.iter().map(|text| Value::Text((*text).into())).collect();
-    let default = values[0].clone();
-    Parameter { name: name.into(), domain: Domain::Categorical { values }, default, active_if: None }
+    one_of(name, values.iter().map(|text| Value::Text((*text).into())).collect())
 }
 
 fn while_in(parameter: Parameter, other: &str, any_of: &[Value]) -> Parameter {
@@ -294,12 +294,7 @@ fn parameters(name: &str) -> Vec<Parameter> {
         "wavefront" => vec![
             range("queue", 1024, 1_048_576, Scale::Log),
             range("batch", 64, 65_536, Scale::Log),
-            Parameter {
-                name: "bias".into(),
-                domain: Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear },
-                default: Value::Float(1.0),
-                active_if: None,
-            },
+            Parameter { default: Value::Float(1.0), ..share("bias") },
             range("streams", 1, 8, Scale::Linear),
             switch("sort"),
             while_in(range("bits", 4, 24, Scale::Linear), "sort", &on),
@@ -351,7 +346,5 @@ pub(crate) fn problem(name: &str, seed: u64) -> Problem {
         }
     }
     let space = Space::new(parameters, Vec::new()).expect("a valid space");
-    let optimum = crate::best_of(&space, &truth, random);
-    let name = name.into();
-    Problem { name, kind: Kind::Ratio, space, truth: Box::new(truth), noise: 0.02, offset: 0.0, optimum }
+    Problem::new(space, 0.02, random, truth)
 }

@@ -1,61 +1,43 @@
 //! How well the searches search: problems by methods by seeds, as tables.
 //!
 //! `cargo run --release -p treewright-lab --example search_quality -- SUITE SEEDS METHOD...` with the suites
-//! bbob, bbob4, quiet, offset, trees, grids, effects, kernels, unseen (which nothing is tuned on) and
-//! stencil, or a file of a recorded landscape; `model@4` has four points out at a time. Scores are means over
-//! the problems of a suite after 20, 40 and 80 trials: decimal logarithms of gaps (less is better), or shares
-//! of the optimum (more is better), of the configuration that measured best; in brackets of the best that was
-//! ever tried. Ranks are among the methods given, on equal problems and seeds.
+//! trees, grids, effects, kernels and unseen (which nothing is tuned on). Scores are means over the problems
+//! of a suite after 20, 40 and 80 trials: shares of the optimum, more is better, of the configuration that
+//! measured best; in brackets of the best that was ever tried. Ranks are among the methods given, on equal
+//! problems and seeds.
 
-mod bbob;
 mod grids;
 mod kernels;
 mod problem;
-mod recorded;
-mod roofline;
+mod run;
 mod trees;
 
 use treewright_core::policy::SearchMethod;
 use treewright_core::words::Word as _;
 
-use problem::{Kind, Problem, Run};
-pub(crate) use roofline::best_of;
+use problem::Problem;
+use run::Run;
 
 const MARKS: [usize; 3] = [20, 40, 80];
-
-/// A method and how many points it has out at a time: `model` or `model@4`.
-fn method(name: &str) -> (SearchMethod, usize) {
-    let (name, in_flight) = match name.split_once('@') {
-        Some((name, count)) => (name, count.parse().expect("a number of points")),
-        None => (name, 1),
-    };
-    (search(name), in_flight)
-}
 
 fn search(name: &str) -> SearchMethod {
     SearchMethod::from_word(name).unwrap_or_else(|| panic!("{name} is no search"))
 }
 
-fn suite(name: &str, seed: u64) -> Vec<Problem> {
-    let bbob = |functions: &[u32], noise, offset| {
-        let one = |&number: &u32| [2, 5, 10].map(|d| bbob::problem(number, d, seed, noise, offset));
-        functions.iter().flat_map(one).collect()
+fn suite(name: &str, seed: u64) -> Vec<(String, Problem)> {
+    let kernels = |names: &[&str]| {
+        names.iter().map(|name| ((*name).to_owned(), kernels::problem(name, seed))).collect()
+    };
+    let grid = |name: &str, counted: bool| {
+        (format!("{name}{}", if counted { "-n" } else { "" }), grids::problem(name, seed, counted))
     };
     match name {
-        "bbob" => bbob(&bbob::FUNCTIONS, 0.1, 0.0),
-        "bbob4" => bbob(&[1, 8, 15, 21], 0.1, 0.0),
-        "quiet" => bbob(&[1, 8, 15, 21], 0.0, 0.0),
-        "offset" => bbob(&[1, 8, 15, 21], 0.1, 1000.0),
-        "trees" => vec![trees::problem(seed)],
-        "grids" => grids::GRIDS
-            .iter()
-            .flat_map(|name| [true, false].map(|n| grids::problem(name, seed, n, 0.02)))
-            .collect(),
-        "effects" => vec![grids::random_effects(seed)],
-        "kernels" => kernels::KERNELS.iter().map(|name| kernels::problem(name, seed)).collect(),
-        "unseen" => kernels::UNSEEN.iter().map(|name| kernels::problem(name, seed)).collect(),
-        "stencil" => vec![grids::problem("stencil", seed, false, 0.02)],
-        file => vec![recorded::problem(file)],
+        "trees" => vec![(name.to_owned(), trees::problem(seed))],
+        "grids" => grids::GRIDS.iter().flat_map(|name| [true, false].map(|n| grid(name, n))).collect(),
+        "effects" => vec![("random effects".to_owned(), grids::random_effects(seed))],
+        "kernels" => kernels(&kernels::KERNELS),
+        "unseen" => kernels(&kernels::UNSEEN),
+        _ => panic!("{name} is no suite"),
     }
 }
 
@@ -71,15 +53,11 @@ fn main() {
     };
     let seeds: u64 = seeds.parse().expect("a number of seeds");
     // Of each problem and seed, the runs of all methods.
-    let mut rows: Vec<(String, Kind, Vec<Run>)> = Vec::new();
+    let mut rows: Vec<(String, Vec<Run>)> = Vec::new();
     for seed in 0..seeds {
-        for problem in suite(suite_name, seed) {
-            let run = |name: &String| {
-                let (method, in_flight) = method(name);
-                problem.run(method, in_flight, seed, &MARKS)
-            };
-            let runs = names.iter().map(run).collect();
-            rows.push((problem.name, problem.kind, runs));
+        for (problem_name, problem) in suite(suite_name, seed) {
+            let runs = names.iter().map(|name| problem.run(search(name), seed, &MARKS)).collect();
+            rows.push((problem_name, runs));
         }
     }
     let mut problems: Vec<&String> = rows.iter().map(|row| &row.0).collect();
@@ -91,11 +69,11 @@ fn main() {
         "", "score at 20, 40, 80 [tried]", "mean rank", "µs", "infeas.", "repeats"
     );
     for (index, name) in names.iter().enumerate() {
-        let at = |mark: usize| mean(rows.iter().map(|row| row.2[index].scores[mark]));
-        let touched = mean(rows.iter().map(|row| row.2[index].touched[2]));
+        let at = |mark: usize| mean(rows.iter().map(|row| row.1[index].scores[mark]));
+        let touched = mean(rows.iter().map(|row| row.1[index].touched[2]));
         let rank = |mark: usize| {
-            mean(rows.iter().map(|(_, kind, runs)| {
-                let score = |run: &Run| if *kind == Kind::Gap { run.scores[mark] } else { -run.scores[mark] };
+            mean(rows.iter().map(|(_, runs)| {
+                let score = |run: &Run| -run.scores[mark];
                 let mine = score(&runs[index]);
                 let (below, equal) = runs.iter().fold((0.0, 0.0), |(below, equal), run| {
                     (
@@ -106,10 +84,10 @@ fn main() {
                 below + (equal + 1.0) / 2.0
             }))
         };
-        let mut micros: Vec<f64> = rows.iter().flat_map(|row| row.2[index].micros.iter().copied()).collect();
+        let mut micros: Vec<f64> = rows.iter().flat_map(|row| row.1[index].micros.iter().copied()).collect();
         micros.sort_by(f64::total_cmp);
-        let infeasible = mean(rows.iter().map(|row| row.2[index].infeasible as f64));
-        let repeats = mean(rows.iter().map(|row| row.2[index].repeats as f64));
+        let infeasible = mean(rows.iter().map(|row| row.1[index].infeasible as f64));
+        let repeats = mean(rows.iter().map(|row| row.1[index].repeats as f64));
         println!(
             "{name:18}{:7.3}{:7.3}{:7.3} [{:6.3}]{:6.2}{:6.2}{:6.2}{:10.0}{infeasible:8.1}{repeats:8.1}",
             at(0),
@@ -134,7 +112,7 @@ fn main() {
                         .enumerate()
                         .map(|(mark, _)| format!(
                             "{:7.3}",
-                            mean(of.clone().map(|row| row.2[index].scores[mark]))
+                            mean(of.clone().map(|row| row.1[index].scores[mark]))
                         ))
                         .collect::<String>()
                 );

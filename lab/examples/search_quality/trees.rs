@@ -7,7 +7,7 @@ use treewright_core::configuration::Configuration;
 use treewright_core::space::{Condition, Constraint, Domain, Parameter, Scale, Space};
 use treewright_core::value::Value;
 
-use crate::problem::{Kind, Problem};
+use crate::problem::Problem;
 
 fn text(values: &[&str]) -> Vec<Value> {
     values.iter().map(|value| Value::Text((*value).into())).collect()
@@ -176,16 +176,5 @@ impl Scene {
 pub(crate) fn problem(seed: u64) -> Problem {
     let mut random = ChaCha8Rng::seed_from_u64(seed * 13 + 1);
     let scene = Scene { weights: (0..13).map(|_| random.random()).collect() };
-    let space = space();
-    let optimum = crate::best_of(&space, |c| scene.slowdown(c), &mut random);
-    let truth = move |configuration: &Configuration| scene.slowdown(configuration);
-    Problem {
-        name: "trees".into(),
-        kind: Kind::Ratio,
-        space,
-        truth: Box::new(truth),
-        noise: 0.07,
-        offset: 0.0,
-        optimum,
-    }
+    Problem::new(space(), 0.07, &mut random, move |configuration| scene.slowdown(configuration))
 }

@@ -6,14 +6,13 @@ use std::sync::Arc;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
-use treewright_core::indicator::IndicatorSchema;
-use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::Policy;
 use treewright_core::space::{Domain, Parameter, Scale, Space};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Outcome, Rule};
-use treewright_core::tuner::{Ask, Tuner};
+use treewright_core::tuner::Tuner;
 use treewright_core::value::Value;
+use treewright_lab::simulated::{METRIC, ask, normal, parameter, share, study};
 
 /// The noise of a measurement: the standard deviation of its logarithm.
 const NOISE: f64 = 0.07;
@@ -78,27 +77,16 @@ pub(crate) struct Run {
     pub frames: usize,
 }
 
-fn normal(random: &mut ChaCha8Rng) -> f64 {
-    let (a, b) = (1.0 - random.random::<f64>(), random.random::<f64>());
-    (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
-}
-
 fn space() -> Space {
-    let float = || Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear };
-    let parameter =
-        |name: &str, domain, default| Parameter { name: name.into(), domain, default, active_if: None };
     let kinds = ["sah", "median", "morton"].map(|kind| Value::Text(kind.into())).to_vec();
-    Space::new(
-        vec![
-            parameter("a", float(), Value::Float(0.7)),
-            parameter("b", float(), Value::Float(0.2)),
-            parameter("c", float(), Value::Float(0.5)),
-            parameter("leaf", Domain::Integer { min: 1, max: 64, scale: Scale::Log }, Value::Integer(4)),
-            parameter("kind", Domain::Categorical { values: kinds }, Value::Text("median".into())),
-        ],
-        Vec::new(),
-    )
-    .expect("a space")
+    let parameters = vec![
+        Parameter { default: Value::Float(0.7), ..share("a") },
+        Parameter { default: Value::Float(0.2), ..share("b") },
+        share("c"),
+        parameter("leaf", Domain::Integer { min: 1, max: 64, scale: Scale::Log }, Value::Integer(4)),
+        parameter("kind", Domain::Categorical { values: kinds }, Value::Text("median".into())),
+    ];
+    Space::new(parameters, Vec::new()).expect("a space")
 }
 
 impl World {
@@ -158,20 +146,11 @@ impl Speed {
 
 impl Search {
     fn spec(&self, seed: u64) -> StudySpec {
-        let terms = vec![ObjectiveTerm { metric: "wall_ms".into(), weight: 1.0 }];
         let auxiliary = if self.auxiliary { vec!["cpu_ms".to_owned()] } else { Vec::new() };
         let policy = Policy { epsilon: 1.0, trials_per_state: self.trials as u32, ..Policy::default() };
-        StudySpec {
-            display_name: String::new(),
-            space: space(),
-            indicators: IndicatorSchema::new(Vec::new()).expect("none"),
-            objective: Objective::new(terms)
-                .and_then(|terms| terms.with_auxiliary(auxiliary))
-                .expect("valid"),
-            state_tolerance: 0.01,
-            policy,
-            seed,
-        }
+        let study = study(space(), std::iter::empty(), policy, seed);
+        let objective = study.objective.clone().with_auxiliary(auxiliary).expect("valid");
+        StudySpec { objective, ..study }
     }
 
     /// Runs it.
@@ -186,7 +165,7 @@ impl Search {
             log_factor: 0.0,
             random: ChaCha8Rng::seed_from_u64(2000 + seed),
         };
-        let ask = Ask { client_id: "renderer".into(), ..Ask::default() };
+        let ask = ask([]);
         let mut measured: Vec<(Configuration, f64)> = Vec::new();
         let mut frames = 0;
         while frames < self.trials + if self.confirms { PATIENCE } else { 0 } {
@@ -199,7 +178,7 @@ impl Search {
             let (wall, cpu) = speed.factors(frames);
             let noise = if matches!(self.machine, Machine::Wander) { NOISE_CALM } else { NOISE };
             let mut metrics =
-                BTreeMap::from([("wall_ms".to_owned(), truth * wall * (noise * normal(&mut random)).exp())]);
+                BTreeMap::from([(METRIC.to_owned(), truth * wall * (noise * normal(&mut random)).exp())]);
             metrics.insert("cpu_ms".to_owned(), truth * cpu * (CPU_NOISE * normal(&mut random)).exp());
             let (reported, _change) =
                 tuner.report(&trial, metrics, Outcome::Ok, frames as i64).expect("a report");

@@ -4,21 +4,17 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use rand::{Rng, RngExt, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde::Serialize;
-
-use treewright_core::indicator::{Indicator, IndicatorSchema};
-use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::{Policy, SearchMethod};
-use treewright_core::space::{Domain, Parameter, Scale, Space};
-use treewright_core::study::StudySpec;
+use treewright_core::space::Space;
 use treewright_core::trial::{Mode, Outcome, Trial};
 use treewright_core::tuner::{Ask, Tuner};
 use treewright_core::value::Value;
+use treewright_lab::simulated::{METRIC, ask, normal, share, study};
 
 /// How the speed of the machine changes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Weather {
     /// Not at all; frames vary by 7 %.
     Calm,
@@ -38,7 +34,7 @@ impl Weather {
 }
 
 /// What a session came to.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub(crate) struct Session {
     /// How the speed changed.
     pub(crate) weather: Weather,
@@ -46,24 +42,13 @@ pub(crate) struct Session {
     pub(crate) budget: f64,
     /// Frames that explored.
     pub(crate) explored: u64,
-    /// Frames in all.
-    pub(crate) frames: u64,
     /// The largest share that exploring had cost at any moment: true regret against the default, over true
     /// frame time.
     pub(crate) worst: f64,
-    /// The share at the end.
-    pub(crate) share: f64,
-    /// True cost of all frames over what the default would have cost.
-    pub(crate) cost_over_default: f64,
 }
 
 /// What the default costs in every state, before the machine's speed.
 const DEFAULT_COST: f64 = 10.0;
-
-fn normal(random: &mut impl Rng) -> f64 {
-    let (a, b) = (1.0 - random.random::<f64>(), random.random::<f64>());
-    (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
-}
 
 /// What a configuration costs in a state, without the machine's speed. In adversarial states nearly
 /// everything that can be explored is ten to a hundred times as dear as the default; in others a third of all
@@ -73,26 +58,6 @@ fn cost(trial: &Trial, adversarial: bool) -> f64 {
     let (a, b) = (number("a"), number("b"));
     let (from_default, ideal) = ((a - 0.5).abs() + (b - 0.5).abs(), (a - 0.8).abs() + (b - 0.3).abs());
     if adversarial { DEFAULT_COST * (1.0 + 90.0 * from_default) } else { 7.0 + 6.0 * ideal }
-}
-
-fn spec(seed: u64, policy: Policy) -> StudySpec {
-    let parameter = |name: &str| Parameter {
-        name: name.into(),
-        domain: Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear },
-        default: Value::Float(0.5),
-        active_if: None,
-    };
-    let indicator = Indicator { name: "place".into(), min: 0.0, max: 1.0, scale: Scale::Linear };
-    let term = ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 };
-    StudySpec {
-        display_name: "simulation".into(),
-        space: Space::new(vec![parameter("a"), parameter("b")], vec![]).expect("a valid space"),
-        indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
-        objective: Objective::new(vec![term]).expect("valid"),
-        state_tolerance: 0.01,
-        policy,
-        seed,
-    }
 }
 
 impl Session {
@@ -118,15 +83,16 @@ impl Session {
             abort_above: Some(1.2 + 1.3 * random.random::<f64>()),
             ..Policy::default()
         };
-        let mut tuner = Tuner::new(Arc::new(spec(seed, policy))).expect("a valid specification");
+        let space = Space::new(vec![share("a"), share("b")], vec![]).expect("a valid space");
+        let spec = study(space, std::iter::once("place".to_owned()), policy, seed);
+        let mut tuner = Tuner::new(Arc::new(spec)).expect("a valid specification");
         let weather = Weather::of(seed);
         let (mut speed, mut place, mut adversarial) = (1.0f64, 0.0, seed.is_multiple_of(3));
         // Some sessions never leave their state, some hardly stay.
         let stay = [1e9, 200.0, 30.0, 8.0][(seed / 4 % 4) as usize];
         let noise = 0.07;
-        let mut session =
-            Session { weather, budget, explored: 0, frames, worst: 0.0, share: 0.0, cost_over_default: 0.0 };
-        let (mut regret, mut paid, mut owed) = (0.0, 0.0, 0.0);
+        let mut session = Session { weather, budget, explored: 0, worst: 0.0 };
+        let (mut regret, mut paid) = (0.0, 0.0);
         for frame in 0..frames {
             match weather {
                 Weather::Calm => {}
@@ -141,9 +107,7 @@ impl Session {
                 place = random.random();
                 adversarial = random.random::<f64>() < 0.5;
             }
-            let indicators = BTreeMap::from([("place".to_owned(), place)]);
-            let ask =
-                Ask { client_id: "a".into(), indicators, session: 1, can_abort: true, ..Ask::default() };
+            let ask = Ask { session: 1, can_abort: true, ..ask([("place", place)]) };
             let trial = tuner.suggest(&ask, 0).expect("a valid question").0;
             let true_cost = speed * cost(&trial, adversarial);
             let measured = true_cost * (noise * normal(&mut random)).exp();
@@ -155,13 +119,11 @@ impl Session {
             // A client that was told to stop has spent the cap and no more.
             let truly = if spent < measured { spent } else { true_cost };
             paid += truly;
-            owed += default;
             if trial.mode() == Mode::Explore {
                 session.explored += 1;
                 regret += truly - default;
             }
-            session.share = regret / paid;
-            session.worst = session.worst.max(session.share);
+            session.worst = session.worst.max(regret / paid);
             // Now and then a report never arrives, and the client, which was started again, asks anew.
             if random.random::<f64>() < 0.02 {
                 continue;
@@ -171,10 +133,9 @@ impl Session {
                 let _change = tuner.abandon(&trial).expect("it is open");
                 continue;
             }
-            let measurements = BTreeMap::from([("render_ms".to_owned(), spent)]);
+            let measurements = BTreeMap::from([(METRIC.to_owned(), spent)]);
             let _reported = tuner.report(&trial, measurements, outcome, 1).expect("a valid report");
         }
-        session.cost_over_default = paid / owed;
         session
     }
 }
