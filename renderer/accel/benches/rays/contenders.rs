@@ -10,27 +10,23 @@ use serde::Serialize;
 use treewright_accel::recording::Recording;
 use treewright_accel::{
     BuildChoice, BuildError, Builder, ChildOrder, Collapse, Device, Intersector, NativeOptions,
-    NativeQuality, NodeFormat, NodeOrder, Quality, Structure, TreeParameters, Visits, build,
+    NativeQuality, NodeOrder, Quality, Structure, TreeParameters, Triangles, Visits, build,
 };
 
-use crate::peers::{Bvh, Obvhs};
+use crate::peers::Obvhs;
 use crate::tinybvh::{Tinybvh, Tree};
 
 /// Name of the one that all others are compared with.
 pub(crate) const REFERENCE: &str = "native medium";
 
-/// How a structure comes about.
-#[derive(Clone)]
-enum Recipe {
-    Ours(BuildChoice),
-    Bvh,
-    ObvhsBinary,
-    ObvhsWide,
-    Tinybvh { functions: Arc<Tinybvh>, splits: bool },
-}
-
 /// Name of the tree that the [overview](crate::overview) compares with others.
 pub(crate) const RECOMMENDED: &str = "recommended";
+
+/// How a structure comes about.
+enum Recipe {
+    Ours(BuildChoice),
+    Peer(Box<dyn Fn(&Arc<Triangles>) -> Box<dyn Intersector>>),
+}
 
 /// Who made a structure.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
@@ -57,108 +53,44 @@ pub(crate) struct Built {
     pub(crate) packets: bool,
 }
 
-impl Recipe {
-    fn maker(&self) -> Maker {
-        match self {
-            Self::Ours(BuildChoice::Native(_)) => Maker::Native,
-            Self::Ours(_) => Maker::Treewright,
-            Self::Bvh | Self::ObvhsBinary | Self::ObvhsWide | Self::Tinybvh { .. } => Maker::Peer,
-        }
-    }
-
-    fn is_robust(&self) -> bool {
-        match self {
-            Self::Ours(BuildChoice::Native(options)) => options.robust,
-            Self::Ours(BuildChoice::Tree(parameters)) => parameters.robust,
-            _ => false,
-        }
-    }
-}
-
 fn recipes(tinybvh: Option<Arc<Tinybvh>>) -> Vec<(&'static str, Recipe)> {
-    let native =
-        |quality| Recipe::Ours(BuildChoice::Native(NativeOptions { quality, ..NativeOptions::default() }));
-    let robust = NativeOptions { robust: true, ..NativeOptions::default() };
+    let native = |options| Recipe::Ours(BuildChoice::Native(options));
+    let of_quality = |quality| native(NativeOptions { quality, ..NativeOptions::default() });
     let tree = |parameters| Recipe::Ours(BuildChoice::Tree(parameters));
-    // What a laboratory found good on all of its scenes: close to what Embree does itself.
-    let wide = TreeParameters {
-        branching_factor: 8,
-        sah_block_size: 4,
-        min_leaf_size: 4,
-        max_leaf_size: 28,
-        max_depth: 64,
-        ..TreeParameters::default()
-    };
-    let optimal = TreeParameters { collapse: Collapse::Optimal, ..wide };
     // Where searches in the full space begin when one tree serves many frames.
     let recommended = TreeParameters {
         branching_factor: 16,
+        sah_block_size: 4,
         min_leaf_size: 8,
         max_leaf_size: 32,
+        max_depth: 64,
         block_width: 8,
+        collapse: Collapse::Optimal,
         reinsertion_passes: 4,
         order: NodeOrder::DepthFirst,
         child_order: ChildOrder::Likely,
-        ..optimal
+        ..TreeParameters::default()
     };
-    let ploc = TreeParameters { builder: Builder::Ploc, ..recommended };
-    // For trees that serve one frame: written as it is joined.
-    let at_once = TreeParameters {
-        branching_factor: 8,
-        collapse: Collapse::Builder,
-        order: NodeOrder::Builder,
-        min_leaf_size: 16,
-        ..ploc
-    };
+    let ordered = |child_order| tree(TreeParameters { child_order, ..recommended });
     let mut all = vec![
-        (REFERENCE, native(NativeQuality::Medium)),
-        ("native low", native(NativeQuality::Low)),
-        ("native high", native(NativeQuality::High)),
-        ("Table 1 default", tree(TreeParameters::default())),
-        ("tree, 8 wide", tree(wide)),
-        ("tree, 8 wide, splits", tree(TreeParameters { quality: Quality::SahSplit, ..wide })),
-        ("tree, 8 wide, quantised", tree(TreeParameters { format: NodeFormat::Quantised, ..wide })),
-        ("tree, 8 wide, reinserted", tree(TreeParameters { reinsertion_passes: 8, ..optimal })),
-        ("tree, 16 wide", tree(TreeParameters { branching_factor: 16, ..optimal })),
-        ("tree, 8 wide, Morton", tree(TreeParameters { quality: Quality::Morton, ..wide })),
+        (REFERENCE, of_quality(NativeQuality::Medium)),
+        ("native low", of_quality(NativeQuality::Low)),
+        ("native high", of_quality(NativeQuality::High)),
         (RECOMMENDED, tree(recommended)),
-        (
-            "recommended, builder's order",
-            tree(TreeParameters { child_order: ChildOrder::Builder, ..recommended }),
-        ),
-        (
-            "recommended, topmost first",
-            tree(TreeParameters { child_order: ChildOrder::Topmost, ..recommended }),
-        ),
+        ("recommended, builder's order", ordered(ChildOrder::Builder)),
+        ("recommended, topmost first", ordered(ChildOrder::Topmost)),
         ("recommended, splits", tree(TreeParameters { quality: Quality::SahSplit, ..recommended })),
-        ("recommended, PLOC", tree(ploc)),
-        (
-            "Morton at once",
-            tree(TreeParameters { builder: Builder::Embree, quality: Quality::Morton, ..at_once }),
-        ),
-        (
-            "Morton at once, builder's order",
-            tree(TreeParameters {
-                builder: Builder::Embree,
-                quality: Quality::Morton,
-                child_order: ChildOrder::Builder,
-                ..at_once
-            }),
-        ),
-        ("PLOC at once", tree(at_once)),
-        (
-            "PLOC at once, builder's order",
-            tree(TreeParameters { child_order: ChildOrder::Builder, ..at_once }),
-        ),
-        ("native medium, robust", Recipe::Ours(BuildChoice::Native(robust))),
+        ("recommended, PLOC", tree(TreeParameters { builder: Builder::Ploc, ..recommended })),
+        ("native medium, robust", native(NativeOptions { robust: true, ..NativeOptions::default() })),
         ("recommended, robust", tree(TreeParameters { robust: true, ..recommended })),
-        ("bvh", Recipe::Bvh),
-        ("obvhs, binary", Recipe::ObvhsBinary),
-        ("obvhs, 8 wide", Recipe::ObvhsWide),
+        ("obvhs, binary", Recipe::Peer(Box::new(|all| Box::new(Obvhs::<Bvh2>::build(all))))),
+        ("obvhs, 8 wide", Recipe::Peer(Box::new(|all| Box::new(Obvhs::<CwBvh>::build(all))))),
     ];
-    if let Some(functions) = tinybvh {
-        all.push(("tinybvh, 8 wide", Recipe::Tinybvh { functions: Arc::clone(&functions), splits: false }));
-        all.push(("tinybvh, 8 wide, splits", Recipe::Tinybvh { functions, splits: true }));
+    for (name, splits) in [("tinybvh, 8 wide", false), ("tinybvh, 8 wide, splits", true)] {
+        let functions = tinybvh.clone();
+        all.extend(functions.map(|functions| {
+            (name, Recipe::Peer(Box::new(move |all| Box::new(Tree::build(&functions, all, splits)))))
+        }));
     }
     all
 }
@@ -178,7 +110,11 @@ pub(crate) fn build_all(
         }
         match make(device, recording, &recipe) {
             Ok((intersector, packets)) => {
-                let (maker, robust) = (recipe.maker(), recipe.is_robust());
+                let (maker, robust) = match &recipe {
+                    Recipe::Ours(BuildChoice::Native(options)) => (Maker::Native, options.robust),
+                    Recipe::Ours(BuildChoice::Tree(parameters)) => (Maker::Treewright, parameters.robust),
+                    _ => (Maker::Peer, false),
+                };
                 let built = Built { name, maker, robust, intersector, build_ms: Vec::new(), packets };
                 all.push((recipe, built));
             }
@@ -223,11 +159,6 @@ fn make(
             Structure::Native(native) => (Box::new(native), true),
             other => (Box::new(other), false),
         },
-        Recipe::Bvh => (Box::new(Bvh::build(triangles)), false),
-        Recipe::ObvhsBinary => (Box::new(Obvhs::<Bvh2>::build(triangles)), false),
-        Recipe::ObvhsWide => (Box::new(Obvhs::<CwBvh>::build(triangles)), false),
-        Recipe::Tinybvh { functions, splits } => {
-            (Box::new(Tree::build(functions, triangles, *splits)), false)
-        }
+        Recipe::Peer(build) => (build(triangles), false),
     })
 }

@@ -98,7 +98,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let expected = answers::check(&name, &recording, &contenders)?;
         let visits = contenders::visits(&device, &recording)?;
         for threads in arguments.threads.counts() {
-            let rows = measure::measure(&recording, &contenders, &expected, threads, arguments.rounds)?;
+            let rows = measure::measure(&recording, &contenders, threads, arguments.rounds)?;
             let scene = SceneResults::new(&name, &recording, (&expected, &visits), threads, rows);
             println!("{scene}\n");
             results.scenes.push(scene);

@@ -10,7 +10,6 @@ use rayon::prelude::*;
 use treewright_accel::recording::{RaySet, Recording};
 use treewright_accel::{Hit, Intersector, Packets, set_flush_denormals};
 
-use crate::answers::Answers;
 use crate::contenders::Built;
 use crate::summary::{Cell, Row, Spread};
 
@@ -54,7 +53,6 @@ struct Entrant<'a> {
 pub(crate) fn measure(
     recording: &Recording,
     contenders: &[Built],
-    expected: &[Answers],
     threads: usize,
     rounds: u32,
 ) -> Result<Vec<Row>, Box<dyn Error>> {
@@ -106,15 +104,11 @@ pub(crate) fn measure(
             .map(|(set, rays)| {
                 let ratios: Vec<f64> =
                     speeds[set][row].iter().zip(&speeds[set][0]).map(|(a, b)| a / b).collect();
-                let packets = entrant.packets[set];
-                let answers = Answers::of(entrant.built.intersector.as_ref(), packets, rays);
                 Cell {
                     class: rays.class,
-                    packets,
+                    packets: entrant.packets[set],
                     million_rays_per_s: Spread::of(&speeds[set][row]),
                     over_native_medium: Spread::of(&ratios),
-                    hits: answers.hits(),
-                    differing: answers.differing(&expected[set]),
                 }
             })
             .collect(),

@@ -14,7 +14,7 @@ use crate::summary::{Row, SceneResults, SetResults, Spread};
 /// A comparison: what it says, and which rows stand on its two sides.
 type Comparison = (&'static str, fn(&Row) -> bool, fn(&Row) -> bool);
 
-const COMPARISONS: [Comparison; 7] = [
+const COMPARISONS: [Comparison; 6] = [
     (
         "single rays over native's best",
         |row| is_recommended(row) && !row.packed,
@@ -31,7 +31,6 @@ const COMPARISONS: [Comparison; 7] = [
         |row| is_recommended(row) && !row.packed,
         |row| row.name.starts_with("obvhs"),
     ),
-    ("single rays over bvh", |row| is_recommended(row) && !row.packed, |row| row.name == "bvh"),
     (
         "robust over not robust, single rays",
         |row| is_robust(row) && !row.packed,

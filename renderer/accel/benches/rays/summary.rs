@@ -65,9 +65,6 @@ pub(crate) struct Cell {
     pub(crate) million_rays_per_s: Spread,
     /// Ratio within a round.
     pub(crate) over_native_medium: Spread,
-    pub(crate) hits: usize,
-    /// Answers that are not native medium's.
-    pub(crate) differing: usize,
 }
 
 /// Median and quartiles.
