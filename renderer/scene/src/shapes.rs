@@ -41,6 +41,16 @@ impl Shapes {
         self.part.indices.extend([[a, b, c], [a, c, d]]);
     }
 
+    /// A flat rectangle from `low` to `high` in coordinates of its own, which `at` places.
+    pub fn rectangle(&mut self, low: Vec2, high: Vec2, at: impl Fn(f32, f32) -> Vec3) {
+        self.quad(at(low.x, low.y), at(high.x, low.y), at(high.x, high.y), at(low.x, high.y));
+    }
+
+    /// A level square that faces up, around the vertical axis.
+    pub fn level(&mut self, half: Vec2, height: f32) {
+        self.rectangle(-half, half, |x, z| Vec3::new(x, height, -z));
+    }
+
     /// A closed box of 12 triangles.
     pub fn cuboid(&mut self, min: Vec3, max: Vec3) {
         self.open_cuboid(min, max, true);
@@ -121,18 +131,21 @@ impl Shapes {
         for run in profile.chunk_by(|a, b| a != b).filter(|run| run.len() > 1) {
             self.surface(segments, run.len() - 1, true, |u, v| {
                 let point = run[(v * (run.len() - 1) as f32).round() as usize];
-                let (sin, cos) = (u * TAU).sin_cos();
-                base + Vec3::new(sin * point.x, point.y, cos * point.x)
+                base + on_circle(u * TAU, point.x, point.y)
             });
         }
+    }
+
+    /// The same with an edge at every point.
+    pub fn turned(&mut self, base: Vec3, profile: &[(f32, f32)], segments: usize) {
+        let sharp: Vec<Vec2> = profile.iter().flat_map(|point| [Vec2::from(*point); 2]).collect();
+        self.lathe(base, &sharp, segments);
     }
 
     /// A sphere of `2 * segments * (rings)` triangles, near enough.
     pub fn sphere(&mut self, center: Vec3, radius: f32, segments: usize, rings: usize) {
         self.surface(segments, rings, true, |u, v| {
-            let (sin, cos) = (u * TAU).sin_cos();
-            let (up, out) = (std::f32::consts::PI * (v - 0.5)).sin_cos();
-            center + Vec3::new(sin * out, up, cos * out) * radius
+            center + on_sphere(u * TAU, std::f32::consts::PI * (v - 0.5)) * radius
         });
     }
 
@@ -172,10 +185,7 @@ impl Shapes {
     /// A flat disc that faces up.
     pub fn disc(&mut self, center: Vec3, radius: f32, segments: usize) {
         let segments = segments.max(3);
-        let rim = |index: usize| {
-            let (sin, cos) = (TAU * index as f32 / segments as f32).sin_cos();
-            center + Vec3::new(sin, 0.0, cos) * radius
-        };
+        let rim = |index: usize| center + on_circle(TAU * index as f32 / segments as f32, 1.0, 0.0) * radius;
         for index in 0..segments {
             self.triangle(center, rim(index), rim(index + 1));
         }
@@ -193,6 +203,18 @@ impl Shapes {
             }
         }
     }
+}
+
+/// A point at a height on a circle around the vertical axis; at angle 0 in front, along z.
+pub fn on_circle(angle: f32, radius: f32, height: f32) -> Vec3 {
+    let (sin, cos) = angle.sin_cos();
+    Vec3::new(sin * radius, height, cos * radius)
+}
+
+/// A point of the unit sphere at an angle around the vertical axis and one above the horizon.
+pub fn on_sphere(angle: f32, lift: f32) -> Vec3 {
+    let (up, out) = lift.sin_cos();
+    on_circle(angle, out, up)
 }
 
 /// Whether two corners coincide, as at the pole of a sphere.

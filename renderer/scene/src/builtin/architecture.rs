@@ -203,6 +203,19 @@ pub(super) fn column(shapes: &mut Shapes, foot: Vec3, height: f32, radius: f32, 
     slab(shapes, height - 0.35 * radius, 0.35 * radius, 1.5);
 }
 
+/// A floor of bevelled tiles in two colours by turns, up to a height of 0, with half a `gap` around each.
+pub(super) fn chequered(corner: Vec2, [columns, rows]: [usize; 2], step: Vec2, gap: f32) -> [Shapes; 2] {
+    let mut tiles = [Shapes::new(), Shapes::new()];
+    for column in 0..columns {
+        for row in 0..rows {
+            let low = Vec3::new(corner.x + column as f32 * step.x, -0.1, corner.y + row as f32 * step.y);
+            let (from, to) = (Vec3::new(gap, 0.0, gap), Vec3::new(step.x - gap, 0.1, step.y - gap));
+            tiles[(column + row) % 2].bevelled_slab(low + from, low + to, gap);
+        }
+    }
+    tiles
+}
+
 /// A ceiling panel that faces down, stepped upward in three frames, with a turned rosette in its middle.
 pub(super) fn coffer(shapes: &mut Shapes, middle: Vec3, half: Vec2, depth: f32, around: usize, rings: usize) {
     let rectangle = |shrink: f32, y: f32| {

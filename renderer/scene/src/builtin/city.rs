@@ -5,11 +5,11 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 
-use super::generator::{Generator, LightAndPath, key};
+use super::generator::{Generator, LightAndPath, key, sunny};
 use super::noise::at_cell;
 use super::palette::{glow, matt, metal, polished, steel};
-use crate::shapes::Shapes;
-use crate::{Material, SceneError, Sky, Sun};
+use crate::shapes::{Shapes, on_sphere};
+use crate::{Material, SceneError};
 
 /// Blocks along one side at full detail.
 const BLOCKS: f32 = 5.0;
@@ -48,21 +48,16 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
         }
     }
     let at = |x: f32, y: f32, z: f32| [x * half, y, z * half];
-    Ok(LightAndPath {
-        sky: Sky {
-            zenith: Vec3::new(0.16, 0.28, 0.6),
-            horizon: Vec3::new(0.7, 0.52, 0.42),
-            sun: Some(Sun::towards(Vec3::new(-0.72, 0.34, 0.52), Vec3::new(4.6, 3.1, 1.9))),
-        },
-        keys: vec![
-            key(at(-0.92, 92.0, 0.98), at(0.1, 20.0, -0.1), 46.0),
-            key(at(-0.4, 60.0, 0.9), at(0.1, 24.0, 0.0), 48.0),
-            key(at(0.2, 78.0, 0.75), at(0.0, 20.0, -0.1), 50.0),
-            key(at(0.8, 96.0, 0.5), at(0.0, 24.0, -0.1), 48.0),
-            key(at(0.9, 84.0, -0.3), at(0.0, 30.0, 0.1), 48.0),
-            key(at(0.35, 100.0, -0.8), at(0.0, 24.0, 0.0), 50.0),
-        ],
-    })
+    let sky = sunny([0.16, 0.28, 0.6], [0.7, 0.52, 0.42], [-0.72, 0.34, 0.52], [4.6, 3.1, 1.9]);
+    let keys = vec![
+        key(at(-0.92, 92.0, 0.98), at(0.1, 20.0, -0.1), 46.0),
+        key(at(-0.4, 60.0, 0.9), at(0.1, 24.0, 0.0), 48.0),
+        key(at(0.2, 78.0, 0.75), at(0.0, 20.0, -0.1), 50.0),
+        key(at(0.8, 96.0, 0.5), at(0.0, 24.0, -0.1), 48.0),
+        key(at(0.9, 84.0, -0.3), at(0.0, 30.0, 0.1), 48.0),
+        key(at(0.35, 100.0, -0.8), at(0.0, 24.0, 0.0), 50.0),
+    ];
+    Ok(LightAndPath { sky, keys })
 }
 
 fn kit(generator: &mut Generator) -> Kit {
@@ -88,13 +83,7 @@ fn kit(generator: &mut Generator) -> Kit {
 
 fn streets(generator: &mut Generator, kit: &Kit, blocks: usize, half: f32) -> Result<(), SceneError> {
     let mut road = Shapes::new();
-    let reach = half + STREET;
-    road.quad(
-        Vec3::new(-reach, 0.0, reach),
-        Vec3::new(reach, 0.0, reach),
-        Vec3::new(reach, 0.0, -reach),
-        Vec3::new(-reach, 0.0, -reach),
-    );
+    road.level(Vec2::splat(half + STREET), 0.0);
     generator.add("road", kit.asphalt, &road)?;
     let mut marks = Shapes::new();
     for line in 0..=blocks {
@@ -242,8 +231,7 @@ fn window(
         walls.quad(at(ox, oy, 0.0), at(px, py, 0.0), at(jx, jy, 0.0), at(ix, iy, 0.0));
         walls.quad(at(ix, iy, 0.0), at(jx, jy, 0.0), at(jx, jy, DEEP), at(ix, iy, DEEP));
     }
-    let [a, b, c, d] = inner.map(|(x, y)| at(x, y, DEEP));
-    pane.quad(a, b, c, d);
+    pane.rectangle(low, high, |x, y| at(x, y, DEEP));
     let ledge = |x: f32, y: f32, out: f32| at(x, low.y + y, -out);
     let (l, r) = (low.x - 0.1, high.x + 0.1);
     walls.quad(ledge(l, -0.12, 0.12), ledge(r, -0.12, 0.12), ledge(r, 0.0, 0.12), ledge(l, 0.0, 0.12));
@@ -252,18 +240,9 @@ fn window(
     // One mullion and one transom before the pane.
     let (x, y) = ((low.x + high.x) * 0.5, (low.y + high.y) * 0.5);
     let deep = DEEP - 0.04;
-    walls.quad(
-        at(x - 0.04, low.y, deep),
-        at(x + 0.04, low.y, deep),
-        at(x + 0.04, high.y, deep),
-        at(x - 0.04, high.y, deep),
-    );
-    walls.quad(
-        at(low.x, y - 0.03, deep),
-        at(high.x, y - 0.03, deep),
-        at(high.x, y + 0.03, deep),
-        at(low.x, y + 0.03, deep),
-    );
+    let before = |x: f32, y: f32| at(x, y, deep);
+    walls.rectangle(Vec2::new(x - 0.04, low.y), Vec2::new(x + 0.04, high.y), before);
+    walls.rectangle(Vec2::new(low.x, y - 0.03), Vec2::new(high.x, y + 0.03), before);
 }
 
 fn parapet(walls: &mut Shapes, top: Vec3, size: Vec2) {
@@ -285,8 +264,7 @@ fn rooftop(generator: &mut Generator, shapes: &mut Shapes, top: Vec3, size: Vec2
     for _ in 0..2 + generator.below(4) {
         let at = top
             + Vec3::new(generator.between(0.15, 0.7) * size.x, 0.0, generator.between(0.15, 0.7) * size.y);
-        let extent =
-            Vec3::new(generator.between(1.2, 3.0), generator.between(0.8, 2.4), generator.between(1.2, 3.0));
+        let extent = generator.within(Vec3::new(1.2, 0.8, 1.2), Vec3::new(3.0, 2.4, 3.0));
         shapes.open_cuboid(at, at + extent, false);
     }
     let at = top + Vec3::new(generator.between(0.3, 0.7) * size.x, 0.0, generator.between(0.3, 0.7) * size.y);
@@ -350,10 +328,9 @@ fn plant(generator: &mut Generator, trunks: &mut Shapes, crowns: &mut Shapes, fo
     let (middle, radius) = (foot + Vec3::Y * (height + 1.0), generator.between(1.2, 1.9));
     let phase = generator.between(0.0, 6.0);
     crowns.surface(12, 8, true, |u, v| {
-        let (sin, cos) = (2.0 * PI * u).sin_cos();
-        let (up, out) = (PI * (v - 0.5)).sin_cos();
         let bumps = 1.0 + 0.16 * (u * 31.4 + v * 9.0 + phase).sin() * (v * 17.0 + phase).cos();
-        middle + Vec3::new(sin * out, up * 1.15, cos * out) * (radius * bumps)
+        let out = on_sphere(2.0 * PI * u, PI * (v - 0.5)) * Vec3::new(1.0, 1.15, 1.0);
+        middle + out * (radius * bumps)
     });
 }
 

@@ -5,12 +5,12 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::architecture::{Opening, WallPlane, arched_wall, archivolt, column};
-use super::generator::{Generator, LightAndPath, key};
+use super::architecture::{Opening, WallPlane, arched_wall, archivolt, chequered, column};
+use super::generator::{Generator, LightAndPath, key, sunny};
 use super::noise::octaves;
 use super::palette::{brass, glass, glow, matt, metal, polished};
-use crate::shapes::Shapes;
-use crate::{SceneError, Sky, Sun};
+use crate::SceneError;
+use crate::shapes::{Shapes, on_circle};
 
 /// Half the side of the open yard, metres.
 const HALF: f32 = 6.0;
@@ -26,20 +26,15 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
     fountain(generator)?;
     tree(generator)?;
     ornaments(generator)?;
-    Ok(LightAndPath {
-        sky: Sky {
-            zenith: Vec3::new(0.26, 0.45, 0.85),
-            horizon: Vec3::new(0.8, 0.85, 0.9),
-            sun: Some(Sun::towards(Vec3::new(0.5, 0.75, 0.3), Vec3::new(4.2, 3.6, 2.8))),
-        },
-        keys: vec![
-            key([-4.6, 1.9, 5.6], [0.6, 1.5, -0.8], 52.0),
-            key([-1.0, 2.4, 6.4], [0.2, 1.4, 0.0], 52.0),
-            key([3.6, 2.0, 4.6], [-0.4, 1.5, -0.6], 54.0),
-            key([6.8, 1.7, 0.6], [-1.0, 1.6, 0.0], 56.0),
-            key([3.0, 3.8, -3.8], [-0.6, 1.2, 0.6], 54.0),
-        ],
-    })
+    let sky = sunny([0.26, 0.45, 0.85], [0.8, 0.85, 0.9], [0.5, 0.75, 0.3], [4.2, 3.6, 2.8]);
+    let keys = vec![
+        key([-4.6, 1.9, 5.6], [0.6, 1.5, -0.8], 52.0),
+        key([-1.0, 2.4, 6.4], [0.2, 1.4, 0.0], 52.0),
+        key([3.6, 2.0, 4.6], [-0.4, 1.5, -0.6], 54.0),
+        key([6.8, 1.7, 0.6], [-1.0, 1.6, 0.0], 56.0),
+        key([3.0, 3.8, -3.8], [-0.6, 1.2, 0.6], 54.0),
+    ];
+    Ok(LightAndPath { sky, keys })
 }
 
 fn floor(generator: &mut Generator) -> Result<(), SceneError> {
@@ -49,18 +44,7 @@ fn floor(generator: &mut Generator) -> Result<(), SceneError> {
     ];
     let across = generator.segments(16);
     let step = 2.0 * (HALF + WALK) / across as f32;
-    let mut tiles = [Shapes::new(), Shapes::new()];
-    for column in 0..across {
-        for row in 0..across {
-            let low = Vec3::new(column as f32 * step, -0.1, row as f32 * step)
-                - Vec3::new(1.0, 0.0, 1.0) * (HALF + WALK);
-            tiles[(column + row) % 2].bevelled_slab(
-                low + Vec3::new(0.01, 0.0, 0.01),
-                low + Vec3::new(step - 0.01, 0.1, step - 0.01),
-                0.01,
-            );
-        }
-    }
+    let tiles = chequered(Vec2::splat(-HALF - WALK), [across; 2], Vec2::splat(step), 0.01);
     for (shapes, material) in tiles.iter().zip(shades) {
         generator.add("tiles", material, shapes)?;
     }
@@ -127,7 +111,6 @@ fn fountain(generator: &mut Generator) -> Result<(), SceneError> {
         (1.45, 0.64),
         (1.45, 0.4),
     ];
-    let sharp: Vec<Vec2> = profile.iter().flat_map(|(r, y)| [Vec2::new(*r, *y); 2]).collect();
     let stem = [
         (0.3, 0.4),
         (0.16, 0.6),
@@ -141,15 +124,14 @@ fn fountain(generator: &mut Generator) -> Result<(), SceneError> {
         (0.06, 1.75),
     ];
     let mut shapes = Shapes::new();
-    shapes.lathe(Vec3::ZERO, &sharp, around);
+    shapes.turned(Vec3::ZERO, &profile, around);
     shapes.lathe(Vec3::ZERO, &stem.map(|(r, y)| Vec2::new(r, y)), around);
     generator.add("fountain", stone, &shapes)?;
     let rings = generator.segments(12);
     let mut surface = Shapes::new();
     surface.surface(around, rings, true, |u, v| {
         let radius = 1.45 * (1.0 - v);
-        let (sin, cos) = (TAU * u).sin_cos();
-        Vec3::new(sin * radius, 0.54 + 0.012 * (radius * 26.0).sin() * v, cos * radius)
+        on_circle(TAU * u, radius, 0.54 + 0.012 * (radius * 26.0).sin() * v)
     });
     generator.add("water", water, &surface)
 }
@@ -165,23 +147,12 @@ fn tree(generator: &mut Generator) -> Result<(), SceneError> {
     // Leaves are single triangles scattered through a cloud.
     let mut leaves = Shapes::new();
     for _ in 0..generator.count(3600) {
-        let out = Vec3::new(
-            generator.between(-1.0, 1.0),
-            generator.between(-1.0, 1.0),
-            generator.between(-1.0, 1.0),
-        );
+        let out = generator.within(Vec3::NEG_ONE, Vec3::ONE);
         let reach = 1.25 + 0.5 * octaves(generator.options.seed, out * 2.0, 2);
         let middle =
             foot + Vec3::Y * 3.1 + out.normalize_or(Vec3::Y) * (reach * generator.between(0.2, 1.0).sqrt());
         let size = generator.between(0.06, 0.12);
-        let mut corner = || {
-            middle
-                + Vec3::new(
-                    generator.between(-1.0, 1.0),
-                    generator.between(-1.0, 1.0),
-                    generator.between(-1.0, 1.0),
-                ) * size
-        };
+        let mut corner = || middle + generator.within(Vec3::NEG_ONE, Vec3::ONE) * size;
         leaves.triangle(corner(), corner(), corner());
     }
     generator.add("leaves", green, &leaves)

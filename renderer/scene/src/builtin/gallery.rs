@@ -5,10 +5,10 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::generator::{Generator, LightAndPath, key};
+use super::generator::{Generator, LightAndPath, key, sunny};
 use super::palette::{brass, glass, glow, matt, metal, polished, steel};
-use crate::shapes::Shapes;
-use crate::{Material, SceneError, Sky, Sun};
+use crate::shapes::{Shapes, on_circle};
+use crate::{Material, SceneError};
 
 const HALF_LENGTH: f32 = 15.0;
 const HALF_WIDTH: f32 = 5.5;
@@ -34,21 +34,16 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
     balcony(generator)?;
     sculpture(generator)?;
     spotlights(generator)?;
-    Ok(LightAndPath {
-        sky: Sky {
-            zenith: Vec3::new(0.9, 1.2, 1.6),
-            horizon: Vec3::new(1.3, 1.4, 1.5),
-            sun: Some(Sun::towards(Vec3::new(0.35, 0.85, 0.3), Vec3::new(9.0, 8.2, 6.8))),
-        },
-        keys: vec![
-            key([-13.2, 1.65, 2.6], [-1.0, 2.1, -1.2], 60.0),
-            key([-7.5, 1.65, 2.2], [0.5, 1.9, -2.0], 60.0),
-            key([-3.2, 1.6, -2.8], [3.0, 1.8, -5.2], 55.0),
-            key([3.4, 1.7, -2.6], [6.5, 2.1, 5.0], 58.0),
-            key([8.6, 2.6, 1.2], [0.0, 2.0, -1.0], 60.0),
-            key([12.4, 4.9, 0.8], [0.0, 1.6, 0.0], 62.0),
-        ],
-    })
+    let sky = sunny([0.9, 1.2, 1.6], [1.3, 1.4, 1.5], [0.35, 0.85, 0.3], [9.0, 8.2, 6.8]);
+    let keys = vec![
+        key([-13.2, 1.65, 2.6], [-1.0, 2.1, -1.2], 60.0),
+        key([-7.5, 1.65, 2.2], [0.5, 1.9, -2.0], 60.0),
+        key([-3.2, 1.6, -2.8], [3.0, 1.8, -5.2], 55.0),
+        key([3.4, 1.7, -2.6], [6.5, 2.1, 5.0], 58.0),
+        key([8.6, 2.6, 1.2], [0.0, 2.0, -1.0], 60.0),
+        key([12.4, 4.9, 0.8], [0.0, 1.6, 0.0], 62.0),
+    ];
+    Ok(LightAndPath { sky, keys })
 }
 
 fn room(generator: &mut Generator) -> Result<(), SceneError> {
@@ -88,8 +83,7 @@ fn room(generator: &mut Generator) -> Result<(), SceneError> {
         generator.add("planks", material, shapes)?;
     }
     let mut bed = Shapes::new();
-    let y = -0.01;
-    bed.quad(Vec3::new(-x, y, z), Vec3::new(x, y, z), Vec3::new(x, y, -z), Vec3::new(-x, y, -z));
+    bed.level(Vec2::new(x, z), -0.01);
     generator.add("floor bed", parquet[1], &bed)?;
     // Skirting and cornice, with a moulded section.
     let mut trim = Shapes::new();
@@ -255,7 +249,7 @@ fn canvas(generator: &mut Generator, hanging: &Hanging, paints: &[u32]) -> Resul
             hanging.middle + hanging.right * (x * hanging.size.x) + Vec3::Y * (y * hanging.size.y)
                 - front * 0.02
         };
-        shapes[paint].quad(at(low.x, low.y), at(high.x, low.y), at(high.x, high.y), at(low.x, high.y));
+        shapes[paint].rectangle(low, high, at);
     }
     for (shapes, paint) in shapes.iter().zip(paints) {
         generator.add("canvas", *paint, shapes)?;
@@ -287,8 +281,7 @@ fn balcony(generator: &mut Generator) -> Result<(), SceneError> {
             let foot = from.lerp(to, index as f32 / count as f32);
             shapes.surface(around, rows, true, |u, v| {
                 let radius = 0.011 + 0.012 * (PI * v).sin().powi(6) + 0.006 * (3.0 * PI * v).sin().powi(8);
-                let (sin, cos) = (TAU * u).sin_cos();
-                foot + Vec3::new(sin * radius, v * 0.95, cos * radius)
+                foot + on_circle(TAU * u, radius, v * 0.95)
             });
         }
         for height in [0.08, 0.95] {

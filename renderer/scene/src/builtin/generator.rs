@@ -11,7 +11,7 @@ use crate::images::Pixels;
 use crate::part::Part;
 use crate::shapes::Shapes;
 use crate::texture::{Encoding, Wrap};
-use crate::{Camera, Material, SceneError, Sky};
+use crate::{Camera, Material, SceneError, Sky, Sun};
 
 /// How a built-in scene is to be generated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,6 +65,12 @@ impl<'a> Generator<'a> {
         low + (high - low) * self.dice.random::<f32>()
     }
 
+    /// A point in a box.
+    pub(super) fn within(&mut self, low: Vec3, high: Vec3) -> Vec3 {
+        let [x, y, z] = [0, 1, 2].map(|axis| self.between(low[axis], high[axis]));
+        Vec3::new(x, y, z)
+    }
+
     /// A whole number below a limit, which is at least 1.
     pub(super) fn below(&mut self, limit: usize) -> usize {
         self.dice.random_range(0..limit.max(1))
@@ -83,6 +89,13 @@ impl<'a> Generator<'a> {
     /// Begins an object: what is added until it ends lies in its own space.
     pub(super) fn begin_object(&mut self) {
         self.assembler.begin_object();
+    }
+
+    /// Adds a part as an object of its own and gives the number to place it by.
+    pub(super) fn object(&mut self, name: &str, material: u32, part: &Part) -> Result<u32, SceneError> {
+        self.begin_object();
+        self.add_part(name, material, part)?;
+        Ok(self.end_object())
     }
 
     /// Ends the object and gives the number to place it by.
@@ -134,6 +147,12 @@ impl<'a> Generator<'a> {
     pub(super) fn add_part(&mut self, name: &str, material: u32, part: &Part) -> Result<(), SceneError> {
         self.assembler.mesh(name, material, part)
     }
+}
+
+/// A sky with a sun: radiance of both ends, where the sun stands, and its light.
+pub(super) fn sunny(zenith: [f32; 3], horizon: [f32; 3], towards: [f32; 3], light: [f32; 3]) -> Sky {
+    let sun = Sun::towards(Vec3::from_array(towards), Vec3::from_array(light));
+    Sky { zenith: Vec3::from_array(zenith), horizon: Vec3::from_array(horizon), sun: Some(sun) }
 }
 
 /// A key of a camera path.

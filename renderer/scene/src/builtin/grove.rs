@@ -7,11 +7,12 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::generator::{Generator, LightAndPath, key};
+use super::generator::{Generator, LightAndPath, key, sunny};
 use super::noise::{octaves, ridges};
 use crate::part::Part;
+use crate::shapes::{Shapes, on_circle};
 use crate::texture::{Encoding, Wrap};
-use crate::{Material, SceneError, Sky, Sun};
+use crate::{Material, SceneError};
 
 /// Edge of the ground, metres.
 const GROUND: f32 = 46.0;
@@ -53,20 +54,15 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
         generator.add_part("leaves", leaf, crown)?;
     }
     grass(generator, seed)?;
-    Ok(LightAndPath {
-        sky: Sky {
-            zenith: Vec3::new(0.2, 0.36, 0.72),
-            horizon: Vec3::new(0.62, 0.68, 0.74),
-            sun: Some(Sun::towards(Vec3::new(0.55, 0.62, -0.5), Vec3::new(4.6, 4.0, 2.9))),
-        },
-        keys: vec![
-            key([2.4, 1.7, 15.5], [-0.6, 2.3, 0.0], 52.0),
-            key([-1.8, 1.7, 13.4], [1.0, 2.2, 0.0], 54.0),
-            key([walk(6.0), 1.8, 6.0], [walk(-4.0), 2.4, -4.0], 56.0),
-            key([walk(-3.0), 2.0, -3.0], [walk(-12.0) + 2.0, 2.6, -12.0], 58.0),
-            key([walk(-10.0), 2.4, -10.0], [6.0, 2.6, -2.0], 58.0),
-        ],
-    })
+    let sky = sunny([0.2, 0.36, 0.72], [0.62, 0.68, 0.74], [0.55, 0.62, -0.5], [4.6, 4.0, 2.9]);
+    let keys = vec![
+        key([2.4, 1.7, 15.5], [-0.6, 2.3, 0.0], 52.0),
+        key([-1.8, 1.7, 13.4], [1.0, 2.2, 0.0], 54.0),
+        key([walk(6.0), 1.8, 6.0], [walk(-4.0), 2.4, -4.0], 56.0),
+        key([walk(-3.0), 2.0, -3.0], [walk(-12.0) + 2.0, 2.6, -12.0], 58.0),
+        key([walk(-10.0), 2.4, -10.0], [6.0, 2.6, -2.0], 58.0),
+    ];
+    Ok(LightAndPath { sky, keys })
 }
 
 /// The path through the trees.
@@ -220,10 +216,8 @@ fn grow(generator: &mut Generator, foot: Vec3, trunks: &mut Part, crown: &mut Pa
     let radius = 0.035 * tall;
     let rows = generator.segments(10);
     sheet(trunks, generator.segments(12), rows, Vec2::new(1.0, 3.0), |u, v| {
-        let (sin, cos) = (TAU * u).sin_cos();
-        spine(v)
-            + Vec3::new(sin, 0.0, cos)
-                * (radius * ((1.0 - v).max(0.0).powf(0.7) + 0.06 + 0.5 * (-v * 22.0).exp()))
+        let thick = (1.0 - v).max(0.0).powf(0.7) + 0.06 + 0.5 * (-v * 22.0).exp();
+        spine(v) + on_circle(TAU * u, 1.0, 0.0) * (radius * thick)
     });
     let middle = spine(0.82);
     let reach = Vec3::new(0.34, 0.3, 0.34) * tall;
@@ -236,18 +230,9 @@ fn grow(generator: &mut Generator, foot: Vec3, trunks: &mut Part, crown: &mut Pa
         let outward = Vec3::new(sin * out, z, cos * out);
         let depth =
             generator.between(0.2, 1.0_f32).sqrt() * (0.8 + 0.25 * (3.0 * angle).sin() * (4.0 * z).cos());
-        let up = (outward
-            + Vec3::new(
-                generator.between(-0.6, 0.6),
-                generator.between(-0.5, 0.4),
-                generator.between(-0.6, 0.6),
-            ))
-        .normalize_or(outward);
-        let side = Vec3::new(
-            generator.between(-1.0, 1.0),
-            generator.between(-1.0, 1.0),
-            generator.between(-1.0, 1.0),
-        );
+        let shaken = generator.within(Vec3::new(-0.6, -0.5, -0.6), Vec3::new(0.6, 0.4, 0.6));
+        let up = (outward + shaken).normalize_or(outward);
+        let side = generator.within(Vec3::NEG_ONE, Vec3::ONE);
         let across = up.cross(side).normalize_or(up.any_orthonormal_vector());
         let facing = across.cross(up);
         let facing = if facing.dot(outward) < 0.0 { -facing } else { facing };
@@ -321,7 +306,7 @@ fn fence(generator: &mut Generator) -> Result<(), SceneError> {
         ..Material::default()
     });
     let wood = generator.material(Material { base_color: Vec3::new(0.3, 0.22, 0.14), ..Material::default() });
-    let (mut nets, mut posts) = (Part::default(), crate::shapes::Shapes::new());
+    let (mut nets, mut posts) = (Part::default(), Shapes::new());
     let fields = 12;
     for field in 0..=fields {
         let x = (field as f32 / fields as f32 - 0.5) * GROUND * 0.9;

@@ -4,11 +4,11 @@ use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
-use super::architecture::{Opening, WallPlane, arched_wall, archivolt, coffer, column, lattice};
-use super::generator::{Generator, LightAndPath, key};
+use super::architecture::{Opening, WallPlane, arched_wall, archivolt, chequered, coffer, column, lattice};
+use super::generator::{Generator, LightAndPath, key, sunny};
 use super::palette::{brass, glow, matt, metal, polished};
+use crate::SceneError;
 use crate::shapes::Shapes;
-use crate::{SceneError, Sky, Sun};
 
 /// Half the length, metres.
 const HALF_LENGTH: f32 = 24.0;
@@ -33,48 +33,27 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
     ceiling(generator)?;
     lamps(generator)?;
     furniture(generator)?;
-    Ok(LightAndPath {
-        sky: Sky {
-            zenith: Vec3::new(0.9, 1.4, 2.4),
-            horizon: Vec3::new(1.3, 1.6, 2.0),
-            sun: Some(Sun::towards(Vec3::new(0.31, 0.76, 0.57), Vec3::new(26.0, 21.0, 14.5))),
-        },
-        keys: vec![
-            key([-21.0, 1.75, 2.4], [4.0, 4.6, -1.6], 58.0),
-            key([-12.0, 1.9, 3.0], [6.0, 4.2, -2.0], 58.0),
-            key([-4.0, 2.4, 2.6], [9.0, 4.0, -1.0], 60.0),
-            key([3.0, 4.6, 0.6], [16.0, 5.0, 0.0], 62.0),
-            key([9.0, 7.6, -2.4], [-6.0, 5.4, 1.0], 62.0),
-            key([2.0, 3.2, -7.0], [-10.0, 3.4, -2.0], 60.0),
-            key([-9.0, 1.8, -7.0], [4.0, 4.4, 0.0], 58.0),
-        ],
-    })
+    let sky = sunny([0.9, 1.4, 2.4], [1.3, 1.6, 2.0], [0.31, 0.76, 0.57], [26.0, 21.0, 14.5]);
+    let keys = vec![
+        key([-21.0, 1.75, 2.4], [4.0, 4.6, -1.6], 58.0),
+        key([-12.0, 1.9, 3.0], [6.0, 4.2, -2.0], 58.0),
+        key([-4.0, 2.4, 2.6], [9.0, 4.0, -1.0], 60.0),
+        key([3.0, 4.6, 0.6], [16.0, 5.0, 0.0], 62.0),
+        key([9.0, 7.6, -2.4], [-6.0, 5.4, 1.0], 62.0),
+        key([2.0, 3.2, -7.0], [-10.0, 3.4, -2.0], 60.0),
+        key([-9.0, 1.8, -7.0], [4.0, 4.4, 0.0], 58.0),
+    ];
+    Ok(LightAndPath { sky, keys })
 }
 
 fn floor(generator: &mut Generator) -> Result<(), SceneError> {
     let across = generator.segments(24);
     let along = across * 8 / 3;
     let (step_x, step_z) = (2.0 * HALF_LENGTH / along as f32, 2.0 * OUTER / across as f32);
-    let mut tiles = [Shapes::new(), Shapes::new()];
-    for column in 0..along {
-        for row in 0..across {
-            let corner = Vec3::new(-HALF_LENGTH + column as f32 * step_x, -0.1, -OUTER + row as f32 * step_z);
-            let gap = 0.012;
-            tiles[(column + row) % 2].bevelled_slab(
-                corner + Vec3::new(gap, 0.0, gap),
-                corner + Vec3::new(step_x - gap, 0.1, step_z - gap),
-                0.012,
-            );
-        }
-    }
+    let corner = Vec2::new(-HALF_LENGTH, -OUTER);
+    let tiles = chequered(corner, [along, across], Vec2::new(step_x, step_z), 0.012);
     let mut bed = Shapes::new();
-    let (x, z) = (HALF_LENGTH + WALL, OUTER + WALL);
-    bed.quad(
-        Vec3::new(-x, -0.03, z),
-        Vec3::new(x, -0.03, z),
-        Vec3::new(x, -0.03, -z),
-        Vec3::new(-x, -0.03, -z),
-    );
+    bed.level(Vec2::new(HALF_LENGTH + WALL, OUTER + WALL), -0.03);
     let pale = generator.material(polished(0.72, 0.66, 0.56, 0.22));
     let dark = generator.material(polished(0.16, 0.17, 0.2, 0.16));
     let mortar = generator.material(matt(0.3, 0.28, 0.25));
@@ -257,9 +236,8 @@ fn furniture(generator: &mut Generator) -> Result<(), SceneError> {
     let mut pedestal = Shapes::new();
     let profile =
         [(1.5, 0.0), (1.5, 0.2), (1.2, 0.2), (1.2, 0.4), (0.62, 0.5), (0.55, 1.3), (0.8, 1.45), (0.8, 1.6)];
-    let sharp: Vec<Vec2> = profile.iter().flat_map(|(r, y)| [Vec2::new(*r, *y); 2]).collect();
     let foot = Vec3::new(14.0, 0.0, 0.0);
-    pedestal.lathe(foot, &sharp, around);
+    pedestal.turned(foot, &profile, around);
     pedestal.disc(foot + Vec3::Y * 1.6, 0.8, around);
     generator.add("pedestal", marble, &pedestal)?;
     // A knot of gilded bronze: the line of a trefoil with a thick round body.

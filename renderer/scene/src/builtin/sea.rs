@@ -5,11 +5,11 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Mat3, Mat4, Vec2, Vec3};
 
-use super::generator::{Generator, LightAndPath, key};
+use super::generator::{Generator, LightAndPath, key, sunny};
 use super::noise::{octaves, ridges};
 use super::palette::{glow, matt, polished};
-use crate::shapes::Shapes;
-use crate::{SceneError, Sky, Sun};
+use crate::SceneError;
+use crate::shapes::{Shapes, on_circle, on_sphere};
 
 /// Edge of the sea, metres.
 const SIZE: f32 = 90.0;
@@ -35,20 +35,15 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
     generator.add("sea", water, &sea)?;
     lighthouse(generator)?;
     boats(generator, time)?;
-    Ok(LightAndPath {
-        sky: Sky {
-            zenith: Vec3::new(0.2, 0.34, 0.62),
-            horizon: Vec3::new(0.95, 0.78, 0.6),
-            sun: Some(Sun::towards(Vec3::new(-0.8, 0.32, -0.4), Vec3::new(3.4, 2.6, 1.7))),
-        },
-        keys: vec![
-            key([19.0, 4.6, 26.0], [-2.0, 2.6, 0.0], 46.0),
-            key([27.0, 3.6, 10.0], [-1.0, 2.6, -1.0], 46.0),
-            key([26.0, 5.4, -12.0], [0.0, 2.0, 0.0], 48.0),
-            key([8.0, 7.6, -25.0], [0.0, 2.4, 0.0], 50.0),
-            key([-14.0, 4.0, -20.0], [0.0, 3.0, 0.0], 48.0),
-        ],
-    })
+    let sky = sunny([0.2, 0.34, 0.62], [0.95, 0.78, 0.6], [-0.8, 0.32, -0.4], [3.4, 2.6, 1.7]);
+    let keys = vec![
+        key([19.0, 4.6, 26.0], [-2.0, 2.6, 0.0], 46.0),
+        key([27.0, 3.6, 10.0], [-1.0, 2.6, -1.0], 46.0),
+        key([26.0, 5.4, -12.0], [0.0, 2.0, 0.0], 48.0),
+        key([8.0, 7.6, -25.0], [0.0, 2.4, 0.0], 50.0),
+        key([-14.0, 4.0, -20.0], [0.0, 3.0, 0.0], 48.0),
+    ];
+    Ok(LightAndPath { sky, keys })
 }
 
 /// A point of the sea: trochoids after Gerstner (1802), whose water goes round in circles, so that crests are
@@ -73,9 +68,7 @@ fn lighthouse(generator: &mut Generator) -> Result<(), SceneError> {
     let (around, rows) = (generator.segments(90), generator.segments(50));
     let mut island = Shapes::new();
     island.surface(around, rows, true, |u, v| {
-        let (sin, cos) = (TAU * u).sin_cos();
-        let (up, out) = (PI * 0.5 * v).sin_cos();
-        let at = Vec3::new(sin * out, up, cos * out);
+        let at = on_sphere(TAU * u, PI * 0.5 * v);
         let rough = 0.8 + 0.5 * octaves(seed, at * 2.0, 3) + 0.3 * (ridges(seed + 1, at * 4.0, 3) - 0.4);
         let flat = 1.0 - v.powi(6);
         Vec3::new(at.x * 7.5 * rough, -3.0 + at.y * (5.4 + 0.8 * (rough - 0.8) * flat), at.z * 6.5 * rough)
@@ -95,8 +88,8 @@ fn lighthouse(generator: &mut Generator) -> Result<(), SceneError> {
     top.lathe(Vec3::ZERO, &roof, segments);
     top.lathe(Vec3::ZERO, &[(0.95, 10.9), (0.5, 11.5), (0.05, 11.7)].map(|(r, y)| Vec2::new(r, y)), segments);
     for post in 0..8 {
-        let (sin, cos) = (TAU * post as f32 / 8.0).sin_cos();
-        top.rod(Vec3::new(sin * 0.85, 9.7, cos * 0.85), Vec3::new(sin * 0.85, 10.95, cos * 0.85), 0.05, 6);
+        let at = |height: f32| on_circle(TAU * post as f32 / 8.0, 0.85, height);
+        top.rod(at(9.7), at(10.95), 0.05, 6);
     }
     generator.add("lantern", red, &top)?;
     let mut bulb = Shapes::new();

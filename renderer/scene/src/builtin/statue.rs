@@ -5,11 +5,11 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::generator::{Generator, LightAndPath, key};
+use super::generator::{Generator, LightAndPath, key, sunny};
 use super::noise::{octaves, ridges};
 use super::palette::{brass, glow, matt, polished};
-use crate::shapes::Shapes;
-use crate::{SceneError, Sky, Sun};
+use crate::SceneError;
+use crate::shapes::{Shapes, on_circle};
 
 /// Height of the figure, metres.
 const FIGURE: f32 = 3.6;
@@ -48,22 +48,17 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
     pedestal(generator)?;
     rotunda(generator)?;
     sconces(generator)?;
-    Ok(LightAndPath {
-        sky: Sky {
-            zenith: Vec3::new(1.6, 2.2, 3.2),
-            horizon: Vec3::new(1.6, 2.0, 2.6),
-            sun: Some(Sun::towards(Vec3::new(0.07, 0.98, 0.16), Vec3::new(7.5, 6.6, 5.2))),
-        },
-        keys: vec![
-            key([2.5, 2.2, 4.9], [0.0, 3.0, 0.0], 44.0),
-            key([4.9, 1.9, 2.8], [0.0, 2.9, 0.0], 48.0),
-            key([4.2, 3.4, -1.6], [0.0, 3.4, 0.0], 50.0),
-            key([1.0, 4.6, -3.4], [0.0, 3.8, 0.0], 52.0),
-            key([-3.6, 3.2, -1.0], [0.0, 3.6, 0.0], 50.0),
-            key([-3.4, 2.6, 3.4], [0.0, 3.2, 0.0], 48.0),
-            key([-0.6, 4.2, 2.2], [0.0, 4.3, 0.0], 46.0),
-        ],
-    })
+    let sky = sunny([1.6, 2.2, 3.2], [1.6, 2.0, 2.6], [0.07, 0.98, 0.16], [7.5, 6.6, 5.2]);
+    let keys = vec![
+        key([2.5, 2.2, 4.9], [0.0, 3.0, 0.0], 44.0),
+        key([4.9, 1.9, 2.8], [0.0, 2.9, 0.0], 48.0),
+        key([4.2, 3.4, -1.6], [0.0, 3.4, 0.0], 50.0),
+        key([1.0, 4.6, -3.4], [0.0, 3.8, 0.0], 52.0),
+        key([-3.6, 3.2, -1.0], [0.0, 3.6, 0.0], 50.0),
+        key([-3.4, 2.6, 3.4], [0.0, 3.2, 0.0], 48.0),
+        key([-0.6, 4.2, 2.2], [0.0, 4.3, 0.0], 46.0),
+    ];
+    Ok(LightAndPath { sky, keys })
 }
 
 /// Half width and half depth at a share of the height, interpolated smoothly (cubic Hermite with
@@ -217,9 +212,8 @@ fn pedestal(generator: &mut Generator) -> Result<(), SceneError> {
         (1.08, 1.1),
         (1.08, PEDESTAL),
     ];
-    let sharp: Vec<Vec2> = profile.iter().flat_map(|(r, y)| [Vec2::new(*r, *y); 2]).collect();
     let mut shapes = Shapes::new();
-    shapes.lathe(Vec3::ZERO, &sharp, around);
+    shapes.turned(Vec3::ZERO, &profile, around);
     shapes.disc(Vec3::Y * PEDESTAL, 1.08, around);
     generator.add("pedestal", stone, &shapes)
 }
@@ -239,8 +233,7 @@ fn rotunda(generator: &mut Generator) -> Result<(), SceneError> {
         let niche = step(0.2, 0.26, bay) * step(0.8, 0.74, bay) * step(0.12, 0.16, v) * step(0.82, 0.76, v);
         let half_column = (1.0 - ((bay - 0.5).abs() - 0.5).abs() / 0.1).max(0.0).sqrt();
         let radius = ROOM + 0.45 * niche - 0.22 * half_column;
-        let (sin, cos) = (-TAU * u).sin_cos();
-        Vec3::new(sin * radius, v * DRUM, cos * radius)
+        on_circle(-TAU * u, radius, v * DRUM)
     });
     generator.add("drum", plaster, &drum)?;
     // Coffers in rings up to the eye, each a shallow box in the shell.
@@ -264,10 +257,7 @@ fn rotunda(generator: &mut Generator) -> Result<(), SceneError> {
             (ROOM * 1.08 * ring as f32 / rings as f32, ROOM * 1.08 * (ring + 1) as f32 / rings as f32);
         let pieces = 8 + ring * 4;
         for piece in 0..pieces {
-            let at = |radius: f32, index: usize| {
-                let (sin, cos) = (TAU * index as f32 / pieces as f32).sin_cos();
-                Vec3::new(sin * radius, 0.0, cos * radius)
-            };
+            let at = |radius: f32, index: usize| on_circle(TAU * index as f32 / pieces as f32, radius, 0.0);
             let shapes = &mut floor[(piece + ring) % 2];
             let [outer_a, outer_b] = [at(outer, piece), at(outer, piece + 1)];
             if ring == 0 {
@@ -289,8 +279,7 @@ fn sconces(generator: &mut Generator) -> Result<(), SceneError> {
     let segments = generator.segments(16);
     let (mut bowls, mut flames) = (Shapes::new(), Shapes::new());
     for index in 0..8 {
-        let (sin, cos) = (TAU * (index as f32 + 0.5) / 8.0).sin_cos();
-        let foot = Vec3::new(sin * (ROOM - 0.55), 2.3, cos * (ROOM - 0.55));
+        let foot = on_circle(TAU * (index as f32 + 0.5) / 8.0, ROOM - 0.55, 2.3);
         let bowl = [(0.02, -0.3), (0.03, -0.1), (0.12, -0.04), (0.17, 0.06)].map(|(r, y)| Vec2::new(r, y));
         bowls.lathe(foot, &bowl, segments);
         flames.sphere(foot + Vec3::Y * 0.1, 0.11, segments, segments / 2 + 2);

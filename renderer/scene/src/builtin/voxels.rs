@@ -8,11 +8,11 @@ use std::f32::consts::TAU;
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
-use super::generator::{Generator, LightAndPath, key};
+use super::generator::{Generator, LightAndPath, key, sunny};
 use super::noise::{at_cell, gradient, octaves, ridges};
 use super::palette::{glow, matt, polished};
 use super::voxel_mesh::{AIR, Grid};
-use crate::{Camera, Material, SceneError, Sky, Sun};
+use crate::{Camera, Material, SceneError};
 
 /// Cubes along one side of the world at full detail.
 const SIDE: f32 = 252.0;
@@ -123,15 +123,8 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
         let index = KINDS.iter().position(|(known, _)| *known == kind).unwrap_or(0);
         generator.add_part(KINDS[index].1, materials[index], &part)?;
     }
-    Ok(LightAndPath { sky: sky(), keys: keys(seed, side, keep) })
-}
-
-fn sky() -> Sky {
-    Sky {
-        zenith: Vec3::new(0.22, 0.42, 0.85),
-        horizon: Vec3::new(0.62, 0.68, 0.76),
-        sun: Some(Sun::towards(Vec3::new(-0.62, 0.5, 0.42), Vec3::new(3.3, 2.6, 1.8))),
-    }
+    let sky = sunny([0.22, 0.42, 0.85], [0.62, 0.68, 0.76], [-0.62, 0.5, 0.42], [3.3, 2.6, 1.8]);
+    Ok(LightAndPath { sky, keys: keys(seed, side, keep) })
 }
 
 /// A round flight about the keep, high enough everywhere to see it over the hills and woods.

@@ -11,11 +11,11 @@ use std::f32::consts::TAU;
 
 use glam::{Affine3A, Mat3, Quat, Vec3};
 
-use super::generator::{Generator, LightAndPath, key};
+use super::generator::{Generator, LightAndPath, key, sunny};
 use super::noise::{octaves, ridges};
 use super::palette::{matt, polished};
+use crate::SceneError;
 use crate::shapes::Shapes;
-use crate::{SceneError, Sky, Sun};
 
 /// Edge of the ground, metres.
 const GROUND: f32 = 210.0;
@@ -42,20 +42,15 @@ pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneErro
         let [x, z] = WALK[index];
         [x, height(seed, x, z).max(WATER) + up, z]
     };
-    Ok(LightAndPath {
-        sky: Sky {
-            zenith: Vec3::new(0.16, 0.31, 0.66),
-            horizon: Vec3::new(0.52, 0.57, 0.62),
-            sun: Some(Sun::towards(Vec3::new(-0.62, 0.5, 0.12), Vec3::new(3.6, 3.0, 2.1))),
-        },
-        keys: vec![
-            key(eye(0, 2.1), [-2.0, 2.4, -14.0], 50.0),
-            key(eye(1, 2.4), [2.0, 2.0, -12.0], 52.0),
-            key(eye(2, 3.4), [10.0, 1.0, -6.0], 54.0),
-            key(eye(3, 2.2), [14.0, 2.0, 2.0], 54.0),
-            key(eye(4, 2.2), [10.0, 3.0, 16.0], 56.0),
-        ],
-    })
+    let sky = sunny([0.16, 0.31, 0.66], [0.52, 0.57, 0.62], [-0.62, 0.5, 0.12], [3.6, 3.0, 2.1]);
+    let keys = vec![
+        key(eye(0, 2.1), [-2.0, 2.4, -14.0], 50.0),
+        key(eye(1, 2.4), [2.0, 2.0, -12.0], 52.0),
+        key(eye(2, 3.4), [10.0, 1.0, -6.0], 54.0),
+        key(eye(3, 2.2), [14.0, 2.0, 2.0], 54.0),
+        key(eye(4, 2.2), [10.0, 3.0, 16.0], 56.0),
+    ];
+    Ok(LightAndPath { sky, keys })
 }
 
 /// Height of the ground: a basin in the middle, hills around it, higher to the north.

@@ -10,7 +10,7 @@ use crate::builtin::generator::Generator;
 use crate::builtin::noise::{octaves, ridges};
 use crate::builtin::palette::matt;
 use crate::part::Part;
-use crate::shapes::Shapes;
+use crate::shapes::{Shapes, on_sphere};
 
 /// Bushes and boulders.
 pub(super) fn bushes(generator: &mut Generator) -> Result<Vec<u32>, SceneError> {
@@ -42,48 +42,35 @@ pub(super) fn undergrowth(generator: &mut Generator) -> Result<Vec<u32>, SceneEr
 }
 
 fn bush(generator: &mut Generator, green: u32) -> Result<u32, SceneError> {
-    generator.begin_object();
     let mut leaves = Part::default();
     let count = generator.count(1_100).max(30);
     let size = 0.09 * (1_100.0 / count as f32).sqrt().min(3.0);
     for _ in 0..count {
         let (angle, lift) = (generator.between(0.0, TAU), generator.between(0.0, 1.0));
-        let (sin, cos) = angle.sin_cos();
-        let (up, out) = (lift * PI * 0.5).sin_cos();
-        let outward = Vec3::new(sin * out, up, cos * out);
+        let outward = on_sphere(angle, lift * PI * 0.5);
         let bumpy = 0.75 + 0.25 * (angle * 3.0).sin() * (lift * 5.0).cos();
         let foot = outward * Vec3::new(0.85, 0.95, 0.85) * (bumpy * generator.between(0.55, 1.0));
-        let along = Vec3::new(
-            generator.between(-1.0, 1.0),
-            generator.between(-0.4, 1.0),
-            generator.between(-1.0, 1.0),
-        );
+        let along = generator.within(Vec3::new(-1.0, -0.4, -1.0), Vec3::ONE);
         let along = (along + outward).normalize_or(outward) * size;
         let across = along.cross(outward).normalize_or(along.any_orthonormal_vector()) * (size * 0.45);
         leaf(&mut leaves, foot, along, across, outward);
     }
-    generator.add_part("bush", green, &leaves)?;
-    Ok(generator.end_object())
+    generator.object("bush", green, &leaves)
 }
 
 fn boulder(generator: &mut Generator, stone: u32, number: u64) -> Result<u32, SceneError> {
-    generator.begin_object();
     let seed = generator.options.seed + 60 + number;
     let (around, rows) = (generator.segments(36), generator.segments(22));
     let mut shapes = Shapes::new();
     shapes.surface(around, rows, true, |u, v| {
-        let (sin, cos) = (TAU * u).sin_cos();
-        let (up, out) = (PI * (v - 0.5)).sin_cos();
-        let at = Vec3::new(sin * out, up, cos * out);
+        let at = on_sphere(TAU * u, PI * (v - 0.5));
         let rough = 0.75 + 0.45 * octaves(seed, at * 1.3, 3) - 0.12 * ridges(seed + 1, at * 3.0, 3);
         at * Vec3::new(0.9, 0.55, 0.7) * rough + Vec3::Y * 0.12
     });
-    generator.add("boulder", stone, &shapes)?;
-    Ok(generator.end_object())
+    generator.object("boulder", stone, &shapes.part)
 }
 
 fn tuft(generator: &mut Generator, green: u32, tall: f32) -> Result<u32, SceneError> {
-    generator.begin_object();
     let mut blades = Part::default();
     for _ in 0..generator.count(190).max(12) {
         let (angle, from) = (generator.between(0.0, TAU), generator.between(0.0, 0.5));
@@ -100,12 +87,10 @@ fn tuft(generator: &mut Generator, green: u32, tall: f32) -> Result<u32, SceneEr
         let corners = [[0, 1, 2], [0, 2, 3], [3, 2, 4]];
         blades.indices.extend(corners.map(|triangle| triangle.map(|corner: u32| corner + first)));
     }
-    generator.add_part("grass", green, &blades)?;
-    Ok(generator.end_object())
+    generator.object("grass", green, &blades)
 }
 
 fn fern(generator: &mut Generator, green: u32) -> Result<u32, SceneError> {
-    generator.begin_object();
     let mut leaves = Part::default();
     let (fronds, pinnae) = (11, generator.segments(16));
     for frond in 0..fronds {
@@ -124,6 +109,5 @@ fn fern(generator: &mut Generator, green: u32) -> Result<u32, SceneError> {
             }
         }
     }
-    generator.add_part("fern", green, &leaves)?;
-    Ok(generator.end_object())
+    generator.object("fern", green, &leaves)
 }
