@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use indicatif::ProgressBar;
 
+use super::bar;
 use super::converge_entrants::{Chosen, EntrantArguments, EntrantSetting};
 use super::converge_output;
 use crate::converge::curve::{ComparisonPlan, Entrant, compare};
@@ -150,11 +150,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         samples_max: arguments.spp,
     };
     let all: Vec<Entrant> = chosen.iter().map(|one| one.entrant.clone()).collect();
-    let bar = if arguments.prints_json() {
-        ProgressBar::hidden()
-    } else {
-        output::bar(u64::from(arguments.runs) * 100, "% of a run")
-    };
+    let bar = bar(arguments.prints_json(), u64::from(arguments.runs) * 100, "% of a run");
     let curves = compare(&renderer, &all, &plan, &yardstick, |progress| {
         bar.set_position(u64::from(progress.run) * 100 + (progress.share * 100.0) as u64);
         !interrupt.requested()
@@ -220,14 +216,8 @@ fn converge_reference(
     };
     let choice = TuningSpace::new(Preset::Full, &premises).default_choice();
     let (structure, _) = renderer.build(&choice.build)?;
-    let bar = if arguments.prints_json() {
-        ProgressBar::hidden()
-    } else {
-        output::bar(
-            u64::from((arguments.reference_spp - before).div_ceil(2)),
-            "pairs of the reference's samples",
-        )
-    };
+    let pairs = u64::from((arguments.reference_spp - before).div_ceil(2));
+    let bar = bar(arguments.prints_json(), pairs, "pairs of the reference's samples");
     reference.extend(renderer, &structure, view, &choice.render, arguments.reference_spp, || {
         bar.inc(1);
         !interrupt.requested()
@@ -260,11 +250,10 @@ fn write(arguments: &Arguments, results: &ComparisonResults, yardstick: &Yardsti
         save(path, results.csv())?;
     }
     if let Some(path) = &arguments.plot {
-        save(path, report::svg(results, Ground::White).map_err(CliError::Failed)?)?;
+        save(path, report::svg(results, Ground::White)?)?;
     }
     if let Some(path) = &arguments.report {
-        let html = report::html(results, yardstick).map_err(|error| CliError::Failed(error.to_string()))?;
-        save(path, html)?;
+        save(path, report::html(results, yardstick)?)?;
     }
     Ok(())
 }

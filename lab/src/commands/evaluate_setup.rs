@@ -80,12 +80,15 @@ pub(super) struct SceneArguments {
 }
 
 impl SceneArguments {
+    /// Those of the evaluation.
     pub(super) fn entries(&self) -> Result<Vec<Entry>, CliError> {
-        let mut all: Vec<Entry> = BUILT_IN
-            .iter()
-            .map(|text| text.parse())
-            .collect::<Result<_, String>>()
-            .map_err(CliError::Usage)?;
+        let built_in = BUILT_IN.iter().map(|text| text.parse()).collect::<Result<_, String>>();
+        self.beside(built_in.map_err(CliError::Usage)?)
+    }
+
+    /// Those of a program beside those that were named.
+    pub(super) fn beside(&self, built_in: Vec<Entry>) -> Result<Vec<Entry>, CliError> {
+        let mut all = built_in;
         all.extend(self.scene.iter().cloned());
         if let Some(unknown) = self.only.iter().find(|name| all.iter().all(|entry| entry.name != **name)) {
             return Err(CliError::Usage(format!("no scene is called {unknown}; see --scene")));

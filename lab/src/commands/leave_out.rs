@@ -5,8 +5,9 @@
 //! ratios within rounds. Pictures must be identical bit for bit.
 
 use clap::Args;
-use indicatif::ProgressBar;
 use serde::Serialize;
+
+use super::bar;
 
 use treewright_render_cli::arguments::{StructureArguments, ViewArguments};
 use treewright_render_cli::error::CliError;
@@ -93,7 +94,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let mut film = Film::new(arguments.view.size.width, arguments.view.size.height);
     let interrupt = Interrupt::listen();
     let rounds = arguments.rounds as usize;
-    let bar = if arguments.json { ProgressBar::hidden() } else { output::bar(rounds as u64 + 1, "rounds") };
+    let bar = bar(arguments.json, rounds as u64 + 1, "rounds");
     for round in 0..=rounds {
         if interrupt.requested() {
             break;

@@ -16,10 +16,11 @@ use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::statistics::Ratio;
 use treewright_renderer::tuning::objective::Objective;
 
+use super::evaluate_setup::SceneArguments;
 use crate::leave_scene_out::book::{Book, OpenBook, RecordedRounds, SceneFacts};
 use crate::leave_scene_out::judge::{self, ALONE, CANDIDATES, FINAL, LEFT_OUT, Overall, Row, key};
 use crate::leave_scene_out::steps::{CHECKPOINTS, Stage};
-use crate::leave_scene_out::suite::{Context, Entry, built_in};
+use crate::leave_scene_out::suite::{Context, built_in};
 
 /// Steps of the measurement, each of which needs those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
@@ -54,13 +55,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE.json")]
     book: PathBuf,
 
-    /// Another scene, NAME=PATH or NAME=builtin:SCENE:DETAIL:SEED; can be repeated.
-    #[arg(long, value_name = "NAME=PATH")]
-    scene: Vec<Entry>,
-
-    /// Only these scenes. Default: all built-in scenes and those of --scene.
-    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
-    only: Vec<String>,
+    #[command(flatten)]
+    scenes: SceneArguments,
 
     /// What to minimise.
     #[arg(long, value_parser = objective(), value_delimiter = ',', default_values = ["render", "total"])]
@@ -126,15 +122,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
 }
 
 fn measure(arguments: &Arguments, open: &mut OpenBook) -> Result<(), CliError> {
-    let mut entries = built_in();
-    entries.extend(arguments.scene.iter().cloned());
-    if let Some(unknown) = arguments.only.iter().find(|name| entries.iter().all(|entry| entry.name != **name))
-    {
-        return Err(CliError::Usage(format!("no scene is called {unknown}; see --scene")));
-    }
-    if !arguments.only.is_empty() {
-        entries.retain(|entry| arguments.only.contains(&entry.name));
-    }
+    let entries = arguments.scenes.beside(built_in())?;
     let interrupt = Interrupt::listen();
     let begin = Instant::now();
     let limit = arguments.seconds.map(Duration::from_secs);

@@ -17,7 +17,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::manual::ManualCommand;
-use treewright_render_cli::{carry_out, parse};
+use treewright_render_cli::{carry_out, output, parse};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -88,6 +88,11 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Verify(arguments) => verify::run(arguments),
         Command::Manual(command) => command.run(<Cli as clap::CommandFactory>::command()),
     }
+}
+
+/// A bar on standard error, hidden where standard output belongs to a program.
+fn bar(is_hidden: bool, length: u64, unit: &'static str) -> indicatif::ProgressBar {
+    if is_hidden { indicatif::ProgressBar::hidden() } else { output::bar(length, unit) }
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use treewright_accel::{BuildChoice, Hit, Intersector, NativeQuality, Ray, Visitor};
 
+use super::bar;
 use treewright_render_cli::arguments::{
     CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments,
 };
@@ -125,11 +126,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let renderer = arguments.frame.renderer(&scene)?;
     let rays = rays(&scene, &camera, arguments.rays, arguments.frame.seed);
     let oracle = renderer.build(&BuildChoice::BruteForce)?.0;
-    let bar = if arguments.json {
-        indicatif::ProgressBar::hidden()
-    } else {
-        output::bar(rays.len() as u64, "rays asked of the oracle")
-    };
+    let bar = bar(arguments.json, rays.len() as u64, "rays asked of the oracle");
     let (done, step) = (AtomicUsize::new(0), 64);
     let answers: Vec<Answer> = renderer.install(|| {
         let answer = |chunk: &[Ray]| {

@@ -123,10 +123,7 @@ impl Examined {
         let parted = folds(&complete, arguments.folds, arguments.fold_seed);
         let mut by_objective = Vec::new();
         for objective in &objectives {
-            let searches = record
-                .searches
-                .iter()
-                .filter(|search| search.objective == objective.name() && complete.contains(&search.place));
+            let searches = searches(&record, *objective, &complete);
             let school = School::new(space.space(), *objective, record.conditions.clock, searches)?;
             let answered: Result<Vec<_>, CliError> =
                 parted.par_iter().map(|fold| Ok((fold.clone(), school.answers(fold)?))).collect();
@@ -145,6 +142,16 @@ impl Examined {
         }
         wanted
     }
+}
+
+/// The searches for an objective at some places.
+fn searches<'a>(
+    record: &'a Record,
+    objective: Objective,
+    places: &'a BTreeSet<Place>,
+) -> impl Iterator<Item = &'a Search> {
+    let own = record.searches.iter().filter(move |search| search.objective == objective.name());
+    own.filter(|search| places.contains(&search.place))
 }
 
 fn complete(record: &Record, objectives: &[Objective]) -> BTreeSet<Place> {
@@ -213,15 +220,8 @@ pub(super) fn judge(arguments: &JudgeArguments, page: bool) -> Result<(), CliErr
     let clock = arguments.clock.unwrap_or(examined.record.conditions.clock);
     let mut verdicts: Vec<Verdict> = Vec::new();
     for (objective, answered) in examined.objectives.iter().zip(&examined.by_objective) {
-        let searches: BTreeMap<Place, &Search> = examined
-            .record
-            .searches
-            .iter()
-            .filter(|search| {
-                search.objective == objective.name() && examined.complete.contains(&search.place)
-            })
-            .map(|search| (search.place.clone(), search))
-            .collect();
+        let searches = searches(&examined.record, *objective, &examined.complete);
+        let searches = searches.map(|search| (search.place.clone(), search)).collect();
         verdicts.push(judged(&examined.record, *objective, clock, &searches, answered)?);
     }
     let told = Told {

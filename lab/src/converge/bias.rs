@@ -86,7 +86,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::converge::reference_key::ReferenceKey;
+    use crate::converge::testing::key;
 
     const SIZE: [u32; 2] = [64, 48];
 
@@ -116,16 +116,8 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(11);
         (0..24)
             .map(|_| {
-                let key = ReferenceKey {
-                    revision: 1,
-                    scene: String::new(),
-                    scene_hash: String::new(),
-                    camera: [0.0; 10],
-                    size: SIZE,
-                    bounces: 1,
-                };
                 let halves = [mean_of(&mut random, 60), mean_of(&mut random, 60)];
-                let reference = Reference { key, samples_each: 60, halves };
+                let reference = Reference { key: key(SIZE), samples_each: 60, halves };
                 let yardstick = Yardstick::new(reference.picture());
                 let mut moments = Moments::default();
                 assert_eq!(moments.squared_bias(&reference, &yardstick), None);

@@ -34,24 +34,40 @@ pub fn interval(runs: usize, statistic: impl Fn(&[usize]) -> Option<f64>) -> Opt
     let Some(tail) = tail(runs) else {
         return Some(Interval { estimate, range: None });
     };
-    // The same intervals each time: chance is part of the measurement, not of its evaluation.
-    let mut random = ChaCha8Rng::seed_from_u64(runs as u64);
-    let mut drawn = vec![0; runs];
-    let mut values: Vec<f64> = (0..RESAMPLES)
+    let values = resampled(runs, RESAMPLES, runs as u64, statistic);
+    let range = [quantile(&values, tail), quantile(&values, 1.0 - tail)];
+    Some(Interval { estimate, range: Some(range) })
+}
+
+/// A statistic of so many resamples of `count` values, given as a function of the numbers of those that were
+/// drawn, in order of size. The same each time: chance is part of the measurement, not of its evaluation.
+pub(crate) fn resampled(
+    count: usize,
+    resamples: usize,
+    seed: u64,
+    statistic: impl Fn(&[usize]) -> Option<f64>,
+) -> Vec<f64> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut drawn = vec![0; count];
+    let mut values: Vec<f64> = (0..resamples)
         .filter_map(|_| {
-            drawn.fill_with(|| random.random_range(0..runs));
+            drawn.fill_with(|| random.random_range(0..count));
             statistic(&drawn)
         })
         .collect();
     values.sort_by(f64::total_cmp);
-    let range = [quantile(&values, tail), quantile(&values, 1.0 - tail)];
-    Some(Interval { estimate, range: Some(range) })
+    values
+}
+
+/// Half the width of Student's interval of a mean, in standard errors; `None` without a degree of freedom.
+pub(crate) fn student(freedom: f64, confidence: f64) -> Option<f64> {
+    Some(StudentsT::new(0.0, 1.0, freedom).ok()?.inverse_cdf((1.0 + confidence) / 2.0))
 }
 
 /// Share of the resamples on each side of the interval. `None` for fewer than two runs.
 fn tail(runs: usize) -> Option<f64> {
     let freedom = runs.checked_sub(1).filter(|&freedom| freedom > 0)? as f64;
-    let student = StudentsT::new(0.0, 1.0, freedom).ok()?.inverse_cdf((1.0 + CONFIDENCE) / 2.0);
+    let student = student(freedom, CONFIDENCE)?;
     Some(Normal::standard().cdf(-student * (runs as f64 / freedom).sqrt()))
 }
 

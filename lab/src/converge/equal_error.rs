@@ -144,35 +144,12 @@ pub fn time_to(run: &Run, error: f64) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use treewright_accel::BuildChoice;
-
     use super::*;
-    use crate::converge::bias::Moments;
-    use crate::converge::curve::{Pictures, Point};
+    use crate::converge::testing::{self, curve};
 
     /// A run of an error of `variance / samples` with frames of this length.
     fn run(build_ms: f64, frame_ms: f64, variance: f64) -> Run {
-        let point = |samples: u32| Point {
-            samples,
-            render_ms: frame_ms * f64::from(samples),
-            relative_mse: variance / f64::from(samples),
-            ssim: 0.5,
-            flip: 0.2,
-        };
-        let points = [1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64].map(point);
-        Run { seed: 1, build_ms, points: points.into(), end: point(70) }
-    }
-
-    fn curve(name: &str, setup_ms: f64, runs: Vec<Run>) -> Curve {
-        Curve {
-            name: name.to_owned(),
-            choice: BuildChoice::BruteForce.into(),
-            setup_ms,
-            runs,
-            failure: None,
-            pictures: Pictures::default(),
-            ends: Moments::default(),
-        }
+        testing::run(build_ms, frame_ms, 70, |samples| variance / samples)
     }
 
     #[test]

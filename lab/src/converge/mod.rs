@@ -36,13 +36,50 @@ mod ssim;
 
 #[cfg(test)]
 mod testing {
-    //! A scene whose noise is mild, so that few samples tell something about its errors.
+    //! A scene whose noise is mild, so that few samples tell something about its errors; and what is made up.
 
     use std::sync::Arc;
 
+    use treewright_accel::BuildChoice;
     use treewright_renderer::frame::Renderer;
     use treewright_renderer::integrator::View;
     use treewright_scene::{Material, builtin};
+
+    use super::bias::Moments;
+    use super::curve::{Curve, Pictures, Point, Run};
+    use super::reference_key::ReferenceKey;
+
+    /// The key of a picture of this size.
+    pub(super) fn key(size: [u32; 2]) -> ReferenceKey {
+        let (scene, scene_hash) = ("box".to_owned(), "00ff".to_owned());
+        ReferenceKey { revision: 1, scene, scene_hash, camera: [0.1; 10], size, bounces: 3 }
+    }
+
+    /// A run of frames of one length, with an error by samples, up to `end` of them.
+    pub(super) fn run(build_ms: f64, frame_ms: f64, end: u32, error: impl Fn(f64) -> f64) -> Run {
+        let point = |samples: u32| Point {
+            samples,
+            render_ms: frame_ms * f64::from(samples),
+            relative_mse: error(f64::from(samples)),
+            ssim: 0.8,
+            flip: 0.1,
+        };
+        let marks = [1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128].into_iter();
+        let points = marks.filter(|samples| *samples <= end).map(point).collect();
+        Run { seed: 1, build_ms, points, end: point(end) }
+    }
+
+    pub(super) fn curve(name: &str, setup_ms: f64, runs: Vec<Run>) -> Curve {
+        Curve {
+            name: name.to_owned(),
+            choice: BuildChoice::BruteForce.into(),
+            setup_ms,
+            runs,
+            failure: None,
+            pictures: Pictures::default(),
+            ends: Moments::default(),
+        }
+    }
 
     pub(super) fn matt_scene() -> (Renderer, View) {
         let options = builtin::Options { detail: 0.05, ..builtin::Options::default() };

@@ -3,7 +3,7 @@
 //! The two halves are the layers `first half` and `second half`; what they show stands as JSON in the
 //! attribute `treewright` of both.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use exr::prelude::{
     AttributeValue, Encoding, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes, ReadChannels,
@@ -28,56 +28,14 @@ struct Header {
     samples_each: u32,
 }
 
-/// Why a reference cannot be read, used or written.
-#[derive(Debug, thiserror::Error)]
-pub enum ReferenceError {
-    /// The file cannot be read as EXR.
-    #[error("the reference {} cannot be read: {cause}; remove it to have it rendered anew", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the decoder or the system said.
-        cause: String,
-    },
-    /// It is an EXR file, but not one of ours.
-    #[error(
-        "{} is no reference of this program: {cause}; name another file, which will be written", path.display()
-    )]
-    Foreign {
-        /// The file.
-        path: PathBuf,
-        /// What is missing.
-        cause: String,
-    },
-    /// It shows something else.
-    #[error(
-        "the reference {} does not fit: {difference}; name another file, which will be written", path.display()
-    )]
-    Mismatch {
-        /// The file.
-        path: PathBuf,
-        /// What differs.
-        difference: String,
-    },
-    /// The file cannot be written.
-    #[error("the reference {} cannot be written: {cause}; check the permissions and the free space", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// What the encoder or the system said.
-        cause: String,
-    },
-}
-
-impl From<ReferenceError> for CliError {
-    fn from(error: ReferenceError) -> Self {
-        Self::Failed(error.to_string())
-    }
-}
-
 /// Writes a reference. What was there is replaced only when the new file is whole.
-pub fn write(reference: &Reference, path: &Path) -> Result<(), ReferenceError> {
-    let fault = |cause: String| ReferenceError::Write { path: path.into(), cause };
+pub fn write(reference: &Reference, path: &Path) -> Result<(), CliError> {
+    let fault = |cause: String| {
+        CliError::Failed(format!(
+            "the reference {} cannot be written: {cause}; check the permissions and the free space",
+            path.display()
+        ))
+    };
     let header = Header { key: reference.key.clone(), samples_each: reference.samples_each };
     let header = serde_json::to_string(&header).map_err(|error| fault(error.to_string()))?;
     let [width, height] = reference.key.size.map(|edge| edge as usize);
@@ -105,7 +63,7 @@ pub fn write(reference: &Reference, path: &Path) -> Result<(), ReferenceError> {
 }
 
 /// Reads a reference of what `key` says. `None` if there is no such file.
-pub fn read_if_there(path: &Path, key: &ReferenceKey) -> Result<Option<Reference>, ReferenceError> {
+pub fn read_if_there(path: &Path, key: &ReferenceKey) -> Result<Option<Reference>, CliError> {
     if !path.exists() {
         return Ok(None);
     }
@@ -116,8 +74,18 @@ pub fn read_if_there(path: &Path, key: &ReferenceKey) -> Result<Option<Reference
         .all_layers()
         .all_attributes()
         .from_file(path)
-        .map_err(|error| ReferenceError::Read { path: path.into(), cause: error.to_string() })?;
-    let foreign = |cause: &str| ReferenceError::Foreign { path: path.into(), cause: cause.to_owned() };
+        .map_err(|error| {
+            let path = path.display();
+            CliError::Failed(format!(
+                "the reference {path} cannot be read: {error}; remove it to have it rendered anew"
+            ))
+        })?;
+    let foreign = |cause: &str| {
+        let path = path.display();
+        CliError::Failed(format!(
+            "{path} is no reference of this program: {cause}; name another file, which will be written"
+        ))
+    };
     let header =
         image.layer_data.first().and_then(|layer| layer.attributes.other.get(&Text::from(ATTRIBUTE)));
     let Some(AttributeValue::Text(header)) = header else {
@@ -126,7 +94,10 @@ pub fn read_if_there(path: &Path, key: &ReferenceKey) -> Result<Option<Reference
     let header: Header = serde_json::from_str(&header.to_string())
         .map_err(|_| foreign("it says in no way we know what it shows"))?;
     if let Some(difference) = key.difference(&header.key) {
-        return Err(ReferenceError::Mismatch { path: path.into(), difference });
+        return Err(CliError::Failed(format!(
+            "the reference {} does not fit: {difference}; name another file, which will be written",
+            path.display()
+        )));
     }
     let [width, height] = header.key.size;
     if width > SIZE_MAX || height > SIZE_MAX || header.samples_each > SAMPLES_MAX {
@@ -156,17 +127,7 @@ pub fn read_if_there(path: &Path, key: &ReferenceKey) -> Result<Option<Reference
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn key() -> ReferenceKey {
-        ReferenceKey {
-            revision: 1,
-            scene: "box".to_owned(),
-            scene_hash: "00ff".to_owned(),
-            camera: [0.1; 10],
-            size: [5, 3],
-            bounces: 3,
-        }
-    }
+    use crate::converge::testing::key;
 
     fn reference() -> Reference {
         let half = |level: f32| Picture {
@@ -174,17 +135,17 @@ mod tests {
             height: 3,
             pixels: (0..15).map(|index| Vec3::new(index as f32 * level, 1e4, 1.0 / 3.0)).collect(),
         };
-        Reference { key: key(), samples_each: 7, halves: [half(0.1), half(0.3)] }
+        Reference { key: key([5, 3]), samples_each: 7, halves: [half(0.1), half(0.3)] }
     }
 
     #[test]
     fn files_come_back_bit_by_bit() {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let path = folder.path().join("reference.exr");
-        assert!(read_if_there(&path, &key()).is_ok_and(|read| read.is_none()));
+        assert!(read_if_there(&path, &key([5, 3])).is_ok_and(|read| read.is_none()));
         write(&reference(), &path).expect("it is written");
         write(&reference(), &path).expect("it is replaced");
-        let read = read_if_there(&path, &key()).expect("it is read");
+        let read = read_if_there(&path, &key([5, 3])).expect("it is read");
         assert_eq!(read, Some(reference()));
         assert_eq!(
             std::fs::read_dir(folder.path()).map(Iterator::count).ok(),
@@ -199,13 +160,13 @@ mod tests {
         let path = folder.path().join("reference.exr");
         write(&reference(), &path).expect("it is written");
         let told = |key: &ReferenceKey| read_if_there(&path, key).expect_err("it is refused").to_string();
-        let other_size = told(&ReferenceKey { size: [6, 3], ..key() });
+        let other_size = told(&ReferenceKey { size: [6, 3], ..key([5, 3]) });
         assert!(other_size.contains("reference.exr") && other_size.contains("it has 5x3 pixels"));
-        assert!(told(&ReferenceKey { scene_hash: "11".to_owned(), ..key() }).contains("the scene box"));
-        assert!(told(&ReferenceKey { bounces: 4, ..key() }).contains("up to 3 bounces"));
+        assert!(told(&ReferenceKey { scene_hash: "11".to_owned(), ..key([5, 3]) }).contains("the scene box"));
+        assert!(told(&ReferenceKey { bounces: 4, ..key([5, 3]) }).contains("up to 3 bounces"));
 
         std::fs::write(&path, "no picture").expect("it can be written");
-        assert!(told(&key()).contains("cannot be read"));
+        assert!(told(&key([5, 3])).contains("cannot be read"));
         let picture = Picture { width: 5, height: 3, pixels: vec![Vec3::ONE; 15] };
         treewright_renderer::image_file::write(
             &picture,
@@ -213,7 +174,7 @@ mod tests {
             &path,
         )
         .expect("it is written");
-        assert!(told(&key()).contains("no reference of this program"));
+        assert!(told(&key([5, 3])).contains("no reference of this program"));
         let nowhere = folder.path().join("nowhere/reference.exr");
         assert!(write(&reference(), &nowhere).is_err_and(|error| error.to_string().contains("nowhere")));
     }

@@ -8,10 +8,11 @@ use treewright_renderer::statistics::quantile;
 
 use super::folds::Split;
 use super::judge::{BreakEven, Ground, Row, Verdict};
+use super::plot::{self, WIDTH, begin, end};
 
-const WIDTH: f64 = 720.0;
 const LEFT: f64 = 150.0;
 const RIGHT: f64 = 28.0;
+const ENDS: [f64; 2] = [LEFT, WIDTH - RIGHT];
 
 /// Colours of entrants, in their order, as the page names them.
 fn colour(index: usize) -> String {
@@ -90,7 +91,7 @@ pub(crate) fn boxes(
             );
         }
     }
-    end(svg, bottom + 34.0, label)
+    end(svg, ENDS, bottom + 34.0, label)
 }
 
 /// Break-even points of each entrant on a logarithmic axis: how many of the drawn ones lie below.
@@ -154,7 +155,7 @@ pub(crate) fn break_even(verdict: &Verdict, split: Split, entrants: &[String]) -
             escaped(entrant)
         );
     }
-    end(svg, 244.0, label)
+    end(svg, ENDS, 244.0, label)
 }
 
 /// One search, iteration by iteration, with its best and a prediction (Figure 11).
@@ -204,30 +205,14 @@ pub(crate) fn curve(ground: &Ground, predicted_ms: f64) -> String {
         predicted = up(predicted_ms),
         right = WIDTH - RIGHT
     );
-    end(svg, 262.0, label)
+    end(svg, ENDS, 262.0, label)
 }
 
 /// The entrants with their colours.
 pub(crate) fn legend(entrants: &[String]) -> String {
-    let mut list = String::from("<ul class=\"legend\">");
-    for (index, entrant) in entrants.iter().enumerate() {
-        let _ = write!(list, "<li><i style=\"background:{}\"></i>{}</li>", colour(index), escaped(entrant));
-    }
-    list + "</ul>"
-}
-
-fn begin(height: f64, label: &str) -> String {
-    format!(
-        "<svg viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" aria-label=\"{}\" font-size=\"12\" fill=\"var(--ink)\">",
-        escaped(label)
-    )
-}
-
-fn end(mut svg: String, y: f64, label: &str) -> String {
-    let x = (LEFT + WIDTH - RIGHT) / 2.0;
-    let _ =
-        write!(svg, "<text x=\"{x}\" y=\"{y:.0}\" text-anchor=\"middle\">{}</text></svg>", escaped(label));
-    svg
+    let colours: Vec<String> = (0..entrants.len()).map(|index| format!("c{}", index % 8)).collect();
+    let named = entrants.iter().map(String::as_str).zip(colours.iter().map(String::as_str));
+    plot::legend(&named.collect::<Vec<_>>())
 }
 
 /// A step of 1, 2 or 5 times a power of ten that parts a length into about five.

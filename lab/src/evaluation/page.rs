@@ -110,9 +110,7 @@ impl Told<'_> {
             for (split, (entrant, who)) in
                 [Split::Random, Split::Scene].into_iter().flat_map(|split| TOLD.map(|told| (split, told)))
             {
-                let of =
-                    |one: &&Standing| one.split == split && one.scene.is_none() && one.entrant == entrant;
-                let Some(one) = all_standings.iter().find(of) else { continue };
+                let Some(one) = overall(&all_standings, split, entrant) else { continue };
                 all.push(format!(
                     "On {}, {who} reached {} of the speed of what a search finds there, saved {} of the search's \
                      overhead, and was {} times as fast as the best fixed configuration.",
@@ -125,6 +123,11 @@ impl Told<'_> {
         }
         all
     }
+}
+
+/// An entrant over all scenes.
+fn overall<'a>(all: &'a [Standing], split: Split, entrant: &str) -> Option<&'a Standing> {
+    all.iter().find(|one| one.split == split && one.scene.is_none() && one.entrant == entrant)
 }
 
 /// A share of an overhead; a dash where there was none to save.
@@ -270,8 +273,7 @@ fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
     }
     *page += "</tr>";
     for name in names {
-        let own = all.iter().find(|one| one.split == split && one.scene.is_none() && one.entrant == *name);
-        let Some(one) = own else { continue };
+        let Some(one) = overall(all, split, name) else { continue };
         let cells = [
             percent(one.of_roofline),
             format!("{:.1} %", one.of_roofline_least * 100.0),
@@ -312,9 +314,7 @@ pub(crate) fn markdown(told: &Told<'_>) -> String {
             );
             let all = standings(verdict);
             for name in entrants() {
-                let own =
-                    all.iter().find(|one| one.split == split && one.scene.is_none() && one.entrant == name);
-                if let Some(one) = own {
+                if let Some(one) = overall(&all, split, &name) {
                     let _ = writeln!(
                         text,
                         "| {name} | {} | {} | {} | {} | {} |",

@@ -1,7 +1,6 @@
 //! Numbers and figures of the paper's section 4: parts of the space searched alone (Figures 6 to 8),
 //! splitting by frame size (4.1), and the turning cylinder of needles (Figure 9).
 
-use statrs::distribution::{ContinuousCDF as _, StudentsT};
 use treewright_client::{Configuration, Value};
 use treewright_renderer::statistics::{Ratio, Summary};
 use treewright_renderer::tuning::objective::Objective;
@@ -9,6 +8,7 @@ use treewright_renderer::tuning::objective::Objective;
 use super::parts::Part;
 use super::plot::{Axis, Plot};
 use super::record::{Clock, Group, PartSearch, Record, Versus};
+use crate::converge::bootstrap::student;
 
 /// Confidence of the bands in Figure 9.
 const BAND: f64 = 0.9999;
@@ -135,10 +135,7 @@ pub(super) fn mean_and_band(values: &[f64]) -> (f64, Option<f64>) {
         return (mean, None);
     }
     let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    let band = StudentsT::new(0.0, 1.0, count - 1.0)
-        .ok()
-        .map(|student| student.inverse_cdf(0.5 + BAND / 2.0) * (variance / count).sqrt());
-    (mean, band)
+    (mean, student(count - 1.0, BAND).map(|student| student * (variance / count).sqrt()))
 }
 
 /// A frame height, the medians of total time without and with splitting, and how many times as fast the

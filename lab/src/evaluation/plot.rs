@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::figures::{escaped, nice_step};
 
-const WIDTH: f64 = 720.0;
+pub(super) const WIDTH: f64 = 720.0;
 const LEFT: f64 = 76.0;
 const RIGHT: f64 = 20.0;
 const TOP: f64 = 10.0;
@@ -89,14 +89,9 @@ pub(crate) struct Plot {
 impl Plot {
     /// Axes with their labels, `height` units of the 720 across high.
     pub(crate) fn new(x: Axis, y: Axis, x_label: &str, y_label: &str, height: f64) -> Self {
-        let mut plot = Self { x, y, height, svg: String::new(), x_label: x_label.to_owned() };
+        let svg = begin(height, &format!("{y_label} over {x_label}"));
+        let mut plot = Self { x, y, height, svg, x_label: x_label.to_owned() };
         let bottom = plot.bottom();
-        let _ = write!(
-            plot.svg,
-            "<svg viewBox=\"0 0 {WIDTH} {:.0}\" role=\"img\" aria-label=\"{}\" font-size=\"12\" fill=\"var(--ink)\">",
-            height,
-            escaped(&format!("{y_label} over {x_label}"))
-        );
         for tick in x.ticks() {
             let at = plot.at_x(tick);
             let _ = write!(
@@ -181,15 +176,25 @@ impl Plot {
     }
 
     /// The finished figure.
-    pub(crate) fn finish(mut self) -> String {
-        let (x, y) = ((LEFT + WIDTH - RIGHT) / 2.0, self.height - 8.0);
-        let _ = write!(
-            self.svg,
-            "<text x=\"{x}\" y=\"{y:.0}\" text-anchor=\"middle\">{}</text></svg>",
-            escaped(&self.x_label)
-        );
-        self.svg
+    pub(crate) fn finish(self) -> String {
+        end(self.svg, [LEFT, WIDTH - RIGHT], self.height - 8.0, &self.x_label)
     }
+}
+
+/// The begin of a figure, 720 units across.
+pub(super) fn begin(height: f64, label: &str) -> String {
+    format!(
+        "<svg viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" aria-label=\"{}\" font-size=\"12\" fill=\"var(--ink)\">",
+        escaped(label)
+    )
+}
+
+/// The end of a figure with the label of an axis from left to right.
+pub(super) fn end(mut svg: String, [left, right]: [f64; 2], y: f64, label: &str) -> String {
+    let x = (left + right) / 2.0;
+    let _ =
+        write!(svg, "<text x=\"{x}\" y=\"{y:.0}\" text-anchor=\"middle\">{}</text></svg>", escaped(label));
+    svg
 }
 
 /// Names beside their colours.

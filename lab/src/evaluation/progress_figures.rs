@@ -70,15 +70,16 @@ pub(crate) fn two_objectives(record: &Record, clock: Clock) -> Option<String> {
     Some(text)
 }
 
+/// The searches that a verdict is about.
+fn searches<'a>(record: &'a Record, verdict: &Verdict) -> Vec<&'a Search> {
+    let judged = |search: &&Search| verdict.grounds.iter().any(|ground| ground.place == search.place);
+    let own = record.searches.iter().filter(|search| search.objective == verdict.objective.name());
+    own.filter(judged).collect()
+}
+
 /// How far searches have come after so many iterations and so many seconds.
 pub(crate) fn progress(record: &Record, verdict: &Verdict, clock: Clock) -> String {
-    let name = verdict.objective.name();
-    let searches: Vec<&Search> = record
-        .searches
-        .iter()
-        .filter(|search| search.objective == name)
-        .filter(|search| verdict.grounds.iter().any(|ground| ground.place == search.place))
-        .collect();
+    let searches = searches(record, verdict);
     let mut text = format!(
         "<h3>Error of the tuner against iterations and run time</h3><p class=\"soft\">Cost of the best configuration so far over that of \
          the best of all iterations: median of {} searches, and the middle half of them. Dashed: what the paper's two predictors answered on \
@@ -132,12 +133,7 @@ fn figure(moments: &[Moment], verdict: &Verdict, label: &str) -> String {
 
 /// The numbers behind these figures.
 pub(crate) fn table(record: &Record, verdict: &Verdict, clock: Clock) -> String {
-    let searches: Vec<&Search> = record
-        .searches
-        .iter()
-        .filter(|search| search.objective == verdict.objective.name())
-        .filter(|search| verdict.grounds.iter().any(|ground| ground.place == search.place))
-        .collect();
+    let searches = searches(record, verdict);
     let mut text = String::from("axis,at,lower_quartile,median,upper_quartile,cameras\n");
     for (axis, moments) in [
         ("iterations", over_iterations(&searches, verdict.objective, clock)),

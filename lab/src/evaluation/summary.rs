@@ -6,8 +6,6 @@
 
 use std::collections::BTreeMap;
 
-use rand::{RngExt as _, SeedableRng as _};
-use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use treewright_renderer::statistics::quantile;
 use treewright_renderer::tuning::objective::Objective;
@@ -15,6 +13,7 @@ use treewright_renderer::tuning::objective::Objective;
 use super::folds::Split;
 use super::judge::{BreakEven, Row, Verdict};
 use super::record::Place;
+use crate::converge::bootstrap::resampled;
 
 const RESAMPLES: usize = 2000;
 const SEED: u64 = 7;
@@ -151,24 +150,15 @@ pub(crate) fn mean_of(values: &[f64]) -> Mean {
 }
 
 fn geometric(cameras: &[(f64, usize)]) -> Mean {
-    let of = |chosen: &mut dyn Iterator<Item = &(f64, usize)>| {
-        let (sum, count) = chosen.fold((0.0, 0), |(sum, count), one| (sum + one.0, count + one.1));
+    let of = |chosen: &[usize]| {
+        let add = |(sum, count), at: &usize| (sum + cameras[*at].0, count + cameras[*at].1);
+        let (sum, count) = chosen.iter().fold((0.0, 0), add);
         if count == 0 { f64::NAN } else { (sum / count as f64).exp() }
     };
-    let mean = of(&mut cameras.iter());
-    if cameras.len() < 3 {
-        return Mean { mean, interval: None };
-    }
-    let mut random = ChaCha8Rng::seed_from_u64(SEED);
-    let mut means: Vec<f64> = (0..RESAMPLES)
-        .map(|_| {
-            let drawn: Vec<usize> =
-                (0..cameras.len()).map(|_| random.random_range(0..cameras.len())).collect();
-            of(&mut drawn.iter().map(|at| &cameras[*at]))
-        })
-        .collect();
-    means.sort_by(f64::total_cmp);
-    Mean { mean, interval: Some([quantile(&means, 0.025), quantile(&means, 0.975)]) }
+    let mean = of(&(0..cameras.len()).collect::<Vec<_>>());
+    let means = || resampled(cameras.len(), RESAMPLES, SEED, |drawn| Some(of(drawn)));
+    let interval = (cameras.len() >= 3).then(means);
+    Mean { mean, interval: interval.map(|means| [quantile(&means, 0.025), quantile(&means, 0.975)]) }
 }
 
 #[cfg(test)]

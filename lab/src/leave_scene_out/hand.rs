@@ -37,14 +37,16 @@ const TOTAL: [&str; 12] = [
     "backend=native,native_quality=low,tile=16",
 ];
 
-/// Native Embree as everybody uses it and used well, and every candidate for an objective once.
+/// Native Embree as everybody uses it and used well.
+pub(crate) fn natives(space: &TuningSpace) -> Vec<Rival> {
+    let natives = verdict::natives().into_iter().filter(|one| one.name == verdict::NATIVE_DEFAULT);
+    let natives = natives.map(|contender| Rival { contender, configuration: None });
+    natives.chain(verdict::used_well(space)).collect()
+}
+
+/// Native Embree and every candidate for an objective once.
 pub(crate) fn rivals(space: &TuningSpace, objective: Objective) -> Result<Vec<Rival>, CliError> {
-    let mut all: Vec<Rival> = verdict::natives()
-        .into_iter()
-        .map(|contender| Rival { contender, configuration: None })
-        .filter(|rival| rival.contender.name == verdict::NATIVE_DEFAULT)
-        .collect();
-    all.extend(verdict::used_well(space));
+    let mut all = natives(space);
     let texts = match objective {
         Objective::Render => &RENDER[..],
         Objective::Total => &TOTAL[..],

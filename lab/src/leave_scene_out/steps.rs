@@ -100,8 +100,7 @@ impl Stage {
             return Ok(None);
         };
         let space = self.space(objective);
-        let mut all = native_default();
-        all.extend(verdict::used_well(&space));
+        let mut all = hand::natives(&space);
         let mut named = vec![(FIXED_OF_OTHERS.to_owned(), fixed.configuration)];
         named.push((judge::answer_name(0), search.first_answer.clone()));
         named.extend(
@@ -272,14 +271,6 @@ pub(crate) fn space(objective: Objective, threads: usize) -> TuningSpace {
         ..Premises::all()
     };
     TuningSpace::new(Preset::Full, &premises)
-}
-
-fn native_default() -> Vec<Rival> {
-    verdict::natives()
-        .into_iter()
-        .filter(|contender| contender.name == NATIVE_DEFAULT)
-        .map(|contender| Rival { contender, configuration: None })
-        .collect()
 }
 
 /// The configuration of a name in rounds.

@@ -2,6 +2,7 @@
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use treewright_render_cli::error::CliError;
 
 use crate::converge::results::{ComparisonResults, ContenderResult};
 
@@ -33,9 +34,10 @@ pub enum Ground {
 }
 
 /// The plot as an SVG element or file.
-pub fn svg(results: &ComparisonResults, ground: Ground) -> Result<String, String> {
+pub fn svg(results: &ComparisonResults, ground: Ground) -> Result<String, CliError> {
     let mut svg = String::new();
-    draw(results, ground, &mut svg).map_err(|error| error.to_string())?;
+    draw(results, ground, &mut svg)
+        .map_err(|error| CliError::Failed(format!("the plot cannot be drawn: {error}")))?;
     let (ink, faint) = match ground {
         Ground::Page => ("var(--ink)", "var(--faint)"),
         Ground::White => ("#1d1f24", "#dcdad4"),

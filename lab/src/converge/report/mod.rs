@@ -11,28 +11,15 @@ use super::curve::Shot;
 use super::metrics::Yardstick;
 use super::results::ComparisonResults;
 use parts::{ContenderRow, EqualErrorTable, LegendRow};
+use treewright_render_cli::error::CliError;
 use treewright_render_cli::report::thousands;
-use treewright_renderer::image_file::{self, ImageFileError};
+use treewright_renderer::image_file;
 
 pub use chart::{Ground, svg};
 pub(crate) use parts::{seconds, target_in_words, verdict_in_words, with_range};
 
 /// Difference pictures are white where the error is this large, relative to the reference.
 const WHITE_AT: f64 = 1.0;
-
-/// Why there is no page.
-#[derive(Debug, thiserror::Error)]
-pub enum ConvergeReportError {
-    /// A picture cannot be encoded.
-    #[error(transparent)]
-    Picture(#[from] ImageFileError),
-    /// The plot cannot be drawn.
-    #[error("the plot cannot be drawn: {0}")]
-    Chart(String),
-    /// The template fails.
-    #[error("the report cannot be put together: {0}")]
-    Template(#[from] askama::Error),
-}
 
 /// A picture on the page, with what it must be judged by.
 struct PictureCard {
@@ -67,8 +54,8 @@ struct Page<'a> {
 }
 
 /// Puts the page together.
-pub fn html(results: &ComparisonResults, yardstick: &Yardstick) -> Result<String, ConvergeReportError> {
-    let frame = |name: &str, shot: &Shot, from: &str| -> Result<PictureCard, ConvergeReportError> {
+pub fn html(results: &ComparisonResults, yardstick: &Yardstick) -> Result<String, CliError> {
+    let frame = |name: &str, shot: &Shot, from: &str| -> Result<PictureCard, CliError> {
         let [width, height] = results.size;
         let glow = yardstick.difference(&shot.picture, WHITE_AT);
         Ok(PictureCard {
@@ -107,7 +94,7 @@ pub fn html(results: &ComparisonResults, yardstick: &Yardstick) -> Result<String
         still_tuning,
         reference_image: data_url(&reference),
         reference_text: parts::reference(results),
-        chart: svg(results, Ground::Page).map_err(ConvergeReportError::Chart)?,
+        chart: svg(results, Ground::Page)?,
         legend: parts::legend(results),
         contenders: parts::contenders(results),
         equal_error: parts::equal_error(results),
@@ -115,7 +102,7 @@ pub fn html(results: &ComparisonResults, yardstick: &Yardstick) -> Result<String
         machine: parts::machine(results),
         notes: results.notes.iter().chain(&results.scene.notes).cloned().collect(),
     };
-    Ok(page.render()?)
+    page.render().map_err(|error| CliError::Failed(format!("the report cannot be put together: {error}")))
 }
 
 fn data_url(png: &[u8]) -> String {

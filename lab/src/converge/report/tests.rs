@@ -1,15 +1,14 @@
 //! The page and the plot of a made-up comparison: they say what was measured, and they stand alone.
 
 use glam::Vec3;
-use treewright_accel::BuildChoice;
 use treewright_client::Fingerprint;
 
 use super::*;
-use crate::converge::bias::Moments;
 use crate::converge::bootstrap::Interval;
-use crate::converge::curve::{Curve, Pictures, Point, Run};
+use crate::converge::curve::{Curve, Pictures};
 use crate::converge::equal_error::equal_error;
 use crate::converge::results::{ContenderResult, ReferenceFacts};
+use crate::converge::testing;
 use treewright_renderer::film::Picture;
 use treewright_renderer::tuning::results::SceneFacts;
 use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, TUNED};
@@ -21,28 +20,12 @@ fn picture(level: f32) -> Picture {
 }
 
 fn curve(name: &str, setup_ms: f64, frame_ms: f64, plateau: f64) -> Curve {
-    let run = |number: u64| {
-        let point = |samples: u32| Point {
-            samples,
-            render_ms: frame_ms * f64::from(samples),
-            relative_mse: (0.2 + 0.01 * number as f64) / f64::from(samples) + plateau,
-            ssim: 0.8,
-            flip: 0.1,
-        };
-        let points: Vec<Point> = [1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128].map(point).into();
-        Run { seed: number, build_ms: 10.0, end: point(150), points }
-    };
-    let runs: Vec<Run> = (0..5).map(run).collect();
-    let shot = Shot { picture: picture(1.1), point: runs[0].end };
-    Curve {
-        name: name.to_owned(),
-        choice: BuildChoice::BruteForce.into(),
-        setup_ms,
-        runs,
-        failure: None,
-        pictures: Pictures { at_budget: Some(shot), at_budget_with_setup: None },
-        ends: Moments::default(),
-    }
+    let error = |number: f64| move |samples: f64| (0.2 + 0.01 * number) / samples + plateau;
+    let run = |number: u32| testing::run(10.0, frame_ms, 150, error(f64::from(number)));
+    let mut curve = testing::curve(name, setup_ms, (0..5).map(run).collect());
+    let shot = Shot { picture: picture(1.1), point: curve.runs[0].end };
+    curve.pictures.at_budget = Some(shot);
+    curve
 }
 
 fn results(squared_bias: f64) -> ComparisonResults {
@@ -147,7 +130,7 @@ fn the_plot_has_all_curves() {
     // Five runs: 14 marks on each of three contenders.
     assert_eq!(plot.matches("<circle").count(), 3 * 14);
     let nothing = ComparisonResults { contenders: Vec::new(), ..results };
-    assert!(svg(&nothing, Ground::Page).is_err_and(|told| told.contains("rendered")));
+    assert!(svg(&nothing, Ground::Page).is_err_and(|told| told.to_string().contains("rendered")));
 }
 
 #[test]
