@@ -291,21 +291,7 @@ fn odd_rays() {
     }
     let good =
         Ray { origin: Vec3::new(0.1, 2.0, 0.1), direction: Vec3::NEG_Y, t_min: 0.0, t_max: f32::INFINITY };
-    let mut broken = vec![
-        Ray { direction: Vec3::ZERO, ..good },
-        Ray { t_min: f32::NAN, ..good },
-        Ray { t_max: f32::NAN, ..good },
-        Ray { t_min: 2.0, t_max: 1.0, ..good },
-        Ray { t_max: -1.0, ..good },
-    ];
-    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        for axis in 0..3 {
-            let (mut origin, mut direction) = (good.origin, good.direction);
-            origin[axis] = bad;
-            direction[axis] = bad;
-            broken.extend([Ray { origin, ..good }, Ray { direction, ..good }]);
-        }
-    }
+    let broken = scenes::invalid(good);
     let huge =
         [1e30, f32::MAX].map(|size| Ray { origin: Vec3::splat(size), direction: Vec3::splat(-size), ..good });
     assert!(oracle.closest(&good).is_some());

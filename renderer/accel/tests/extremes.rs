@@ -269,21 +269,7 @@ fn rays_that_are_none_miss() {
     let triangles = scenes::soup(200, 0.5, 102);
     let good =
         Ray { origin: Vec3::new(0.1, 0.2, 3.0), direction: Vec3::NEG_Z, t_min: 0.0, t_max: f32::INFINITY };
-    let mut rays = vec![
-        Ray { direction: Vec3::ZERO, ..good },
-        Ray { t_min: f32::NAN, ..good },
-        Ray { t_max: f32::NAN, ..good },
-        Ray { t_min: 2.0, t_max: 1.0, ..good },
-        Ray { t_max: -1.0, ..good },
-    ];
-    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        for axis in 0..3 {
-            let (mut origin, mut direction) = (good.origin, good.direction);
-            origin[axis] = bad;
-            direction[axis] = bad;
-            rays.extend([Ray { origin, ..good }, Ray { direction, ..good }]);
-        }
-    }
+    let rays = scenes::invalid(good);
     each(&triangles, |what, structure| {
         for ray in &rays {
             assert_eq!(structure.closest(ray), None, "{what}, {ray:?}");

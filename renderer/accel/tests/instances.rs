@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use glam::{Affine3A, Mat3, Quat, Vec3, Vec3A};
+use glam::{Affine3A, Mat3, Quat, Vec3};
 use rand::RngExt;
 use treewright_accel::{
     BruteForce, BuildChoice, Builder, Collapse, Device, Hit, Instances, Intersector, NativeOptions,
@@ -100,22 +100,6 @@ fn choices() -> Vec<BuildChoice> {
     all
 }
 
-/// Whether rounding may decide about the ray: it passes an edge or an end of its segment closely. Ways into
-/// an object's space and back round at the magnitude of everything on the way.
-fn is_close_call([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
-    let [a, b, c] = [a, b, c].map(Vec3A::as_dvec3);
-    let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-    let weights = [hit.u, hit.v, 1.0 - hit.u - hit.v].map(f64::from);
-    let normal = (b - a).cross(c - a);
-    let longest = (b - a).length().max((c - a).length()).max((c - b).length());
-    let slant = (normal.dot(direction) / (normal.length() * direction.length())).abs();
-    let inside = weights.into_iter().fold(f64::INFINITY, f64::min) * normal.length() / longest * slant;
-    let reach = origin.length() + a.length() + b.length() + c.length();
-    let t = f64::from(hit.t);
-    let ends = (t - f64::from(ray.t_min)).abs().min((t - f64::from(ray.t_max)).abs());
-    inside < 2e-5 * reach || ends < 1e-4 * (1.0 + t)
-}
-
 /// Builds everything and asks it about the rays.
 fn all_agree(triangles: &Arc<Triangles>, ranges: &[Range<u32>], placed: Vec<(u32, Affine3A)>, rays: &[Ray]) {
     let count = placed.len();
@@ -155,7 +139,7 @@ fn all_agree(triangles: &Arc<Triangles>, ranges: &[Range<u32>], placed: Vec<(u32
                             let at = Vec3::from(a + (b - a) * found.u + (c - a) * found.v);
                             let along = ray.origin + ray.direction * found.t;
                             let scale = 1.0 + ray.origin.length() + at.length();
-                            let edge_on = is_close_call([a, b, c], ray, &found);
+                            let edge_on = scenes::is_close_call([a, b, c], ray, &found);
                             assert!(
                                 edge_on || at.distance(along) < 1e-3 * scale,
                                 "{what:?}: {at} is not {along}"
@@ -168,7 +152,7 @@ fn all_agree(triangles: &Arc<Triangles>, ranges: &[Range<u32>], placed: Vec<(u32
                 let involved = [expected, found];
                 let mut involved = involved.iter().flatten();
                 if !same {
-                    let close = involved.any(|hit| is_close_call(flat_corners(hit), ray, hit));
+                    let close = involved.any(|hit| scenes::is_close_call(flat_corners(hit), ray, hit));
                     assert!(
                         close,
                         "{what:?}, {count} instances: {ray:?} should give {expected:?}, gave {found:?}"
@@ -182,7 +166,7 @@ fn all_agree(triangles: &Arc<Triangles>, ranges: &[Range<u32>], placed: Vec<(u32
             if structure.occluded(ray) != found.is_some() {
                 let hit = found.or(expected).expect("something occludes");
                 assert!(
-                    is_close_call(flat_corners(&hit), ray, &hit),
+                    scenes::is_close_call(flat_corners(&hit), ray, &hit),
                     "{choice:?}: {ray:?} is occluded or not"
                 );
             }
@@ -196,7 +180,10 @@ fn all_agree(triangles: &Arc<Triangles>, ranges: &[Range<u32>], placed: Vec<(u32
                 if let Some(hit) =
                     hits[index].or(expected[index]).filter(|_| occluded[index] != hits[index].is_some())
                 {
-                    assert!(is_close_call(flat_corners(&hit), ray, &hit), "{choice:?}, {packets:?}: {ray:?}");
+                    assert!(
+                        scenes::is_close_call(flat_corners(&hit), ray, &hit),
+                        "{choice:?}, {packets:?}: {ray:?}"
+                    );
                 }
             }
         }

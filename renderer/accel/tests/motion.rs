@@ -73,21 +73,6 @@ fn choices() -> Vec<BuildChoice> {
     all
 }
 
-/// Whether rounding may decide about the ray.
-fn is_close_call([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
-    let [a, b, c] = [a, b, c].map(Vec3A::as_dvec3);
-    let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-    let weights = [hit.u, hit.v, 1.0 - hit.u - hit.v].map(f64::from);
-    let normal = (b - a).cross(c - a);
-    let longest = (b - a).length().max((c - a).length()).max((c - b).length());
-    let slant = (normal.dot(direction) / (normal.length() * direction.length())).abs();
-    let inside = weights.into_iter().fold(f64::INFINITY, f64::min) * normal.length() / longest * slant;
-    let reach = origin.length() + a.length() + b.length() + c.length();
-    let t = f64::from(hit.t);
-    let ends = (t - f64::from(ray.t_min)).abs().min((t - f64::from(ray.t_max)).abs());
-    inside < 2e-5 * reach || ends < 1e-4 * (1.0 + t)
-}
-
 /// Compares a structure with the oracle over world-space corners.
 fn agree(
     what: &str,
@@ -105,7 +90,8 @@ fn agree(
             _ => false,
         };
         if !same || structure.occluded(ray) != found.is_some() {
-            let close = [expected, found].iter().flatten().any(|hit| is_close_call(corners(hit), ray, hit));
+            let close =
+                [expected, found].iter().flatten().any(|hit| scenes::is_close_call(corners(hit), ray, hit));
             assert!(close, "{what}: {ray:?} should give {expected:?}, gave {found:?}");
             close_calls += 1;
         }

@@ -25,7 +25,8 @@ struct Claim {
 #[derive(Default)]
 pub(crate) struct Claims(Mutex<HashMap<String, Claim>>);
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+/// Holds what a mutex guards, whatever became of who held it before.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

@@ -10,7 +10,7 @@
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use async_trait::async_trait;
 use tokio::sync::{mpsc, oneshot};
@@ -24,7 +24,7 @@ use treewright_store::{
     ClosedTrial, Created, Fence, Loaded, Receipt, Store, StoreError, StudyRecord, TrialPage, TrialQuery,
 };
 
-use crate::claims::Known;
+use crate::claims::{Known, lock};
 use crate::durable::{Durable, now};
 use crate::plan::Bug;
 use crate::world::World;
@@ -277,10 +277,6 @@ impl Writer {
         }
         result
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The planted defect: callers are answered, and their changes may never be written.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use treewright_accel::{Ray, Triangles};
+use treewright_accel::{Hit, Ray, Triangles};
 
 /// The generator for a seed.
 pub(crate) fn random(seed: u64) -> ChaCha8Rng {
@@ -120,4 +120,40 @@ pub(crate) fn rays(count: usize, seed: u64) -> Vec<Ray> {
             t_max: if number % 5 == 0 { random.random_range(0.1..2.0) } else { f32::INFINITY },
         })
         .collect()
+}
+
+/// What is no ray: one broken number each of a good one.
+pub(crate) fn invalid(good: Ray) -> Vec<Ray> {
+    let mut rays = vec![
+        Ray { direction: Vec3::ZERO, ..good },
+        Ray { t_min: f32::NAN, ..good },
+        Ray { t_max: f32::NAN, ..good },
+        Ray { t_min: 2.0, t_max: 1.0, ..good },
+        Ray { t_max: -1.0, ..good },
+    ];
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        for axis in 0..3 {
+            let (mut origin, mut direction) = (good.origin, good.direction);
+            origin[axis] = bad;
+            direction[axis] = bad;
+            rays.extend([Ray { origin, ..good }, Ray { direction, ..good }]);
+        }
+    }
+    rays
+}
+
+/// Whether rounding may decide about the ray: it passes an edge or an end of its segment closely. Ways into
+/// an object's space and back round at the magnitude of everything on the way.
+pub(crate) fn is_close_call([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
+    let [a, b, c] = [a, b, c].map(Vec3A::as_dvec3);
+    let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let weights = [hit.u, hit.v, 1.0 - hit.u - hit.v].map(f64::from);
+    let normal = (b - a).cross(c - a);
+    let longest = (b - a).length().max((c - a).length()).max((c - b).length());
+    let slant = (normal.dot(direction) / (normal.length() * direction.length())).abs();
+    let inside = weights.into_iter().fold(f64::INFINITY, f64::min) * normal.length() / longest * slant;
+    let reach = origin.length() + a.length() + b.length() + c.length();
+    let t = f64::from(hit.t);
+    let ends = (t - f64::from(ray.t_min)).abs().min((t - f64::from(ray.t_max)).abs());
+    inside < 2e-5 * reach || ends < 1e-4 * (1.0 + t)
 }
