@@ -1,5 +1,5 @@
-//! The prequential error of each predictor on streams of trials, and that of `auto` over the least of them, as
-//! JSON lines; goal: 1.05.
+//! The prequential error of each predictor on streams of trials, and that of `auto` over the least of them,
+//! as JSON lines; goal: 1.05.
 //!
 //! `cargo run --release -p treewright-lab --example predictors`
 

@@ -8,7 +8,7 @@ use treewright_renderer::statistics::quantile;
 
 use super::folds::Split;
 use super::judge::{BreakEven, Ground, Row, Verdict};
-use super::plot::{self, WIDTH, begin, end};
+use super::plot::{self, WIDTH, begin, end, escaped, nice_step};
 
 const LEFT: f64 = 150.0;
 const RIGHT: f64 = 28.0;
@@ -213,32 +213,4 @@ pub(crate) fn legend(entrants: &[String]) -> String {
     let colours: Vec<String> = (0..entrants.len()).map(|index| format!("c{}", index % 8)).collect();
     let named = entrants.iter().map(String::as_str).zip(colours.iter().map(String::as_str));
     plot::legend(&named.collect::<Vec<_>>())
-}
-
-/// A step of 1, 2 or 5 times a power of ten that parts a length into about five.
-pub(crate) fn nice_step(length: f64) -> f64 {
-    let power = 10_f64.powf((length / 5.0).log10().floor());
-    let unit = match length / 5.0 / power {
-        of if of < 1.5 => 1.0,
-        of if of < 3.5 => 2.0,
-        of if of < 7.5 => 5.0,
-        _ => 10.0,
-    };
-    power * unit
-}
-
-pub(crate) fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn axes_have_steps_that_people_like() {
-        for (length, step) in [(1.0, 0.2), (0.2, 0.05), (47.0, 10.0), (100.0, 20.0)] {
-            assert!((nice_step(length) - step).abs() < 1e-9, "{length}: {}", nice_step(length));
-        }
-    }
 }

@@ -8,10 +8,11 @@ use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 
 use super::answers::entrants;
-use super::figures::{boxes, break_even, curve, escaped, legend};
+use super::figures::{boxes, break_even, curve, legend};
 use super::folds::Split;
 use super::judge::{BreakEven, Verdict};
 use super::part_page::{self, Strips};
+use super::plot::escaped;
 use super::progress_figures;
 use super::record::{Clock, Record};
 use super::summary::{Mean, Standing, mean_of, standings};

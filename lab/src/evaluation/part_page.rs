@@ -8,12 +8,11 @@ use base64::engine::general_purpose::STANDARD;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::statistics::Summary;
 
-use super::figures::escaped;
 use super::part_figures::{
     Run, Share, angles, heights, mean_and_band, needles, number, part, splitting, turning_height,
 };
 use super::parts::PARTS;
-use super::plot::{self, legend};
+use super::plot::{self, escaped, legend};
 use super::record::{Clock, PartSearch, Record, Versus};
 
 /// Colours of scenes where several share a figure.

@@ -2,8 +2,6 @@
 
 use std::fmt::Write as _;
 
-use super::figures::{escaped, nice_step};
-
 pub(super) const WIDTH: f64 = 720.0;
 const LEFT: f64 = 76.0;
 const RIGHT: f64 = 20.0;
@@ -208,6 +206,22 @@ pub(crate) fn legend(entries: &[(&str, &str)]) -> String {
     format!("<ul class=\"legend\">{items}</ul>")
 }
 
+/// A step of 1, 2 or 5 times a power of ten that parts a length into about five.
+pub(crate) fn nice_step(length: f64) -> f64 {
+    let power = 10_f64.powf((length / 5.0).log10().floor());
+    let unit = match length / 5.0 / power {
+        of if of < 1.5 => 1.0,
+        of if of < 3.5 => 2.0,
+        of if of < 7.5 => 5.0,
+        _ => 10.0,
+    };
+    power * unit
+}
+
+pub(crate) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -236,5 +250,12 @@ mod tests {
         plot.line(&[[0.0, 0.0], [1.0, 1.0]], "c0", false, "a & b");
         let svg = plot.finish();
         assert!(svg.contains("y &lt; z") && svg.contains("a &amp; b") && svg.ends_with("</svg>"));
+    }
+
+    #[test]
+    fn axes_have_steps_that_people_like() {
+        for (length, step) in [(1.0, 0.2), (0.2, 0.05), (47.0, 10.0), (100.0, 20.0)] {
+            assert!((nice_step(length) - step).abs() < 1e-9, "{length}: {}", nice_step(length));
+        }
     }
 }

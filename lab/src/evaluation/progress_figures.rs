@@ -6,10 +6,9 @@ use std::fmt::Write as _;
 use treewright_renderer::statistics::{Summary, quantile};
 use treewright_renderer::tuning::objective::Objective;
 
-use super::figures::escaped;
 use super::folds::Split;
 use super::judge::Verdict;
-use super::plot::{Axis, Plot, legend};
+use super::plot::{Axis, Plot, escaped, legend};
 use super::progress::{Moment, over_iterations, over_seconds};
 use super::record::{Clock, GroupKind, Place, Record, Search};
 

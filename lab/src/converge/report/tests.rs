@@ -5,7 +5,7 @@ use treewright_client::Fingerprint;
 
 use super::*;
 use crate::converge::bootstrap::Interval;
-use crate::converge::curve::{Curve, Pictures};
+use crate::converge::curve::{Curve, Pictures, Run};
 use crate::converge::equal_error::equal_error;
 use crate::converge::results::{ContenderResult, ReferenceFacts};
 use crate::converge::testing;
@@ -21,7 +21,10 @@ fn picture(level: f32) -> Picture {
 
 fn curve(name: &str, setup_ms: f64, frame_ms: f64, plateau: f64) -> Curve {
     let error = |number: f64| move |samples: f64| (0.2 + 0.01 * number) / samples + plateau;
-    let run = |number: u32| testing::run(10.0, frame_ms, 150, error(f64::from(number)));
+    let run = |number: u32| Run {
+        seed: u64::from(number),
+        ..testing::run(10.0, frame_ms, 150, error(f64::from(number)))
+    };
     let mut curve = testing::curve(name, setup_ms, (0..5).map(run).collect());
     let shot = Shot { picture: picture(1.1), point: curve.runs[0].end };
     curve.pictures.at_budget = Some(shot);
