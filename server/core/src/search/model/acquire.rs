@@ -41,8 +41,7 @@ const RADII: Radii = Radii { first: 0.15, last: 0.01 };
 const FEASIBLE_MIN: f64 = 1e-3;
 /// Its power that an improvement is multiplied by. A model of cost learns nothing from what fails and goes
 /// on to expect much of it: with 1 and without a wanted probability 38 of 80 trials of a recorded
-/// compressor failed, with these 17, and the best that ran was no worse (`examples/contexts`, world
-/// `table`).
+/// compressor failed, with these 17, and the best that ran was no worse.
 const FEASIBLE_WEIGHT: f64 = 2.0;
 /// Points that can be run with this probability come before all others, by this much of a logarithm.
 const FEASIBLE_WANTED: f64 = 0.9;
