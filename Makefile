@@ -2,7 +2,7 @@
 
 CARGO ?= cargo
 
-.PHONY: help setup build demo test lint bench hunt peers integrations dist deb docs
+.PHONY: help setup build demo test lint bench hunt gate peers integrations dist deb docs
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 15
@@ -40,6 +40,9 @@ bench: build ## measure the evaluation scenes (tools/bench.py; SCENES=FOLDER for
 
 hunt: ## plant defects in the service and let the simulator find them (tests/simulation/hunt.py)
 	@python3 tests/simulation/hunt.py
+
+gate: ## compare searches and answers with those of the last release, on the same seeds (lab/record/gate.json)
+	$(CARGO) run --locked -p treewright-lab --example gate
 
 integrations: setup ## the SDKs for Python and Node with real packages from PyPI and npm (integrations/)
 	@tools/integrations.sh

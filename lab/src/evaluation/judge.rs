@@ -60,6 +60,8 @@ pub(crate) struct Row {
     pub(crate) fold: usize,
     pub(crate) entrant: String,
     pub(crate) place: Place,
+    /// The configuration.
+    pub(crate) answer: String,
     /// Median of its rounds, in milliseconds.
     pub(crate) predicted_ms: f64,
     /// How many times faster so many frames are than those of the search.
@@ -137,6 +139,7 @@ pub(crate) fn judge(
                 fold: number,
                 entrant: entrant.clone(),
                 place: place.clone(),
+                answer: answer.to_string(),
                 predicted_ms,
                 over_search: ground.search_mean_ms / predicted_ms,
                 of_roofline: best_ms / predicted_ms,

@@ -259,6 +259,7 @@ fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
     let heads = [
         "of the roofline",
         "least",
+        "different answers",
         "as the paper has it",
         "over search",
         "over default",
@@ -278,6 +279,7 @@ fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
         let cells = [
             percent(one.of_roofline),
             format!("{:.1} %", one.of_roofline_least * 100.0),
+            format!("{} of {}", one.distinct, one.answers),
             format!("{:.1} %", one.of_roofline_once.mean * 100.0),
             format!("{:.2}", one.over_search.mean),
             format!("{:.2}", one.over_default.mean),

@@ -4,7 +4,7 @@
 //! by resampling whole cameras (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993), from a fixed
 //! seed.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 use treewright_renderer::statistics::quantile;
@@ -44,6 +44,8 @@ pub(crate) struct Standing {
     /// Absent for all scenes together.
     pub(crate) scene: Option<String>,
     pub(crate) answers: usize,
+    /// The number of different configurations among them: 1 for a predictor that is a constant.
+    pub(crate) distinct: usize,
     pub(crate) cameras: usize,
     pub(crate) over_search: Mean,
     pub(crate) of_roofline: Mean,
@@ -102,7 +104,7 @@ pub(crate) fn standings(verdict: &Verdict) -> Vec<Standing> {
     }
     let standing = |((split, entrant, scene), rows): ((Split, &str, Option<&str>), Vec<&Row>)| {
         let of = |value: fn(&Row) -> f64| mean(&rows, value);
-        let cameras: std::collections::BTreeSet<&Place> = rows.iter().map(|row| &row.place).collect();
+        let cameras: BTreeSet<&Place> = rows.iter().map(|row| &row.place).collect();
         let sum = |value: fn(&Row) -> f64| rows.iter().map(|row| value(row)).sum::<f64>();
         let reached = rows.iter().filter(|row| row.of_roofline >= 0.95).count();
         Standing {
@@ -111,6 +113,7 @@ pub(crate) fn standings(verdict: &Verdict) -> Vec<Standing> {
             entrant: entrant.to_owned(),
             scene: scene.map(str::to_owned),
             answers: rows.len(),
+            distinct: rows.iter().map(|row| row.answer.as_str()).collect::<BTreeSet<_>>().len(),
             cameras: cameras.len(),
             over_search: of(|row| row.over_search),
             of_roofline: of(|row| row.of_roofline),

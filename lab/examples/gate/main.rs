@@ -1,0 +1,167 @@
+//! Whether searches and answers are as good as when they were last recorded, on the same seeds.
+//!
+//! `cargo run --release -p treewright-lab --example gate` plays every suite and compares each figure with
+//! `lab/record/gate.json`, seed by seed. It fails where one is worse by more than three standard errors of the
+//! paired differences. `-- --record` writes the file anew, which a change for the better or a release does.
+//!
+//! | suite | figure |
+//! |---|---|
+//! | kernels | share of the optimum after 20, 40 and 80 trials, over seven landscapes |
+//! | renderer | the same on a model of the renderer's space |
+//! | bowl, wandering, load | true gain of what a confirmed search answers, on a quiet and on disturbed machines |
+//! | flat | how far the told gain is from none |
+//! | contexts | regret where every round brings another context, from round 80 on; also beside 20 indicators that say nothing |
+//! | turns | regret in ten states that are visited in turn, from the third visit on |
+//! | machines | regret on two machines that want the opposite, told apart by their fingerprint; never worse than studies of their own |
+
+#[path = "../search_quality/grids.rs"]
+#[allow(dead_code)]
+mod grids;
+#[path = "../search_quality/kernels.rs"]
+mod kernels;
+#[path = "../search_quality/problem.rs"]
+mod problem;
+#[path = "../search_quality/run.rs"]
+#[allow(dead_code)]
+mod run;
+#[path = "../search_quality/trees.rs"]
+mod trees;
+#[path = "../told_gain/world.rs"]
+#[allow(dead_code)]
+mod world;
+
+mod contexts;
+
+use std::collections::BTreeMap;
+use std::process::ExitCode;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use treewright_core::policy::SearchMethod;
+
+use problem::Problem;
+use world::{Machine, Search, World};
+
+const MARKS: [usize; 3] = [20, 40, 80];
+/// A difference of so many standard errors is no chance.
+const ERRORS: f64 = 3.0;
+/// Differences below this are none.
+const NOTHING: f64 = 1e-4;
+const RECORD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/record/gate.json");
+
+/// What one seed comes to: figures by name, of which more is better.
+type Figures = Vec<(String, f64)>;
+
+struct Suite {
+    name: &'static str,
+    seeds: u64,
+    play: fn(u64) -> Figures,
+}
+
+const SUITES: [Suite; 9] = [
+    Suite { name: "kernels", seeds: 16, play: |seed| searched(kernels_of(seed), seed) },
+    Suite { name: "renderer", seeds: 16, play: |seed| searched(vec![trees::problem(seed)], seed) },
+    Suite { name: "bowl", seeds: 24, play: |seed| gained(World::Bowl, Machine::Quiet, seed) },
+    Suite { name: "wandering", seeds: 24, play: |seed| gained(World::Bowl, Machine::Wander, seed) },
+    Suite { name: "load", seeds: 24, play: |seed| gained(World::Bowl, Machine::Load, seed) },
+    Suite { name: "flat", seeds: 24, play: |seed| gained(World::Flat, Machine::Wander, seed) },
+    Suite { name: "contexts", seeds: 12, play: contexts::fresh },
+    Suite { name: "turns", seeds: 4, play: contexts::turns },
+    Suite { name: "machines", seeds: 12, play: contexts::machines },
+];
+
+fn kernels_of(seed: u64) -> Vec<Problem> {
+    kernels::KERNELS.iter().chain(&kernels::UNSEEN).map(|name| kernels::problem(name, seed)).collect()
+}
+
+/// Shares of the optimum after each of the marks, as means over problems.
+fn searched(problems: Vec<Problem>, seed: u64) -> Figures {
+    let runs: Vec<_> =
+        problems.iter().map(|problem| problem.run(SearchMethod::Model, seed, &MARKS).scores).collect();
+    let at = |place: usize| runs.iter().map(|scores| scores[place]).sum::<f64>() / runs.len() as f64;
+    MARKS.iter().enumerate().map(|(place, mark)| (format!("at {mark}"), at(place))).collect()
+}
+
+/// The true gain of a search with its confirmation; in a flat world how far the told gain is from none.
+fn gained(world: World, machine: Machine, seed: u64) -> Figures {
+    let auxiliary = matches!(machine, Machine::Wander);
+    let run = Search { world, machine, trials: 80, confirms: true, auxiliary }.run(seed);
+    match world {
+        World::Flat => vec![("told".to_owned(), -run.told.abs())],
+        World::Bowl => vec![("true gain".to_owned(), run.truth)],
+    }
+}
+
+/// Figures of a version by suite and name, each by seed.
+#[derive(Default, Serialize, Deserialize)]
+struct Record {
+    version: String,
+    figures: BTreeMap<String, BTreeMap<String, Vec<f64>>>,
+}
+
+fn played() -> Record {
+    let mut record = Record { version: env!("CARGO_PKG_VERSION").to_owned(), ..Record::default() };
+    for suite in &SUITES {
+        let seeds: Vec<Figures> = (0..suite.seeds).into_par_iter().map(suite.play).collect();
+        let figures = record.figures.entry(suite.name.to_owned()).or_default();
+        for (name, value) in seeds.into_iter().flatten() {
+            figures.entry(name).or_insert_with(Vec::new).push((value * 1e6).round() / 1e6);
+        }
+    }
+    record
+}
+
+/// Mean and standard error.
+fn mean_and_error(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    (mean, (variance / count).sqrt())
+}
+
+/// Whether the differences are below zero beyond chance.
+fn is_worse(differences: &[f64]) -> bool {
+    let (mean, error) = mean_and_error(differences);
+    mean < -ERRORS * error && mean < -NOTHING
+}
+
+fn main() -> ExitCode {
+    let now = played();
+    if std::env::args().any(|argument| argument == "--record") {
+        let text = serde_json::to_string(&now).expect("plain data").replace("],", "],\n");
+        std::fs::write(RECORD, text + "\n").unwrap_or_else(|error| panic!("{RECORD}: {error}"));
+        println!("wrote {RECORD}");
+        return ExitCode::SUCCESS;
+    }
+    let text = std::fs::read_to_string(RECORD).unwrap_or_else(|error| panic!("{RECORD}: {error}"));
+    let before: Record = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{RECORD}: {error}"));
+    println!("{:<12}{:<24}{:>10}{:>10}{:>20}", "suite", "figure", before.version, "now", "difference");
+    let mut worse = 0;
+    for (suite, figures) in &now.figures {
+        for (name, values) in figures {
+            let earlier = before.figures.get(suite).and_then(|figures| figures.get(name));
+            let Some(earlier) = earlier.filter(|earlier| earlier.len() == values.len()) else {
+                println!("{suite:<12}{name:<24} is not recorded: -- --record");
+                worse += 1;
+                continue;
+            };
+            let differences: Vec<f64> = values.iter().zip(earlier).map(|(now, before)| now - before).collect();
+            let (mean, error) = mean_and_error(&differences);
+            let verdict = if is_worse(&differences) { "  WORSE" } else { "" };
+            worse += usize::from(!verdict.is_empty());
+            println!(
+                "{suite:<12}{name:<24}{:>10.4}{:>10.4}{mean:>12.4} ± {error:.4}{verdict}",
+                mean_and_error(earlier).0,
+                mean_and_error(values).0
+            );
+        }
+    }
+    // A fingerprint counts as an indicator does: together must not be worse than apart.
+    let of = |name: &str| &now.figures["machines"][name];
+    let together: Vec<f64> = of("together").iter().zip(of("apart")).map(|(one, two)| one - two).collect();
+    if is_worse(&together) {
+        println!("machines: one study is worse than studies of their own");
+        worse += 1;
+    }
+    if worse == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
