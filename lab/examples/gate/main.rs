@@ -145,7 +145,8 @@ fn main() -> ExitCode {
                 worse += 1;
                 continue;
             };
-            let differences: Vec<f64> = values.iter().zip(earlier).map(|(now, before)| now - before).collect();
+            let differences: Vec<f64> =
+                values.iter().zip(earlier).map(|(now, before)| now - before).collect();
             let (mean, error) = mean_and_error(&differences);
             let verdict = if is_worse(&differences) { "  WORSE" } else { "" };
             worse += usize::from(!verdict.is_empty());
