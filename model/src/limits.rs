@@ -25,6 +25,12 @@ pub const FINGERPRINT_SOFTWARE_MAX: usize = 32;
 pub const PARAMETERS_MAX: usize = 128;
 /// Most constraints of a space.
 pub const CONSTRAINTS_MAX: usize = 64;
+/// Longest constraint, in characters.
+pub const CONSTRAINT_CHARACTERS_MAX: usize = 1000;
+/// Most names, values and operators of a constraint.
+pub const CONSTRAINT_NODES_MAX: usize = 256;
+/// Most parentheses within each other, together with signs, in a constraint.
+pub const CONSTRAINT_DEPTH_MAX: usize = 32;
 /// Most values of a categorical domain, and of a condition.
 pub const CATEGORIES_MAX: usize = 64;
 /// Largest magnitude of an integer: beyond 2^53 a double can no longer tell neighbours apart.
@@ -50,9 +56,17 @@ pub const EPSILON_HALVES_AFTER_MAX: u32 = 1_000_000;
 pub const WARM_UP_MAX: u32 = 10_000;
 /// Largest factor between the costs of a configuration and the reference that a policy may name.
 pub const COST_FACTOR_MAX: f64 = 1e6;
-/// Most combinations of values of a space whose configurations are counted: a search can try that few one by
-/// one.
+/// Most configurations of a space that are counted: a search can try that few one by one.
 pub const ENUMERATED_MAX: usize = 1024;
+/// Most ways to fulfil constraints that hang together that are listed, so that the nearest is found among
+/// all of them.
+pub const LISTED_MAX: usize = 1 << 16;
+/// Most values that are tried to count configurations, or to list the ways to fulfil constraints.
+pub const LISTING_STEPS_MAX: usize = 1 << 19;
+/// Most values that are tried to find a configuration near a point that breaks constraints.
+pub const REPAIR_STEPS_MAX: usize = 1 << 13;
+/// Most values that are tried in vain once one was found.
+pub const REPAIR_PATIENCE: usize = 1 << 9;
 /// Longest lease, in seconds: one day.
 pub const LEASE_S_MAX: u32 = 86_400;
 

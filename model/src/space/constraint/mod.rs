@@ -1,0 +1,129 @@
+//! Constraints: what every configuration fulfils, as an expression over parameters.
+//!
+//! `parse` reads an expression, `node` holds it and checks it against parameters, `range` evaluates it, also
+//! where only some parameters have a value yet.
+
+mod node;
+mod parse;
+mod range;
+#[cfg(test)]
+mod tests;
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use thiserror::Error;
+
+pub(super) use node::Node;
+pub(super) use range::Range;
+
+use node::Operator;
+
+/// A condition that every configuration fulfils, such as `block_x * block_y <= 1024`.
+///
+/// An expression is made of parameters, numbers, `true`, `false` and text in quotes; of `+ - * / %`, the
+/// comparisons `== != < <= > >=`, `and`, `or`, `not` (or `&& || !`), `min(…)`, `max(…)`, `abs(…)` and
+/// parentheses. Names other than letters, digits and `_` stand in backticks.
+///
+/// - Numbers are doubles, so that whole numbers are exact up to 2^53. `/` is the division of real numbers:
+///   `7 / 2` is 3.5. `%` is the remainder with the sign of the dividend, as in C: `-7 % 4` is -3.
+/// - Where a division by zero or a number that is not finite decides, the constraint is not fulfilled. `and`
+///   and `or` look at their right side only where the left one leaves it open.
+/// - While a parameter that it names is inactive, the constraint holds.
+///
+/// Two that differ in spaces, brackets or spelling of operators only are equal; `to_string` gives the one
+/// spelling that both are kept in.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Constraint {
+    root: Node<String>,
+}
+
+/// Why a text is not a constraint.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("constraint `{text}`: {problem}")]
+pub struct ConstraintError {
+    /// The text.
+    pub text: String,
+    /// The mistake, where it is, and what to write instead.
+    pub problem: String,
+}
+
+impl Constraint {
+    /// Reads an expression. Which parameters there are is checked when a space is made with it.
+    ///
+    /// # Errors
+    /// [`ConstraintError`] with the place of the mistake, in characters from 1.
+    pub fn parse(text: &str) -> Result<Self, ConstraintError> {
+        let refuse = |problem| ConstraintError { text: parse::excerpt(text), problem };
+        parse::expression(text).map(|root| Constraint { root }).map_err(refuse)
+    }
+
+    /// `lesser <= greater`, between two parameters.
+    #[must_use]
+    pub fn order(lesser: &str, greater: &str) -> Self {
+        let [lesser, greater] = [lesser, greater].map(|name| Node::Parameter(name.to_owned()));
+        Constraint { root: Node::Binary(Operator::LessOrEqual, Box::new([lesser, greater])) }
+    }
+
+    /// The two parameters, the lesser first, where the constraint is `lesser <= greater`.
+    pub fn as_order(&self) -> Option<(&str, &str)> {
+        let Node::Binary(Operator::LessOrEqual, sides) = &self.root else { return None };
+        match sides.as_ref() {
+            [Node::Parameter(lesser), Node::Parameter(greater)] => Some((lesser, greater)),
+            _ => None,
+        }
+    }
+
+    /// The expression, over names.
+    pub(super) fn root(&self) -> &Node<String> {
+        &self.root
+    }
+}
+
+/// The expression in the one spelling that reads back as an equal constraint.
+impl fmt::Display for Constraint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.root.fmt(f)
+    }
+}
+
+impl FromStr for Constraint {
+    type Err = ConstraintError;
+
+    fn from_str(text: &str) -> Result<Self, ConstraintError> {
+        Constraint::parse(text)
+    }
+}
+
+/// As documents have it: a pair of names where it is an order, as every version wrote it, else the
+/// expression.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged, deny_unknown_fields)]
+enum StoredConstraint {
+    Order { lesser: String, greater: String },
+    Expression { expression: String },
+}
+
+impl Serialize for Constraint {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let stored = match self.as_order() {
+            Some((lesser, greater)) => {
+                StoredConstraint::Order { lesser: lesser.to_owned(), greater: greater.to_owned() }
+            }
+            None => StoredConstraint::Expression { expression: self.to_string() },
+        };
+        stored.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Constraint {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        match StoredConstraint::deserialize(deserializer)? {
+            StoredConstraint::Order { lesser, greater } => Ok(Constraint::order(&lesser, &greater)),
+            StoredConstraint::Expression { expression } => {
+                Constraint::parse(&expression).map_err(serde::de::Error::custom)
+            }
+        }
+    }
+}
