@@ -9,7 +9,7 @@ use crate::indicator::{Indicator, IndicatorError, IndicatorSchema};
 use crate::limits::DISPLAY_NAME_CHARACTERS_MAX;
 use crate::objective::{Objective, ObjectiveError, ObjectiveTerm};
 use crate::policy::{Policy, PolicyError, PolicySettings, RawPolicy};
-use crate::space::{Scale, Space};
+use crate::space::{Constraint, Scale, Space};
 
 /// State tolerance where the study does not say.
 pub const STATE_TOLERANCE_DEFAULT: f64 = 0.01;
@@ -130,23 +130,23 @@ impl StudySpec {
     /// `display_name`. `None` when they are equal.
     pub fn first_difference(&self, other: &StudySpec) -> Option<String> {
         let (mine, theirs) = (self.space.parameters(), other.space.parameters());
-        if let Some(found) = list_difference("parameter", mine, theirs, |parameter| &parameter.name) {
+        if let Some(found) = list_difference("parameter", mine, theirs, |parameter| parameter.name.clone()) {
             return Some(found);
         }
         let (mine, theirs) = (self.space.constraints(), other.space.constraints());
-        if let Some(found) = list_difference("constraint", mine, theirs, |constraint| &constraint.lesser) {
+        if let Some(found) = list_difference("constraint", mine, theirs, Constraint::to_string) {
             return Some(found);
         }
         let (mine, theirs) = (self.indicators.indicators(), other.indicators.indicators());
-        if let Some(found) = list_difference("indicator", mine, theirs, |indicator| &indicator.name) {
+        if let Some(found) = list_difference("indicator", mine, theirs, |indicator| indicator.name.clone()) {
             return Some(found);
         }
         let (mine, theirs) = (self.objective.terms(), other.objective.terms());
-        if let Some(found) = list_difference("objective term", mine, theirs, |term| &term.metric) {
+        if let Some(found) = list_difference("objective term", mine, theirs, |term| term.metric.clone()) {
             return Some(found);
         }
         let (mine, theirs) = (self.objective.auxiliary(), other.objective.auxiliary());
-        if let Some(found) = list_difference("auxiliary metric", mine, theirs, |metric| metric) {
+        if let Some(found) = list_difference("auxiliary metric", mine, theirs, String::clone) {
             return Some(found);
         }
         if self.state_tolerance != other.state_tolerance {
@@ -166,9 +166,9 @@ fn list_difference<T: PartialEq + Serialize>(
     what: &str,
     mine: &[T],
     theirs: &[T],
-    name: impl Fn(&T) -> &String,
+    name: impl Fn(&T) -> String,
 ) -> Option<String> {
-    let text = |item: &T| serde_json::to_string(item).unwrap_or_else(|_| name(item).clone());
+    let text = |item: &T| serde_json::to_string(item).unwrap_or_else(|_| name(item));
     for (index, (a, b)) in mine.iter().zip(theirs).enumerate() {
         if name(a) != name(b) {
             return Some(format!("{what} {} is {:?} against {:?}", index + 1, name(a), name(b)));
@@ -304,7 +304,7 @@ impl StudyBuilder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::space::{Constraint, Domain, Parameter};
+    use crate::space::{Domain, Parameter};
     use crate::value::Value;
 
     fn spec() -> StudySpec {
@@ -314,7 +314,7 @@ mod tests {
             default: Value::Integer(3),
             active_if: None,
         };
-        let order = Constraint { lesser: "a".into(), greater: "b".into() };
+        let order = Constraint::order("a", "b");
         let indicator = Indicator { name: "x".into(), min: 0.0, max: 1.0, scale: Scale::Linear };
         let term = ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 };
         StudySpec {
@@ -365,7 +365,7 @@ mod tests {
             assert!(serde_json::from_str::<StudySpec>(&text.replace(good, bad)).is_err(), "{bad}");
         }
         let order = serde_json::from_str::<StudySpec>(&text.replace(r#""pinned":null"#, pinned));
-        assert!(order.expect_err("a > b").to_string().contains("a = 5 is greater than b = 4"));
+        assert!(order.expect_err("a > b").to_string().contains("a = 5, b = 4 break the constraint `a <= b`"));
         assert!(StudySpec { state_tolerance: f64::NAN, ..spec() }.validate().is_err());
     }
 

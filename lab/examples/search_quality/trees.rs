@@ -67,7 +67,7 @@ fn space() -> Space {
         switch("sort_rays", None),
         integer("sort_bits", 4, 24, 12, linear, on("sort_rays")),
     ];
-    let order = Constraint { lesser: "min_leaf_size".into(), greater: "max_leaf_size".into() };
+    let order = Constraint::order("min_leaf_size", "max_leaf_size");
     Space::new(parameters, vec![order]).expect("a valid space")
 }
 

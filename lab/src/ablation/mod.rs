@@ -96,11 +96,11 @@ fn active(space: &Space, values: &[Value]) -> Configuration {
         }
     }
     // A value taken back can contradict the winner's other one; then the lesser is as large as it may be.
-    for Constraint { lesser, greater } in space.constraints() {
+    for (lesser, greater) in space.constraints().iter().filter_map(Constraint::as_order) {
         if let (Ok(low), Ok(high)) = (configuration.integer(lesser), configuration.integer(greater))
             && low > high
         {
-            configuration.set(lesser.clone(), high);
+            configuration.set(lesser, high);
         }
     }
     configuration

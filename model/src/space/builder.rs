@@ -4,7 +4,7 @@
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 
-use crate::space::{Condition, Constraint, Domain, Parameter, Scale, Space, SpaceError};
+use crate::space::{Condition, Constraint, ConstraintError, Domain, Parameter, Scale, Space, SpaceError};
 use crate::value::Value;
 
 /// The last thing named was an integer parameter.
@@ -36,7 +36,7 @@ pub enum CategoricalParameter {}
 #[derive(Debug)]
 pub struct SpaceBuilder<Last = ()> {
     parameters: Vec<Draft>,
-    constraints: Vec<Constraint>,
+    constraints: Vec<Result<Constraint, ConstraintError>>,
     last: PhantomData<Last>,
 }
 
@@ -104,7 +104,22 @@ impl<Last> SpaceBuilder<Last> {
     /// Every configuration has `lesser <= greater`.
     #[must_use]
     pub fn less_or_equal(mut self, lesser: &str, greater: &str) -> SpaceBuilder {
-        self.constraints.push(Constraint { lesser: lesser.to_owned(), greater: greater.to_owned() });
+        self.constraints.push(Ok(Constraint::order(lesser, greater)));
+        self.turn()
+    }
+
+    /// Every configuration fulfils an expression, such as `block_x * block_y <= 1024`; [`Constraint`] has the
+    /// language.
+    #[must_use]
+    pub fn constraint(mut self, expression: &str) -> SpaceBuilder {
+        self.constraints.push(Constraint::parse(expression));
+        self.turn()
+    }
+
+    /// A constraint that is there as a value, e.g. one of another space.
+    #[must_use]
+    pub fn with_constraint(mut self, constraint: Constraint) -> SpaceBuilder {
+        self.constraints.push(Ok(constraint));
         self.turn()
     }
 
@@ -121,7 +136,7 @@ impl<Last> SpaceBuilder<Last> {
             None => Err(SpaceError::NoDefault { name: draft.name }),
         };
         let parameters = self.parameters.into_iter().map(finish).collect::<Result<_, _>>()?;
-        Space::new(parameters, self.constraints)
+        Space::new(parameters, self.constraints.into_iter().collect::<Result<_, _>>()?)
     }
 
     fn parameter<Next>(mut self, name: &str, domain: Domain) -> SpaceBuilder<Next> {
@@ -224,6 +239,6 @@ mod tests {
         assert!(problem(new().integer("depth", 0..=2).default(1).log()).contains("log scale"));
         assert!(problem(new().boolean("x").default(true).active_if("y", [true])).contains("\"y\""));
         let twice = new().integer("low", 1..=9).default(5).integer("high", 1..=9).default(4);
-        assert!(problem(twice.less_or_equal("low", "high")).contains("\"low\" <= \"high\""));
+        assert!(problem(twice.less_or_equal("low", "high")).contains("`low <= high`: the defaults"));
     }
 }

@@ -1,16 +1,19 @@
 //! The rules that spaces and configurations fulfil.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::limits::{CATEGORIES_MAX, CONSTRAINTS_MAX, PARAMETERS_MAX};
 use crate::names::is_name;
-use crate::space::{Condition, Constraint, Domain, Parameter, Space, SpaceError};
+use crate::space::constraint::Range;
+use crate::space::{Condition, Constraint, Domain, Parameter, Rule, Space, SpaceError};
 use crate::value::Value;
 
 impl Space {
     /// Checks everything that the limits and the meaning of a space demand: names, ranges, defaults,
-    /// conditions that only name earlier parameters, constraints between numbers that the defaults fulfil.
+    /// conditions that only name earlier parameters, constraints that fit the parameters and that the
+    /// defaults fulfil.
     pub fn new(parameters: Vec<Parameter>, constraints: Vec<Constraint>) -> Result<Self, SpaceError> {
         check_count("parameters", parameters.len(), 1, PARAMETERS_MAX)?;
         check_count("constraints", constraints.len(), 0, CONSTRAINTS_MAX)?;
@@ -19,17 +22,17 @@ impl Space {
         for (index, parameter) in parameters.iter().enumerate() {
             condition_of.push(check_parameter(parameter, &parameters[..index])?);
         }
-        let mut order = Vec::with_capacity(constraints.len());
-        for constraint in &constraints {
-            order.push(check_constraint(constraint, &parameters)?);
-        }
+        let rules = constraints.iter().map(|constraint| check_constraint(constraint, &parameters));
+        let rules = rules.collect::<Result<Vec<_>, _>>()?;
         let default_point =
             parameters.iter().map(|parameter| parameter.domain.encode(&parameter.default)).collect();
         let mut space = Space {
+            groups: Arc::default(),
+            ranges: parameters.iter().map(|parameter| Range::of_domain(&parameter.domain)).collect(),
             parameters,
             constraints,
             condition_of,
-            order,
+            rules,
             default: Configuration::from_checked(BTreeMap::new()),
             default_point,
         };
@@ -37,14 +40,14 @@ impl Space {
             space.parameters.iter().map(|parameter| parameter.default.clone()).collect();
         let active = space.active(&defaults);
         if let Some(violation) = space.violations(&defaults, &active).next() {
-            let Constraint { lesser, greater } = &space.constraints[violation];
+            let values = space.mentioned(violation, &defaults);
             return Err(SpaceError::Constraint {
-                lesser: lesser.clone(),
-                greater: greater.clone(),
-                problem: "the defaults do not fulfil it; change a default".into(),
+                constraint: space.constraints[violation].to_string(),
+                problem: format!("the defaults do not fulfil it, with {values}; change a default"),
             });
         }
         space.default = space.collect(&defaults, &active);
+        space.groups = space.grouped().into();
         Ok(space)
     }
 
@@ -82,12 +85,9 @@ impl Space {
             return Err(SpaceError::Unknown { name, known: known.join(", ") });
         }
         if let Some(violation) = self.violations(&ordered, &active).next() {
-            let (lesser, greater) = self.order[violation];
             return Err(SpaceError::Violated {
-                lesser: self.parameters[lesser].name.clone(),
-                lesser_value: ordered[lesser].clone(),
-                greater: self.parameters[greater].name.clone(),
-                greater_value: ordered[greater].clone(),
+                constraint: self.constraints[violation].to_string(),
+                values: self.mentioned(violation, &ordered),
             });
         }
         Ok(self.collect(&ordered, &active))
@@ -116,11 +116,15 @@ impl Space {
         values: &'a [Value],
         active: &'a [bool],
     ) -> impl Iterator<Item = usize> + 'a {
-        self.order.iter().enumerate().filter_map(|(index, &(lesser, greater))| {
-            let broken =
-                active[lesser] && active[greater] && values[lesser].as_number() > values[greater].as_number();
-            broken.then_some(index)
-        })
+        let broken =
+            |rule: &Rule| rule.mentions.iter().all(|&index| active[index]) && !rule.is_fulfilled(values);
+        self.rules.iter().enumerate().filter_map(move |(index, rule)| broken(rule).then_some(index))
+    }
+
+    /// The parameters that a constraint names, and their values: `block_x = 64, block_y = 32`.
+    fn mentioned(&self, rule: usize, values: &[Value]) -> String {
+        let value = |&index: &usize| format!("{} = {}", self.parameters[index].name, values[index]);
+        self.rules[rule].mentions.iter().map(value).collect::<Vec<_>>().join(", ")
     }
 
     pub(super) fn collect(&self, values: &[Value], active: &[bool]) -> Configuration {
@@ -191,23 +195,22 @@ fn check_parameter(parameter: &Parameter, earlier: &[Parameter]) -> Result<Optio
     Ok(Some(index))
 }
 
-fn check_constraint(constraint: &Constraint, parameters: &[Parameter]) -> Result<(usize, usize), SpaceError> {
-    let Constraint { lesser, greater } = constraint;
-    let refuse = |problem: String| SpaceError::Constraint {
-        lesser: lesser.clone(),
-        greater: greater.clone(),
-        problem,
-    };
-    let find = |name: &String| match parameters.iter().position(|parameter| &parameter.name == name) {
-        None => Err(refuse(format!("there is no parameter {name:?}"))),
-        Some(index) if parameters[index].domain.bounds().is_none() => {
-            Err(refuse(format!("{name:?} is not a number; only integer and float domains can be compared")))
+fn check_constraint(constraint: &Constraint, parameters: &[Parameter]) -> Result<Rule, SpaceError> {
+    let refuse = |problem| SpaceError::Constraint { constraint: constraint.to_string(), problem };
+    let root = constraint.root().placed(parameters).map_err(refuse)?;
+    let mut mentions = Vec::new();
+    root.mentions(&mut mentions);
+    let place = |name: &str| parameters.iter().position(|parameter| parameter.name == name);
+    let order = constraint.as_order().and_then(|(lesser, greater)| Some((place(lesser)?, place(greater)?)));
+    Ok(Rule { root, mentions, order })
+}
+
+impl Rule {
+    /// Whether values of all parameters fulfil it, whoever is active.
+    pub(super) fn is_fulfilled(&self, values: &[Value]) -> bool {
+        match self.order {
+            Some((lesser, greater)) => values[lesser].as_number() <= values[greater].as_number(),
+            None => self.root.may_hold(&|index| Range::of_value(&values[index])),
         }
-        Some(index) => Ok(index),
-    };
-    let (lesser_index, greater_index) = (find(lesser)?, find(greater)?);
-    if lesser_index == greater_index {
-        return Err(refuse("a parameter cannot be compared with itself".into()));
     }
-    Ok((lesser_index, greater_index))
 }

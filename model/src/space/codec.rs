@@ -26,6 +26,30 @@ impl Space {
     /// # Panics
     /// When `point` does not have `dimension()` coordinates.
     pub fn decode(&self, point: &[f64]) -> Configuration {
+        let (values, active) = self.settle(point);
+        self.collect(&values, &active)
+    }
+
+    /// Moves a point to where its configuration is encoded, and says which parameters are active there: what
+    /// `encode(decode(point))` gives.
+    ///
+    /// # Panics
+    /// When `point` does not have `dimension()` coordinates.
+    pub fn canonical(&self, point: &mut [f64]) -> Vec<bool> {
+        let (values, active) = self.settle(point);
+        for (index, x) in point.iter_mut().enumerate() {
+            let is_active = active[index];
+            *x = if is_active {
+                self.parameters[index].domain.encode(&values[index])
+            } else {
+                self.default_point[index]
+            };
+        }
+        active
+    }
+
+    /// The values at a point, repaired, and which are active.
+    fn settle(&self, point: &[f64]) -> (Vec<Value>, Vec<bool>) {
         assert_eq!(point.len(), self.dimension(), "a point has one coordinate per parameter");
         let mut values: Vec<Value> =
             self.parameters.iter().zip(point).map(|(parameter, &x)| parameter.domain.decode(x)).collect();
@@ -33,12 +57,28 @@ impl Space {
         for _ in 0..=self.parameters.len() {
             let active = self.active(&values);
             if self.violations(&values, &active).next().is_none() {
-                return self.collect(&values, &active);
+                return (values, active);
             }
-            if !self.repair(&mut values, &active) {
+            let is_repaired = match self.has_expressions() {
+                true => self.move_to_nearest(&mut values),
+                false => self.repair(&mut values, &active),
+            };
+            if !is_repaired {
                 break;
             }
         }
-        self.default.clone()
+        let values: Vec<Value> = self.defaults().cloned().collect();
+        let active = self.active(&values);
+        (values, active)
+    }
+
+    /// Whether a constraint is more than the order of two parameters.
+    pub fn has_expressions(&self) -> bool {
+        !self.groups.is_empty()
+    }
+
+    /// The default value of each parameter, active or not.
+    pub(super) fn defaults(&self) -> impl Iterator<Item = &Value> {
+        self.parameters.iter().map(|parameter| &parameter.default)
     }
 }

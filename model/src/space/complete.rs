@@ -2,7 +2,7 @@
 
 use crate::assignment::Assignment;
 use crate::configuration::{Configuration, RawConfiguration};
-use crate::space::{Constraint, Domain, Space, SpaceError};
+use crate::space::{Constraint, Domain, Parameter, Space, SpaceError};
 use crate::value::Value;
 
 impl Space {
@@ -30,20 +30,37 @@ impl Space {
                 None => None,
             };
         }
-        for Constraint { lesser, greater } in self.constraints() {
+        for (lesser, greater) in self.constraints().iter().filter_map(Constraint::as_order) {
             let (Some(low), Some(high)) = (whole.get(lesser), whole.get(greater)) else { continue };
             if low.as_number() <= high.as_number() {
                 continue;
             }
             match (given.contains_key(lesser), given.contains_key(greater)) {
-                (false, _) => whole.insert(lesser.clone(), high.clone()),
-                (_, false) => whole.insert(greater.clone(), low.clone()),
+                (false, _) => whole.insert(lesser.to_owned(), high.clone()),
+                (_, false) => whole.insert(greater.to_owned(), low.clone()),
                 (true, true) => None,
             };
+        }
+        if self.has_expressions() && parameters.iter().all(|one| one.domain.holds(whole.get(&one.name))) {
+            self.give_way(&given, &mut whole);
         }
         let unknown = given.into_iter().find(|(name, _)| parameters.iter().all(|one| one.name != *name));
         whole.extend(unknown);
         self.configuration(whole)
+    }
+
+    /// Moves recommended values so that constraints hold, if that helps.
+    fn give_way(&self, given: &RawConfiguration, whole: &mut RawConfiguration) {
+        let value = |one: &Parameter| whole.get(&one.name).unwrap_or(&one.default).clone();
+        let mut values: Vec<Value> = self.parameters().iter().map(value).collect();
+        let is_given = |index: usize| given.contains_key(&self.parameters()[index].name);
+        if self.move_around(&mut values, is_given) {
+            let kept = given.keys().filter_map(|name| Some((name.clone(), whole.get(name)?.clone())));
+            let mut moved: RawConfiguration = self.collect(&values, &self.active(&values)).into();
+            // A value that is given and inactive is refused later.
+            moved.extend(kept.collect::<Vec<_>>());
+            *whole = moved;
+        }
     }
 
     /// Adds what given values need and nobody has decided otherwise. Conditions name earlier parameters, so
@@ -68,6 +85,11 @@ impl Space {
 }
 
 impl Domain {
+    /// Whether a value is of this domain, if there is one.
+    fn holds(&self, value: Option<&Value>) -> bool {
+        value.is_none_or(|value| self.contains(value))
+    }
+
     /// The value as the domain has it: whole numbers are taken for floats.
     fn as_of(&self, value: &Value) -> Value {
         let floats = match self {
@@ -122,6 +144,30 @@ mod tests {
     }
 
     #[test]
+    fn recommended_values_give_way_to_expressions() {
+        let space = Space::builder()
+            .integer("x", 1..=1024)
+            .default(32)
+            .integer("y", 1..=1024)
+            .default(32)
+            .constraint("x * y <= 1024 and y % 2 == 0")
+            .build()
+            .expect("a space");
+        let complete = |given: Assignment| {
+            space.complete(&given).map(|whole| whole.to_string()).map_err(|error| error.to_string())
+        };
+        let new = Assignment::new;
+        assert_eq!(complete(new().with("x", 90)).as_deref(), Ok("x=90;y=10"));
+        assert_eq!(complete(new().with("x", 9)).as_deref(), Ok("x=9;y=32"), "nothing has to give way");
+        let problem = complete(new().with("x", 90).with("y", 90)).expect_err("both are given");
+        assert!(problem.contains("x = 90, y = 90 break the constraint"), "{problem}");
+        let problem = complete(new().with("x", 1000)).expect_err("there is no such y");
+        assert!(problem.contains("x = 1000, y = 32 break"), "{problem}");
+        let problem = complete(new().with("x", "wide")).expect_err("no number");
+        assert!(problem.contains("must be a whole number"), "{problem}");
+    }
+
+    #[test]
     fn what_does_not_fit_is_named() {
         let problem = |given: Assignment| complete(given).expect_err("does not fit");
         let new = Assignment::new;
@@ -130,6 +176,9 @@ mod tests {
         );
         assert!(problem(new().with("low", 10)).contains("10; it must be a whole number from 1 to 9"));
         assert!(problem(new().with("split", "median").with("cost", 1.0)).contains("it needs split = sah"));
-        assert!(problem(new().with("low", 6).with("high", 4)).contains("low = 6 is greater than high = 4"));
+        assert!(
+            problem(new().with("low", 6).with("high", 4))
+                .contains("low = 6, high = 4 break the constraint `low <= high`")
+        );
     }
 }

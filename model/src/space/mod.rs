@@ -2,29 +2,42 @@
 //!
 //! A [`Space`] is checked once, when it is made; after that every [`Configuration`] it hands out is valid,
 //! and so is everything that is built on it. `check` holds the rules, `domain` the map of one domain to the
-//! unit interval, `builder` how programs write a space down, `complete` how a whole configuration is made of
-//! some values, `codec` the map of whole configurations to the unit cube in which searches work, `repair`
-//! what is done about points of the cube that break a constraint.
+//! unit interval, `builder` how programs write a space down, `constraint` the language of constraints,
+//! `complete` how a whole configuration is made of some values, `codec` the map of whole configurations to
+//! the unit cube in which searches work.
+//!
+//! Points of the cube that break constraints are repaired: `repair` does it where all are orders of two
+//! parameters, `nearest` where there are expressions. `group` has the parameters that constraints tie
+//! together, `listing` all ways to fulfil them where these are few.
 
 mod builder;
 mod check;
 mod codec;
 mod complete;
-mod count;
+#[cfg(test)]
+mod constrained;
+mod constraint;
 mod domain;
+mod group;
+mod listing;
+mod nearest;
 mod repair;
 #[cfg(test)]
 mod tests;
 
 use std::fmt;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use builder::{BooleanParameter, CategoricalParameter, FloatParameter, IntegerParameter, SpaceBuilder};
+pub use constraint::{Constraint, ConstraintError};
 
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::names::NAME_RULE;
+use crate::space::constraint::{Node, Range};
+use crate::space::group::Group;
 use crate::value::Value;
 
 /// How a numeric range is spread over the unit interval.
@@ -91,28 +104,40 @@ pub struct Parameter {
     pub active_if: Option<Condition>,
 }
 
-/// `lesser <= greater`, between two parameters with integer or float domains, while both are active.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Constraint {
-    /// The parameter that must not be greater.
-    pub lesser: String,
-    /// The parameter that must not be less.
-    pub greater: String,
-}
-
 /// The parameters and the relations between them, checked.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(try_from = "SpaceParts", into = "SpaceParts")]
 pub struct Space {
     parameters: Vec<Parameter>,
     constraints: Vec<Constraint>,
     /// For each parameter, the index of the parameter its condition names.
     condition_of: Vec<Option<usize>>,
-    /// The constraints as indices: `(lesser, greater)`.
-    order: Vec<(usize, usize)>,
+    /// The constraints, over indices of parameters.
+    rules: Vec<Rule>,
+    /// The parameters that constraints tie together; none where all constraints are orders.
+    groups: Arc<[Group]>,
+    /// What each parameter may be.
+    ranges: Vec<Range<'static>>,
     default: Configuration,
     /// The default values' coordinates.
     default_point: Vec<f64>,
+}
+
+/// A constraint over indices of parameters.
+#[derive(Clone, Debug)]
+struct Rule {
+    root: Node<usize>,
+    /// The parameters that it names.
+    mentions: Vec<usize>,
+    /// The two parameters, the lesser first, where it is an order.
+    order: Option<(usize, usize)>,
+}
+
+/// Everything else follows from these two.
+impl PartialEq for Space {
+    fn eq(&self, other: &Self) -> bool {
+        self.parameters == other.parameters && self.constraints == other.constraints
+    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -181,15 +206,16 @@ pub enum SpaceError {
         problem: String,
     },
     /// A constraint is not acceptable.
-    #[error("constraint {lesser:?} <= {greater:?}: {problem}")]
+    #[error("constraint `{constraint}`: {problem}")]
     Constraint {
-        /// The lesser parameter.
-        lesser: String,
-        /// The greater parameter.
-        greater: String,
+        /// The constraint.
+        constraint: String,
         /// The mistake, in words.
         problem: String,
     },
+    /// A constraint cannot be read.
+    #[error(transparent)]
+    Unreadable(#[from] ConstraintError),
     /// A configuration names a parameter that the space does not have.
     #[error("parameter {name:?} is unknown; the space has {known}")]
     Unknown {
@@ -223,18 +249,12 @@ pub enum SpaceError {
         allowed: String,
     },
     /// A configuration breaks a constraint.
-    #[error(
-        "{lesser} = {lesser_value} is greater than {greater} = {greater_value}; the space requires {lesser} <= {greater}"
-    )]
+    #[error("{values} break the constraint `{constraint}`; change one of them")]
     Violated {
-        /// The lesser parameter.
-        lesser: String,
-        /// Its value.
-        lesser_value: Value,
-        /// The greater parameter.
-        greater: String,
-        /// Its value.
-        greater_value: Value,
+        /// The constraint.
+        constraint: String,
+        /// The values of the parameters that it names: `block_x = 64, block_y = 32`.
+        values: String,
     },
 }
 
@@ -243,13 +263,6 @@ impl fmt::Display for Condition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let values: Vec<String> = self.any_of.iter().map(Value::to_string).collect();
         write!(f, "{} = {}", self.parameter, values.join(" or "))
-    }
-}
-
-/// `lesser <= greater`.
-impl fmt::Display for Constraint {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} <= {}", self.lesser, self.greater)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Repair of points of the cube that break a constraint `lesser <= greater`.
+//! Repair of points of the cube that break constraints `lesser <= greater`, where there are no others.
 //!
 //! First the two values are swapped where both domains allow it: the cube is folded along the diagonal, so
 //! uniform points stay uniform over the allowed triangle and the map stays continuous (clamping would heap a
@@ -11,17 +11,24 @@ impl Space {
     /// Repairs `values` for this set of active parameters. `false` when no values exist that fulfil the
     /// constraints among them.
     pub(super) fn repair(&self, values: &mut [Value], active: &[bool]) -> bool {
+        self.fold(values, active)
+            || self.violations(values, active).next().is_none()
+            || self.narrow(values, active)
+    }
+
+    /// Swaps the values of broken orders. `true` when nothing is broken any more.
+    pub(super) fn fold(&self, values: &mut [Value], active: &[bool]) -> bool {
         // Bubble sort along the constraints: as many rounds as there are parameters sort any chain.
         for _ in 0..self.parameters.len() {
             let broken: Vec<usize> = self.violations(values, active).collect();
             if broken.is_empty() {
                 return true;
             }
-            for index in broken {
-                self.swap_if_possible(values, self.order[index]);
+            for order in broken.into_iter().filter_map(|index| self.rules[index].order) {
+                self.swap_if_possible(values, order);
             }
         }
-        self.violations(values, active).next().is_none() || self.narrow(values, active)
+        false
     }
 
     fn swap_if_possible(&self, values: &mut [Value], (lesser, greater): (usize, usize)) {
@@ -75,7 +82,8 @@ impl Space {
         let whole = |index: usize| matches!(self.parameters[index].domain, Domain::Integer { .. });
         loop {
             let mut moved = false;
-            for &(lesser, greater) in self.order.iter().filter(|(a, b)| active[*a] && active[*b]) {
+            let orders = self.rules.iter().filter_map(|rule| rule.order);
+            for (lesser, greater) in orders.filter(|(a, b)| active[*a] && active[*b]) {
                 let low = ranges[lesser].0;
                 let low = if whole(greater) { low.ceil() } else { low };
                 if low > ranges[greater].0 {

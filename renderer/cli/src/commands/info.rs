@@ -184,7 +184,7 @@ pub(crate) fn spaces(arguments: &SpacesArguments) -> Result<(), CliError> {
     }
     println!("{table}");
     for constraint in space.space().constraints() {
-        println!("{} must not be above {}", constraint.lesser, constraint.greater);
+        println!("always {constraint}");
     }
     if space.preset() == Preset::Full {
         println!("{NOT_TUNED}");

@@ -44,7 +44,7 @@ fn space() -> Space {
         ),
         parameter("compressed", Domain::Boolean, Value::Boolean(false)),
     ];
-    let order = Constraint { lesser: "min_leaf_size".into(), greater: "max_leaf_size".into() };
+    let order = Constraint::order("min_leaf_size", "max_leaf_size");
     Space::new(parameters, vec![order]).expect("a valid space")
 }
 

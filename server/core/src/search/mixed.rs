@@ -51,7 +51,7 @@ fn table_1() -> Space {
         cost("intersection_cost", 0.1),
         switch("static"),
     ];
-    let order = Constraint { lesser: "min_leaf_size".into(), greater: "max_leaf_size".into() };
+    let order = Constraint::order("min_leaf_size", "max_leaf_size");
     Space::new(parameters, vec![order]).expect("a valid space")
 }
 

@@ -30,6 +30,8 @@ pub use nelder_mead::NelderMead;
 pub use random::RandomSearch;
 pub use registry::{AnySearch, hears_others, resolved};
 
+use crate::space::Space;
+
 /// A point that a search wants measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
@@ -143,6 +145,9 @@ pub trait Search {
     /// Has a search that has just begun profit from other states: `first` are points to begin with, after
     /// the default, and `runs` say what can be run. A search that does not hear others begins as always.
     fn follow(&mut self, _main_effects: MainEffects, _first: Vec<Vec<f64>>, _runs: Vec<SourceRun>) {}
+
+    /// Names the space to a search that was read from its row. A search without a model has no use for it.
+    fn set_space(&mut self, _space: &Space) {}
 
     /// Whether the next [`ask`](Search::ask) is a matter of microseconds: no model has to be fitted for it. A
     /// search without a model is always ready.

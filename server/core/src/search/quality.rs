@@ -91,7 +91,7 @@ fn tree_space() -> Space {
         boolean("robust"),
         boolean("static"),
     ];
-    let order = Constraint { lesser: "min_leaf_size".into(), greater: "max_leaf_size".into() };
+    let order = Constraint::order("min_leaf_size", "max_leaf_size");
     Space::new(parameters, vec![order]).expect("a valid space")
 }
 

@@ -186,7 +186,7 @@ impl Tuner {
     }
 
     fn restore_state(&mut self, record: StateRecord) -> Result<(), RestoreError> {
-        let StateRecord { id, indicators, fingerprint, search } = record;
+        let StateRecord { id, indicators, fingerprint, mut search } = record;
         let expected = self.states.len() as u64 + 1;
         if id != expected {
             return Err(inconsistent(format!("state {id} stands where state {expected} should")));
@@ -197,6 +197,9 @@ impl Tuner {
         }
         if search.as_ref().is_some_and(|search| !search.fits(&self.spec.space)) {
             return Err(inconsistent(format!("the race of state {id} does not fit the space")));
+        }
+        if let Some(search) = search.as_mut().and_then(|exploration| exploration.search.as_mut()) {
+            search.set_space(&self.spec.space);
         }
         let state = self.states.found(indicators, fingerprint.as_ref());
         self.states.restore_search(state, search.as_ref().is_some_and(Exploration::is_begun));

@@ -3,9 +3,12 @@
 //! A point of the cube and the configuration it stands for are not one to one: cells of integers, inactive
 //! parameters and folded constraints make many points one configuration. A model that sees the cube learns
 //! the same thing again and again; a [`Layout`] gives it the configuration instead, without names and
-//! without text: [`Layout::canonical`] is `encode(decode(point))` of the space, some hundred times faster.
+//! without text: [`Layout::canonical`] is `encode(decode(point))` of the space, some hundred times faster where
+//! no constraint is an expression.
 
 pub(crate) mod main_effects;
+
+use std::sync::Arc;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -14,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::gp::kernel::{FeatureKind, INACTIVE};
 use crate::gp::local_search::Neighbourhood;
 use crate::search::layout::main_effects::MainEffects;
-use crate::space::{Domain, Space};
+use crate::space::{Constraint, Domain, Space};
 use crate::value::Value;
 
 /// The meaning of an axis of the cube.
@@ -53,6 +56,9 @@ pub struct Layout {
     /// Axes that are left where they are, and where. Points that were measured elsewhere stay what they are.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     held: Vec<(usize, f64)>,
+    /// The space, where only it can tell which configuration a point stands for. It is not stored.
+    #[serde(skip)]
+    space: Option<Arc<Space>>,
     /// The prediction of points by other states. Rows of version 0.1.0 call it `guide`.
     #[serde(rename = "guide", default, skip_serializing_if = "Option::is_none")]
     main_effects: Option<MainEffects>,
@@ -65,7 +71,7 @@ impl Layout {
     /// The layout of a space.
     pub fn of(space: &Space) -> Self {
         let parameters = space.parameters();
-        let place = |name: &String| parameters.iter().position(|parameter| &parameter.name == name);
+        let place = |name: &str| parameters.iter().position(|parameter| parameter.name == name);
         let axes = parameters.iter().map(|parameter| {
             let gate = parameter.active_if.as_ref().and_then(|condition| {
                 let parent = place(&condition.parameter)?;
@@ -77,14 +83,23 @@ impl Layout {
             });
             LayoutAxis { kind: AxisKind::of(&parameter.domain), gate }
         });
-        let order = space.constraints().iter();
-        Layout {
+        let orders = space.constraints().iter().filter_map(Constraint::as_order);
+        let places = |(lesser, greater)| Some((place(lesser)?, place(greater)?));
+        let mut layout = Layout {
             axes: axes.collect(),
-            order: order.filter_map(|pair| Some((place(&pair.lesser)?, place(&pair.greater)?))).collect(),
+            order: orders.filter_map(places).collect(),
             default: space.encode(space.default_ref()),
             held: Vec::new(),
+            space: None,
             main_effects: None,
-        }
+        };
+        layout.set_space(space);
+        layout
+    }
+
+    /// Names the space again, for a layout that was stored.
+    pub(super) fn set_space(&mut self, space: &Space) {
+        self.space = space.has_expressions().then(|| Arc::new(space.clone()));
     }
 
     /// Axes that count as numbers in 0..1, for a search that knows no more than their number and, for
@@ -102,6 +117,7 @@ impl Layout {
             order: Vec::new(),
             default,
             held: Vec::new(),
+            space: None,
             main_effects: None,
         }
     }
@@ -215,6 +231,9 @@ impl Layout {
     /// unfolded, inactive axes to their defaults. Where a constraint can only be repaired by narrowing
     /// ranges the point is left where it is.
     pub(crate) fn canonical(&self, x: &mut [f64]) -> Vec<bool> {
+        if let Some(space) = &self.space {
+            return space.canonical(x);
+        }
         for (x, axis) in x.iter_mut().zip(&self.axes) {
             *x = axis.snap(*x);
         }
@@ -359,7 +378,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::space::{Condition, Constraint, Parameter, Scale};
+    use crate::space::{Condition, Parameter, Scale};
 
     fn space() -> Space {
         let p = |name: &str, domain, default, active_if: Option<(&str, Vec<Value>)>| Parameter {
@@ -398,7 +417,7 @@ mod tests {
                 Some(("robust", vec![Value::Boolean(true)])),
             ),
         ];
-        let order = Constraint { lesser: "least".into(), greater: "most".into() };
+        let order = Constraint::order("least", "most");
         Space::new(parameters, vec![order]).expect("a valid space")
     }
 
@@ -422,6 +441,28 @@ mod tests {
                     prop_assert!((back - own).abs() < 1e-12, "axis {}", index);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn expressions_are_repaired_as_the_space_repairs_them() {
+        let space = Space::builder()
+            .integer("x", 1..=64)
+            .default(8)
+            .integer("y", 1..=64)
+            .default(8)
+            .constraint("x * y <= 64 and x % 2 == 0")
+            .build()
+            .expect("a space");
+        let layout = Layout::of(&space);
+        let text = serde_json::to_string(&layout).expect("plain data");
+        let mut stored: Layout = serde_json::from_str(&text).expect("own output");
+        stored.set_space(&space);
+        assert_eq!(stored, layout);
+        for point in [[0.9, 0.9], [0.1, 0.99], [0.4, 0.02]] {
+            let (mut x, configuration) = (point, space.decode(&point));
+            assert_eq!(layout.canonical(&mut x), [true, true]);
+            assert_eq!(x.to_vec(), space.encode(&configuration));
         }
     }
 

@@ -51,6 +51,7 @@ use crate::randomness::{Purpose, stream};
 use crate::search::layout::Layout;
 use crate::search::pending::PendingPoints;
 use crate::search::{Feedback, MainEffects, Point, Search, SearchSetup, SourceRun, Step, Verdict};
+use crate::space::Space;
 use acquire::{Acquisition, EstimatedPoint};
 pub use ahead::PlannedPoint;
 use failure::RunElsewhere;
@@ -541,6 +542,10 @@ impl Search for ModelSearch {
     fn hold(&mut self, held: &[(usize, f64)]) -> bool {
         self.setup.layout.set_held(held);
         true
+    }
+
+    fn set_space(&mut self, space: &Space) {
+        self.setup.layout.set_space(space);
     }
 
     /// It then goes on without a design.

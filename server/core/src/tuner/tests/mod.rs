@@ -45,7 +45,7 @@ pub(super) fn spec(policy: Policy) -> StudySpec {
             parameter("max_leaf_size", leaf(), Value::Integer(16)),
             parameter("travel_cost", cost, Value::Float(1.0)),
         ],
-        vec![Constraint { lesser: "min_leaf_size".into(), greater: "max_leaf_size".into() }],
+        vec![Constraint::order("min_leaf_size", "max_leaf_size")],
     );
     spec_of(space.expect("a valid space"), policy)
 }

@@ -90,6 +90,21 @@ fn a_space_of_nineteen_levels_is_raced_confirmed_and_ended_in_the_runs_that_are_
 }
 
 #[test]
+fn a_space_of_which_few_configurations_fulfil_the_constraints_is_tried_whole() {
+    let range = || Domain::Integer { min: 1, max: 64, scale: Scale::Log };
+    let parameters =
+        vec![parameter("level", range(), Value::Integer(1)), parameter("rest", range(), Value::Integer(48))];
+    let constraint = Constraint::parse("level * rest == 48").expect("it reads");
+    let space = Space::new(parameters, vec![constraint]).expect("valid");
+    let spec = StudySpec { indicators: IndicatorSchema::default(), ..spec_of(space, Policy::default()) };
+    let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
+    // Ten of 4096 combinations.
+    let runs = tuned(&mut tuner, |level| 10.0 + (level - 12.0).abs(), 0.01, 1_000);
+    assert!((10..120).contains(&runs), "{runs}");
+    assert_eq!(answer(&tuner).0, 12);
+}
+
+#[test]
 fn a_space_that_is_flat_ends_and_says_that_nothing_is_better() {
     let mut wrong = 0;
     for seed in 0..30 {
