@@ -187,8 +187,11 @@ fn study() -> wire::Study {
             ..parameter("bins", Domain::Integer(bins), integer(16))
         },
     ];
-    let constraints =
-        vec![wire::Constraint { lesser: "min_leaf".to_owned(), greater: "max_leaf".to_owned() }];
+    let constraints = vec![wire::Constraint {
+        lesser: "min_leaf".to_owned(),
+        greater: "max_leaf".to_owned(),
+        ..wire::Constraint::default()
+    }];
     let indicator = |name: &str, max, scale| wire::Indicator { name: name.to_owned(), min: 0.0, max, scale };
     let term = |metric: &str, weight| wire::ObjectiveTerm { metric: metric.to_owned(), weight };
     wire::Study {

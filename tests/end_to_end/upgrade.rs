@@ -67,7 +67,11 @@ fn study(policy: pb::Policy) -> pb::Study {
                 parameter("bits", integer(3, 10), Kind::Integer(10), "morton"),
                 parameter("compact", Domain::Boolean(pb::BooleanDomain {}), Kind::Boolean(false), ""),
             ],
-            constraints: vec![pb::Constraint { lesser: "fewest".into(), greater: "most".into() }],
+            constraints: vec![pb::Constraint {
+                lesser: "fewest".into(),
+                greater: "most".into(),
+                ..pb::Constraint::default()
+            }],
         }),
         policy: Some(policy),
         ..wire::study()

@@ -30,7 +30,11 @@ pub(crate) fn study() -> pb::Study {
                 parameter("most", integer(1, 32), Kind::Integer(32)),
                 parameter("weight", float, Kind::Float(1.0)),
             ],
-            constraints: vec![pb::Constraint { lesser: "fewest".into(), greater: "most".into() }],
+            constraints: vec![pb::Constraint {
+                lesser: "fewest".into(),
+                greater: "most".into(),
+                ..pb::Constraint::default()
+            }],
         }),
         indicators: vec![indicator("near"), indicator("far")],
         objective: Some(pb::Objective {

@@ -8,7 +8,7 @@ use treewright_client::{Indicators, Value};
 use super::{indicator, parameter};
 use crate::exec::program::MetricSource;
 use crate::failure::Failure;
-use crate::study_file::{ParameterEntry, StudyFile, TermEntry};
+use crate::study_file::{ConstraintEntry, ParameterEntry, StudyFile, TermEntry};
 
 pub(crate) const EXEC_EXAMPLES: &str = "\
 In the command, {level} is replaced by the value, {long?--long} by --long if the switch is on, and \
@@ -24,6 +24,8 @@ Examples:
   treewright exec zstd --tune 'level=1..19:3' --tune 'threads=1..4:1' \\
       --trials 30 --confirm -- zstd -{level} -T{threads} -kf data.tar
   treewright exec study.toml --confirm=20 -- ./solver --blocks {blocks} {fast?--fast}
+  treewright exec gemm --tune 'x=1..64:8' --tune 'y=1..64:8' --constraint 'x * y <= 1024 and x % y == 0' \
+      -- ./gemm {x} {y}
   treewright exec loss --metric json --tune 'rate=0.001..1.0:0.1:log' --minimise loss \\
       -- python3 train.py --rate {rate}";
 
@@ -36,6 +38,9 @@ pub(crate) struct Exec {
     /// :log to numbers for a logarithmic scale
     #[arg(long, value_name = "NAME=VALUES:DEFAULT", value_parser = ParameterEntry::inline)]
     pub(crate) tune: Vec<ParameterEntry>,
+    /// What every configuration of a new study fulfils, e.g. 'block_x * block_y <= 1024'; may be repeated
+    #[arg(long = "constraint", value_name = "EXPRESSION", requires = "tune")]
+    pub(crate) constraints: Vec<String>,
     /// Metric to minimise in a new study
     #[arg(long, value_name = "METRIC", default_value = "wall_ms", requires = "tune")]
     pub(crate) minimise: String,
@@ -86,7 +91,9 @@ impl Exec {
             return Ok(None);
         }
         let objective = vec![TermEntry { metric: self.minimise.clone(), weight: 1.0 }];
-        Ok(Some(StudyFile { parameters: self.tune.clone(), objective, ..StudyFile::default() }))
+        let constraints = self.constraints.iter().cloned().map(ConstraintEntry::Expression).collect();
+        let parameters = self.tune.clone();
+        Ok(Some(StudyFile { parameters, constraints, objective, ..StudyFile::default() }))
     }
 }
 

@@ -1,7 +1,7 @@
 //! What a study's parameters do, from its trials.
 
 use treewright_client::blocking::Client;
-use treewright_client::{ClientError, TrialQuery};
+use treewright_client::{ClientError, Constraint, TrialQuery};
 
 use crate::analysis::{self, Request, TRIALS_MIN};
 use crate::arguments::data::Analyze;
@@ -33,7 +33,8 @@ pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<Strin
         conditions.push((filter.clone(), trials(filter)?));
     }
     // Pairs that are ordered, such as both leaf sizes, are looked at together without being asked for.
-    let ordered = spec.space.constraints().iter().map(|pair| (pair.lesser.clone(), pair.greater.clone()));
+    let ordered = spec.space.constraints().iter().filter_map(Constraint::as_order);
+    let ordered = ordered.map(|(lesser, greater)| (lesser.to_owned(), greater.to_owned()));
     let maps = if wanted.maps.is_empty() { ordered.collect() } else { wanted.maps.clone() };
     let request = Request { study: wanted.study.clone(), metrics: wanted.metrics.clone(), maps };
     let analysis = analysis::analyse(&spec, &request, &all, &conditions);

@@ -14,8 +14,7 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use treewright_client::{
-    Condition, Configuration, Constraint, Domain, Parameter, Policy, Scale, Space, StudyRecord, StudySpec,
-    Value,
+    Condition, Configuration, Domain, Parameter, Policy, Scale, Space, StudyRecord, StudySpec, Value,
 };
 
 use crate::failure::Failure;
@@ -47,7 +46,7 @@ pub(crate) struct StudyFile {
     pub(crate) auxiliary: Vec<String>,
     /// What can be tuned, 1 to 128. A condition may only name a parameter that stands earlier.
     pub(crate) parameters: Vec<ParameterEntry>,
-    /// Relations that every configuration fulfils.
+    /// What every configuration fulfils, such as `block_x * block_y <= 1024`; at most 64.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) constraints: Vec<ConstraintEntry>,
     /// The numbers that describe an input. Without any the study has one state.
@@ -227,14 +226,19 @@ struct ConditionEntry {
     any_of: Vec<Plain>,
 }
 
-/// `lesser <= greater`, between two numeric parameters, while both are active.
+/// What every configuration fulfils while all parameters that it names are active.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ConstraintEntry {
-    /// The parameter that must not be greater.
-    lesser: String,
-    /// The parameter that must not be less.
-    greater: String,
+#[serde(untagged, deny_unknown_fields)]
+pub(crate) enum ConstraintEntry {
+    /// An expression: `+ - * / %`, comparisons, `and`, `or`, `not`, `min`, `max`, `abs`.
+    Expression(String),
+    /// `lesser <= greater`, between two numeric parameters.
+    Order {
+        /// The parameter that must not be greater.
+        lesser: String,
+        /// The parameter that must not be less.
+        greater: String,
+    },
 }
 
 /// One number that describes the input.
@@ -330,8 +334,11 @@ impl StudyFile {
         for parameter in parameters {
             space = space.with_parameter(parameter.map_err(Failure::Usage)?);
         }
-        for Constraint { lesser, greater } in self.constraints.iter().map(ConstraintEntry::constraint) {
-            space = space.less_or_equal(&lesser, &greater);
+        for entry in &self.constraints {
+            space = match entry {
+                ConstraintEntry::Expression(text) => space.constraint(text),
+                ConstraintEntry::Order { lesser, greater } => space.less_or_equal(lesser, greater),
+            };
         }
         let mut builder = StudySpec::builder(space.build()?)
             .display_name(self.display_name.clone().unwrap_or_default())
@@ -412,7 +419,7 @@ impl StudyFile {
                 .space
                 .constraints()
                 .iter()
-                .map(|one| ConstraintEntry { lesser: one.lesser.clone(), greater: one.greater.clone() })
+                .map(|one| ConstraintEntry::Expression(one.to_string()))
                 .collect(),
             indicators: indicators.collect(),
             objective: terms
@@ -439,12 +446,6 @@ fn policy_entries(policy: &Policy) -> Result<BTreeMap<String, PolicyEntry>, Fail
         }
     }
     Ok(entries)
-}
-
-impl ConstraintEntry {
-    fn constraint(&self) -> Constraint {
-        Constraint { lesser: self.lesser.clone(), greater: self.greater.clone() }
-    }
 }
 
 impl ParameterEntry {

@@ -8,6 +8,7 @@ display_name = "a compressor"
 state_tolerance = 0.02
 seed = 7
 auxiliary = ["cpu_ms", "page_faults"]
+constraints = ["level*2 <= 40", "strategy == 'fast' or ratio >= 2", { lesser = "level", greater = "ratio" }]
 
 [[parameters]]
 name = "level"
@@ -35,10 +36,6 @@ active_if = { parameter = "strategy", any_of = ["lazy"] }
 name = "long"
 type = "boolean"
 default = false
-
-[[constraints]]
-lesser = "level"
-greater = "ratio"
 
 [[indicators]]
 name = "megabytes"
@@ -71,6 +68,12 @@ fn what_is_written_is_read_back_in_both_languages() {
     assert_eq!(spec.space.parameters()[2].default, Value::Float(2.0), "whole numbers stand for floats");
     assert_eq!(spec.objective.terms()[0].weight, 1.0);
     assert_eq!(spec.objective.auxiliary(), ["cpu_ms", "page_faults"]);
+    let constraints: Vec<String> = spec.space.constraints().iter().map(ToString::to_string).collect();
+    assert_eq!(constraints, ["level * 2 <= 40", "strategy == \"fast\" or ratio >= 2", "level <= ratio"]);
+    let as_tables = "[[constraints]]\nlesser = \"level\"\ngreater = \"ratio\"\n\n[[indicators]]";
+    let (start, end) = (FILE.find("constraints").expect("there"), FILE.find("\n\n[[par").expect("there"));
+    let old = FILE.replacen("[[indicators]]", as_tables, 1).replace(&FILE[start..end], "");
+    assert_eq!(read(&old).spec().expect("as before").space.constraints()[0], spec.space.constraints()[2]);
     let written = StudyFile {
         id: file.id.clone(),
         policy: policy_entries(&spec.policy).expect("plain data"),
@@ -109,6 +112,8 @@ fn mistakes_are_named() {
     assert!(parse(&FILE.replace("seed = 7", "seed = -7")).contains("line 5"));
     let spec = |text: &str| read(text).spec().expect_err("a mistake").to_string();
     assert!(spec(&FILE.replace("seed = 7", "seed = \"x\"")).contains("seed"));
+    assert!(spec(&FILE.replace("level*2 <= 40", "level*2 <=")).contains("at character 11: a name, a value"));
+    assert!(spec(&FILE.replace("level*2 <= 40", "levle < 9")).contains("did you mean \"level\""));
     assert!(spec(&FILE.replace("max = 19", "max = 19.5")).contains("19.5 is no whole number"));
     assert!(spec(&FILE.replace("default = 3", "default = 20")).contains("level"));
     assert!(spec(&FILE.replace("search = \"nelder_mead\"", "search = \"best\"")).contains("nelder_mead"));

@@ -10,13 +10,9 @@ use crate::v1;
 /// A space.
 #[must_use]
 pub fn space_to_wire(space: &Space) -> v1::Space {
-    let constraint = |constraint: &Constraint| v1::Constraint {
-        lesser: constraint.lesser.clone(),
-        greater: constraint.greater.clone(),
-    };
     v1::Space {
         parameters: space.parameters().iter().map(parameter_to_wire).collect(),
-        constraints: space.constraints().iter().map(constraint).collect(),
+        constraints: space.constraints().iter().map(constraint_to_wire).collect(),
     }
 }
 
@@ -29,11 +25,34 @@ pub fn space_from_wire(field: &str, space: v1::Space) -> Result<Space, Malformed
     let parameters = parameters
         .map(|(index, wire)| parameter_from_wire(&format!("{field}.parameters[{index}]"), wire))
         .collect::<Result<_, _>>()?;
-    let constraints = space.constraints.into_iter();
+    let constraints = space.constraints.iter().enumerate();
     let constraints = constraints
-        .map(|constraint| Constraint { lesser: constraint.lesser, greater: constraint.greater })
-        .collect();
+        .map(|(index, wire)| constraint_from_wire(&format!("{field}.constraints[{index}]"), wire))
+        .collect::<Result<_, _>>()?;
     Space::new(parameters, constraints).map_err(|error| Malformed::new(field, error))
+}
+
+/// Clients that know no expressions read orders as they always did.
+fn constraint_to_wire(constraint: &Constraint) -> v1::Constraint {
+    match constraint.as_order() {
+        Some((lesser, greater)) => v1::Constraint {
+            lesser: lesser.to_owned(),
+            greater: greater.to_owned(),
+            expression: String::new(),
+        },
+        None => v1::Constraint { expression: constraint.to_string(), ..v1::Constraint::default() },
+    }
+}
+
+fn constraint_from_wire(field: &str, wire: &v1::Constraint) -> Result<Constraint, Malformed> {
+    let v1::Constraint { lesser, greater, expression } = wire;
+    match (expression.is_empty(), lesser.is_empty() && greater.is_empty()) {
+        (true, _) => Ok(Constraint::order(lesser, greater)),
+        (false, true) => Constraint::parse(expression).map_err(|error| Malformed::new(field, error)),
+        (false, false) => {
+            Err(Malformed::new(field, "it has an expression and an order; leave one of them out"))
+        }
+    }
 }
 
 fn parameter_to_wire(parameter: &Parameter) -> v1::Parameter {

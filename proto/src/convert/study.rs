@@ -91,6 +91,7 @@ mod tests {
             .boolean("compact")
             .default(false)
             .less_or_equal("low", "high")
+            .constraint("low * max_depth <= 64 or split == 'sah'")
             .build()
             .expect("a space");
         // Every field of the policy is set to something.
@@ -154,6 +155,13 @@ mod tests {
         let mut newer = spec_to_wire(&spec());
         newer.space.as_mut().expect("a space").parameters[1].domain = None;
         assert!(problem(newer).starts_with("study.space.parameters[1].domain: is required; known here are"));
+        let mut wrong = spec_to_wire(&spec());
+        let constraints = &mut wrong.space.as_mut().expect("a space").constraints;
+        assert_eq!((constraints[0].lesser.as_str(), constraints[0].expression.as_str()), ("low", ""));
+        constraints[1].expression.push('*');
+        assert!(problem(wrong.clone()).starts_with("study.space.constraints[1]: constraint `low * max"));
+        wrong.space.as_mut().expect("a space").constraints[1].lesser = "low".to_owned();
+        assert!(problem(wrong).contains("it has an expression and an order"));
         let negative = v1::Policy { lease_s: -1, ..v1::Policy::default() };
         let error = policy_from_wire("study.policy", negative).expect_err("negative").to_string();
         assert_eq!(error, "study.policy.lease_s: -1 must not be negative");

@@ -161,13 +161,22 @@ pub struct Condition {
     #[prost(message, repeated, tag = "2")]
     pub any_of: ::prost::alloc::vec::Vec<Value>,
 }
-/// `lesser <= greater`, between two numeric parameters, while both are active.
+/// What every configuration fulfils while all parameters that it names are active: `lesser <= greater`, between two
+/// numeric parameters, or an expression.
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct Constraint {
     #[prost(string, tag = "1")]
     pub lesser: ::prost::alloc::string::String,
     #[prost(string, tag = "2")]
     pub greater: ::prost::alloc::string::String,
+    /// An expression over parameters, such as `block_x * block_y <= 1024` or `layout == "soa" or width % 4 == 0`, in place of
+    /// the other two. At most 1000 characters, 256 names, values and operators, and 32 parentheses within each other. It
+    /// knows `+ - * / %`, `== != < <= > >=`, `and or not` (or `&& || !`), `min max abs`, parentheses, numbers, `true`,
+    /// `false`, text in quotes, and names in backticks where they are not letters, digits and `_`. Numbers are doubles; `/`
+    /// is the division of real numbers and `%` has the sign of the dividend. Where a division by zero decides, the
+    /// constraint is not fulfilled. Answers have one spelling of it, and `a <= b` as `lesser` and `greater`.
+    #[prost(string, tag = "3")]
+    pub expression: ::prost::alloc::string::String,
 }
 /// A value for every active parameter, and for no other.
 #[derive(Clone, PartialEq, ::prost::Message)]

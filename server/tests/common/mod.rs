@@ -148,6 +148,7 @@ pub(crate) fn study() -> wire::Study {
             constraints: vec![wire::Constraint {
                 lesser: "min_leaf".to_owned(),
                 greater: "max_leaf".to_owned(),
+                ..wire::Constraint::default()
             }],
         }),
         indicators: vec![wire::Indicator { name: "triangles".to_owned(), min: 0.0, max: 100.0, scale: 0 }],

@@ -23,7 +23,11 @@ pub fn study() -> wire::Study {
                 parameter("f", float, value::Kind::Float(0.5)),
                 parameter("q", choice, value::Kind::Text("low".into())),
             ],
-            constraints: vec![wire::Constraint { lesser: "a".into(), greater: "b".into() }],
+            constraints: vec![wire::Constraint {
+                lesser: "a".into(),
+                greater: "b".into(),
+                ..wire::Constraint::default()
+            }],
         }),
         indicators: vec![wire::Indicator { name: "i".into(), min: 0.0, max: 1.0, scale: 0 }],
         objective: Some(wire::Objective {
