@@ -33,8 +33,8 @@ impl Spec {
         for parameter in &self.parameters {
             space = space.with_parameter(parameter.clone());
         }
-        for Constraint { lesser, greater } in &self.constraints {
-            space = space.less_or_equal(lesser, greater);
+        for constraint in &self.constraints {
+            space = space.with_constraint(constraint.clone());
         }
         let space = space.build().map_err(|error| Failure::invalid(error.to_string()))?;
         self.describe(StudySpec::builder(space)).build().map_err(|error| Failure::invalid(error.to_string()))
@@ -222,7 +222,17 @@ pub(crate) extern "C" fn tw_spec_less_or_equal(spec: Option<&mut Spec>, lesser: 
     change(spec, |spec| {
         let (lesser, greater) =
             (read(&lesser, "the lesser parameter")?, read(&greater, "the greater parameter")?);
-        spec.constraints.push(Constraint { lesser: lesser.to_owned(), greater: greater.to_owned() });
+        spec.constraints.push(Constraint::order(lesser, greater));
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_constraint(spec: Option<&mut Spec>, expression: Text) {
+    change(spec, |spec| {
+        let constraint = Constraint::parse(read(&expression, "the constraint")?);
+        spec.constraints.push(constraint.map_err(|error| error.to_string())?);
         Ok(())
     });
 }

@@ -44,6 +44,7 @@ static tw_spec *new_spec(void) {
   tw_spec_float(spec, "cost", 0.5, 4, 1, TW_LINEAR);
   tw_spec_active_if(spec, "split", "sah");
   tw_spec_choice_number(spec, "budget", budgets, 2, 1.2);
+  tw_spec_constraint(spec, "leaf % 5 != 4 or compact and leaf < 10");
   tw_spec_indicator(spec, "triangles", 0, 1e8, TW_LOG);
   tw_spec_minimise(spec, "render_ms", 1);
   tw_spec_policy(spec, "epsilon", "0.5");
@@ -58,7 +59,7 @@ static double render(const tw_configuration *configuration) {
   tw_error *error = NULL;
   CHECK(tw_configuration_integer(configuration, "leaf", &leaf, &error));
   CHECK(tw_configuration_boolean(configuration, "compact", &compact, &error));
-  CHECK(leaf >= 1 && leaf <= 32);
+  CHECK(leaf >= 1 && leaf <= 32 && (leaf % 5 != 4 || (compact && leaf < 10)));
   return 5 + fabs((double)leaf - 3) + (compact ? 2 : 0);
 }
 
@@ -104,6 +105,12 @@ static void mistakes(const tw_client *client) {
   tw_spec_active_if(spec, "nothing", "1");
   CHECK(!tw_client_study(client, "condition", spec, &error));
   expect(error, TW_INVALID, "no parameter \"nothing\"");
+  tw_spec_free(spec);
+  error = NULL;
+  spec = new_spec();
+  tw_spec_constraint(spec, "leaf * 2 <=");
+  CHECK(!tw_client_study(client, "constraint", spec, &error));
+  expect(error, TW_INVALID, "at character 12");
   tw_spec_free(spec);
   error = NULL;
   CHECK(!tw_client_existing_study(client, "nowhere", &error));

@@ -20,8 +20,8 @@ export type Parameter = { name: string; activeIf?: Condition } & (
 export interface StudySpec {
   displayName?: string;
   parameters: Parameter[];
-  /** `[lesser, greater]`, both names of parameters. */
-  constraints?: [string, string][];
+  /** What every configuration fulfils: an expression such as `"x * y <= 1024"`, or `[lesser, greater]`. */
+  constraints?: (string | [string, string])[];
   /** `[lowest, highest]`, mapped to 0 and 1; with `"log"` by the logarithm. */
   indicators?: Record<string, [number, number] | [number, number, "log"]>;
   /** Weights of measurements; the objective is their weighted sum. */

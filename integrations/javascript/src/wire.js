@@ -64,7 +64,8 @@ export function specToWire(spec) {
     displayName: spec.displayName ?? "",
     space: {
       parameters: spec.parameters.map((each) => parameterToWire(each, spec.parameters)),
-      constraints: (spec.constraints ?? []).map(([lesser, greater]) => ({ lesser, greater })),
+      constraints: (spec.constraints ?? []).map((each) =>
+        typeof each === "string" ? { expression: each } : { lesser: each[0], greater: each[1] }),
     },
     indicators,
     objective: { terms, auxiliary: spec.auxiliary ?? [] },

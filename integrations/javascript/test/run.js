@@ -16,6 +16,7 @@ const spec = {
     { name: "budget", type: "choice", values: [1.2, 2], default: 2 },
     { name: "compact", type: "boolean", default: false },
   ],
+  constraints: ["leaf % 4 == 0 or compact or split == 'median'", ["cost", "leaf"]],
   indicators: { triangles: [0, 1e8, "log"] },
   minimise: { ms: 1 },
   policy: { epsilon: 0.5, confirm_rounds: 0 },
@@ -33,6 +34,8 @@ async function trials() {
     assert.equal(suggestion.source, "daemon", suggestion.problem);
     assert.equal("cost" in configuration, configuration.split === "sah");
     assert.equal(typeof configuration.compact, "boolean");
+    assert.ok(configuration.leaf % 4 === 0 || configuration.compact || configuration.split === "median");
+    assert.ok(configuration.cost === undefined || configuration.cost <= configuration.leaf);
     suggestion.report({ ms: 5 + Math.abs(configuration.leaf - 3) });
     assert.throws(() => suggestion.report({ ms: 1 }), /already/);
   }
@@ -52,6 +55,7 @@ async function trials() {
   assert.ok((await study.predict(input)).configuration.leaf >= 1);
   await rejects(study.trialOf({ leaf: 99 }, input), "refused", "leaf");
   await rejects(client.study("bad", { ...spec, minimise: {} }), "refused", "objective");
+  await rejects(client.study("bad", { ...spec, constraints: ["leef < 3"] }), "refused", "did you mean");
   for (const wrong of [{ triangle: 1 }, { ...input, triangle: 1 }, {}, { triangles: NaN }])
     for (const ask of [() => study.suggest(wrong), () => study.trialOf(own.configuration, wrong), () => study.predict(wrong)])
       await rejects(ask(), "invalid", "triangle");

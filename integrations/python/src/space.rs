@@ -2,9 +2,7 @@
 
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use treewright_client::{
-    ClientError, Condition, Constraint, Domain, Parameter, Policy, Scale, StudySpec, Value,
-};
+use treewright_client::{ClientError, Condition, Domain, Parameter, Policy, Scale, StudySpec, Value};
 
 use crate::convert::value_of;
 use crate::error::{Invalid, raised};
@@ -19,7 +17,14 @@ pub(crate) struct Space {
 #[derive(Debug, Default)]
 struct Parts {
     parameters: Vec<Parameter>,
-    constraints: Vec<Constraint>,
+    constraints: Vec<Given>,
+}
+
+/// A constraint as it was given; mistakes are told with all others.
+#[derive(Debug)]
+enum Given {
+    Order(String, String),
+    Expression(String),
 }
 
 fn scale(log: bool) -> Scale {
@@ -59,8 +64,11 @@ impl Space {
             for parameter in &parts.parameters {
                 builder = builder.with_parameter(parameter.clone());
             }
-            for Constraint { lesser, greater } in &parts.constraints {
-                builder = builder.less_or_equal(lesser, greater);
+            for constraint in &parts.constraints {
+                builder = match constraint {
+                    Given::Order(lesser, greater) => builder.less_or_equal(lesser, greater),
+                    Given::Expression(text) => builder.constraint(text),
+                };
             }
             Ok(builder.build()?)
         })
@@ -135,7 +143,13 @@ impl Space {
 
     /// Every configuration has lesser <= greater.
     fn less_or_equal(this: PyRef<'_, Self>, lesser: String, greater: String) -> PyRef<'_, Self> {
-        this.with(|parts| parts.constraints.push(Constraint { lesser, greater }));
+        this.with(|parts| parts.constraints.push(Given::Order(lesser, greater)));
+        this
+    }
+
+    /// Every configuration fulfils an expression, such as `"block_x * block_y <= 1024"`.
+    fn constraint(this: PyRef<'_, Self>, expression: String) -> PyRef<'_, Self> {
+        this.with(|parts| parts.constraints.push(Given::Expression(expression)));
         this
     }
 
