@@ -88,7 +88,7 @@ async fn malformed_specifications_name_the_field() {
             "parameters[1].default_value: is required; known here are integer",
         ),
         (|s| space(s)[1].default_value = Some(integer(99)), "\"max_leaf\": the default 99"),
-        (|s| space(s)[0].name = "Leaf".to_owned(), "\"Leaf\" is not a name"),
+        (|s| space(s)[0].name = "leaf size".to_owned(), "\"leaf size\" is not a name"),
         (|s| s.indicators[0].scale = 77, "study.indicators.scale: 77 is not a known value"),
         (|s| s.indicators[0].max = f64::NAN, "study.indicators: "),
         (|s| s.objective.as_mut().unwrap().terms.clear(), "study.objective: "),

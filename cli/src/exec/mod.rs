@@ -99,6 +99,7 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
     let spec = study.spec()?.clone();
     let template = Template::read(&exec.command, &spec).map_err(Failure::Usage)?;
     note_unused(&template, &spec);
+    note_same_variables(&spec);
     let runner = Runner {
         metric: exec.metric,
         terms: spec.objective.terms(),
@@ -149,6 +150,18 @@ fn note_unused(template: &Template, spec: &StudySpec) {
             unused.join(", "),
             program::variable("TREEWRIGHT_PARAM_", "name")
         ));
+    }
+}
+
+/// Says where two parameters have one variable in the program's environment, of which the later remains.
+fn note_same_variables(spec: &StudySpec) {
+    let mut names = BTreeSet::new();
+    for parameter in spec.space.parameters() {
+        let variable = program::variable("TREEWRIGHT_PARAM_", &parameter.name);
+        if names.contains(&variable) {
+            progress::note(&format!("{variable} stands for several parameters; use {{{}}}", parameter.name));
+        }
+        names.insert(variable);
     }
 }
 

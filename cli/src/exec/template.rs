@@ -37,7 +37,7 @@ impl Template {
     pub(crate) fn read(command: &[String], spec: &StudySpec) -> Result<Self, String> {
         let names: Vec<&str> =
             spec.space.parameters().iter().map(|parameter| parameter.name.as_str()).collect();
-        let arguments: Vec<Vec<Piece>> = command.iter().map(|argument| pieces(argument)).collect();
+        let arguments: Vec<Vec<Piece>> = command.iter().map(|argument| pieces(argument, &names)).collect();
         for name in arguments.iter().flatten().filter_map(Piece::name) {
             if !names.contains(&name) {
                 return Err(format!(
@@ -98,17 +98,17 @@ fn fill(pieces: &[Piece], configuration: &Configuration) -> Filled {
     if has_choice && text.is_empty() { Filled::LeftOut } else { Filled::Argument(text) }
 }
 
-fn pieces(argument: &str) -> Vec<Piece> {
+fn pieces(argument: &str, names: &[&str]) -> Vec<Piece> {
     let mut found = Vec::new();
     let mut text = String::new();
     let mut rest = argument;
     while let Some(open) = rest.find('{') {
         text.push_str(&rest[..open]);
         let after = &rest[open + 1..];
-        if let Some((literal, end)) = after.strip_prefix('{').and_then(literal) {
+        if let Some((literal, end)) = after.strip_prefix('{').and_then(|after| literal(after, names)) {
             text.push_str(&format!("{{{literal}}}"));
             rest = end;
-        } else if let Some((piece, end)) = place(after) {
+        } else if let Some((piece, end)) = place(after, names) {
             if !text.is_empty() {
                 found.push(Piece::Text(std::mem::take(&mut text)));
             }
@@ -127,18 +127,18 @@ fn pieces(argument: &str) -> Vec<Piece> {
 }
 
 /// The name in `name}}`, and what follows.
-fn literal(after: &str) -> Option<(&str, &str)> {
+fn literal<'a>(after: &'a str, names: &[&str]) -> Option<(&'a str, &'a str)> {
     let end = after.find("}}")?;
-    is_name(&after[..end]).then(|| (&after[..end], &after[end + 2..]))
+    is_name(&after[..end], names).then(|| (&after[..end], &after[end + 2..]))
 }
 
 /// `name}` or `name?yes:no}` and what follows.
-fn place(after: &str) -> Option<(Piece, &str)> {
+fn place<'a>(after: &'a str, names: &[&str]) -> Option<(Piece, &'a str)> {
     let end = after.find('}')?;
     let (inner, rest) = (&after[..end], &after[end + 1..]);
     let piece = match inner.split_once('?') {
-        None if is_name(inner) => Piece::Value(inner.to_owned()),
-        Some((name, choice)) if is_name(name) => {
+        None if is_name(inner, names) => Piece::Value(inner.to_owned()),
+        Some((name, choice)) if is_name(name, names) => {
             let (yes, no) = choice.split_once(':').unwrap_or((choice, ""));
             Piece::Choice { name: name.to_owned(), yes: yes.to_owned(), no: no.to_owned() }
         }
@@ -147,10 +147,11 @@ fn place(after: &str) -> Option<(Piece, &str)> {
     Some((piece, rest))
 }
 
-/// Whether it is spelt like a parameter.
-fn is_name(text: &str) -> bool {
-    text.starts_with(|first: char| first.is_ascii_lowercase())
-        && text.chars().all(|each| each.is_ascii_lowercase() || each.is_ascii_digit() || each == '_')
+/// Whether it is a parameter, or meant for one: `${HOME}` and `{.Name}` are other programs' own.
+fn is_name(text: &str, names: &[&str]) -> bool {
+    let is_plain = |each: char| each.is_ascii_lowercase() || each.is_ascii_digit() || each == '_';
+    names.contains(&text)
+        || text.starts_with(|first: char| first.is_ascii_lowercase()) && text.chars().all(is_plain)
 }
 
 #[cfg(test)]
@@ -193,6 +194,13 @@ mod tests {
         let awk = ["awk", "{print $1}", "{\"a\":{\"b\":1}}", "${HOME}", "{", "}", "{{level}}{level}"];
         let want = ["awk", "{print $1}", "{\"a\":{\"b\":1}}", "${HOME}", "{", "}", "{level}5"];
         assert_eq!(filled(&awk, some), want);
+        let space = Space::builder().integer("learning-rate", 1..=9).default(3).build().expect("a space");
+        let spec = StudySpec::builder(space).minimise("wall_ms", 1.0).build().expect("a study");
+        let command = ["{learning-rate} {learning-date}".to_owned()];
+        let template = Template::read(&command, &spec).expect("a command");
+        let filled = template.fill(&Configuration::new().with("learning-rate", 5));
+        assert_eq!(filled, ["5 {learning-date}"]);
+        assert_eq!(super::super::program::variable("P_", "learning-rate.ä"), "P_LEARNING_RATE__");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::limits::{CATEGORIES_MAX, CONSTRAINTS_MAX, PARAMETERS_MAX};
-use crate::names::is_name;
+use crate::names::is_parameter_name;
 use crate::space::constraint::Range;
 use crate::space::{Condition, Constraint, Domain, Parameter, Rule, Space, SpaceError};
 use crate::value::Value;
@@ -162,7 +162,7 @@ fn canonical(parameter: Parameter) -> Parameter {
 /// Returns the index of the parameter that the condition names.
 fn check_parameter(parameter: &Parameter, earlier: &[Parameter]) -> Result<Option<usize>, SpaceError> {
     let name = &parameter.name;
-    if !is_name(name) {
+    if !is_parameter_name(name) {
         return Err(SpaceError::Name { name: name.clone() });
     }
     if earlier.iter().any(|other| &other.name == name) {

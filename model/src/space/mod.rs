@@ -35,7 +35,7 @@ pub use builder::{BooleanParameter, CategoricalParameter, FloatParameter, Intege
 pub use constraint::{Constraint, ConstraintError};
 
 use crate::configuration::{Configuration, RawConfiguration};
-use crate::names::NAME_RULE;
+use crate::names::PARAMETER_NAME_RULE;
 use crate::space::constraint::{Node, Range};
 use crate::space::group::Group;
 use crate::value::Value;
@@ -94,7 +94,7 @@ pub struct Condition {
 /// One tunable.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
-    /// 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a letter.
+    /// 1 to 64 letters and digits of any script, `_`, `-` and `.`, beginning with a letter or `_`.
     pub name: String,
     /// The values that it may have.
     pub domain: Domain,
@@ -162,7 +162,7 @@ pub enum SpaceError {
         most: usize,
     },
     /// A parameter is not spelt like a name.
-    #[error("parameter {name:?} is not a name; use {NAME_RULE}")]
+    #[error("parameter {name:?} is not a name; use {PARAMETER_NAME_RULE}")]
     Name {
         /// As given.
         name: String,

@@ -237,7 +237,7 @@ fn malformed_spaces_are_refused_with_their_reason() {
     let cases: Vec<(Vec<Parameter>, Vec<Constraint>, &str)> = vec![
         (vec![], vec![], "0 parameters; 1 to 128"),
         (many, vec![], "129 parameters"),
-        (vec![integer("A", 0, 1, Scale::Linear, 0)], vec![], "is not a name"),
+        (vec![integer("a b", 0, 1, Scale::Linear, 0)], vec![], "is not a name"),
         (vec![ok(), ok()], vec![], "listed twice"),
         (vec![integer("a", 2, 1, Scale::Linear, 2)], vec![], "is empty"),
         (vec![integer("a", 0, (1 << 53) + 1, Scale::Linear, 0)], vec![], "2^53"),

@@ -74,7 +74,7 @@ pub struct Space {
 /// One tunable.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Parameter {
-    /// REQUIRED: 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a letter.
+    /// REQUIRED: 1 to 64 letters and digits of any script, `_`, `-` and `.`, beginning with a letter or `_`.
     #[prost(string, tag = "1")]
     pub name: ::prost::alloc::string::String,
     /// The recommended value: the baseline everything is judged against. REQUIRED, inside the domain.
@@ -190,7 +190,7 @@ pub struct Configuration {
 /// One number that describes the input.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Indicator {
-    /// REQUIRED, spelt like a parameter's name.
+    /// REQUIRED: 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a letter.
     #[prost(string, tag = "1")]
     pub name: ::prost::alloc::string::String,
     /// The range that is mapped to 0..1. REQUIRED, finite, `min < max`. Values outside are accepted and
@@ -221,7 +221,7 @@ pub struct Objective {
 /// A weighted metric.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ObjectiveTerm {
-    /// Name of a measurement, spelt like a parameter's name. REQUIRED.
+    /// Name of a measurement, spelt like an indicator's. REQUIRED.
     #[prost(string, tag = "1")]
     pub metric: ::prost::alloc::string::String,
     /// REQUIRED, finite, greater than 0.

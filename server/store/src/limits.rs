@@ -8,9 +8,6 @@ pub const FILTER_CHARACTERS: usize = 2000;
 /// Most comparisons in one filter. The wire contract promises this figure.
 pub const FILTER_COMPARISONS: usize = 32;
 
-/// Longest name of a measurement, parameter or indicator inside a filter, in characters.
-pub const NAME_CHARACTERS: usize = 64;
-
 /// Most rows on one page.
 pub const PAGE_SIZE: u32 = 1000;
 

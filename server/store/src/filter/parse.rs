@@ -1,5 +1,6 @@
 //! Tokens to [`Filter`]: `comparison { AND comparison }`, `comparison = field operator value`.
 
+use treewright_core::names::{NAME_RULE, PARAMETER_NAME_RULE, is_name, is_parameter_name};
 use treewright_core::trial::{Mode, OutcomeKind, TrialState};
 use treewright_core::words::Word as _;
 
@@ -34,20 +35,21 @@ pub(super) fn filter(text: &str) -> Result<Filter, FilterError> {
     Ok(Filter { comparisons })
 }
 
-/// Checks that `name` is spelt like a parameter's name, so that it can be part of a JSON path.
+/// Checks that `name` is one of a metric or an indicator.
 pub(super) fn name(name: &str, position: usize) -> Result<String, FilterError> {
-    let spelt = name.starts_with(|c: char| c.is_ascii_lowercase())
-        && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
-    if spelt && name.len() <= limits::NAME_CHARACTERS {
+    spelt(name, position, is_name(name), NAME_RULE)
+}
+
+/// Checks that `name` is one of a parameter.
+fn parameter_name(name: &str, position: usize) -> Result<String, FilterError> {
+    spelt(name, position, is_parameter_name(name), PARAMETER_NAME_RULE)
+}
+
+fn spelt(name: &str, position: usize, is_right: bool, rule: &str) -> Result<String, FilterError> {
+    if is_right {
         Ok(name.to_owned())
     } else {
-        Err(FilterError::new(
-            position,
-            format!(
-                "`{name}` is not a name: 1 to {} characters of a-z, 0-9 and _, beginning with a letter",
-                limits::NAME_CHARACTERS
-            ),
-        ))
+        Err(FilterError::new(position, format!("`{name}` is not a name: {rule}")))
     }
 }
 
@@ -99,6 +101,7 @@ impl Parser {
             return Err(unexpected(field.position, &field.token, FIELDS));
         }
         let named = match prefixed {
+            Some(("config", rest)) => parameter_name(rest, field.position + "config.".len())?,
             Some((prefix, rest)) => name(rest, field.position + prefix.len() + 1)?,
             None => String::new(),
         };

@@ -46,7 +46,8 @@ pub(super) fn tokens(text: &str) -> Result<Vec<PlacedToken>, FilterError> {
             continue;
         }
         let (token, length) = match first {
-            'a'..='z' | 'A'..='Z' | '_' => word(&characters[at..]),
+            '_' => word(&characters[at..]),
+            letter if letter.is_alphabetic() => word(&characters[at..]),
             '0'..='9' | '-' | '.' => number(&characters[at..]),
             '"' => quoted(&characters[at..], at + 1)?,
             _ => operator(&characters[at..])
@@ -59,7 +60,8 @@ pub(super) fn tokens(text: &str) -> Result<Vec<PlacedToken>, FilterError> {
 }
 
 fn word(rest: &[char]) -> (FilterToken, usize) {
-    let length = run(rest, |c| c.is_ascii_alphanumeric() || c == '_' || c == '.');
+    // Parameters may be called `learning-rate`.
+    let length = run(rest, |c| c.is_alphanumeric() || matches!(c, '_' | '.' | '-'));
     (FilterToken::Word(rest[..length].iter().collect()), length)
 }
 

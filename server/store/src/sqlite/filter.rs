@@ -67,14 +67,14 @@ impl Dialect for QueryBuilder<Sqlite> {
     }
 }
 
-/// `function(column, '$.name')`, the path bound.
+/// `function(column, '$."name"')`, the path bound. Names hold no quotes.
 fn push_member<'q>(
     sql: &'q mut QueryBuilder<Sqlite>,
     function: &str,
     column: &str,
     name: &str,
 ) -> &'q mut QueryBuilder<Sqlite> {
-    sql.push(function).push("(").push(column).push(", ").push_bind(format!("$.{name}")).push(")")
+    sql.push(function).push("(").push(column).push(", ").push_bind(format!("$.\"{name}\"")).push(")")
 }
 
 #[cfg(test)]
@@ -113,5 +113,14 @@ mod tests {
         // The few open ones are put in order by themselves.
         let plan = plan(&mut connection, "state = OPEN", "").await;
         assert!(plan[0].contains("trials_open"), "{plan:?}");
+    }
+
+    #[tokio::test]
+    async fn names_with_dots_and_dashes_are_members() {
+        let mut connection = SqliteConnection::connect("sqlite::memory:").await.expect("a database");
+        let mut sql = QueryBuilder::new("SELECT ");
+        push_member(&mut sql, "json_extract", r#"'{"block.x-größe": 7}'"#, "block.x-größe");
+        let row = sql.build().fetch_one(&mut connection).await.expect("a row");
+        assert_eq!(row.get::<i64, _>(0), 7);
     }
 }
