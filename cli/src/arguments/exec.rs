@@ -35,7 +35,7 @@ pub(crate) struct Exec {
     /// The study's id, or a study file; the study is created if it does not exist
     pub(crate) study: String,
     /// Parameter of a new study: NAME=LOW..HIGH:DEFAULT, NAME=ONE|OTHER:DEFAULT or NAME=bool:DEFAULT; append
-    /// :log to numbers for a logarithmic scale
+    /// :log to numbers for a logarithmic scale, and /STEP to HIGH for steps
     #[arg(long, value_name = "NAME=VALUES:DEFAULT", value_parser = ParameterEntry::inline)]
     pub(crate) tune: Vec<ParameterEntry>,
     /// What every configuration of a new study fulfils, e.g. 'block_x * block_y <= 1024'; may be repeated

@@ -6,6 +6,7 @@
 //! for editors.
 
 pub(crate) mod find;
+mod inline;
 mod schema;
 
 use std::collections::BTreeMap;
@@ -14,7 +15,8 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use treewright_client::{
-    Condition, Configuration, Domain, Parameter, Policy, Scale, Space, StudyRecord, StudySpec, Value,
+    Condition, Configuration, Constraint, Domain, Parameter, Policy, Scale, Space, StudyRecord, StudySpec,
+    Value,
 };
 
 use crate::failure::Failure;
@@ -91,7 +93,7 @@ impl Seed {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ParameterEntry {
-    /// 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a letter.
+    /// 1 to 64 letters and digits of any script, `_`, `-` and `.`, beginning with a letter or `_`.
     name: String,
     /// What kind of value it has.
     #[serde(rename = "type")]
@@ -105,6 +107,9 @@ pub(crate) struct ParameterEntry {
     /// `log` makes equal ratios equal steps; `min` must then be above 0.
     #[serde(default, skip_serializing_if = "ScaleWord::is_linear")]
     scale: ScaleWord,
+    /// Only values that are so far apart from each other, from `min` on, of `integer`. It becomes a constraint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    step: Option<i64>,
     /// The choices of `categorical`: 1 to 64, all numbers or all words.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     values: Vec<Plain>,
@@ -245,7 +250,7 @@ pub(crate) enum ConstraintEntry {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct IndicatorEntry {
-    /// Spelt like a parameter's name.
+    /// 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a letter.
     name: String,
     /// Mapped to 0. Values outside are accepted.
     min: Number,
@@ -338,6 +343,14 @@ impl StudyFile {
             space = match entry {
                 ConstraintEntry::Expression(text) => space.constraint(text),
                 ConstraintEntry::Order { lesser, greater } => space.less_or_equal(lesser, greater),
+            };
+        }
+        for entry in &self.parameters {
+            space = match (entry.step, entry.min) {
+                (Some(step), Some(Number::Integer(min))) => {
+                    space.with_constraint(Constraint::step(&entry.name, min, step))
+                }
+                _ => space,
             };
         }
         let mut builder = StudySpec::builder(space.build()?)
@@ -476,7 +489,7 @@ impl ParameterEntry {
             any_of: condition.any_of.iter().map(Plain::from).collect(),
         });
         let default = Plain::from(&parameter.default);
-        Self { name: parameter.name.clone(), kind, min, max, scale, values, default, active_if }
+        Self { name: parameter.name.clone(), kind, min, max, step: None, scale, values, default, active_if }
     }
 
     /// Whether its values are floats, so that whole numbers stand for floats.
@@ -519,6 +532,9 @@ impl ParameterEntry {
         if !is_numeric && (self.min.is_some() || self.max.is_some() || !self.scale.is_linear()) {
             return Err(format!("parameter {name}: only numbers have `min`, `max` and `scale`"));
         }
+        if self.kind != Kind::Integer && self.step.is_some() {
+            return Err(format!("parameter {name}: only a whole number has a `step`"));
+        }
         if self.kind != Kind::Categorical && !self.values.is_empty() {
             return Err(format!("parameter {name}: only a categorical one has `values`"));
         }
@@ -537,49 +553,6 @@ impl ParameterEntry {
             }
             Kind::Boolean => Domain::Boolean,
         })
-    }
-
-    /// `NAME=LOW..HIGH:DEFAULT`, `NAME=ONE|OTHER:DEFAULT` or `NAME=bool:DEFAULT`, numbers with `:log` if
-    /// equal ratios are to be equal steps.
-    pub(crate) fn inline(text: &str) -> Result<Self, String> {
-        let wrong =
-            || format!("`{text}` is not NAME=LOW..HIGH:DEFAULT, NAME=ONE|OTHER:DEFAULT or NAME=bool:DEFAULT");
-        let (name, rest) = text.split_once('=').ok_or_else(wrong)?;
-        let (rest, scale) = match rest.strip_suffix(":log") {
-            Some(rest) => (rest, ScaleWord::Log),
-            None => (rest, ScaleWord::Linear),
-        };
-        let (domain, default) = rest.rsplit_once(':').ok_or_else(wrong)?;
-        let plain = |text: &str| Plain::from(&Value::parse(text.trim()));
-        let mut entry = Self {
-            name: name.trim().to_owned(),
-            kind: Kind::Categorical,
-            min: None,
-            max: None,
-            scale,
-            values: Vec::new(),
-            default: plain(default),
-            active_if: None,
-        };
-        if let Some((low, high)) = domain.split_once("..") {
-            let number = |text: &str| match plain(text) {
-                Plain::Integer(integer) => Ok(Number::Integer(integer)),
-                Plain::Float(float) => Ok(Number::Float(float)),
-                _ => Err(format!("`{text}` in `{domain}` is no number")),
-            };
-            let (min, max) = (number(low)?, number(high.trim_start_matches('='))?);
-            let all_whole = matches!(
-                (min, max, &entry.default),
-                (Number::Integer(_), Number::Integer(_), Plain::Integer(_))
-            );
-            entry.kind = if all_whole { Kind::Integer } else { Kind::Float };
-            (entry.min, entry.max) = (Some(min), Some(max));
-        } else if domain.trim() == "bool" {
-            entry.kind = Kind::Boolean;
-        } else {
-            entry.values = domain.split('|').map(plain).collect();
-        }
-        Ok(entry)
     }
 }
 

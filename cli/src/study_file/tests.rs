@@ -137,7 +137,16 @@ fn parameters_are_written_in_one_word() {
     let words = Domain::Categorical { values: vec!["off".into(), "wal".into()] };
     assert_eq!(domain("journal=off|wal:wal"), ("journal".into(), words, Value::from("wal")));
     assert_eq!(domain("long=bool:false"), ("long".into(), Domain::Boolean, Value::from(false)));
-    for wrong in ["level", "level=3", "level=a..b:3"] {
+    let steps = ParameterEntry::inline("block=16..256/16:64").expect("a parameter");
+    let terms = vec![TermEntry { metric: "ms".into(), weight: 1.0 }];
+    let file = StudyFile { parameters: vec![steps.clone()], objective: terms, ..StudyFile::default() };
+    let space = file.spec().expect("a study").space;
+    assert_eq!(space.constraints()[0].to_string(), "block % 16 == 0");
+    assert_eq!(space.enumerate().map(|all| all.len()), Some(16));
+    let of_words =
+        ParameterEntry { step: Some(2), ..ParameterEntry::inline("a=b|c:b").expect("a parameter") };
+    assert!(of_words.parameter(&[]).expect_err("words").contains("only a whole number has a `step`"));
+    for wrong in ["level", "level=3", "level=a..b:3", "level=1..9/x:3"] {
         assert!(ParameterEntry::inline(wrong).is_err(), "{wrong}");
     }
 }

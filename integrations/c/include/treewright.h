@@ -131,6 +131,8 @@ void tw_spec_choice_number(tw_spec *spec, const char *name, const double *values
 void tw_spec_active_if(tw_spec *spec, const char *parameter, const char *value);
 /* Every configuration has lesser <= greater. */
 void tw_spec_less_or_equal(tw_spec *spec, const char *lesser, const char *greater);
+/* The last parameter, an integer, has only values that are so far apart from each other, from the smallest on. */
+void tw_spec_step(tw_spec *spec, int64_t step);
 /* Every configuration fulfils an expression, such as "block_x * block_y <= 1024 and block_x % 4 == 0". */
 void tw_spec_constraint(tw_spec *spec, const char *expression);
 /* A number that describes the input, with the range that is mapped to 0..1. */

@@ -220,6 +220,7 @@ class Spec {
   Spec &less_or_equal(const char *lesser, const char *greater) {
     return tw_spec_less_or_equal(handle(), lesser, greater), *this;
   }
+  Spec &step(int64_t step) { return tw_spec_step(handle(), step), *this; }
   Spec &constraint(const char *expression) { return tw_spec_constraint(handle(), expression), *this; }
   Spec &indicator(const char *name, double min, double max, tw_scale scale = TW_LINEAR) {
     return tw_spec_indicator(handle(), name, min, max, scale), *this;

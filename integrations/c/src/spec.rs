@@ -229,6 +229,18 @@ pub(crate) extern "C" fn tw_spec_less_or_equal(spec: Option<&mut Spec>, lesser: 
 
 /// See the header.
 #[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_step(spec: Option<&mut Spec>, step: i64) {
+    change(spec, |spec| {
+        let Some(Parameter { name, domain: Domain::Integer { min, .. }, .. }) = spec.parameters.last() else {
+            return Err("a step belongs to a whole number; call it right after tw_spec_integer".to_owned());
+        };
+        spec.constraints.push(Constraint::step(name, *min, step));
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_constraint(spec: Option<&mut Spec>, expression: Text) {
     change(spec, |spec| {
         let constraint = Constraint::parse(read(&expression, "the constraint")?);

@@ -39,6 +39,8 @@ static tw_spec *new_spec(void) {
   tw_spec *spec = tw_spec_new();
   tw_spec_display_name(spec, "a study from C");
   tw_spec_integer(spec, "leaf", 1, 32, 8, TW_LOG);
+  tw_spec_integer(spec, "block", 8, 72, 24, TW_LINEAR);
+  tw_spec_step(spec, 16);
   tw_spec_choice(spec, "split", splits, 2, "sah");
   tw_spec_boolean(spec, "compact", false);
   tw_spec_float(spec, "cost", 0.5, 4, 1, TW_LINEAR);
@@ -54,11 +56,12 @@ static tw_spec *new_spec(void) {
 
 /* A frame whose time depends on the configuration alone. */
 static double render(const tw_configuration *configuration) {
-  int64_t leaf = 0;
+  int64_t leaf = 0, block = 0;
   bool compact = true;
   tw_error *error = NULL;
   CHECK(tw_configuration_integer(configuration, "leaf", &leaf, &error));
   CHECK(tw_configuration_boolean(configuration, "compact", &compact, &error));
+  CHECK(tw_configuration_integer(configuration, "block", &block, &error) && block % 16 == 8);
   CHECK(leaf >= 1 && leaf <= 32 && (leaf % 5 != 4 || (compact && leaf < 10)));
   return 5 + fabs((double)leaf - 3) + (compact ? 2 : 0);
 }

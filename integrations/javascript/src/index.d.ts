@@ -12,7 +12,8 @@ export interface Condition {
 
 /** `default` is the value used so far, against which everything is judged. */
 export type Parameter = { name: string; activeIf?: Condition } & (
-  | { type: "integer" | "float"; min: number; max: number; log?: boolean; default: number }
+  | { type: "integer"; min: number; max: number; log?: boolean; default: number; /** From `min` on. */ step?: number }
+  | { type: "float"; min: number; max: number; log?: boolean; default: number }
   | { type: "boolean"; default: boolean }
   | { type: "choice"; values: string[] | number[]; default: string | number }
 );

@@ -64,8 +64,12 @@ export function specToWire(spec) {
     displayName: spec.displayName ?? "",
     space: {
       parameters: spec.parameters.map((each) => parameterToWire(each, spec.parameters)),
-      constraints: (spec.constraints ?? []).map((each) =>
-        typeof each === "string" ? { expression: each } : { lesser: each[0], greater: each[1] }),
+      constraints: [
+        ...(spec.constraints ?? []).map((each) =>
+          typeof each === "string" ? { expression: each } : { lesser: each[0], greater: each[1] }),
+        ...spec.parameters.filter(({ step }) => step !== undefined)
+          .map(({ name, min, step }) => ({ expression: `(\`${name}\` - ${min}) % ${step} == 0` })),
+      ],
     },
     indicators,
     objective: { terms, auxiliary: spec.auxiliary ?? [] },

@@ -15,6 +15,7 @@ const spec = {
     { name: "cost", type: "float", min: 0.5, max: 4, default: 1, activeIf: { parameter: "split", anyOf: ["sah"] } },
     { name: "budget", type: "choice", values: [1.2, 2], default: 2 },
     { name: "compact", type: "boolean", default: false },
+    { name: "block-size", type: "integer", min: 8, max: 72, step: 16, default: 24 },
   ],
   constraints: ["leaf % 4 == 0 or compact or split == 'median'", ["cost", "leaf"]],
   indicators: { triangles: [0, 1e8, "log"] },
@@ -34,12 +35,13 @@ async function trials() {
     assert.equal(suggestion.source, "daemon", suggestion.problem);
     assert.equal("cost" in configuration, configuration.split === "sah");
     assert.equal(typeof configuration.compact, "boolean");
+    assert.equal(configuration["block-size"] % 16, 8);
     assert.ok(configuration.leaf % 4 === 0 || configuration.compact || configuration.split === "median");
     assert.ok(configuration.cost === undefined || configuration.cost <= configuration.leaf);
     suggestion.report({ ms: 5 + Math.abs(configuration.leaf - 3) });
     assert.throws(() => suggestion.report({ ms: 1 }), /already/);
   }
-  const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false }, input);
+  const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false, "block-size": 24 }, input);
   own.report({ ms: 5 });
   (await study.suggest(input)).abandon();
   const wrong = await study.suggest(input);
@@ -105,7 +107,7 @@ async function withoutDaemon() {
   const suggestion = await study.suggest({ triangles: 1 });
   assert.ok(performance.now() - started < 2000);
   assert.equal(suggestion.source, "default");
-  assert.deepEqual(suggestion.configuration, { leaf: 8, split: "sah", cost: 1, budget: 2, compact: false });
+  assert.deepEqual(suggestion.configuration, { leaf: 8, split: "sah", cost: 1, budget: 2, compact: false, "block-size": 24 });
   suggestion.report({ ms: 1 });
   assert.equal(client.stats.unreported, 1);
   await rejects(study.best(), "unreachable", "start one with");
@@ -140,7 +142,7 @@ async function whileTheStudyIsLoaded(times) {
   );
   const client = new Client(`http://127.0.0.1:${port}`, { callDeadlineMs: 20000 });
   const study = await client.study("loading", spec);
-  const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false }, { triangles: 1000 });
+  const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false, "block-size": 24 }, { triangles: 1000 });
   assert.deepEqual([own.configuration.leaf, asked], [3, times + 1]);
   own.abandon();
   await client.flush(20000);
@@ -151,7 +153,7 @@ async function whileTheStudyIsLoaded(times) {
   }
   client.options.callDeadlineMs = 300;
   [asked, times] = [0, Infinity];
-  await rejects(study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false }, { triangles: 1000 }), "unreachable", "is being loaded");
+  await rejects(study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false, "block-size": 24 }, { triangles: 1000 }), "unreachable", "is being loaded");
   assert.ok(asked >= 1);
   client.close();
   server.forceShutdown();

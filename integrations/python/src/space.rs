@@ -2,7 +2,9 @@
 
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use treewright_client::{ClientError, Condition, Domain, Parameter, Policy, Scale, StudySpec, Value};
+use treewright_client::{
+    ClientError, Condition, Constraint, Domain, Parameter, Policy, Scale, StudySpec, Value,
+};
 
 use crate::convert::value_of;
 use crate::error::{Invalid, raised};
@@ -25,6 +27,7 @@ struct Parts {
 enum Given {
     Order(String, String),
     Expression(String),
+    Whole(Constraint),
 }
 
 fn scale(log: bool) -> Scale {
@@ -68,6 +71,7 @@ impl Space {
                 builder = match constraint {
                     Given::Order(lesser, greater) => builder.less_or_equal(lesser, greater),
                     Given::Expression(text) => builder.constraint(text),
+                    Given::Whole(constraint) => builder.with_constraint(constraint.clone()),
                 };
             }
             Ok(builder.build()?)
@@ -82,8 +86,10 @@ impl Space {
         Self::default()
     }
 
-    /// A whole number of a range with both ends; `default` is the value used so far.
-    #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None))]
+    /// A whole number of a range with both ends; `default` is the value used so far. With `step` only every so
+    /// many values, from the smallest on.
+    #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None, step=None))]
+    #[expect(clippy::too_many_arguments, reason = "all but three are keywords of Python")]
     fn integer<'py>(
         this: PyRef<'py, Self>,
         name: String,
@@ -92,7 +98,11 @@ impl Space {
         default: i64,
         log: bool,
         active_if: Option<Bound<'py, PyTuple>>,
+        step: Option<i64>,
     ) -> PyResult<PyRef<'py, Self>> {
+        if let Some(step) = step {
+            this.with(|parts| parts.constraints.push(Given::Whole(Constraint::step(&name, min, step))));
+        }
         Self::add(
             this,
             name,

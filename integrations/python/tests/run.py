@@ -60,12 +60,14 @@ def trials(url: str) -> None:
     space = treewright.Space().choice("split", ["sah", "median"], default="sah")
     space.float("cost", 0.5, 4.0, default=1.0, active_if=("split", "sah")).choice("budget", [1.2, 2.0], default=1.2)
     space.integer("low", 1, 9, default=2).integer("high", 1, 9, default=5).less_or_equal("low", "high")
+    space.integer("blockSize", 8, 72, default=24, step=16)
     space.constraint("low * high <= 20 and (low % 2 == 0 or split == 'median')")
     study = client.study("python", space, minimise={"ms": 1.0}, policy={"confirm_rounds": 0})
     for _ in range(30):
         with study.suggest() as trial:
             values = trial.configuration
             assert trial.source == "daemon" and trial.problem is None and trial.reason
+            assert values["blockSize"] % 16 == 8, values
             assert values["low"] * values["high"] <= 20 and (values["low"] % 2 == 0 or values["split"] == "median")
             assert values["low"] <= values["high"] and ("cost" in values) == (values["split"] == "sah"), values
             assert isinstance(values["low"], int) and isinstance(values["budget"], float)

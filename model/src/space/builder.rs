@@ -185,6 +185,18 @@ of_a_parameter!(FloatParameter, f64);
 of_a_parameter!(BooleanParameter, bool);
 of_a_parameter!(CategoricalParameter, impl Into<Value>);
 
+impl SpaceBuilder<IntegerParameter> {
+    /// Only the values that are so far apart from each other, from the smallest on: a [`Constraint`]. Those of
+    /// `16..=256` with a step of 16 are 16, 32, 48 and so on.
+    #[must_use]
+    pub fn step(mut self, step: i64) -> Self {
+        if let Some(Draft { name, domain: Domain::Integer { min, .. }, .. }) = self.parameters.last() {
+            self.constraints.push(Ok(Constraint::step(name, *min, step)));
+        }
+        self
+    }
+}
+
 macro_rules! scaled {
     ($marker:ty) => {
         impl SpaceBuilder<$marker> {
@@ -229,6 +241,21 @@ mod tests {
         assert_eq!(listed.build().expect("a space"), written);
         let alone = SpaceBuilder::new().with_parameter(written.parameters()[1].clone());
         assert!(problem(alone).contains("not listed earlier"));
+    }
+
+    #[test]
+    fn whole_numbers_have_steps() {
+        let space =
+            SpaceBuilder::new().integer("block", 8..=72).step(16).default(24).build().expect("a space");
+        let all = space.enumerate().expect("they are few");
+        assert_eq!(
+            all.iter().map(|one| one.key()).collect::<Vec<_>>(),
+            [8, 24, 40, 56, 72].map(|block| format!("block={block}"))
+        );
+        assert_eq!(space.decode(&[0.3]).key(), "block=24");
+        let problem = |step| problem(SpaceBuilder::new().integer("block", 8..=72).step(step).default(20));
+        assert!(problem(16).contains("with block = 20; change a default"));
+        assert!(problem(0).contains("`(block - 8) % 0 == 0`"));
     }
 
     #[test]

@@ -32,7 +32,15 @@ class Space:
 
     def __init__(self) -> None: ...
     def integer(
-        self, name: str, min: int, max: int, *, default: int, log: bool = False, active_if: Optional[Condition] = None
+        self,
+        name: str,
+        min: int,
+        max: int,
+        *,
+        default: int,
+        log: bool = False,
+        active_if: Optional[Condition] = None,
+        step: Optional[int] = None,
     ) -> Space: ...
     def float(
         self, name: str, min: float, max: float, *, default: float, log: bool = False, active_if: Optional[Condition] = None

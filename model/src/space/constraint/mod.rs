@@ -18,6 +18,7 @@ use thiserror::Error;
 pub(super) use node::Node;
 pub(super) use range::Range;
 
+use crate::value::Value;
 use node::Operator;
 
 /// A condition that every configuration fulfils, such as `block_x * block_y <= 1024`.
@@ -64,6 +65,20 @@ impl Constraint {
     pub fn order(lesser: &str, greater: &str) -> Self {
         let [lesser, greater] = [lesser, greater].map(|name| Node::Parameter(name.to_owned()));
         Constraint { root: Node::Binary(Operator::LessOrEqual, Box::new([lesser, greater])) }
+    }
+
+    /// A whole number has one of the values that are `step` apart from each other, from `min` on.
+    #[must_use]
+    pub fn step(parameter: &str, min: i64, step: i64) -> Self {
+        let name = Node::Parameter(parameter.to_owned());
+        let whole = |integer: i64| Node::Literal(Value::Integer(integer));
+        let binary = |operator, left, right| Node::Binary(operator, Box::new([left, right]));
+        let from = match min.checked_rem(step) {
+            Some(0) => name,
+            _ => binary(Operator::Subtract, name, whole(min)),
+        };
+        let remainder = binary(Operator::Remainder, from, whole(step));
+        Constraint { root: binary(Operator::Equal, remainder, whole(0)) }
     }
 
     /// The two parameters, the lesser first, where the constraint is `lesser <= greater`.

@@ -37,6 +37,8 @@ fn every_spelling_becomes_one() {
         assert_eq!(spelling(kept), kept);
     }
     assert_eq!(Constraint::parse("a<=b"), Ok(Constraint::order("a", "b")));
+    assert_eq!(Constraint::step("a", 16, 8).to_string(), "a % 8 == 0");
+    assert_eq!(Constraint::step("a", -3, 4), Constraint::parse("(a - -3) % 4 == 0").expect("reads"));
     assert_eq!(Constraint::order("a", "b").as_order(), Some(("a", "b")));
     assert_eq!(Constraint::parse("a <= b + 0").expect("reads").as_order(), None);
 }
