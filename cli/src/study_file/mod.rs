@@ -107,7 +107,7 @@ pub(crate) struct ParameterEntry {
     /// `log` makes equal ratios equal steps; `min` must then be above 0.
     #[serde(default, skip_serializing_if = "ScaleWord::is_linear")]
     scale: ScaleWord,
-    /// Only values that are so far apart from each other, from `min` on, of `integer`. It becomes a constraint.
+    /// Only values that are so far apart, from `min` on, of `integer`. It becomes a constraint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     step: Option<i64>,
     /// The choices of `categorical`: 1 to 64, all numbers or all words.

@@ -86,10 +86,10 @@ impl Space {
         Self::default()
     }
 
-    /// A whole number of a range with both ends; `default` is the value used so far. With `step` only every so
-    /// many values, from the smallest on.
+    /// A whole number of a range with both ends; `default` is the value used so far. With `step` only values
+    /// that are so far apart, from the smallest on.
     #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None, step=None))]
-    #[expect(clippy::too_many_arguments, reason = "all but three are keywords of Python")]
+    #[allow(clippy::too_many_arguments)] // most are keywords of Python
     fn integer<'py>(
         this: PyRef<'py, Self>,
         name: String,

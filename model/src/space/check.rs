@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::limits::{CATEGORIES_MAX, CONSTRAINTS_MAX, PARAMETERS_MAX};
 use crate::names::is_parameter_name;
-use crate::space::constraint::Range;
+use crate::space::constraint::Extent;
 use crate::space::{Condition, Constraint, Domain, Parameter, Rule, Space, SpaceError};
 use crate::value::Value;
 
@@ -28,7 +28,7 @@ impl Space {
             parameters.iter().map(|parameter| parameter.domain.encode(&parameter.default)).collect();
         let mut space = Space {
             groups: Arc::default(),
-            ranges: parameters.iter().map(|parameter| Range::of_domain(&parameter.domain)).collect(),
+            ranges: parameters.iter().map(|parameter| Extent::of_domain(&parameter.domain)).collect(),
             parameters,
             constraints,
             condition_of,
@@ -210,7 +210,7 @@ impl Rule {
     pub(super) fn is_fulfilled(&self, values: &[Value]) -> bool {
         match self.order {
             Some((lesser, greater)) => values[lesser].as_number() <= values[greater].as_number(),
-            None => self.root.may_hold(&|index| Range::of_value(&values[index])),
+            None => self.root.may_hold(&|index| Extent::of_value(&values[index])),
         }
     }
 }

@@ -5,7 +5,7 @@
 
 use crate::configuration::Configuration;
 use crate::limits::{ENUMERATED_MAX, LISTED_MAX, LISTING_STEPS_MAX, REPAIR_STEPS_MAX};
-use crate::space::group::Partial;
+use crate::space::partial::Partial;
 use crate::space::{Domain, Space};
 use crate::value::Value;
 

@@ -21,6 +21,7 @@ mod domain;
 mod group;
 mod listing;
 mod nearest;
+mod partial;
 mod repair;
 #[cfg(test)]
 mod tests;
@@ -36,7 +37,7 @@ pub use constraint::{Constraint, ConstraintError};
 
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::names::PARAMETER_NAME_RULE;
-use crate::space::constraint::{Node, Range};
+use crate::space::constraint::{Extent, Node};
 use crate::space::group::Group;
 use crate::value::Value;
 
@@ -117,7 +118,7 @@ pub struct Space {
     /// The parameters that constraints tie together; none where all constraints are orders.
     groups: Arc<[Group]>,
     /// What each parameter may be.
-    ranges: Vec<Range<'static>>,
+    ranges: Vec<Extent<'static>>,
     default: Configuration,
     /// The default values' coordinates.
     default_point: Vec<f64>,

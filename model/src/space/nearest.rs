@@ -8,7 +8,8 @@
 //! every constraint.
 
 use crate::limits::{ENUMERATED_MAX, REPAIR_PATIENCE, REPAIR_STEPS_MAX};
-use crate::space::group::{Group, Partial};
+use crate::space::group::Group;
+use crate::space::partial::Partial;
 use crate::space::{Domain, Space};
 use crate::value::Value;
 
@@ -44,10 +45,11 @@ impl Domain {
         let mut values = self.values(ENUMERATED_MAX).unwrap_or_else(|| {
             let along = (0..=GRID).map(|step| self.decode(step as f64 / GRID as f64));
             let around = match wanted {
-                Value::Integer(integer) => integer - AROUND..=integer + AROUND,
-                _ => 1..=0,
+                Value::Integer(integer) => Some(integer - AROUND..=integer + AROUND),
+                _ => None,
             };
-            let around = around.map(Value::Integer).filter(|value| self.contains(value));
+            let around =
+                around.into_iter().flatten().map(Value::Integer).filter(|value| self.contains(value));
             along.chain(around).chain([wanted.clone(), default.clone()]).collect()
         });
         values.sort();
@@ -96,8 +98,8 @@ impl Space {
         true
     }
 
-    /// Moves values, of which those that are `fixed` stay, so that all constraints hold. `false` where nothing
-    /// was found that does.
+    /// Moves values, of which those that are `fixed` stay, so that all constraints hold. `false` where none
+    /// were found.
     pub(super) fn move_around(&self, values: &mut [Value], fixed: impl Fn(usize) -> bool) -> bool {
         for group in self.groups.iter() {
             if !group.is_broken(self, values, &self.active(values)) {

@@ -1,11 +1,11 @@
 //! Constraints: what every configuration fulfils, as an expression over parameters.
 //!
-//! `parse` reads an expression, `node` holds it and checks it against parameters, `range` evaluates it, also
+//! `parse` reads an expression, `node` holds it and checks it against parameters, `extent` evaluates it, also
 //! where only some parameters have a value yet.
 
+mod extent;
 mod node;
 mod parse;
-mod range;
 #[cfg(test)]
 mod tests;
 
@@ -15,8 +15,8 @@ use std::str::FromStr;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use thiserror::Error;
 
+pub(super) use extent::Extent;
 pub(super) use node::Node;
-pub(super) use range::Range;
 
 use crate::value::Value;
 use node::Operator;

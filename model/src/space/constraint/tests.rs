@@ -206,10 +206,10 @@ proptest! {
         let root = numbered(&root);
         let value = Value::Integer(low + at.min(width));
         let other = Value::Float(other);
-        let exact = |place: usize| Range::of_value(if place == 0 { &value } else { &other });
+        let exact = |place: usize| Extent::of_value(if place == 0 { &value } else { &other });
         let ranges = |place: usize| match place {
-            0 => Range::Number(low as f64, (low + width) as f64),
-            _ => Range::of_value(&other),
+            0 => Extent::Number(low as f64, (low + width) as f64),
+            _ => Extent::of_value(&other),
         };
         prop_assert!(!root.may_hold(&exact) || root.may_hold(&ranges));
     }

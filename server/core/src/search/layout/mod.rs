@@ -3,8 +3,8 @@
 //! A point of the cube and the configuration it stands for are not one to one: cells of integers, inactive
 //! parameters and folded constraints make many points one configuration. A model that sees the cube learns
 //! the same thing again and again; a [`Layout`] gives it the configuration instead, without names and
-//! without text: [`Layout::canonical`] is `encode(decode(point))` of the space, some hundred times faster where
-//! no constraint is an expression.
+//! without text: [`Layout::canonical`] is `encode(decode(point))` of the space, some hundred times faster
+//! where no constraint is an expression.
 
 pub(crate) mod main_effects;
 

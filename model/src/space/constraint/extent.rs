@@ -7,7 +7,7 @@ use crate::value::Value;
 
 /// What a part of an expression may be.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::space) enum Range<'a> {
+pub(in crate::space) enum Extent<'a> {
     /// From the first to the second, both included.
     Number(f64, f64),
     /// This text; any where there is none.
@@ -18,49 +18,49 @@ pub(in crate::space) enum Range<'a> {
     Nothing,
 }
 
-impl<'a> Range<'a> {
+impl<'a> Extent<'a> {
     /// What a value is.
     pub(in crate::space) fn of_value(value: &'a Value) -> Self {
         match value {
-            Value::Text(text) => Range::Text(Some(text)),
-            Value::Boolean(boolean) => Range::Truth(*boolean, !*boolean),
-            Value::Integer(integer) => Range::Number(*integer as f64, *integer as f64),
-            Value::Float(float) => Range::Number(*float, *float),
+            Value::Text(text) => Extent::Text(Some(text)),
+            Value::Boolean(boolean) => Extent::Truth(*boolean, !*boolean),
+            Value::Integer(integer) => Extent::Number(*integer as f64, *integer as f64),
+            Value::Float(float) => Extent::Number(*float, *float),
         }
     }
 
     /// What the values of a domain are.
     pub(in crate::space) fn of_domain(domain: &Domain) -> Self {
         match domain {
-            Domain::Integer { min, max, .. } => Range::Number(*min as f64, *max as f64),
-            Domain::Float { min, max, .. } => Range::Number(*min, *max),
-            Domain::Boolean => Range::Truth(true, true),
+            Domain::Integer { min, max, .. } => Extent::Number(*min as f64, *max as f64),
+            Domain::Float { min, max, .. } => Extent::Number(*min, *max),
+            Domain::Boolean => Extent::Truth(true, true),
             Domain::Categorical { values } => {
                 let numbers = values.iter().filter_map(Value::as_number);
                 let span = (numbers.clone().reduce(f64::min), numbers.reduce(f64::max));
                 match span {
-                    (Some(min), Some(max)) => Range::Number(min, max),
-                    _ => Range::Text(None),
+                    (Some(min), Some(max)) => Extent::Number(min, max),
+                    _ => Extent::Text(None),
                 }
             }
         }
     }
 
     fn is_nothing(self) -> bool {
-        self == Range::Nothing
+        self == Extent::Nothing
     }
 
     fn numbers(self) -> (f64, f64) {
         match self {
-            Range::Number(low, high) => (low, high),
+            Extent::Number(low, high) => (low, high),
             _ => (f64::NEG_INFINITY, f64::INFINITY),
         }
     }
 
     fn truth(self) -> (bool, bool) {
         match self {
-            Range::Truth(yes, no) => (yes, no),
-            Range::Nothing => (false, false),
+            Extent::Truth(yes, no) => (yes, no),
+            Extent::Nothing => (false, false),
             _ => (true, true),
         }
     }
@@ -68,63 +68,63 @@ impl<'a> Range<'a> {
 
 impl Node<usize> {
     /// Whether the expression may be true. Where every parameter has one value, whether it is.
-    pub(in crate::space) fn may_hold<'a>(&'a self, of: &impl Fn(usize) -> Range<'a>) -> bool {
-        self.range(of).truth().0
+    pub(in crate::space) fn may_hold<'a>(&'a self, of: &impl Fn(usize) -> Extent<'a>) -> bool {
+        self.extent(of).truth().0
     }
 
-    fn range<'a>(&'a self, of: &impl Fn(usize) -> Range<'a>) -> Range<'a> {
+    fn extent<'a>(&'a self, of: &impl Fn(usize) -> Extent<'a>) -> Extent<'a> {
         match self {
-            Node::Literal(value) => Range::of_value(value),
+            Node::Literal(value) => Extent::of_value(value),
             Node::Parameter(place) => of(*place),
             Node::Not(part) => {
-                let (yes, no) = part.range(of).truth();
-                Range::Truth(no, yes)
+                let (yes, no) = part.extent(of).truth();
+                Extent::Truth(no, yes)
             }
-            Node::Negate(part) => match part.range(of) {
-                Range::Number(low, high) => Range::Number(-high, -low),
+            Node::Negate(part) => match part.extent(of) {
+                Extent::Number(low, high) => Extent::Number(-high, -low),
                 other => other,
             },
             Node::Binary(Operator::And, sides) => {
-                let (left, right) = (sides[0].range(of).truth(), sides[1].range(of).truth());
-                Range::Truth(left.0 && right.0, left.1 || (left.0 && right.1))
+                let (left, right) = (sides[0].extent(of).truth(), sides[1].extent(of).truth());
+                Extent::Truth(left.0 && right.0, left.1 || (left.0 && right.1))
             }
             Node::Binary(Operator::Or, sides) => {
-                let (left, right) = (sides[0].range(of).truth(), sides[1].range(of).truth());
-                Range::Truth(left.0 || (left.1 && right.0), left.1 && right.1)
+                let (left, right) = (sides[0].extent(of).truth(), sides[1].extent(of).truth());
+                Extent::Truth(left.0 || (left.1 && right.0), left.1 && right.1)
             }
-            Node::Binary(operator, sides) => combined(*operator, sides[0].range(of), sides[1].range(of)),
+            Node::Binary(operator, sides) => combined(*operator, sides[0].extent(of), sides[1].extent(of)),
             Node::Call(Function::Abs, parts) => {
-                parts.first().map_or(Range::Nothing, |part| match part.range(of) {
-                    Range::Number(low, high) if low <= 0.0 && high >= 0.0 => {
-                        Range::Number(0.0, high.max(-low))
+                parts.first().map_or(Extent::Nothing, |part| match part.extent(of) {
+                    Extent::Number(low, high) if low <= 0.0 && high >= 0.0 => {
+                        Extent::Number(0.0, high.max(-low))
                     }
-                    Range::Number(low, high) => {
-                        Range::Number(low.abs().min(high.abs()), low.abs().max(high.abs()))
+                    Extent::Number(low, high) => {
+                        Extent::Number(low.abs().min(high.abs()), low.abs().max(high.abs()))
                     }
                     other => other,
                 })
             }
             Node::Call(function, parts) => {
                 let pick = if *function == Function::Min { f64::min } else { f64::max };
-                let both = |a: Range<'a>, b: Range<'a>| match (a, b) {
-                    (Range::Number(a, b), Range::Number(c, d)) => Range::Number(pick(a, c), pick(b, d)),
-                    _ => Range::Nothing,
+                let both = |a: Extent<'a>, b: Extent<'a>| match (a, b) {
+                    (Extent::Number(a, b), Extent::Number(c, d)) => Extent::Number(pick(a, c), pick(b, d)),
+                    _ => Extent::Nothing,
                 };
-                parts.iter().map(|part| part.range(of)).reduce(both).unwrap_or(Range::Nothing)
+                parts.iter().map(|part| part.extent(of)).reduce(both).unwrap_or(Extent::Nothing)
             }
         }
     }
 }
 
-fn combined<'a>(operator: Operator, left: Range<'a>, right: Range<'a>) -> Range<'a> {
+fn combined<'a>(operator: Operator, left: Extent<'a>, right: Extent<'a>) -> Extent<'a> {
     if left.is_nothing() || right.is_nothing() {
-        return Range::Nothing;
+        return Extent::Nothing;
     }
     match operator {
         Operator::Equal => equal(left, right),
         Operator::NotEqual => {
             let (yes, no) = equal(left, right).truth();
-            Range::Truth(no, yes)
+            Extent::Truth(no, yes)
         }
         Operator::Less => below(left, right),
         Operator::Greater => below(right, left),
@@ -134,32 +134,32 @@ fn combined<'a>(operator: Operator, left: Range<'a>, right: Range<'a>) -> Range<
     }
 }
 
-fn equal<'a>(left: Range<'a>, right: Range<'a>) -> Range<'a> {
+fn equal<'a>(left: Extent<'a>, right: Extent<'a>) -> Extent<'a> {
     match (left, right) {
-        (Range::Number(a, b), Range::Number(c, d)) => {
+        (Extent::Number(a, b), Extent::Number(c, d)) => {
             let is_one = a == b && c == d && a == c;
-            Range::Truth(a <= d && c <= b, !is_one)
+            Extent::Truth(a <= d && c <= b, !is_one)
         }
-        (Range::Text(Some(left)), Range::Text(Some(right))) => Range::Truth(left == right, left != right),
-        (Range::Truth(yes, no), Range::Truth(also, neither)) => {
-            Range::Truth((yes && also) || (no && neither), (yes && neither) || (no && also))
+        (Extent::Text(Some(left)), Extent::Text(Some(right))) => Extent::Truth(left == right, left != right),
+        (Extent::Truth(yes, no), Extent::Truth(also, neither)) => {
+            Extent::Truth((yes && also) || (no && neither), (yes && neither) || (no && also))
         }
-        _ => Range::Truth(true, true),
+        _ => Extent::Truth(true, true),
     }
 }
 
-fn below<'a>(left: Range<'a>, right: Range<'a>) -> Range<'a> {
+fn below<'a>(left: Extent<'a>, right: Extent<'a>) -> Extent<'a> {
     let ((a, b), (c, d)) = (left.numbers(), right.numbers());
-    Range::Truth(a < d, b >= c)
+    Extent::Truth(a < d, b >= c)
 }
 
-fn at_most<'a>(left: Range<'a>, right: Range<'a>) -> Range<'a> {
+fn at_most<'a>(left: Extent<'a>, right: Extent<'a>) -> Extent<'a> {
     let ((a, b), (c, d)) = (left.numbers(), right.numbers());
-    Range::Truth(a <= d, b > c)
+    Extent::Truth(a <= d, b > c)
 }
 
 /// Rounding keeps the order of numbers, so that results of the ends are the ends of the results.
-fn arithmetic<'a>(operator: Operator, (a, b): (f64, f64), (c, d): (f64, f64)) -> Range<'a> {
+fn arithmetic<'a>(operator: Operator, (a, b): (f64, f64), (c, d): (f64, f64)) -> Extent<'a> {
     if a == b && c == d {
         let number = match operator {
             Operator::Add => a + c,
@@ -168,7 +168,7 @@ fn arithmetic<'a>(operator: Operator, (a, b): (f64, f64), (c, d): (f64, f64)) ->
             Operator::Divide => a / c,
             _ => a % c,
         };
-        return if number.is_finite() { Range::Number(number, number) } else { Range::Nothing };
+        return if number.is_finite() { Extent::Number(number, number) } else { Extent::Nothing };
     }
     let holds_zero = c <= 0.0 && d >= 0.0;
     let corners = match operator {
@@ -184,9 +184,9 @@ fn arithmetic<'a>(operator: Operator, (a, b): (f64, f64), (c, d): (f64, f64)) ->
         _ => [f64::NAN; 4],
     };
     if corners.iter().any(|corner| corner.is_nan()) {
-        return Range::Number(f64::NEG_INFINITY, f64::INFINITY);
+        return Extent::Number(f64::NEG_INFINITY, f64::INFINITY);
     }
-    Range::Number(
+    Extent::Number(
         corners.into_iter().fold(f64::INFINITY, f64::min),
         corners.into_iter().fold(f64::NEG_INFINITY, f64::max),
     )
