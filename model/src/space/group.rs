@@ -1,8 +1,8 @@
 //! Parameters that constraints tie together.
 //!
 //! Constraints that share a parameter hang together, and so do a parameter and the one that decides whether
-//! it is active. Groups that share nothing are repaired each for itself, which makes the work a sum instead of a
-//! product, and parameters that no constraint names stay where they are.
+//! it is active. Groups that share nothing are repaired each for itself, which makes the work a sum instead
+//! of a product, and parameters that no constraint names stay where they are.
 
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
