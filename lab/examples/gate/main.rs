@@ -105,7 +105,7 @@ fn played() -> Record {
         let seeds: Vec<Figures> = (0..suite.seeds).into_par_iter().map(suite.play).collect();
         let figures = record.figures.entry(suite.name.to_owned()).or_default();
         for (name, value) in seeds.into_iter().flatten() {
-            figures.entry(name).or_insert_with(Vec::new).push((value * 1e6).round() / 1e6);
+            figures.entry(name).or_default().push((value * 1e6).round() / 1e6);
         }
     }
     record
