@@ -22,10 +22,13 @@ pub(crate) const REFERENCE: &str = "native medium";
 /// Name of the tree that the [overview](crate::overview) compares with others.
 pub(crate) const RECOMMENDED: &str = "recommended";
 
+/// Builds a peer's structure.
+type BuildPeer = dyn Fn(&Arc<Triangles>) -> Box<dyn Intersector>;
+
 /// How a structure comes about.
 enum Recipe {
     Ours(BuildChoice),
-    Peer(Box<dyn Fn(&Arc<Triangles>) -> Box<dyn Intersector>>),
+    Peer(Box<BuildPeer>),
 }
 
 /// Who made a structure.
