@@ -92,8 +92,8 @@ impl PolicySettings {
     /// The names of the presets.
     pub const PRESETS: &'static [&'static str] = &["paper"];
 
-    /// The paper's policy: the dice are thrown once for each change of state, a search is the 80 iterations of
-    /// a stochastic Nelder-Mead simplex, the nearest known state answers, and nothing is run twice or
+    /// The paper's policy: the dice are thrown once for each change of state, a search is the 80 iterations
+    /// of a stochastic Nelder-Mead simplex, the nearest known state answers, and nothing is run twice or
     /// confirmed.
     #[must_use]
     pub fn paper() -> Self {

@@ -18,8 +18,8 @@ const TABLE_1: [(&str, &str, &str); 11] = [
     ("sah_block_size", "1 to 32", "1"),
     ("min_leaf_size", "to 64 in Figure 5", "1"),
     ("max_leaf_size", "to 64 in Figure 5", "32"),
-    ("traversal_cost", "0 to 10", "1"),
-    ("intersection_cost", "0 to 10", "1"),
+    ("traversal_cost", "0 to 10", "1.0"),
+    ("intersection_cost", "0 to 10", "1.0"),
     ("static", "switch", "false"),
 ];
 

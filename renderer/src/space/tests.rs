@@ -258,7 +258,7 @@ fn mistakes_are_named() {
     assert!(problem("intersection_cost=0").contains("from 0.1 to 10"));
     assert!(
         problem("min_leaf_size=9,max_leaf_size=3")
-            .contains("min_leaf_size = 9 is greater than max_leaf_size = 3")
+            .contains("max_leaf_size = 3 break the constraint `min_leaf_size <= max_leaf_size`")
     );
     assert!(problem("compact=true,quality=3").contains("it needs compact = false"));
     assert!(problem("quality=1,sah_block_size=4").contains("it needs quality = 2 or 3"));
