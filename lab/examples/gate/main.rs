@@ -59,15 +59,15 @@ struct Suite {
 }
 
 const SUITES: [Suite; 9] = [
-    Suite { name: "kernels", seeds: 16, play: |seed| searched(kernels_of(seed), seed) },
-    Suite { name: "renderer", seeds: 16, play: |seed| searched(vec![trees::problem(seed)], seed) },
-    Suite { name: "bowl", seeds: 24, play: |seed| gained(World::Bowl, Machine::Quiet, seed) },
-    Suite { name: "wandering", seeds: 24, play: |seed| gained(World::Bowl, Machine::Wander, seed) },
-    Suite { name: "load", seeds: 24, play: |seed| gained(World::Bowl, Machine::Load, seed) },
-    Suite { name: "flat", seeds: 24, play: |seed| gained(World::Flat, Machine::Wander, seed) },
-    Suite { name: "contexts", seeds: 12, play: contexts::fresh },
-    Suite { name: "turns", seeds: 4, play: contexts::turns },
-    Suite { name: "machines", seeds: 12, play: contexts::machines },
+    Suite { name: "kernels", seeds: 32, play: |seed| searched(kernels_of(seed), seed) },
+    Suite { name: "renderer", seeds: 32, play: |seed| searched(vec![trees::problem(seed)], seed) },
+    Suite { name: "bowl", seeds: 48, play: |seed| gained(World::Bowl, Machine::Quiet, seed) },
+    Suite { name: "wandering", seeds: 48, play: |seed| gained(World::Bowl, Machine::Wander, seed) },
+    Suite { name: "load", seeds: 48, play: |seed| gained(World::Bowl, Machine::Load, seed) },
+    Suite { name: "flat", seeds: 48, play: |seed| gained(World::Flat, Machine::Wander, seed) },
+    Suite { name: "contexts", seeds: 24, play: contexts::fresh },
+    Suite { name: "turns", seeds: 8, play: contexts::turns },
+    Suite { name: "machines", seeds: 24, play: contexts::machines },
 ];
 
 fn kernels_of(seed: u64) -> Vec<Problem> {

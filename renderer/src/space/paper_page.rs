@@ -70,8 +70,9 @@ fn tables() -> String {
     text += "\n| indicator | paper | here | scale |\n|---|---|---|---|\n";
     for (spec, paper) in SCHEMA.iter().zip(TABLE_2) {
         let scale = if matches!(spec.scale, IndicatorScale::Log) { "logarithmic" } else { "linear" };
-        writeln!(text, "| `{}` | {paper} | {} to {} | {scale} |", spec.name, spec.min, spec.max)
-            .expect("text");
+        let (least, most) = (spec.min, spec.max);
+        let most = if most >= 1e5 { format!("{most:e}") } else { most.to_string() };
+        writeln!(text, "| `{}` | {paper} | {least} to {most} | {scale} |", spec.name).expect("text");
     }
     text += "\n| policy | `--preset paper` | default |\n|---|---|---|\n";
     let paper = Policy::paper();
