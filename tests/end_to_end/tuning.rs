@@ -177,9 +177,14 @@ fn a_run_that_is_killed_leaves_the_policy_alone() {
     let of_others = all.iter().filter(|trial| trial["reason"]["explanation"]["epsilon"] == 1.0).count();
     assert_eq!(of_others, all.len(), "another run explores nothing: the study's epsilon is 0");
     assert!(all.len() <= explored_by_then + 1, "{} after {explored_by_then}", all.len());
-    let eager = play.args(["--epsilon", "1"]).output().expect("the renderer runs");
-    assert!(eager.status.success(), "{}", stderr(&eager));
-    assert!(explored() > all.len(), "its own epsilon is 1");
+    play.args(["--epsilon", "1"]);
+    // Eight frames may be over before a busy daemon has answered once.
+    let explores = (0..20).any(|_| {
+        let eager = play.output().expect("the renderer runs");
+        assert!(eager.status.success(), "{}", stderr(&eager));
+        explored() > all.len()
+    });
+    assert!(explores, "its own epsilon is 1");
     assert_eq!(policy(), before);
 }
 

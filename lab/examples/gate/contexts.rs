@@ -1,7 +1,7 @@
 //! Worlds in which the optimum moves with the context.
 //!
-//! Four parameters, whose best values move with two indicators; 5 % of noise; the policy's defaults. Regret is
-//! the true cost over the least in that context, less one. The best fixed configuration has 0.57.
+//! Four parameters, whose best values move with two indicators; 5 % of noise; the policy's defaults. Regret
+//! is the true cost over the least in that context, less one. The best fixed configuration has 0.57.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;

@@ -12,6 +12,7 @@
 //! | flat | how far the told gain is from none |
 //! | contexts | regret where every round brings another context, from round 80 on; also beside 20 indicators that say nothing |
 //! | turns | regret in ten states that are visited in turn, from the third visit on |
+//! | table | share of the optimum where 63 % of the configurations cannot be run; trials that could not; what a frozen study answers |
 //! | machines | regret on two machines that want the opposite, told apart by their fingerprint; never worse than studies of their own |
 
 #[path = "../search_quality/grids.rs"]
@@ -31,6 +32,7 @@ mod trees;
 mod world;
 
 mod contexts;
+mod table;
 
 use std::collections::BTreeMap;
 use std::process::ExitCode;
@@ -58,7 +60,7 @@ struct Suite {
     play: fn(u64) -> Figures,
 }
 
-const SUITES: [Suite; 9] = [
+const SUITES: [Suite; 10] = [
     Suite { name: "kernels", seeds: 32, play: |seed| searched(kernels_of(seed), seed) },
     Suite { name: "renderer", seeds: 32, play: |seed| searched(vec![trees::problem(seed)], seed) },
     Suite { name: "bowl", seeds: 48, play: |seed| gained(World::Bowl, Machine::Quiet, seed) },
@@ -68,6 +70,7 @@ const SUITES: [Suite; 9] = [
     Suite { name: "contexts", seeds: 24, play: contexts::fresh },
     Suite { name: "turns", seeds: 8, play: contexts::turns },
     Suite { name: "machines", seeds: 24, play: contexts::machines },
+    Suite { name: "table", seeds: 24, play: table::searched },
 ];
 
 fn kernels_of(seed: u64) -> Vec<Problem> {

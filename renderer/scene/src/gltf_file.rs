@@ -115,8 +115,8 @@ fn shared_meshes(document: &Document, copies: &Copies) -> Vec<Option<Vec<Affine3
 /// Nodes that are nearer to the origin keep their digits whatever their size.
 const FAR_NODES: f64 = 1e4;
 
-/// Where to put the origin so that meshes that stand close together and far away keep their digits; zero where
-/// they do not.
+/// Where to put the origin so that meshes that stand close together and far away keep their digits; zero
+/// where they do not.
 fn far_origin(nodes: &[(Node, DMat4)]) -> DVec3 {
     let with_mesh = nodes.iter().filter(|(node, _)| node.mesh().is_some());
     let mut places = with_mesh.map(|(_, to_world)| to_world.w_axis.truncate());

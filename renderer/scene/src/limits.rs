@@ -50,8 +50,8 @@ pub const PUNCTUAL_LIGHTS_MAX: usize = 1 << 16;
 /// Diagonals of scenes that are drawn in the lengths of their files.
 pub const DIAGONAL_RANGE: std::ops::RangeInclusive<f32> = 1e-6..=1e7;
 
-/// Scenes whose middle lies farther from the origin than so many diagonals are drawn around the origin: single
-/// precision has lost six of its 24 bits there.
+/// Scenes whose middle lies farther from the origin than so many diagonals are drawn around the origin:
+/// single precision has lost six of its 24 bits there.
 pub const DISTANCE_MAX: f64 = 64.0;
 
 /// Angles of view of a camera in degrees: below, neighbouring rays would be the same in single precision.

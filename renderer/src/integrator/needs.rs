@@ -133,8 +133,8 @@ impl Needs {
         }
     }
 
-    /// With what comes along: sheets and rough metals reflect as well, and rare needs come with all the common
-    /// ones. A kernel that reflects tells rough metals by their material.
+    /// With what comes along: sheets and rough metals reflect as well, and rare needs come with all the
+    /// common ones. A kernel that reflects tells rough metals by their material.
     pub(super) const fn closed(self) -> Self {
         if self.rare() > 0 {
             Self::from_bits(self.bits() | Self::COMMON | Self::METALS)

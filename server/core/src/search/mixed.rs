@@ -93,7 +93,7 @@ fn frame(slowdown: f64, noise: &mut ChaCha8Rng) -> f64 {
 
 /// What a run came to.
 struct Run {
-    /// Noise-free slowdown of the configuration that measured best, which is the one that the tuner recommends.
+    /// Noise-free slowdown of the configuration that measured best, which the tuner recommends.
     best: f64,
     /// Mean noise-free slowdown of the last ten trials that could be run, over the best.
     end: f64,

@@ -5,9 +5,9 @@
 //! the state's anchor, plus a linear function of how far the indicators are from the anchor, plus noise.
 //! Configurations count as random effects, so that single measurements say something too, and repeats, from
 //! which their own merit cancels, say most (Laird and Ware, "Random-effects models for longitudinal data",
-//! Biometrics 38, 1982). The slopes have a normal prior around zero, whose width is averaged over by how likely
-//! each makes what was measured (MacKay, "Bayesian interpolation", Neural Computation 4, 1992): where movement
-//! does not matter they stay at zero.
+//! Biometrics 38, 1982). The slopes have a normal prior around zero. Its width is averaged over by how likely
+//! each width makes what was measured (MacKay, "Bayesian interpolation", Neural Computation 4, 1992): where
+//! movement does not matter, slopes stay at zero.
 
 use serde::{Deserialize, Serialize};
 
