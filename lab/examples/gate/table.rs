@@ -22,8 +22,8 @@ const MARKS: [usize; 3] = [20, 40, 80];
 
 type Settings = [i64; 4];
 
-/// About what zlib does with text: higher levels are dearer and smaller, larger windows help a little, and two
-/// strategies find no matches. Size and cost, by the state.
+/// About what zlib does with text: higher levels are dearer and smaller, larger windows help a little, and
+/// two strategies find no matches. Size and cost, by the state.
 fn formula([level, memory, strategy, window]: Settings, state: f64) -> (f64, f64) {
     let matches = match strategy {
         0 | 1 => 1.0,
@@ -94,8 +94,8 @@ fn frame(tuner: &mut Tuner, random: &mut ChaCha8Rng, table: &Table, x: f64) -> (
     (trial, truth)
 }
 
-/// The optimum over the best that ran after each of the marks, and how many of eighty trials could not be run;
-/// then whether a study of two states that is frozen answers what works.
+/// The optimum over the best that ran after each of the marks, and how many of eighty trials could not be
+/// run; then whether a study of two states that is frozen answers what works.
 pub(crate) fn searched(seed: u64) -> Figures {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let policy = Policy { epsilon: 1.0, confirm_rounds: 0, track_speed: false, ..Policy::default() };
