@@ -41,7 +41,7 @@ bench: build ## measure the evaluation scenes (tools/bench.py; SCENES=FOLDER for
 hunt: ## plant defects in the service and let the simulator find them (tests/simulation/hunt.py)
 	@python3 tests/simulation/hunt.py
 
-gate: ## compare searches and answers with those of the last release, on the same seeds (lab/record/gate.json)
+gate: ## compare searches and answers with the recorded ones, on the same seeds (lab/record/gate.json)
 	$(CARGO) run --locked -p treewright-lab --example gate
 
 integrations: setup ## the SDKs for Python and Node with real packages from PyPI and npm (integrations/)
