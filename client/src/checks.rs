@@ -53,11 +53,13 @@ pub(crate) fn result(
     measurements(measured)?;
     match outcome {
         Outcome::Ok => {
-            match spec.objective.terms().iter().find(|term| measured.get(&term.metric).is_none()) {
-                Some(term) => {
+            let terms = spec.objective.terms().iter().map(|term| &term.metric);
+            let limits = spec.objective.limits().iter().map(|limit| &limit.metric);
+            match terms.chain(limits).find(|metric| measured.get(metric).is_none()) {
+                Some(metric) => {
                     let problem =
                         "it is part of the objective and missing; measure it, or report another outcome";
-                    Err(ClientError::invalid(format!("measurement `{}`", term.metric), problem))
+                    Err(ClientError::invalid(format!("measurement `{metric}`"), problem))
                 }
                 None => Ok(()),
             }

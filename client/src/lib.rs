@@ -84,7 +84,7 @@ pub use study::Study;
 pub use suggestion::{Finished, Source, Suggestion};
 pub use treewright_model::assignment::{Assignment as Configuration, NoSuchValue};
 pub use treewright_model::indicator::Indicator;
-pub use treewright_model::objective::ObjectiveTerm;
+pub use treewright_model::objective::{MeasurementLimit, ObjectiveTerm};
 pub use treewright_model::plain::{Plain, plain};
 pub use treewright_model::policy::{
     Few, Operation, PolicyChange, PolicyError, PolicyField, PolicySettings as Policy, PredictorMethod,

@@ -39,6 +39,8 @@ pub const INTEGER_MAGNITUDE_MAX: i64 = 1 << 53;
 pub const INDICATORS_MAX: usize = 128;
 /// Most auxiliary metrics of an objective.
 pub const AUXILIARY_METRICS_MAX: usize = 8;
+/// Most limits on measurements of an objective.
+pub const MEASUREMENT_LIMITS_MAX: usize = 16;
 /// Most terms of an objective.
 pub const OBJECTIVE_TERMS_MAX: usize = 16;
 /// Most measurements of a report.

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::limits::{AUXILIARY_METRICS_MAX, OBJECTIVE_TERMS_MAX};
+use crate::limits::{AUXILIARY_METRICS_MAX, MEASUREMENT_LIMITS_MAX, OBJECTIVE_TERMS_MAX};
 use crate::names::{NAME_RULE, is_name};
 
 /// A weighted metric.
@@ -20,12 +20,39 @@ pub struct ObjectiveTerm {
     pub weight: f64,
 }
 
-/// 1 to 16 terms with distinct metrics, and at most 8 auxiliary metrics that are none of them.
+/// What a measurement may be at least, at most, or both. A configuration that goes beyond is infeasible.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MeasurementLimit {
+    /// Name of a measurement. It may be minimised, too.
+    pub metric: String,
+    /// Finite; `None` for no lower end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_least: Option<f64>,
+    /// Finite; `None` for no upper end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_most: Option<f64>,
+}
+
+impl std::fmt::Display for MeasurementLimit {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { metric, at_least, at_most } = self;
+        match (at_least, at_most) {
+            (Some(low), Some(high)) => write!(formatter, "{low} <= {metric} <= {high}"),
+            (Some(low), None) => write!(formatter, "{metric} >= {low}"),
+            (None, Some(high)) => write!(formatter, "{metric} <= {high}"),
+            (None, None) => write!(formatter, "{metric}"),
+        }
+    }
+}
+
+/// 1 to 16 terms with distinct metrics, at most 8 auxiliary metrics that are none of them, and at most 16
+/// limits on distinct measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Stored", into = "Stored")]
 pub struct Objective {
     terms: Vec<ObjectiveTerm>,
     auxiliary: Vec<String>,
+    limits: Vec<MeasurementLimit>,
 }
 
 /// An objective as it is stored: the list of its terms where there is nothing else.
@@ -33,7 +60,12 @@ pub struct Objective {
 #[serde(untagged)]
 enum Stored {
     Terms(Vec<ObjectiveTerm>),
-    Whole { terms: Vec<ObjectiveTerm>, auxiliary: Vec<String> },
+    Whole {
+        terms: Vec<ObjectiveTerm>,
+        auxiliary: Vec<String>,
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        limits: Vec<MeasurementLimit>,
+    },
 }
 
 /// Why an objective is refused, or cannot be computed.
@@ -97,6 +129,29 @@ pub enum ObjectiveError {
         /// As given.
         metric: String,
     },
+    /// Too many limits.
+    #[error("the objective has {count} limits; give at most {MEASUREMENT_LIMITS_MAX}")]
+    LimitCount {
+        /// The number that was given.
+        count: usize,
+    },
+    /// A limit is not one.
+    #[error(
+        "limit {limit:?} is not one; give a measurement's name ({NAME_RULE}), once, and a finite at_least, at_most or both, \
+         the first not above the second"
+    )]
+    Limit {
+        /// As given.
+        limit: String,
+    },
+    /// A report lacks a limited metric.
+    #[error("measurement {metric:?} is missing; the study limits it ({limit})")]
+    LimitedMissing {
+        /// The missing one.
+        metric: String,
+        /// The limit.
+        limit: String,
+    },
     /// The sum left the range of a double.
     #[error("the weighted sum of the measurements is not finite; use smaller measurements or weights")]
     Overflow,
@@ -120,7 +175,7 @@ impl Objective {
                 return Err(ObjectiveError::Weight { metric: metric.clone(), weight: *weight });
             }
         }
-        Ok(Objective { terms, auxiliary: Vec::new() })
+        Ok(Objective { terms, auxiliary: Vec::new(), limits: Vec::new() })
     }
 
     /// This objective with metrics that explain costs and are no part of them; see [`Objective::auxiliary`].
@@ -138,6 +193,49 @@ impl Objective {
             }
         }
         Ok(Objective { auxiliary, ..self })
+    }
+
+    /// This objective with limits on measurements.
+    pub fn with_limits(self, limits: Vec<MeasurementLimit>) -> Result<Self, ObjectiveError> {
+        if limits.len() > MEASUREMENT_LIMITS_MAX {
+            return Err(ObjectiveError::LimitCount { count: limits.len() });
+        }
+        let mut seen = BTreeSet::new();
+        for limit in &limits {
+            let MeasurementLimit { metric, at_least, at_most } = limit;
+            let finite = [at_least, at_most].into_iter().flatten().all(|end| end.is_finite());
+            let some = at_least.is_some() || at_most.is_some();
+            let ordered = at_least.zip(*at_most).is_none_or(|(low, high)| low <= high);
+            if !(is_name(metric) && seen.insert(metric) && finite && some && ordered) {
+                return Err(ObjectiveError::Limit { limit: limit.to_string() });
+            }
+        }
+        Ok(Objective { limits, ..self })
+    }
+
+    /// What measurements may be, in the order in which it was given.
+    pub fn limits(&self) -> &[MeasurementLimit] {
+        &self.limits
+    }
+
+    /// In words, the first limit that measurements are beyond.
+    ///
+    /// # Errors
+    /// [`ObjectiveError::LimitedMissing`].
+    pub fn beyond(&self, measurements: &BTreeMap<String, f64>) -> Result<Option<String>, ObjectiveError> {
+        for limit in &self.limits {
+            let metric = &limit.metric;
+            let Some(&value) = measurements.get(metric) else {
+                let limit = limit.to_string();
+                return Err(ObjectiveError::LimitedMissing { metric: metric.clone(), limit });
+            };
+            let is_within = limit.at_least.is_none_or(|low| value >= low)
+                && limit.at_most.is_none_or(|high| value <= high);
+            if !is_within {
+                return Ok(Some(format!("{metric} is {value}, and the study asks for {limit}")));
+            }
+        }
+        Ok(None)
     }
 
     /// Metrics that reports may carry beside those of the terms, in the order in which they were given:
@@ -183,14 +281,19 @@ impl TryFrom<Stored> for Objective {
     fn try_from(stored: Stored) -> Result<Self, ObjectiveError> {
         match stored {
             Stored::Terms(terms) => Objective::new(terms),
-            Stored::Whole { terms, auxiliary } => Objective::new(terms)?.with_auxiliary(auxiliary),
+            Stored::Whole { terms, auxiliary, limits } => {
+                Objective::new(terms)?.with_auxiliary(auxiliary)?.with_limits(limits)
+            }
         }
     }
 }
 
 impl From<Objective> for Stored {
-    fn from(Objective { terms, auxiliary }: Objective) -> Self {
-        if auxiliary.is_empty() { Stored::Terms(terms) } else { Stored::Whole { terms, auxiliary } }
+    fn from(Objective { terms, auxiliary, limits }: Objective) -> Self {
+        match auxiliary.is_empty() && limits.is_empty() {
+            true => Stored::Terms(terms),
+            false => Stored::Whole { terms, auxiliary, limits },
+        }
     }
 }
 
@@ -236,6 +339,42 @@ mod tests {
             assert!(Objective::new(terms).is_err());
         }
         assert!(serde_json::from_str::<Objective>(r#"[{"metric":"a","weight":-1.0}]"#).is_err());
+    }
+
+    #[test]
+    fn limits_are_checked_stored_and_told() {
+        let plain = Objective::new(vec![term("render_ms", 1.0)]).expect("valid");
+        let limit =
+            |metric: &str, at_least, at_most| MeasurementLimit { metric: metric.into(), at_least, at_most };
+        for wrong in [
+            vec![limit("no name", None, Some(1.0))],
+            vec![limit("a", None, None)],
+            vec![limit("a", Some(2.0), Some(1.0))],
+            vec![limit("a", None, Some(f64::NAN))],
+            vec![limit("a", None, Some(1.0)), limit("a", Some(0.0), None)],
+            (0..17).map(|i| limit(&format!("m{i}"), Some(0.0), None)).collect(),
+        ] {
+            assert!(plain.clone().with_limits(wrong.clone()).is_err(), "{wrong:?}");
+        }
+        let limits = vec![limit("memory_mb", None, Some(2000.0)), limit("psnr_db", Some(30.0), Some(90.0))];
+        let both = plain.clone().with_limits(limits).expect("valid");
+        let beyond = |memory_mb: f64, psnr_db: f64| {
+            let measured = [("memory_mb", memory_mb), ("psnr_db", psnr_db)];
+            both.beyond(&measured.map(|(name, value)| (name.to_owned(), value)).into())
+        };
+        assert_eq!(beyond(2000.0, 30.0), Ok(None));
+        let told = beyond(2300.0, 31.0).expect("it is there").expect("too much");
+        assert_eq!(told, "memory_mb is 2300, and the study asks for memory_mb <= 2000");
+        assert!(
+            beyond(1.0, 91.0).expect("it is there").is_some_and(|told| told.contains("30 <= psnr_db <= 90"))
+        );
+        let missing = both.beyond(&BTreeMap::from([("memory_mb".to_owned(), 1.0)])).expect_err("no psnr");
+        assert!(missing.to_string().contains("\"psnr_db\" is missing"), "{missing}");
+        assert_eq!(plain.beyond(&BTreeMap::new()), Ok(None));
+        let text = serde_json::to_string(&both).expect("plain data");
+        assert_eq!(serde_json::from_str::<Objective>(&text).expect("its own form"), both);
+        let before = r#"{"terms":[{"metric":"render_ms","weight":1.0}],"auxiliary":["nodes"]}"#;
+        assert!(serde_json::from_str::<Objective>(before).expect("an earlier form").limits().is_empty());
     }
 
     #[test]

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use crate::indicator::{Indicator, IndicatorError, IndicatorSchema};
 use crate::limits::DISPLAY_NAME_CHARACTERS_MAX;
-use crate::objective::{Objective, ObjectiveError, ObjectiveTerm};
+use crate::objective::{MeasurementLimit, Objective, ObjectiveError, ObjectiveTerm};
 use crate::policy::{Policy, PolicyError, PolicySettings, RawPolicy};
 use crate::space::{Constraint, Scale, Space};
 
@@ -149,6 +149,10 @@ impl StudySpec {
         if let Some(found) = list_difference("auxiliary metric", mine, theirs, String::clone) {
             return Some(found);
         }
+        let (mine, theirs) = (self.objective.limits(), other.objective.limits());
+        if let Some(found) = list_difference("limit", mine, theirs, ToString::to_string) {
+            return Some(found);
+        }
         if self.state_tolerance != other.state_tolerance {
             return Some(format!(
                 "state_tolerance is {} against {}",
@@ -193,6 +197,7 @@ impl StudySpec<PolicySettings> {
             indicators: Vec::new(),
             objective: Vec::new(),
             auxiliary: Vec::new(),
+            limits: Vec::new(),
             state_tolerance: STATE_TOLERANCE_DEFAULT,
             policy: PolicySettings::new(),
             seed: 0,
@@ -222,6 +227,7 @@ pub struct StudyBuilder {
     indicators: Vec<Indicator>,
     objective: Vec<ObjectiveTerm>,
     auxiliary: Vec<String>,
+    limits: Vec<MeasurementLimit>,
     state_tolerance: f64,
     policy: PolicySettings,
     seed: u64,
@@ -260,6 +266,14 @@ impl StudyBuilder {
         self
     }
 
+    /// Limits a measurement, which every report of a completed trial then has. What goes beyond is
+    /// infeasible, and the search learns to avoid it. `None` is no limit on that side. At most 16.
+    #[must_use]
+    pub fn limit(mut self, metric: &str, at_least: Option<f64>, at_most: Option<f64>) -> Self {
+        self.limits.push(MeasurementLimit { metric: metric.to_owned(), at_least, at_most });
+        self
+    }
+
     /// Two states are the same when every normalised indicator differs by at most this, 0 to 1. Unset: 0.01.
     #[must_use]
     pub fn state_tolerance(mut self, tolerance: f64) -> Self {
@@ -290,7 +304,9 @@ impl StudyBuilder {
             display_name: self.display_name,
             space: self.space,
             indicators: IndicatorSchema::new(self.indicators)?,
-            objective: Objective::new(self.objective)?.with_auxiliary(self.auxiliary)?,
+            objective: Objective::new(self.objective)?
+                .with_auxiliary(self.auxiliary)?
+                .with_limits(self.limits)?,
             state_tolerance: self.state_tolerance,
             policy: self.policy,
             seed: self.seed,

@@ -4,7 +4,7 @@ use serde::{Serialize, Serializer};
 
 use super::Plain;
 use crate::indicator::Indicator;
-use crate::objective::ObjectiveTerm;
+use crate::objective::{MeasurementLimit, ObjectiveTerm};
 use crate::policy::PolicySettings;
 use crate::space::{Condition, Constraint, Domain, Parameter, Space};
 use crate::study::StudySpec;
@@ -75,6 +75,7 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
             indicators: &'a [Indicator],
             objective: &'a [ObjectiveTerm],
             auxiliary: &'a [String],
+            limits: &'a [MeasurementLimit],
             state_tolerance: f64,
             policy: &'a PolicySettings,
             seed: u64,
@@ -86,6 +87,7 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
             indicators: indicators.indicators(),
             objective: objective.terms(),
             auxiliary: objective.auxiliary(),
+            limits: objective.limits(),
             state_tolerance: *state_tolerance,
             policy,
             seed: *seed,

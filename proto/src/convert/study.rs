@@ -1,7 +1,7 @@
 //! Specifications of studies.
 
 use treewright_model::indicator::{Indicator, IndicatorSchema};
-use treewright_model::objective::{Objective, ObjectiveTerm};
+use treewright_model::objective::{MeasurementLimit, Objective, ObjectiveTerm};
 use treewright_model::policy::PolicySettings;
 use treewright_model::study::{STATE_TOLERANCE_DEFAULT, StudySpec};
 
@@ -19,6 +19,11 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
         max: indicator.max,
         scale: indicator.scale.number(),
     };
+    let limit = |limit: &MeasurementLimit| v1::MeasurementLimit {
+        metric: limit.metric.clone(),
+        at_least: limit.at_least,
+        at_most: limit.at_most,
+    };
     let term = |term: &ObjectiveTerm| v1::ObjectiveTerm { metric: term.metric.clone(), weight: term.weight };
     v1::Study {
         name: String::new(),
@@ -28,6 +33,7 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
         objective: Some(v1::Objective {
             terms: spec.objective.terms().iter().map(term).collect(),
             auxiliary: spec.objective.auxiliary().to_vec(),
+            limits: spec.objective.limits().iter().map(limit).collect(),
         }),
         state_tolerance: Some(spec.state_tolerance),
         policy: Some(policy_to_wire(spec.policy.clone().into())),
@@ -48,6 +54,10 @@ pub fn spec_from_wire(study: v1::Study) -> Result<StudySpec<PolicySettings>, Mal
     let objective = study.objective.ok_or_else(|| Malformed::missing("study.objective"))?;
     let terms =
         objective.terms.into_iter().map(|term| ObjectiveTerm { metric: term.metric, weight: term.weight });
+    let limits = objective.limits.into_iter().map(|wire| {
+        let v1::MeasurementLimit { metric, at_least, at_most } = wire;
+        MeasurementLimit { metric, at_least, at_most }
+    });
     let indicator = |wire: v1::Indicator| {
         let scale = scale_from_wire("study.indicators", wire.scale)?;
         Ok(Indicator { name: wire.name, min: wire.min, max: wire.max, scale })
@@ -60,6 +70,7 @@ pub fn spec_from_wire(study: v1::Study) -> Result<StudySpec<PolicySettings>, Mal
             .map_err(|error| Malformed::new("study.indicators", error))?,
         objective: Objective::new(terms.collect())
             .and_then(|terms| terms.with_auxiliary(objective.auxiliary))
+            .and_then(|terms| terms.with_limits(limits.collect()))
             .map_err(|error| Malformed::new("study.objective", error))?,
         state_tolerance: study.state_tolerance.unwrap_or(STATE_TOLERANCE_DEFAULT),
         policy: policy_from_wire("study.policy", study.policy.unwrap_or_default())?,
@@ -114,6 +125,8 @@ mod tests {
             .minimise("build_ms", 0.5)
             .minimise("render_ms", 1.0)
             .auxiliary("render_cpu_ms")
+            .limit("memory_mb", None, Some(2000.0))
+            .limit("psnr_db", Some(-3.5), Some(90.0))
             .state_tolerance(0.0)
             .policy(policy.abort_above(1.5).worst_factor(20.0))
             .seed(u64::MAX)

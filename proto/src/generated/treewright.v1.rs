@@ -217,6 +217,23 @@ pub struct Objective {
     /// none among the terms.
     #[prost(string, repeated, tag = "2")]
     pub auxiliary: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
+    /// What measurements may be. A completed trial beyond a limit is recorded as infeasible, with its measurements and the
+    /// limit as the reason, and the search learns to avoid what is like it. OPTIONAL, at most 16, metrics distinct.
+    #[prost(message, repeated, tag = "3")]
+    pub limits: ::prost::alloc::vec::Vec<MeasurementLimit>,
+}
+/// A limit on a measurement, which every report with a cost then has to hold.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct MeasurementLimit {
+    /// Name of a measurement, spelt like an indicator's. It may be minimised, too. REQUIRED.
+    #[prost(string, tag = "1")]
+    pub metric: ::prost::alloc::string::String,
+    /// What it is at least. OPTIONAL, finite; one of the two is needed.
+    #[prost(double, optional, tag = "2")]
+    pub at_least: ::core::option::Option<f64>,
+    /// What it is at most. OPTIONAL, finite, not below `at_least`.
+    #[prost(double, optional, tag = "3")]
+    pub at_most: ::core::option::Option<f64>,
 }
 /// A weighted metric.
 #[derive(Clone, PartialEq, ::prost::Message)]

@@ -217,7 +217,8 @@ impl Tuner {
     /// `trial` is the record the caller has: [`Tuner::open_trial`], or what its store holds when the lease
     /// has run out (the result is taken all the same and flagged `late`). [`TunerError::AlreadyCompleted`]
     /// and [`TunerError::Abandoned`] tell what the caller's record says. `measurements` are finite and not
-    /// negative; with [`Outcome::Ok`] they hold every metric of the objective.
+    /// negative; with [`Outcome::Ok`] they hold every metric of the objective and of its limits. What is
+    /// beyond a limit is taken as infeasible.
     pub fn report(
         &mut self,
         trial: &Trial,

@@ -36,6 +36,11 @@ impl Tuner {
         outcome: Outcome,
         now_ms: i64,
     ) -> Result<Trial, TunerError> {
+        let beyond = match outcome {
+            Outcome::Ok => self.spec.objective.beyond(&measurements)?,
+            _ => None,
+        };
+        let outcome = beyond.map_or(outcome, Outcome::infeasible);
         let cost = match &outcome {
             Outcome::Ok => Some(self.spec.objective.cost(&measurements)?),
             Outcome::Aborted { lower_bound } => Some(*lower_bound + 0.0),

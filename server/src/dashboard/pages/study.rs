@@ -68,6 +68,7 @@ struct PolicyPage {
     policy: Vec<(String, String)>,
     parameters: Vec<(String, String, String, String)>,
     objective: String,
+    limits: Vec<String>,
 }
 
 pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
@@ -239,6 +240,7 @@ pub(in super::super) async fn policy(visitor: &Visitor<'_>, id: &str) -> Result<
         policy,
         parameters: parameters.collect(),
         objective: terms.join(" + "),
+        limits: spec.objective.limits().iter().map(ToString::to_string).collect(),
     };
     render(&page)
 }

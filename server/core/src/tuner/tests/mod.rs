@@ -8,6 +8,7 @@ mod exploiting;
 mod exploring;
 mod fleet;
 mod leases;
+mod limits;
 mod moving;
 mod parts;
 mod paying;
