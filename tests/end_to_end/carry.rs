@@ -175,9 +175,9 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
     let (a, b) = (Daemon::start(&folder.path().join("a.db")), Daemon::start(&folder.path().join("b.db")));
     let path = study(folder.path(), "");
     let text = std::fs::read_to_string(&path).expect("a file");
-    // What a document could lose on its way: auxiliary metrics, a warm-up that would swallow the first
-    // trials, a freeze.
-    let head = "auxiliary = [\"cpu_ms\", \"faults\"]\nseed = \"18446744073709551615\"\n";
+    // What a document could lose on its way: auxiliary metrics, limits, a warm-up that would swallow the
+    // first trials, a freeze.
+    let head = "auxiliary = [\"cpu_ms\", \"faults\"]\nlimits = [{ metric = \"loss\", at_most = 1e6 }]\nseed = \"18446744073709551615\"\n";
     std::fs::write(&path, format!("{head}{text}[policy]\nwarm_up = 3\n")).expect("a file");
     say(&a, &["study", "create", &path]);
     measure(&a, 9..14, 10);
@@ -185,6 +185,7 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
     let (out, before) = (folder.path().join("toy.jsonl"), exported(&a, "toy"));
     assert_eq!(before.len(), 6);
     assert_eq!(before[0]["study"]["auxiliary"], serde_json::json!(["cpu_ms", "faults"]));
+    assert_eq!(before[0]["study"]["limits"], serde_json::json!([{ "metric": "loss", "at_most": 1e6 }]));
     let out = out.to_str().expect("text");
     say(&a, &["export", "toy", "--out", out]);
     assert_eq!(ask(&a, &["import", out])["known"], 5, "they are there");

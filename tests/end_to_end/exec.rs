@@ -71,6 +71,31 @@ fn where_nothing_is_proven_yet_the_best_run_is_confirmed() {
 }
 
 #[test]
+fn a_limit_keeps_the_answer_within_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    // Higher levels lose less and take more memory; 12 is the last that may be used.
+    let script = r#"l={level}; echo "{\"loss\": $(( 100 - l )), \"memory_mb\": $(( l * 10 ))}""#;
+    let limits = ["--limit", "memory_mb<=125", "--limit", "memory_mb>=10", "--trials", "30"];
+    let refused = exec(daemon.url(), &limits, script);
+    assert!(stderr(&refused).contains("once"), "one limit for one measurement: {}", stderr(&refused));
+    let done = json(&exec(daemon.url(), &["--limit", "memory_mb<=125", "--trials", "30"], script));
+    assert_eq!(done["best"]["configuration"]["level"], 12, "{done}");
+    assert!(done["infeasible"].as_u64().is_some_and(|count| count > 0), "{done}");
+    let trials =
+        ["--server", daemon.url(), "trials", "toy", "--json", "--all", "--filter", "outcome = INFEASIBLE"];
+    let beyond = json(&run("treewright", &trials));
+    let first = &beyond[0];
+    let reason = first["outcome"]["infeasible"]["reason"].as_str().unwrap_or_default();
+    assert!(reason.contains("memory_mb <= 125"), "{reason}");
+    assert!(first["measurements"]["memory_mb"].as_f64().is_some_and(|memory| memory > 125.0), "{first}");
+    // What is limited has to be measured.
+    let without = r#"echo "{\"loss\": {level}}""#;
+    let missing = exec(daemon.url(), &["--limit", "memory_mb<=125", "--trials", "2"], without);
+    assert!(stderr(&missing).contains("memory_mb"), "{}", stderr(&missing));
+}
+
+#[test]
 fn what_fails_is_infeasible_and_what_cannot_work_at_all_is_an_error() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::start(&folder.path().join("tuning.db"));

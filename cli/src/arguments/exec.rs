@@ -8,7 +8,7 @@ use treewright_client::{Indicators, Value};
 use super::{indicator, parameter};
 use crate::exec::program::MetricSource;
 use crate::failure::Failure;
-use crate::study_file::{ConstraintEntry, ParameterEntry, StudyFile, TermEntry};
+use crate::study_file::{ConstraintEntry, LimitEntry, ParameterEntry, StudyFile, TermEntry};
 
 pub(crate) const EXEC_EXAMPLES: &str = "\
 In the command, {level} is replaced by the value, {long?--long} by --long if the switch is on, and \
@@ -41,6 +41,10 @@ pub(crate) struct Exec {
     /// What every configuration of a new study fulfils, e.g. 'block_x * block_y <= 1024'; may be repeated
     #[arg(long = "constraint", value_name = "EXPRESSION", requires = "tune")]
     pub(crate) constraints: Vec<String>,
+    /// What a measurement of a new study may be, e.g. 'memory_mb<=2000'; a run beyond it counts as
+    /// infeasible. May be repeated
+    #[arg(long = "limit", value_name = "METRIC<=NUMBER", requires = "tune", value_parser = LimitEntry::inline)]
+    pub(crate) limits: Vec<LimitEntry>,
     /// Metric to minimise in a new study
     #[arg(long, value_name = "METRIC", default_value = "wall_ms", requires = "tune")]
     pub(crate) minimise: String,
@@ -93,7 +97,8 @@ impl Exec {
         let objective = vec![TermEntry { metric: self.minimise.clone(), weight: 1.0 }];
         let constraints = self.constraints.iter().cloned().map(ConstraintEntry::Expression).collect();
         let parameters = self.tune.clone();
-        Ok(Some(StudyFile { parameters, constraints, objective, ..StudyFile::default() }))
+        let limits = self.limits.clone();
+        Ok(Some(StudyFile { parameters, constraints, objective, limits, ..StudyFile::default() }))
     }
 }
 

@@ -21,8 +21,8 @@ use std::time::{Duration, Instant};
 use treewright_cli::printed::LeftOut;
 use treewright_client::blocking::Client;
 use treewright_client::{
-    Configuration, Few, Indicators, Measurements, OpenEnum, Outcome, Question, Rule, SessionPolicy,
-    StudyRecord, StudySpec, TrialRecord,
+    Configuration, Few, Indicators, Measurements, ObjectiveTerm, OpenEnum, Outcome, Question, Rule,
+    SessionPolicy, StudyRecord, StudySpec, TrialRecord,
 };
 
 use crate::arguments::exec::Exec;
@@ -100,9 +100,10 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
     let template = Template::read(&exec.command, &spec).map_err(Failure::Usage)?;
     note_unused(&template, &spec);
     note_same_variables(&spec);
+    let needed = needed(&spec);
     let runner = Runner {
         metric: exec.metric,
-        terms: spec.objective.terms(),
+        terms: &needed,
         accepted: &exec.accept_exit,
         show_output: exec.show_output,
         limit: exec.run_timeout,
@@ -165,14 +166,26 @@ fn note_same_variables(spec: &StudySpec) {
     }
 }
 
-/// Whether all that is minimised can be measured at all.
+/// What has to be measured: what is minimised, and what is limited, which costs nothing.
+fn needed(spec: &StudySpec) -> Vec<ObjectiveTerm> {
+    let mut all = spec.objective.terms().to_vec();
+    for limit in spec.objective.limits() {
+        if all.iter().all(|term| term.metric != limit.metric) {
+            all.push(ObjectiveTerm { metric: limit.metric.clone(), weight: 0.0 });
+        }
+    }
+    all
+}
+
+/// Whether all that is minimised or limited can be measured at all.
 fn check_metrics(runner: &Runner) -> Result<(), Failure> {
     let is_taken = |metric: &str| metric == "wall_ms" || metric == "cpu_ms";
     match runner.terms.iter().find(|term| !is_taken(&term.metric)) {
         Some(term) if runner.metric == MetricSource::Time => Err(Failure::Usage(format!(
-            "the study minimises {0}, but only cpu_ms, wall_ms are measured; with --metric json, the program can print \
+            "the study {1} {0}, but only cpu_ms, wall_ms are measured; with --metric json, the program can print \
              it: {{\"{0}\": 1.5}}",
-            term.metric
+            term.metric,
+            if term.weight > 0.0 { "minimises" } else { "limits" },
         ))),
         _ => Ok(()),
     }
@@ -356,6 +369,10 @@ impl Session<'_> {
             Run::Done(measured, left_out) => {
                 self.tell_left_out(left_out);
                 let stored = job.tell(trial, &measured, &Outcome::Ok)?;
+                // Beyond a limit of the study.
+                if let Some(OpenEnum::Known(Outcome::Infeasible { reason })) = stored.outcome {
+                    return Ok(Step::Infeasible(reason));
+                }
                 let cost =
                     stored.cost.ok_or_else(|| Failure::Data(format!("{} has no cost", stored.name)))?;
                 self.own.measured(&trial.configuration, cost);

@@ -1,8 +1,8 @@
-//! Parameters in one word, as options have them.
+//! Parameters and limits in one word, as options have them.
 
 use treewright_client::Value;
 
-use super::{Kind, Number, ParameterEntry, Plain, ScaleWord};
+use super::{Kind, LimitEntry, Number, ParameterEntry, Plain, ScaleWord};
 
 impl ParameterEntry {
     /// `NAME=LOW..HIGH:DEFAULT`, `NAME=ONE|OTHER:DEFAULT` or `NAME=bool:DEFAULT`, numbers with `:log` if
@@ -51,5 +51,21 @@ impl ParameterEntry {
             entry.values = domain.split('|').map(plain).collect();
         }
         Ok(entry)
+    }
+}
+
+impl LimitEntry {
+    /// Reads `NAME<=NUMBER` or `NAME>=NUMBER`.
+    pub(crate) fn inline(text: &str) -> Result<Self, String> {
+        let wrong =
+            || "a limit is written NAME<=NUMBER or NAME>=NUMBER, for example 'memory_mb<=2000'".to_owned();
+        let (metric, end, is_upper) = match (text.split_once("<="), text.split_once(">=")) {
+            (Some((metric, end)), None) => (metric, end, true),
+            (None, Some((metric, end))) => (metric, end, false),
+            _ => return Err(wrong()),
+        };
+        let end: f64 = end.trim().parse().map_err(|_| wrong())?;
+        let (at_least, at_most) = if is_upper { (None, Some(end)) } else { (Some(end), None) };
+        Ok(Self { metric: metric.trim().to_owned(), at_least, at_most })
     }
 }

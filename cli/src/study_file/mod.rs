@@ -15,8 +15,8 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use treewright_client::{
-    Condition, Configuration, Constraint, Domain, Parameter, Policy, Scale, Space, StudyRecord, StudySpec,
-    Value,
+    Condition, Configuration, Constraint, Domain, MeasurementLimit, Parameter, Policy, Scale, Space,
+    StudyRecord, StudySpec, Value,
 };
 
 use crate::failure::Failure;
@@ -46,6 +46,10 @@ pub(crate) struct StudyFile {
     /// most 8. They cost nothing themselves.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) auxiliary: Vec<String>,
+    /// What measurements may be, such as a memory of at most 2000 MB; at most 16. What goes beyond is
+    /// infeasible.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) limits: Vec<LimitEntry>,
     /// What can be tuned, 1 to 128. A condition may only name a parameter that stands earlier.
     pub(crate) parameters: Vec<ParameterEntry>,
     /// What every configuration fulfils, such as `block_x * block_y <= 1024`; at most 64.
@@ -272,6 +276,27 @@ pub(crate) struct TermEntry {
     pub(crate) weight: f64,
 }
 
+/// A limit on a measurement, on either side or both.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LimitEntry {
+    /// Name of a measurement.
+    pub(crate) metric: String,
+    /// What it is at least.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) at_least: Option<f64>,
+    /// What it is at most.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) at_most: Option<f64>,
+}
+
+impl LimitEntry {
+    fn of(limit: &MeasurementLimit) -> Self {
+        let MeasurementLimit { metric, at_least, at_most } = limit.clone();
+        Self { metric, at_least, at_most }
+    }
+}
+
 fn one() -> f64 {
     1.0
 }
@@ -370,6 +395,9 @@ impl StudyFile {
         for metric in &self.auxiliary {
             builder = builder.auxiliary(metric);
         }
+        for limit in &self.limits {
+            builder = builder.limit(&limit.metric, limit.at_least, limit.at_most);
+        }
         builder.build().map_err(|error| Failure::Usage(error.to_string()))
     }
 
@@ -427,6 +455,7 @@ impl StudyFile {
             state_tolerance: Some(spec.state_tolerance),
             seed: Some(spec.seed.into()),
             auxiliary: spec.objective.auxiliary().to_vec(),
+            limits: spec.objective.limits().iter().map(LimitEntry::of).collect(),
             parameters: spec.space.parameters().iter().map(ParameterEntry::of).collect(),
             constraints: spec
                 .space

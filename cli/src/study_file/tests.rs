@@ -8,6 +8,7 @@ display_name = "a compressor"
 state_tolerance = 0.02
 seed = 7
 auxiliary = ["cpu_ms", "page_faults"]
+limits = [{ metric = "memory_mb", at_most = 2000 }, { metric = "ratio", at_least = 1.5, at_most = 9 }]
 constraints = ["level*2 <= 40", "strategy == 'fast' or ratio >= 2", { lesser = "level", greater = "ratio" }]
 
 [[parameters]]
@@ -68,6 +69,8 @@ fn what_is_written_is_read_back_in_both_languages() {
     assert_eq!(spec.space.parameters()[2].default, Value::Float(2.0), "whole numbers stand for floats");
     assert_eq!(spec.objective.terms()[0].weight, 1.0);
     assert_eq!(spec.objective.auxiliary(), ["cpu_ms", "page_faults"]);
+    let limits: Vec<String> = spec.objective.limits().iter().map(ToString::to_string).collect();
+    assert_eq!(limits, ["memory_mb <= 2000", "1.5 <= ratio <= 9"]);
     let constraints: Vec<String> = spec.space.constraints().iter().map(ToString::to_string).collect();
     assert_eq!(constraints, ["level * 2 <= 40", "strategy == \"fast\" or ratio >= 2", "level <= ratio"]);
     let as_tables = "[[constraints]]\nlesser = \"level\"\ngreater = \"ratio\"\n\n[[indicators]]";

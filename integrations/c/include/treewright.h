@@ -141,6 +141,9 @@ void tw_spec_indicator(tw_spec *spec, const char *name, double min, double max, 
 void tw_spec_minimise(tw_spec *spec, const char *metric, double weight);
 /* A measurement that explains a cost and is not minimised, such as processor time. */
 void tw_spec_auxiliary(tw_spec *spec, const char *metric);
+/* What a measurement may be; -INFINITY or INFINITY for no limit on that side. What goes beyond is infeasible, and every report
+ * with a cost has to hold the measurement. */
+void tw_spec_limit(tw_spec *spec, const char *metric, double at_least, double at_most);
 /* A field of the policy, written as on the command line: ("epsilon", "0.1"). */
 void tw_spec_policy(tw_spec *spec, const char *field, const char *value);
 /* A line for people. */

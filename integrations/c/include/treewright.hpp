@@ -228,6 +228,9 @@ class Spec {
   Spec &scene_indicators() { return tw_spec_scene_indicators(handle()), *this; }
   Spec &minimise(const char *metric, double weight = 1) { return tw_spec_minimise(handle(), metric, weight), *this; }
   Spec &auxiliary(const char *metric) { return tw_spec_auxiliary(handle(), metric), *this; }
+  Spec &limit(const char *metric, double at_least, double at_most) {
+    return tw_spec_limit(handle(), metric, at_least, at_most), *this;
+  }
   Spec &policy(const char *field, const char *value) { return tw_spec_policy(handle(), field, value), *this; }
   Spec &state_tolerance(double tolerance) { return tw_spec_state_tolerance(handle(), tolerance), *this; }
   Spec &seed(uint64_t seed) { return tw_spec_seed(handle(), seed), *this; }

@@ -16,6 +16,7 @@ pub(crate) struct Spec {
     indicators: Vec<Indicator>,
     terms: Vec<(String, f64)>,
     auxiliary: Vec<String>,
+    limits: Vec<(String, f64, f64)>,
     display_name: Option<String>,
     state_tolerance: Option<f64>,
     seed: u64,
@@ -49,6 +50,11 @@ impl Spec {
         }
         for metric in &self.auxiliary {
             study = study.auxiliary(metric);
+        }
+        for (metric, at_least, at_most) in &self.limits {
+            // Infinity, on its own side, is no limit.
+            let at_least = Some(*at_least).filter(|end| *end != f64::NEG_INFINITY);
+            study = study.limit(metric, at_least, Some(*at_most).filter(|end| *end != f64::INFINITY));
         }
         if let Some(text) = &self.display_name {
             study = study.display_name(text);
@@ -279,6 +285,15 @@ pub(crate) extern "C" fn tw_spec_minimise(spec: Option<&mut Spec>, metric: Text,
 pub(crate) extern "C" fn tw_spec_auxiliary(spec: Option<&mut Spec>, metric: Text) {
     change(spec, |spec| {
         spec.auxiliary.push(read(&metric, "a metric's name")?.to_owned());
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_limit(spec: Option<&mut Spec>, metric: Text, at_least: f64, at_most: f64) {
+    change(spec, |spec| {
+        spec.limits.push((read(&metric, "a metric's name")?.to_owned(), at_least, at_most));
         Ok(())
     });
 }

@@ -49,6 +49,7 @@ static tw_spec *new_spec(void) {
   tw_spec_constraint(spec, "leaf % 5 != 4 or compact and leaf < 10");
   tw_spec_indicator(spec, "triangles", 0, 1e8, TW_LOG);
   tw_spec_minimise(spec, "render_ms", 1);
+  tw_spec_limit(spec, "render_ms", -INFINITY, 1e6);
   tw_spec_policy(spec, "epsilon", "0.5");
   tw_spec_seed(spec, 7);
   return spec;

@@ -28,6 +28,8 @@ export interface StudySpec {
   /** Weights of measurements; the objective is their weighted sum. */
   minimise: Record<string, number>;
   auxiliary?: string[];
+  /** What measurements may be; a configuration that goes beyond is infeasible. */
+  limits?: Record<string, { atLeast?: number; atMost?: number }>;
   stateTolerance?: number;
   /** Fields as in the wire contract: `{epsilon: 0.1}`. */
   policy?: Record<string, unknown>;

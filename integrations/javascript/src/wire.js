@@ -72,7 +72,11 @@ export function specToWire(spec) {
       ],
     },
     indicators,
-    objective: { terms, auxiliary: spec.auxiliary ?? [] },
+    objective: {
+      terms,
+      auxiliary: spec.auxiliary ?? [],
+      limits: Object.entries(spec.limits ?? {}).map(([metric, { atLeast, atMost }]) => ({ metric, atLeast, atMost })),
+    },
     stateTolerance: spec.stateTolerance,
     policy,
     seed: spec.seed ?? 0,

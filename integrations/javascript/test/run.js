@@ -20,6 +20,7 @@ const spec = {
   constraints: ["leaf % 4 == 0 or compact or split == 'median'", ["cost", "leaf"]],
   indicators: { triangles: [0, 1e8, "log"] },
   minimise: { ms: 1 },
+  limits: { ms: { atLeast: 0, atMost: 30 } },
   policy: { epsilon: 0.5, confirm_rounds: 0 },
 };
 const rejects = (promise, kind, words) =>
@@ -57,6 +58,8 @@ async function trials() {
   assert.ok((await study.predict(input)).configuration.leaf >= 1);
   await rejects(study.trialOf({ leaf: 99 }, input), "refused", "leaf");
   await rejects(client.study("bad", { ...spec, minimise: {} }), "refused", "objective");
+  await rejects(client.study("bad", { ...spec, limits: { ms: {} } }), "refused", "at_most");
+  await rejects(client.study("node", { ...spec, limits: { ms: { atMost: 31 } } }), "refused", "limit");
   await rejects(client.study("bad", { ...spec, constraints: ["leef < 3"] }), "refused", "did you mean");
   for (const wrong of [{ triangle: 1 }, { ...input, triangle: 1 }, {}, { triangles: NaN }])
     for (const ask of [() => study.suggest(wrong), () => study.trialOf(own.configuration, wrong), () => study.predict(wrong)])

@@ -13,7 +13,7 @@ use crate::best::Best;
 use crate::convert::{Numbers, configuration_of};
 use crate::error::{Invalid, raised};
 use crate::prediction::Prediction;
-use crate::space::{Definition, Range, Space};
+use crate::space::{Definition, Ends, Range, Space};
 use crate::suggestion::{Suggestion, Tuner};
 
 /// Longest deadline, in milliseconds: an hour.
@@ -111,9 +111,10 @@ impl Client {
     /// ``minimise`` has the weight of each measurement, of which the weighted sum is the objective.
     /// ``indicators`` describe the input: the lowest and the highest value of each, and ``"log"`` where
     /// factors count; larger and smaller values are taken all the same. ``policy`` is how the daemon decides,
-    /// e.g. ``{"epsilon": 0.1}``; see ``Study.policy``.
-    #[pyo3(signature = (id, space, *, minimise, indicators=HashMap::new(), auxiliary=Vec::new(), policy=HashMap::new(),
-        display_name=String::new(), state_tolerance=None, seed=0))]
+    /// e.g. ``{"epsilon": 0.1}``; see ``Study.policy``. ``limits`` say what measurements may be at least and
+    /// at most, e.g. ``{"memory_mb": (None, 2000)}``; a configuration that goes beyond is infeasible.
+    #[pyo3(signature = (id, space, *, minimise, indicators=HashMap::new(), auxiliary=Vec::new(), limits=HashMap::new(),
+        policy=HashMap::new(), display_name=String::new(), state_tolerance=None, seed=0))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
     fn study(
         &self,
@@ -123,6 +124,7 @@ impl Client {
         minimise: &Bound<'_, PyDict>,
         indicators: HashMap<String, Range>,
         auxiliary: Vec<String>,
+        limits: HashMap<String, Ends>,
         policy: HashMap<String, Bound<'_, PyAny>>,
         display_name: String,
         state_tolerance: Option<f64>,
@@ -133,12 +135,15 @@ impl Client {
         indicators.sort_by(|a, b| a.0.cmp(&b.0));
         let mut terms: Vec<(String, f64)> = minimise.extract::<HashMap<_, _>>()?.into_iter().collect();
         terms.sort_by(|a, b| a.0.cmp(&b.0));
+        let mut limits: Vec<_> = limits.into_iter().collect();
+        limits.sort_by(|a, b| a.0.cmp(&b.0));
         let policy =
             policy.into_iter().map(|(field, value)| Ok((field, words(&value)?))).collect::<PyResult<_>>()?;
         let definition = Definition {
             indicators,
             minimise: terms,
             auxiliary,
+            limits,
             policy,
             display_name,
             state_tolerance,

@@ -175,11 +175,15 @@ pub(crate) enum Range {
     Scaled((f64, f64, String)),
 }
 
+/// What a measurement is at least and at most; `None` for no limit on that side.
+pub(crate) type Ends = (Option<f64>, Option<f64>);
+
 /// What `Client.study` is given.
 pub(crate) struct Definition {
     pub(crate) indicators: Vec<(String, Range)>,
     pub(crate) minimise: Vec<(String, f64)>,
     pub(crate) auxiliary: Vec<String>,
+    pub(crate) limits: Vec<(String, Ends)>,
     pub(crate) policy: Vec<(String, String)>,
     pub(crate) display_name: String,
     pub(crate) state_tolerance: Option<f64>,
@@ -209,6 +213,9 @@ impl Definition {
         }
         for metric in &self.auxiliary {
             builder = builder.auxiliary(metric);
+        }
+        for (metric, (at_least, at_most)) in &self.limits {
+            builder = builder.limit(metric, *at_least, *at_most);
         }
         if let Some(tolerance) = self.state_tolerance {
             builder = builder.state_tolerance(tolerance);

@@ -62,7 +62,8 @@ def trials(url: str) -> None:
     space.integer("low", 1, 9, default=2).integer("high", 1, 9, default=5).less_or_equal("low", "high")
     space.integer("blockSize", 8, 72, default=24, step=16)
     space.constraint("low * high <= 20 and (low % 2 == 0 or split == 'median')")
-    study = client.study("python", space, minimise={"ms": 1.0}, policy={"confirm_rounds": 0})
+    limits = {"mb": (None, 99.0)}
+    study = client.study("python", space, minimise={"ms": 1.0}, limits=limits, policy={"confirm_rounds": 0})
     for _ in range(30):
         with study.suggest() as trial:
             values = trial.configuration
@@ -71,10 +72,15 @@ def trials(url: str) -> None:
             assert values["low"] * values["high"] <= 20 and (values["low"] % 2 == 0 or values["split"] == "median")
             assert values["low"] <= values["high"] and ("cost" in values) == (values["split"] == "sah"), values
             assert isinstance(values["low"], int) and isinstance(values["budget"], float)
-            trial.report({"ms": values["low"]}, extra=1.0)
+            trial.report({"ms": values["low"], "mb": 10.0}, extra=1.0)
         assert not trial.is_open
     with study.suggest() as given_back:
         pass
+    with study.suggest() as beyond:
+        beyond.report({"ms": 0.5, "mb": 100.0})
+    client.flush(20000)
+    (refused,) = study.trials("outcome = INFEASIBLE")
+    assert refused["measurements"]["mb"] == 100.0 and refused["cost"] is None, refused
     assert not given_back.is_open
     try:
         with study.suggest():

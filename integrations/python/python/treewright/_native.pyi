@@ -82,6 +82,7 @@ class Client:
         minimise: Mapping[str, float],
         indicators: Mapping[str, Range] = ...,
         auxiliary: Sequence[str] = ...,
+        limits: Mapping[str, tuple[float | None, float | None]] = ...,
         policy: Mapping[str, Value] = ...,
         display_name: str = "",
         state_tolerance: Optional[float] = None,
