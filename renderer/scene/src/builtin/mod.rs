@@ -4,7 +4,8 @@
 //! side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`, `needles`), one
 //! dense surface (`statue`), wide extent (`city`, and `model`, which asks next to nothing of shading), more
 //! than fits memory but as instances (`forest`), cards that are mostly holes (`grove`), a mesh that deforms
-//! (`sea`), parts that move (`needles`, `sea`), and a small one for trials (`quick`).
+//! (`sea`), parts that move (`needles`, `sea`), light that is hard to find (`market`, `loft`), and a small
+//! one for trials (`quick`).
 
 mod architecture;
 mod city;
@@ -14,6 +15,7 @@ mod gallery;
 mod generator;
 mod grove;
 mod hall;
+mod lights;
 mod model;
 mod needles;
 mod noise;
@@ -39,7 +41,7 @@ use super::{Scene, SceneError};
 /// A scene in the list: its name, what it shows, and its generator.
 type Entry = (&'static str, &'static str, fn(&mut Generator) -> Result<LightAndPath, SceneError>);
 
-const SCENES: [Entry; 11] = [
+const SCENES: [Entry; 13] = [
     (
         "hall",
         "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles",
@@ -65,6 +67,12 @@ const SCENES: [Entry; 11] = [
         "grove",
         "grove behind a wire fence: leaves, grass and wire cut out of cards by their textures; 200,000 triangles",
         grove::build,
+    ),
+    ("market", "stalls at night under a thousand small lanterns; 330,000 triangles", lights::market),
+    (
+        "loft",
+        "room that the sky reaches through two windows and a lamp through a slit; 2,500 triangles",
+        lights::loft,
     ),
     (
         "quick",
