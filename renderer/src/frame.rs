@@ -12,12 +12,15 @@ use treewright_accel::{
     build_instanced,
 };
 
-use crate::film::Film;
-use crate::integrator::{Counts, Needs, Prepared, View, render_sample_until};
+use crate::film::{Film, Picture};
+use crate::integrator::{Counts, Learnt, Needs, Prepared, View, learn, render_sample_until};
+use crate::light_sampling::LightSampling;
 use crate::limits::TRIALS_PER_BUILD_MAX;
+use crate::noise::{FrameNoise, HALF_SAMPLES, WEIGHT_SAMPLES, Weights};
 use crate::render_options::RenderOptions;
 use crate::scheduling::{RunQueueDelay, ThreadTimes, of_process, thread_cpu_ms, undelayed_ms};
 use crate::shelf::{Built, Shelf};
+use crate::statistics::Summary;
 use treewright_scene::Scene;
 
 /// What one frame took.
@@ -46,6 +49,9 @@ pub struct FrameTimes {
     /// The number of frames whose median is the rendering time; absent if it is the requested one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<u32>,
+    /// How noisy it is; absent where only time counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<FrameNoise>,
 }
 
 impl FrameTimes {
@@ -75,10 +81,9 @@ impl FrameTimes {
         let undelayed = |wall_ms: f64, cpu_ms: Option<f64>, delay_ms: Option<f64>| {
             cpu_ms.zip(delay_ms).map_or(wall_ms, |(cpu_ms, delay_ms)| undelayed_ms(wall_ms, cpu_ms, delay_ms))
         };
-        Self::of(
-            undelayed(self.build_ms, self.build_cpu_ms, self.build_delay_ms),
-            undelayed(self.render_ms, self.render_cpu_ms, self.render_delay_ms),
-        )
+        let build_ms = undelayed(self.build_ms, self.build_cpu_ms, self.build_delay_ms);
+        let render_ms = undelayed(self.render_ms, self.render_cpu_ms, self.render_delay_ms);
+        Self { noise: self.noise, ..Self::of(build_ms, render_ms) }
     }
 }
 
@@ -134,6 +139,16 @@ pub struct Renderer {
     /// The structure that frames are rendered with.
     current: Option<Built>,
     shelf: Shelf,
+    studied: Option<Studied>,
+}
+
+/// A view that noise is measured in.
+#[derive(Debug)]
+struct Studied {
+    view: View,
+    size: [u32; 2],
+    learning_ms: f64,
+    weights: Weights,
 }
 
 impl Renderer {
@@ -151,7 +166,16 @@ impl Renderer {
         let delays: Option<Vec<_>> =
             pool.broadcast(|_| RunQueueDelay::of_this_thread()).into_iter().collect();
         let delays = delays.unwrap_or_default();
-        Ok(Self { device, pool, delays, prepared, leave_out: true, current: None, shelf: Shelf::default() })
+        Ok(Self {
+            device,
+            pool,
+            delays,
+            prepared,
+            leave_out: true,
+            current: None,
+            shelf: Shelf::default(),
+            studied: None,
+        })
     }
 
     /// The scene.
@@ -163,6 +187,88 @@ impl Renderer {
     /// the same.
     pub fn set_leave_out(&mut self, leave_out: bool) {
         self.leave_out = leave_out;
+    }
+
+    /// Looks for light in another way from now on. What needs to be learnt is, by [`Self::learn_light`].
+    pub fn set_light_sampling(&mut self, how: LightSampling) {
+        if self.prepared.light_sampling() != how {
+            Arc::make_mut(&mut self.prepared).set_light_sampling(how);
+        }
+    }
+
+    /// Renders small frames of a view of this size, in pixels, with the kept structure, and learns from them
+    /// for light sampling. Nothing while there is no structure. Returns how long it took, in milliseconds.
+    pub fn learn_light(&mut self, view: &View, size: [u32; 2]) -> Option<f64> {
+        let kept = self.current.take()?;
+        let learning_ms = self.learn_light_with(&kept.structure, view, size);
+        self.current = Some(kept);
+        Some(learning_ms)
+    }
+
+    /// The same with another structure.
+    pub fn learn_light_with(&mut self, structure: &Structure, view: &View, size: [u32; 2]) -> f64 {
+        let begin = Instant::now();
+        let pilot = Pilot { prepared: &self.prepared, view, size };
+        let learnt = self.pool.install(|| structure.visit(pilot));
+        Arc::make_mut(&mut self.prepared).take_over(learnt);
+        milliseconds(begin)
+    }
+
+    /// Prepares the measurement of noise in a view: learns for light sampling, and how bright the picture is.
+    /// Nothing while there is no structure. Returns what the learning took, in milliseconds.
+    pub fn study_view(&mut self, view: &View, options: &RenderOptions, size: [u32; 2]) -> Option<f64> {
+        let known = self.studied.as_ref().filter(|known| known.view == *view && known.size == size);
+        if let Some(known) = known {
+            return Some(known.learning_ms);
+        }
+        self.set_light_sampling(LightSampling::default());
+        let learning_ms = self.learn_light(view, size)?;
+        let mut film = Film::new(size[0], size[1]);
+        for _ in 0..WEIGHT_SAMPLES {
+            self.render(view, options, &mut film)?;
+        }
+        let weights = Weights::of(&film.picture());
+        self.studied = Some(Studied { view: *view, size, learning_ms, weights });
+        Some(learning_ms)
+    }
+
+    /// Measures time and noise of a frame in the view that was [studied](Self::study_view). `None` if none
+    /// was.
+    pub fn noisy_frame(
+        &self,
+        structure: &Structure,
+        options: &RenderOptions,
+    ) -> Option<(FrameTimes, ThreadTimes)> {
+        let studied = self.studied.as_ref()?;
+        let rendered = || self.halves(structure, studied, options);
+        let ((pictures, times_ms), threads) = self.watching_threads(rendered);
+        let noise = FrameNoise::of([&pictures[0], &pictures[1]], &studied.weights);
+        let passes = times_ms.len() as f64;
+        let each = ThreadTimes {
+            cpu_ms: threads.cpu_ms / passes,
+            delay_ms: threads.delay_ms.map(|delay_ms| delay_ms / passes),
+        };
+        let times = FrameTimes::of(0.0, Summary::of(&times_ms).median);
+        Some((FrameTimes { noise: Some(noise), ..times }, each))
+    }
+
+    /// Two pictures that are drawn independently, and the milliseconds of each sample.
+    fn halves(
+        &self,
+        structure: &Structure,
+        studied: &Studied,
+        options: &RenderOptions,
+    ) -> ([Picture; 2], Vec<f64>) {
+        let mut times_ms = Vec::new();
+        let pictures = [0, 1].map(|half| {
+            let mut film = Film::new(studied.size[0], studied.size[1]);
+            let view = View { seed: 2 * studied.view.seed + half, ..studied.view };
+            for _ in 0..HALF_SAMPLES {
+                times_ms.push(self.render_with(structure, &view, options, &mut film).0);
+            }
+            film.picture()
+        });
+        (pictures, times_ms)
     }
 
     /// What the shading kernel in use can do.
@@ -183,6 +289,7 @@ impl Renderer {
     /// Changes the scene, e.g. because something in it moved. The structures of the old one are dropped.
     pub fn set_scene(&mut self, scene: Arc<Scene>) {
         self.current = None;
+        self.studied = None;
         self.shelf.clear();
         self.prepared = Arc::new(self.pool.install(|| Prepared::new(scene)));
     }
@@ -352,6 +459,21 @@ impl Renderer {
     /// Runs something on the render threads.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         self.pool.install(work)
+    }
+}
+
+/// Pilot frames, to be compiled for each kind of structure.
+struct Pilot<'a> {
+    prepared: &'a Prepared,
+    view: &'a View,
+    size: [u32; 2],
+}
+
+impl Visitor for Pilot<'_> {
+    type Output = Learnt;
+
+    fn visit<I: Intersector>(self, intersector: &I) -> Learnt {
+        learn(self.prepared, intersector, self.view, self.size)
     }
 }
 

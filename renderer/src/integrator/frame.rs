@@ -8,6 +8,7 @@ use super::morton::decode_2;
 use super::needs::Needs;
 use super::prepared::Prepared;
 use super::random::PathRandom;
+use super::roulette::Roulette;
 use super::vertex::{Kernel, Path, Tracing};
 use crate::film::{Film, Tile};
 use crate::render_options::RenderOptions;
@@ -18,6 +19,7 @@ pub(super) struct Frame<'a> {
     pub(super) options: &'a RenderOptions,
     pub(super) kernel: Kernel,
     pub(super) tracing: Tracing,
+    pub(super) roulette: Roulette,
     lens: Lens,
     seed: u64,
     width: u32,
@@ -40,6 +42,7 @@ impl<'a> Frame<'a> {
             options,
             kernel: Kernel::of(needs),
             tracing: Tracing { bounces: view.bounces, pixel_angle: lens.pixel_angle() },
+            roulette: Roulette::new(prepared.light_sampling(), prepared.learnt.brightness),
             lens,
             seed: view.seed,
             width: film.width(),

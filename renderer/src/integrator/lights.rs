@@ -7,8 +7,8 @@
 //! do that both techniques share.
 //!
 //! Emissive triangles shine to both sides, because the winding in scene files cannot be relied on. The sky's
-//! gradient is smooth and is left to the surfaces' own sampling; triangles, sun and environment maps are also
-//! sampled directly. Lights without size are found in no other way.
+//! gradient is smooth and is left to the surfaces' own sampling unless it was learnt where it is seen; lamps,
+//! sun and environment maps are also sampled directly. Lights without size are found in no other way.
 
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -19,6 +19,8 @@ use super::environment::SkyTable;
 use super::light_sample::LightSample;
 use super::punctual::PunctualLights;
 use super::sampling::{AliasTable, Basis, luminance, uniform_cone, uniform_triangle};
+use super::sky_guide::{Shares, SkyGuide};
+use crate::light_sampling::{LightSampling, SkyChoice};
 use crate::scene::{Material, Scene, Sky, Texture};
 
 /// The lights of a scene, ready to be sampled.
@@ -26,7 +28,12 @@ use crate::scene::{Material, Scene, Sky, Texture};
 pub struct Lights {
     /// The emissive triangles, parallel to `table`.
     lamps: Vec<Lamp>,
+    /// The power of each.
+    powers: Vec<f64>,
     table: Option<AliasTable>,
+    how: LightSampling,
+    /// What was learnt of the sky.
+    guide: Option<Arc<SkyGuide>>,
     /// Parallel to `lamps`, or empty where none has a texture.
     skins: Vec<Option<Skin>>,
     textures: Vec<Arc<Texture>>,
@@ -75,9 +82,6 @@ pub(super) struct Lamp {
 }
 
 const _: () = assert!(size_of::<Lamp>() == 64);
-
-/// Points drawn by power among which one is chosen.
-const CANDIDATES: u32 = 4;
 
 /// Number of triangles from which on candidates are drawn.
 const FEW_LAMPS: usize = 3;
@@ -133,6 +137,7 @@ pub(super) struct SunDisc {
     direction: Vec3,
     cos_half_angle: f32,
     radiance: Vec3,
+    solid_angle: f32,
     /// Solid angle density with which it is sampled.
     pdf: f32,
 }
@@ -180,30 +185,7 @@ impl Lights {
             }
         }
         let table = AliasTable::new(&weights);
-        let sun = scene.sky.sun.filter(|sun| luminance(sun.irradiance) > 0.0);
-        let environment = scene.environment.as_ref().map(SkyTable::new);
-        let punctual = PunctualLights::of(scene);
-        // Half for each kind, as long as there are others.
-        let share = |is_there: bool, others: bool| match (is_there, others) {
-            (false, _) => 0.0,
-            (true, false) => 1.0,
-            (true, true) => 0.5,
-        };
-        let sun_share = share(sun.is_some(), table.is_some());
-        let has_surfaces = sun.is_some() || table.is_some();
-        let punctual_share = share(punctual.is_some(), has_surfaces);
-        let environment_share = share(environment.is_some(), punctual.is_some() || has_surfaces);
-        let others = (1.0 - environment_share) * (1.0 - punctual_share);
-        let power: f64 = weights.iter().sum();
-        let share = f64::from(others * (1.0 - sun_share));
-        let density = if table.is_some() { (share / power) as f32 } else { 0.0 };
-        if skins.iter().all(Option::is_none) {
-            skins = Vec::new();
-        }
-        for lamp in &mut lamps {
-            lamp.density = density * luminance(lamp.emission);
-        }
-        let sun = sun.map(|sun| {
+        let sun = scene.sky.sun.filter(|sun| luminance(sun.irradiance) > 0.0).map(|sun| {
             // A point-like sun would have infinite radiance; a tenth of the real one's half angle is sharp
             // enough.
             let half_angle = sun.half_angle_rad.clamp(5e-4, 1.0);
@@ -215,23 +197,81 @@ impl Lights {
                 direction,
                 cos_half_angle: half_angle.cos(),
                 radiance: sun.irradiance / (PI * half_angle.sin().powi(2)),
-                pdf: others * sun_share / solid_angle,
+                solid_angle,
+                pdf: 0.0,
             }
         });
+        if skins.iter().all(Option::is_none) {
+            skins = Vec::new();
+        }
         let textures = if skins.is_empty() { Vec::new() } else { scene.textures.clone() };
-        Self {
+        let mut lights = Self {
             lamps,
+            powers: weights,
             table,
+            how: LightSampling::default(),
+            guide: None,
             skins,
             textures,
-            density,
+            density: 0.0,
             sun,
-            sun_share,
+            sun_share: 0.0,
             sky: scene.sky,
-            environment,
-            environment_share,
-            punctual,
-            punctual_share,
+            environment: scene.environment.as_ref().map(SkyTable::new),
+            environment_share: 0.0,
+            punctual: PunctualLights::of(scene),
+            punctual_share: 0.0,
+        };
+        lights.share_out();
+        lights
+    }
+
+    /// How light is looked for.
+    pub(super) fn sampling(&self) -> LightSampling {
+        self.how
+    }
+
+    /// Looks for light in another way from now on: O(lamps).
+    pub(super) fn set_sampling(&mut self, how: LightSampling) {
+        self.how = how;
+        self.share_out();
+    }
+
+    /// Takes over what was learnt of the sky.
+    pub(super) fn set_guide(&mut self, guide: Option<Arc<SkyGuide>>) {
+        self.guide = guide;
+        self.share_out();
+    }
+
+    /// What is sampled of the sky by what was learnt.
+    #[inline(always)]
+    fn guide(&self) -> Option<&SkyGuide> {
+        if self.how.sky == SkyChoice::Learnt { self.guide.as_deref() } else { None }
+    }
+
+    /// Deals out the shares of the kinds of light, and the densities that follow.
+    fn share_out(&mut self) {
+        let share = |is_there: bool, others: bool, share: f32| match (is_there, others) {
+            (false, _) => 0.0,
+            (true, false) => 1.0,
+            (true, true) => share,
+        };
+        let how = self.how;
+        self.sun_share = share(self.sun.is_some(), self.table.is_some(), how.sun_share);
+        let has_surfaces = self.sun.is_some() || self.table.is_some();
+        self.punctual_share = share(self.punctual.is_some(), has_surfaces, 0.5);
+        let others = self.punctual.is_some() || has_surfaces;
+        self.environment_share = share(self.has_environment(), others, how.sky_share);
+        let others = (1.0 - self.environment_share) * (1.0 - self.punctual_share);
+        let power: f64 = self.powers.iter().sum();
+        let share = f64::from(others * (1.0 - self.sun_share) * how.lamp_weight);
+        self.density = if self.table.is_some() { (share / power) as f32 } else { 0.0 };
+        for lamp in &mut self.lamps {
+            lamp.density = self.density * luminance(lamp.emission);
+        }
+        let sun_share = self.sun_share;
+        if let Some(sun) = &mut self.sun {
+            sun.pdf = others * sun_share / sun.solid_angle;
         }
     }
 
@@ -255,9 +295,9 @@ impl Lights {
         self.punctual.is_some()
     }
 
-    /// Whether there is an environment map, which is sampled unless it is black.
+    /// Whether the sky is sampled: an environment map, unless it is black, or what was learnt of any sky.
     pub fn has_environment(&self) -> bool {
-        self.environment.is_some()
+        self.environment.is_some() || self.guide().is_some()
     }
 
     /// For a position on a surface with this geometric normal, draws a direction towards any of the lights:
@@ -272,14 +312,94 @@ impl Lights {
         u: [f32; 2],
         last: bool,
     ) -> Option<LightSample> {
-        if let Some(environment) = &self.environment {
-            if choice < self.environment_share {
-                let light = environment.sample(pick, u);
-                let light = LightSample { pdf: light.pdf * self.environment_share, ..light };
-                return (!last && light.is_sound()).then_some(light);
-            }
-            choice = (choice - self.environment_share) / (1.0 - self.environment_share);
+        if let Some(shares) = self.learnt_shares(position) {
+            return self.sample_learnt(position, normal, [choice, pick], u, last, shares);
         }
+        let sky_share = self.environment_share;
+        if sky_share > 0.0 && last {
+            // What the others draw need not leave room for the sky, nor for what a bounce would find.
+            let light = self.sample_others(position, normal, [choice, pick], u)?;
+            let pdf = light.pdf / (1.0 - sky_share);
+            return (sky_share < 1.0).then_some(LightSample { pdf, ..light });
+        }
+        if sky_share > 0.0 {
+            if choice < sky_share {
+                let light = self.sample_sky(position, pick, u)?;
+                let light = LightSample { pdf: light.pdf * sky_share, ..light };
+                return light.is_sound().then_some(light);
+            }
+            choice = (choice - sky_share) / (1.0 - sky_share);
+        }
+        self.sample_others(position, normal, [choice, pick], u)
+    }
+
+    /// Draws a direction towards a kind of light by learnt shares. After the `last` bounce the sky has none.
+    fn sample_learnt(
+        &self,
+        position: Vec3,
+        normal: Vec3,
+        [choice, pick]: [f32; 2],
+        u: [f32; 2],
+        last: bool,
+        [sky, sun, lamps]: Shares,
+    ) -> Option<LightSample> {
+        let whole = if last { sun + lamps } else { 1.0 };
+        let mut choice = choice * whole;
+        if !last {
+            if choice < sky {
+                let light = self.sample_sky(position, pick, u)?;
+                let light = LightSample { pdf: light.pdf * sky, ..light };
+                return light.is_sound().then_some(light);
+            }
+            choice -= sky;
+        }
+        if choice < sun {
+            let light = self.sun.as_ref()?.sample(u);
+            return Some(LightSample { pdf: light.pdf * self.sun_factor(sun) / whole, ..light });
+        }
+        let rest = ((choice - sun) / lamps.max(f32::MIN_POSITIVE)).min(1.0 - f32::EPSILON);
+        let choice = self.sun_share + rest * (1.0 - self.sun_share);
+        let (lamp, u) = self.lamp([choice, pick], u, position, normal)?;
+        let light = lamp.sample(position, u);
+        let light = LightSample { pdf: light.pdf * self.lamp_factor_of(lamps) / whole, ..light };
+        light.is_sound().then_some(light)
+    }
+
+    /// What was learnt of the shares at a position; `None` where they are fixed.
+    #[inline(always)]
+    fn learnt_shares(&self, position: Vec3) -> Option<Shares> {
+        let learnt = self.how.learnt_shares && self.punctual.is_none();
+        self.guide().filter(|_| learnt).map(|guide| guide.shares(position))
+    }
+
+    /// What makes the sun's fixed density one of this share.
+    #[inline(always)]
+    fn sun_factor(&self, share: f32) -> f32 {
+        let fixed = (1.0 - self.environment_share) * self.sun_share;
+        if fixed > 0.0 { share / fixed } else { 0.0 }
+    }
+
+    /// What makes the lamps' fixed density one of this share.
+    #[inline(always)]
+    fn lamp_factor_of(&self, share: f32) -> f32 {
+        let fixed = (1.0 - self.environment_share) * (1.0 - self.sun_share);
+        if fixed > 0.0 { share / fixed } else { 0.0 }
+    }
+
+    /// How many times as dense as [`Lights::lamp_density`] says lamps are sampled from a position.
+    #[inline(always)]
+    pub(super) fn lamp_factor(&self, position: Vec3) -> f32 {
+        self.learnt_shares(position).map_or(1.0, |[.., lamps]| self.lamp_factor_of(lamps))
+    }
+
+    /// Draws a direction towards any light but the sky.
+    fn sample_others(
+        &self,
+        position: Vec3,
+        normal: Vec3,
+        [mut choice, pick]: [f32; 2],
+        u: [f32; 2],
+    ) -> Option<LightSample> {
         if let Some(punctual) = &self.punctual {
             if choice < self.punctual_share {
                 let share = (1.0 - self.environment_share) * self.punctual_share;
@@ -288,6 +408,18 @@ impl Lights {
             choice = (choice - self.punctual_share) / (1.0 - self.punctual_share);
         }
         self.sample::<true, true>(position, normal, [choice, pick], u)
+    }
+
+    /// Draws a direction to the sky.
+    fn sample_sky(&self, position: Vec3, pick: f32, u: [f32; 2]) -> Option<LightSample> {
+        let Some(guide) = self.guide() else {
+            return Some(self.environment.as_ref()?.sample(pick, u));
+        };
+        let (direction, pdf) = guide.sample(position, pick, u);
+        let environment = self.environment.as_ref();
+        let radiance =
+            environment.map_or_else(|| self.sky(direction), |environment| environment.look_up(direction).0);
+        Some(LightSample { direction, distance: f32::INFINITY, radiance, pdf })
     }
 
     /// For a position on a surface with this geometric normal, draws a direction towards the sun or a point
@@ -328,13 +460,17 @@ impl Lights {
     ) -> Option<(Lamp, [f32; 2])> {
         let table = self.table.as_ref()?;
         // Few triangles are one lamp, all of which is about as near.
-        let candidates = if self.lamps.len() < FEW_LAMPS { 1 } else { CANDIDATES };
+        let candidates = if self.lamps.len() < FEW_LAMPS { 1 } else { self.how.candidates };
+        if candidates == 1 {
+            return Some(self.weighed(table.sample(pick), u, 1.0));
+        }
+        let step = 1.0 / candidates as f32;
         let mut rest = (choice - self.sun_share) / (1.0 - self.sun_share);
         let (mut sum, mut taken) = (0.0, None);
         for candidate in 0..candidates {
             let shift = candidate as f32;
             // Each draws like the first, and together they lie evenly.
-            let number = table.sample(shifted(pick, shift / CANDIDATES as f32));
+            let number = table.sample(shifted(pick, shift * step));
             let at = [shifted(u[0], (shift * SHIFTS[0]).fract()), shifted(u[1], (shift * SHIFTS[1]).fract())];
             let weight = self.lamps[number].reach(position, normal, at);
             sum += weight;
@@ -347,10 +483,15 @@ impl Lights {
             }
         }
         let (number, at, weight) = taken?;
+        Some(self.weighed(number, at, sum / (weight * candidates as f32)))
+    }
+
+    /// A lamp and where on it, with the emission of the point times the weight of the choice.
+    #[inline(always)]
+    fn weighed(&self, number: usize, at: [f32; 2], weight: f32) -> (Lamp, [f32; 2]) {
         let lamp = self.lamps[number];
         let lamp = if self.skins.is_empty() { lamp } else { self.looked_up(number, lamp, at) };
-        let scale = sum / (weight * candidates as f32);
-        Some((Lamp { emission: lamp.emission * scale, ..lamp }, at))
+        (Lamp { emission: lamp.emission * (weight * self.how.lamp_weight), ..lamp }, at)
     }
 
     #[cold]
@@ -363,13 +504,23 @@ impl Lights {
         Lamp { emission: factor * value.xyz(), ..lamp }
     }
 
-    /// Radiance of the environment map in a direction and the density with which it is sampled; `None`
-    /// without one.
+    /// Radiance of the sky in a direction and the density with which it is sampled from a position; `None`
+    /// where it is not sampled.
     #[inline(always)]
-    pub fn environment(&self, direction: Vec3) -> Option<(Vec3, f32)> {
-        let environment = self.environment.as_ref()?;
-        let (radiance, pdf) = environment.look_up(direction);
-        Some((radiance, pdf * self.environment_share))
+    pub fn environment(&self, position: Vec3, direction: Vec3) -> Option<(Vec3, f32)> {
+        if self.environment_share == 0.0 {
+            return None;
+        }
+        let looked_up = self.environment.as_ref().map(|environment| environment.look_up(direction));
+        let (radiance, pdf) = match (self.guide(), looked_up) {
+            (None, looked_up) => looked_up?,
+            (Some(guide), looked_up) => {
+                let radiance = looked_up.map_or_else(|| self.sky(direction), |(radiance, _)| radiance);
+                (radiance, guide.density(position, direction))
+            }
+        };
+        let share = self.learnt_shares(position).map_or(self.environment_share, |[sky, ..]| sky);
+        Some((radiance, pdf * share))
     }
 
     /// The sun, and the probability that [`Lights::sample`] turns to it.
@@ -384,18 +535,22 @@ impl Lights {
         self.density * luminance(emission)
     }
 
-    /// Radiance of the environment map in a direction as it is seen, directly or in a mirror.
+    /// Radiance of the sky in a direction as it is seen, directly or in a mirror.
     #[inline(always)]
     pub fn environment_seen(&self, direction: Vec3) -> Vec3 {
-        self.environment.as_ref().map_or(Vec3::ZERO, |environment| environment.seen(direction))
+        let environment = self.environment.as_ref();
+        environment.map_or_else(|| self.sky(direction), |environment| environment.seen(direction))
     }
 
-    /// Radiance of the sun's disc in a direction and the density with which it is sampled.
+    /// Radiance of the sun's disc in a direction and the density with which it is sampled from a position.
     #[inline(always)]
-    pub fn sun(&self, direction: Vec3) -> Option<(Vec3, f32)> {
+    pub fn sun(&self, position: Vec3, direction: Vec3) -> Option<(Vec3, f32)> {
         let sun = self.sun.as_ref()?;
-        let inside = direction.dot(sun.direction) >= sun.cos_half_angle;
-        inside.then_some((sun.radiance, sun.pdf))
+        if direction.dot(sun.direction) < sun.cos_half_angle {
+            return None;
+        }
+        let factor = self.learnt_shares(position).map_or(1.0, |[_, share, _]| self.sun_factor(share));
+        Some((sun.radiance, sun.pdf * factor))
     }
 
     /// Radiance of the sky's gradient in a direction.

@@ -21,13 +21,16 @@ pub(crate) mod morton;
 mod multiple;
 mod needs;
 mod path;
+mod pilot;
 mod prepared;
 mod punctual;
 pub mod random;
 mod render;
+mod roulette;
 pub mod sampling;
 mod shadows;
 mod sheets;
+mod sky_guide;
 mod solid;
 mod sort;
 mod stages;
@@ -45,8 +48,10 @@ pub use lens::Lens;
 pub use light_sample::LightSample;
 pub use lights::Lights;
 pub use needs::{Needs, Omission};
+pub(crate) use pilot::learn;
 pub use prepared::Prepared;
 pub use render::{render_sample, render_sample_until};
+pub(crate) use sky_guide::Learnt;
 
 use crate::scene::Camera;
 
@@ -97,6 +102,8 @@ impl AddAssign for Counts {
 
 #[cfg(test)]
 mod appearance_tests;
+#[cfg(test)]
+mod light_sampling_tests;
 #[cfg(test)]
 mod order_tests;
 #[cfg(test)]

@@ -35,9 +35,10 @@ pub(super) fn radiance<I: Intersector>(
             break;
         };
         counts.hits += 1;
+        let (random, vertex) = (path.random, path.vertex);
         let next =
             (kernel.vertex)(prepared, &frame.tracing, &mut path, &mut ray, &hit, &mut radiance, &mut shadow);
-        if next.shadow {
+        if next.shadow && frame.roulette.keeps_shadow(random, vertex, &mut shadow) {
             counts.shadow_rays += 1;
             if !intersector.occluded(&shadow.ray) {
                 radiance += shadow.light;
@@ -45,7 +46,7 @@ pub(super) fn radiance<I: Intersector>(
                 radiance += shadow.light * through_sheets(prepared, intersector, shadow.ray, counts);
             }
         }
-        if !next.goes_on {
+        if !next.goes_on || !frame.roulette.keeps_path(vertex, &mut path) {
             break;
         }
     }

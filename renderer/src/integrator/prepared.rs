@@ -12,7 +12,9 @@ use super::lights::Lights;
 use super::lights::mean_emission;
 use super::needs::Needs;
 use super::sheets::Sheets;
+use super::sky_guide::Learnt;
 use super::surface::Facet;
+use crate::light_sampling::LightSampling;
 use crate::scene::{Material, Mesh, Scene};
 
 /// A scene with the tables that shading needs. Independent of the acceleration structure and the camera.
@@ -30,6 +32,8 @@ pub struct Prepared {
     pub(super) surfaces: Vec<Shading>,
     /// Where light can pass through something.
     pub(super) sheets: Sheets,
+    /// What light sampling knows of the view.
+    pub(super) learnt: Learnt,
 }
 
 /// A material ready for shading.
@@ -75,7 +79,34 @@ impl Prepared {
             (material.blends && material.volume.is_none()) || Bsdf::new(material).is_thin()
         };
         let sheets = Sheets::new(&scene, thin);
-        Self { lights, needs, facets, surfaces, sheets, scene }
+        Self { lights, needs, facets, surfaces, sheets, learnt: Learnt::default(), scene }
+    }
+
+    /// How light is looked for.
+    pub fn light_sampling(&self) -> LightSampling {
+        self.lights.sampling()
+    }
+
+    /// Looks for light in another way from now on: O(lamps + materials).
+    pub(crate) fn set_light_sampling(&mut self, how: LightSampling) {
+        self.lights.set_sampling(how);
+        self.follow_lights();
+    }
+
+    /// Takes over what pilot frames told.
+    pub(crate) fn take_over(&mut self, learnt: Learnt) {
+        self.lights.set_guide(learnt.sky.clone());
+        self.learnt = learnt;
+        self.follow_lights();
+    }
+
+    fn follow_lights(&mut self) {
+        self.needs.environment = self.lights.has_environment();
+        self.needs = self.needs.closed();
+        for surface in &mut self.surfaces {
+            let material = &self.scene.materials[surface.material as usize];
+            surface.density = self.lights.lamp_density(mean_emission(&self.scene, material));
+        }
     }
 
     /// The material of a hit triangle. `MANY` is false where all have one material.

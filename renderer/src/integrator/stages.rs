@@ -193,7 +193,7 @@ impl Buffers {
         let mut shadow = Shadow::BLANK;
         for (lane, index) in lanes.iter().zip(range) {
             let (path, ray) = (&mut paths[index], &mut rays[index]);
-            let pixel = path.pixel;
+            let (pixel, random, vertex) = (path.pixel, path.random, path.vertex);
             let radiance = &mut radiance[pixel as usize];
             let Some(hit) = &hits[index] else {
                 *radiance += missed(prepared, path, ray);
@@ -204,12 +204,12 @@ impl Buffers {
             let next = together.unwrap_or_else(|| {
                 (frame.kernel.vertex)(prepared, &frame.tracing, path, ray, hit, radiance, &mut shadow)
             });
-            if next.shadow {
+            if next.shadow && frame.roulette.keeps_shadow(random, vertex, &mut shadow) {
                 shadow_rays[*shadows] = shadow.ray;
                 shadow_light[*shadows] = (shadow.light, pixel);
                 *shadows += 1;
             }
-            if next.goes_on {
+            if next.goes_on && frame.roulette.keeps_path(vertex, path) {
                 if *kept < index {
                     paths[*kept] = paths[index];
                     rays[*kept] = rays[index];

@@ -197,7 +197,9 @@ fn vertex<const NEEDS: usize>(
         } else {
             let cosine = surface.geometric_normal.dot(ray.direction);
             let distance_squared = surface.position.distance_squared(path.from);
-            power_heuristic(path.pdf, solid_angle_pdf(material.density, cosine, distance_squared))
+            let factor = if needs.environment { prepared.lights.lamp_factor(path.from) } else { 1.0 };
+            let density = material.density * factor;
+            power_heuristic(path.pdf, solid_angle_pdf(density, cosine, distance_squared))
         };
         *radiance += path.throughput * material.emission * weight;
     }
@@ -390,12 +392,12 @@ impl Context<'_> {
 /// Light of sky and sun that a ray which meets nothing brings to its path.
 #[inline]
 pub(super) fn missed(prepared: &Prepared, path: &Path, ray: &Ray) -> Vec3 {
-    let sky = match prepared.lights.environment(ray.direction) {
+    let sky = match prepared.lights.environment(path.from, ray.direction) {
         None => prepared.lights.sky(ray.direction),
         Some(_) if path.pdf < 0.0 => prepared.lights.environment_seen(ray.direction),
         Some((radiance, pdf)) => radiance * power_heuristic(path.pdf, pdf),
     };
-    let light = match prepared.lights.sun(ray.direction) {
+    let light = match prepared.lights.sun(path.from, ray.direction) {
         Some(_) if path.pdf == CAUSTIC => sky,
         Some((radiance, _)) if path.pdf < 0.0 => sky + radiance,
         Some((radiance, sun_pdf)) => sky + radiance * power_heuristic(path.pdf, sun_pdf),

@@ -1,0 +1,129 @@
+//! However light is looked for, pictures have the same expectation, and both orders of work give the same
+//! bits.
+
+use std::sync::Arc;
+
+use treewright_accel::NativeQuality;
+use treewright_scene::builtin::{self, Options};
+
+use crate::film::{Film, Picture};
+use crate::frame::Renderer;
+use crate::integrator::View;
+use crate::integrator::sampling::luminance;
+use crate::light_sampling::{LightSampling, SkyChoice};
+use crate::render_options::RenderOptions;
+use crate::space::Choice;
+
+const SIZE: [u32; 2] = [24, 16];
+/// Pixels of a square of the picture along either side.
+const SQUARE: usize = 8;
+const SEEDS: u64 = 10;
+const SAMPLES: u32 = 24;
+
+fn ways() -> Vec<LightSampling> {
+    let plain = LightSampling::default();
+    let sky = LightSampling { sky: SkyChoice::Learnt, sky_share: 0.3, ..plain };
+    vec![
+        plain,
+        LightSampling { candidates: 1, sun_share: 0.8, ..plain },
+        LightSampling { candidates: 8, lamp_weight: 8.0, sun_share: 0.2, ..plain },
+        LightSampling { candidates: 16, lamp_weight: 64.0, ..plain },
+        sky,
+        LightSampling { learnt_shares: true, ..sky },
+        LightSampling { learnt_shares: true, lamp_weight: 4.0, candidates: 4, ..sky },
+        LightSampling { shadow_roulette: 0.4, path_roulette: 0.5, ..plain },
+        LightSampling { shadow_roulette: 0.4, path_roulette: 0.5, learnt_shares: true, ..sky },
+    ]
+}
+
+/// A renderer of a built-in scene that has learnt from its first camera.
+fn renderer(name: &str, detail: f32) -> (Renderer, View) {
+    let scene = builtin::build(name, &Options { detail, ..Options::default() }).expect("it is built in");
+    let view = View { camera: scene.cameras[0], seed: 1, bounces: 3 };
+    let mut renderer = Renderer::new(Arc::new(scene), 0).expect("Embree starts");
+    renderer.rebuild(&Choice::native(NativeQuality::Medium).build).expect("it can be built");
+    renderer.learn_light(&view, [120, 80]).expect("there is a structure");
+    (renderer, view)
+}
+
+fn picture(renderer: &Renderer, view: &View, options: &RenderOptions, samples: u32) -> Picture {
+    let mut film = Film::new(SIZE[0], SIZE[1]);
+    for _ in 0..samples {
+        let (_, counts) = renderer.render(view, options, &mut film).expect("there is a structure");
+        assert_eq!(counts.bad_samples, 0);
+    }
+    film.picture()
+}
+
+/// Mean luminance of each square, and its standard error, over seeds.
+fn squares(renderer: &Renderer, view: &View) -> Vec<(f64, f64)> {
+    let across = SIZE[0] as usize / SQUARE;
+    let mut sums = vec![(0.0, 0.0); across * SIZE[1] as usize / SQUARE];
+    for seed in 0..SEEDS {
+        let view = View { seed: 100 + seed, ..*view };
+        let picture = picture(renderer, &view, &RenderOptions::default(), SAMPLES);
+        let mut means = vec![0.0; sums.len()];
+        for (pixel, value) in picture.pixels.iter().enumerate() {
+            let (x, y) = (pixel % SIZE[0] as usize, pixel / SIZE[0] as usize);
+            means[y / SQUARE * across + x / SQUARE] +=
+                f64::from(luminance(*value)) / (SQUARE * SQUARE) as f64;
+        }
+        for ((sum, squares), mean) in sums.iter_mut().zip(means) {
+            *sum += mean;
+            *squares += mean * mean;
+        }
+    }
+    let count = SEEDS as f64;
+    let of = |(sum, squares): (f64, f64)| {
+        let mean = sum / count;
+        (mean, ((squares / count - mean * mean).max(0.0) / (count - 1.0)).sqrt())
+    };
+    sums.into_iter().map(of).collect()
+}
+
+#[test]
+fn every_way_of_looking_for_light_has_the_same_expectation() {
+    for (name, detail) in [("loft", 0.2), ("quick", 0.05), ("market", 0.05), ("city", 0.02)] {
+        let (mut renderer, view) = renderer(name, detail);
+        let expected = squares(&renderer, &view);
+        for way in ways().into_iter().skip(1) {
+            renderer.set_light_sampling(way);
+            for (square, (found, expected)) in squares(&renderer, &view).iter().zip(&expected).enumerate() {
+                // Errors are estimated from ten pictures; bright dots are rarer in some ways than in others.
+                let error = found.1.hypot(expected.1) + 0.003 * expected.0;
+                let off = (found.0 - expected.0).abs() / error;
+                assert!(off < 5.0, "{name}, square {square}, {way:?}: {found:?} and {expected:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn both_orders_of_work_give_the_same_bits() {
+    for (name, detail) in [("loft", 0.2), ("city", 0.02)] {
+        let (mut renderer, view) = renderer(name, detail);
+        for way in ways() {
+            renderer.set_light_sampling(way);
+            let [by_path, staged] = [false, true].map(|staged| {
+                picture(&renderer, &view, &RenderOptions { staged, ..RenderOptions::default() }, 3)
+            });
+            assert_eq!(by_path, staged, "{name} {way:?}");
+        }
+    }
+}
+
+#[test]
+fn the_sky_through_windows_is_found_sooner_once_it_was_learnt() {
+    let (mut renderer, view) = renderer("loft", 0.2);
+    let options = RenderOptions::default();
+    renderer.study_view(&view, &options, [96, 64]).expect("there is a structure");
+    let mut error = |way| {
+        renderer.set_light_sampling(way);
+        let structure = renderer.structure().expect("there is one");
+        let (times, _) = renderer.noisy_frame(structure, &options).expect("the view was studied");
+        times.noise.expect("it was measured").relative_variance
+    };
+    let learnt = LightSampling { sky: SkyChoice::Learnt, learnt_shares: true, ..LightSampling::default() };
+    let (plain, learnt) = (error(LightSampling::default()), error(learnt));
+    assert!(learnt < 0.7 * plain, "variance {learnt} and {plain}");
+}

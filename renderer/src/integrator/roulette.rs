@@ -1,0 +1,59 @@
+//! Rays that bring little, traced with a lower probability for more: the same expectation for fewer rays
+//! (Arvo and Kirk, Particle Transport and Image Synthesis, SIGGRAPH 1990).
+
+use super::random::PathRandom;
+use super::sampling::luminance;
+use super::vertex::{Path, Shadow};
+use crate::light_sampling::LightSampling;
+
+/// Random numbers of the decisions, away from those of the vertices.
+const PLACE: u32 = 1 << 24;
+
+/// The thresholds of a frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Roulette {
+    /// Luminance at a pixel below which a shadow ray may be left out; 0 for none.
+    shadow: f32,
+    /// Throughput below which a path may end; 0 for none.
+    path: f32,
+}
+
+impl Roulette {
+    /// For pictures of a mean luminance; 0 where it is not known, and then no shadow ray is left out.
+    pub(super) fn new(how: LightSampling, brightness: f32) -> Self {
+        Self { shadow: how.shadow_roulette * brightness, path: how.path_roulette }
+    }
+
+    /// Decides about the shadow ray of a vertex, and lets it bring more if it stays.
+    #[inline(always)]
+    pub(super) fn keeps_shadow(&self, random: PathRandom, vertex: u16, shadow: &mut Shadow) -> bool {
+        if self.shadow <= 0.0 {
+            return true;
+        }
+        let light = luminance(shadow.light);
+        if light >= self.shadow {
+            return true;
+        }
+        let probability = light / self.shadow;
+        let stays = random.pair(PLACE + u32::from(vertex))[0] < probability;
+        if stays {
+            shadow.light *= 1.0 / probability;
+        }
+        stays
+    }
+
+    /// Decides whether a path goes on after a vertex, and lets it bring more if it does.
+    #[inline(always)]
+    pub(super) fn keeps_path(&self, vertex: u16, path: &mut Path) -> bool {
+        let most = path.throughput.max_element();
+        if most >= self.path {
+            return true;
+        }
+        let probability = most / self.path;
+        let stays = path.random.pair(PLACE + u32::from(vertex))[1] < probability;
+        if stays {
+            path.throughput *= 1.0 / probability;
+        }
+        stays
+    }
+}

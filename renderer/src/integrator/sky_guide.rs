@@ -1,0 +1,275 @@
+//! Where light was seen from: directions towards the sky, as through windows, and which kind of light brings
+//! how much where; learnt while rendering.
+//!
+//! A few frames leave records of paths that found the sky after a bounce. A grid of cells over the places
+//! they came from holds a distribution over directions each, by how much light came along it (compare Müller,
+//! Gross and Novák, Practical Path Guiding, EGSR 2017, whose trees are a grid here). Shadow rays are drawn by
+//! it beside the surfaces' own sampling, which covers every direction: whatever was learnt, and however
+//! little, the expectation of a picture is the same.
+
+use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
+
+use glam::{UVec3, Vec3};
+
+use super::sampling::AliasTable;
+
+/// Directions have equal solid angles: around, and by height.
+const AROUND: usize = 32;
+const HEIGHTS: usize = 16;
+const BINS: usize = AROUND * HEIGHTS;
+
+/// Density of a direction that is drawn evenly within its bin.
+const BIN_DENSITY: f32 = BINS as f32 / (4.0 * PI);
+
+/// Most cells, and the records that each has in the mean where there are fewer.
+const CELLS_MAX: f32 = 512.0;
+const RECORDS_PER_CELL: f32 = 128.0;
+
+/// A cell of its own takes so many records.
+const RECORDS_MIN: usize = 32;
+
+/// Share of a cell's distribution that is that of all cells together.
+const COMMON_SHARE: f64 = 0.1;
+
+/// Share of a bin's light that its eight neighbours get together.
+const SPREAD: f64 = 0.4;
+
+/// Least share of shadow rays of a kind of light that there is.
+const SHARE_MIN: f32 = 0.06;
+
+/// Light that came to a surface.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LightRecord {
+    pub(super) position: Vec3,
+    pub(super) direction: Vec3,
+    /// Luminance that it brought to its path's pixel.
+    pub(super) light: f32,
+    pub(super) kind: Kind,
+}
+
+/// A kind of light that shares of shadow rays turn to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Sky,
+    Sun,
+    Lamp,
+}
+
+/// Shares of shadow rays, by [`Kind`].
+pub(super) type Shares = [f32; 3];
+
+/// What pilot frames tell.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Learnt {
+    /// Where the sky was seen from; nothing where it hardly was.
+    pub(super) sky: Option<Arc<SkyGuide>>,
+    /// Mean luminance of the picture; 0 before anything was learnt.
+    pub(super) brightness: f32,
+}
+
+/// Distributions of directions by place.
+#[derive(Clone, Debug)]
+pub(super) struct SkyGuide {
+    low: Vec3,
+    /// Cells per unit of length.
+    scale: Vec3,
+    cells: UVec3,
+    /// The distribution of each cell.
+    of_cell: Vec<u32>,
+    distributions: Vec<Distribution>,
+    /// Of each distribution.
+    shares: Vec<Shares>,
+}
+
+#[derive(Clone, Debug)]
+struct Distribution {
+    table: AliasTable,
+    /// Over solid angle, of each bin.
+    densities: Vec<f32>,
+}
+
+impl SkyGuide {
+    /// Learns from records. `None` if there are too few.
+    pub(super) fn new(records: &[LightRecord]) -> Option<Self> {
+        if records.iter().filter(|record| record.kind == Kind::Sky).count() < RECORDS_MIN {
+            return None;
+        }
+        let low = records.iter().fold(Vec3::INFINITY, |low, record| low.min(record.position));
+        let high = records.iter().fold(Vec3::NEG_INFINITY, |high, record| high.max(record.position));
+        let size = (high - low).max(Vec3::splat((high - low).max_element() * 1e-3 + f32::MIN_POSITIVE));
+        let count = (records.len() as f32 / RECORDS_PER_CELL).clamp(1.0, CELLS_MAX);
+        let edge = (size.x * size.y * size.z / count).cbrt();
+        let cells = (size / edge).round().clamp(Vec3::ONE, Vec3::splat(64.0)).as_uvec3();
+        let scale = cells.as_vec3() / size;
+        let mut guide =
+            Self { low, scale, cells, of_cell: Vec::new(), distributions: Vec::new(), shares: Vec::new() };
+        let count = (cells.x * cells.y * cells.z) as usize;
+        let mut by_cell: Vec<Vec<&LightRecord>> = vec![Vec::new(); count];
+        for record in records {
+            by_cell[guide.cell(record.position)].push(record);
+        }
+        let common = histogram(records);
+        let shares = shares(records);
+        guide.distributions.push(Distribution::new(&common)?);
+        guide.shares.push(shares);
+        guide.of_cell = by_cell
+            .iter()
+            .map(|records| {
+                if records.len() < RECORDS_MIN {
+                    return 0;
+                }
+                let weights = mixed(&histogram(records.iter().copied()), &common);
+                Distribution::new(&weights).map_or(0, |own| {
+                    guide.distributions.push(own);
+                    guide.shares.push(self::shares(records.iter().copied()));
+                    guide.distributions.len() as u32 - 1
+                })
+            })
+            .collect();
+        Some(guide)
+    }
+
+    #[inline]
+    fn cell(&self, position: Vec3) -> usize {
+        let last = (self.cells - UVec3::ONE).as_vec3();
+        let [x, y, z] = ((position - self.low) * self.scale).clamp(Vec3::ZERO, last).as_uvec3().to_array();
+        ((z * self.cells.y + y) * self.cells.x + x) as usize
+    }
+
+    /// With shares for the kinds of light that there are.
+    pub(super) fn keep_kinds(mut self, there: [bool; 3]) -> Self {
+        self.shares.iter_mut().for_each(|shares| *shares = with_least(*shares, there));
+        self
+    }
+
+    /// Shares of shadow rays at a position.
+    #[inline]
+    pub(super) fn shares(&self, position: Vec3) -> Shares {
+        self.shares[self.of_cell[self.cell(position)] as usize]
+    }
+
+    #[inline]
+    fn distribution(&self, position: Vec3) -> &Distribution {
+        &self.distributions[self.of_cell[self.cell(position)] as usize]
+    }
+
+    /// Draws a direction from a position: with its density over solid angle.
+    #[inline]
+    pub(super) fn sample(&self, position: Vec3, pick: f32, [u, v]: [f32; 2]) -> (Vec3, f32) {
+        let distribution = self.distribution(position);
+        let bin = distribution.table.sample(pick);
+        let azimuth = ((bin % AROUND) as f32 + u) / AROUND as f32 * TAU - PI;
+        let height = ((bin / AROUND) as f32 + v) / HEIGHTS as f32 * 2.0 - 1.0;
+        let across = (1.0 - height * height).max(0.0).sqrt();
+        let (sine, cosine) = azimuth.sin_cos();
+        (Vec3::new(across * cosine, height, across * sine), distribution.densities[bin])
+    }
+
+    /// The density with which a direction is drawn from a position.
+    #[inline]
+    pub(super) fn density(&self, position: Vec3, direction: Vec3) -> f32 {
+        self.distribution(position).densities[bin(direction)]
+    }
+}
+
+#[inline]
+fn bin(direction: Vec3) -> usize {
+    let around = (direction.z.atan2(direction.x) + PI) * (AROUND as f32 / TAU);
+    let height = (direction.y + 1.0) * (0.5 * HEIGHTS as f32);
+    (height as usize).min(HEIGHTS - 1) * AROUND + (around as usize).min(AROUND - 1)
+}
+
+/// Light by bin, some of it spread to the neighbours.
+fn histogram<'a>(records: impl IntoIterator<Item = &'a LightRecord>) -> Vec<f64> {
+    let mut sums = vec![0.0; BINS];
+    for record in records.into_iter().filter(|record| record.kind == Kind::Sky) {
+        sums[bin(record.direction)] += f64::from(record.light);
+    }
+    let mut spread: Vec<f64> = sums.iter().map(|sum| sum * (1.0 - SPREAD)).collect();
+    for (place, sum) in sums.iter().enumerate().filter(|(_, sum)| **sum > 0.0) {
+        let (column, row) = (place % AROUND, place / AROUND);
+        for (across, up) in [0, 1, 2].into_iter().flat_map(|across| [0, 1, 2].map(|up| (across, up))) {
+            let row = (row + up).saturating_sub(1).min(HEIGHTS - 1);
+            if (across, up) != (1, 1) {
+                spread[row * AROUND + (column + across + AROUND - 1) % AROUND] += sum * SPREAD / 8.0;
+            }
+        }
+    }
+    spread
+}
+
+fn mixed(own: &[f64], common: &[f64]) -> Vec<f64> {
+    let (own_sum, common_sum): (f64, f64) = (own.iter().sum(), common.iter().sum());
+    if own_sum <= 0.0 {
+        return common.to_vec();
+    }
+    let (own_share, common_share) = ((1.0 - COMMON_SHARE) / own_sum, COMMON_SHARE / common_sum);
+    own.iter().zip(common).map(|(own, common)| own * own_share + common * common_share).collect()
+}
+
+/// Shadow rays by what each kind of light brought.
+fn shares<'a>(records: impl IntoIterator<Item = &'a LightRecord>) -> Shares {
+    let mut sums = [0.0_f64; 3];
+    for record in records {
+        sums[record.kind as usize] += f64::from(record.light);
+    }
+    let total = sums.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    sums.map(|sum| (sum / total) as f32)
+}
+
+/// With a least share of each kind that there is, and none of the others; adds up to one.
+fn with_least(shares: Shares, there: [bool; 3]) -> Shares {
+    let mut all = [0, 1, 2].map(|kind| if there[kind] { shares[kind].max(SHARE_MIN) } else { 0.0 });
+    let sum: f32 = all.iter().sum();
+    all.iter_mut().for_each(|share| *share /= sum.max(f32::MIN_POSITIVE));
+    all
+}
+
+impl Distribution {
+    fn new(weights: &[f64]) -> Option<Self> {
+        let table = AliasTable::new(weights)?;
+        let total: f64 = weights.iter().sum();
+        let densities = weights.iter().map(|weight| (weight / total) as f32 * BIN_DENSITY).collect();
+        Some(Self { table, densities })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    #[test]
+    fn densities_are_those_of_the_draws_and_add_up_to_one() {
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let mut unit = || random.random::<f32>();
+        // Two windows, each seen from its own half of a room.
+        let records: Vec<LightRecord> = (0..4000)
+            .map(|_| {
+                let position = Vec3::new(unit() * 8.0 - 4.0, unit() * 3.0, unit() * 6.0);
+                let side = position.x.signum();
+                let direction = Vec3::new(side, 0.3 * unit(), 0.2 * unit()).normalize();
+                LightRecord { position, direction, light: unit(), kind: Kind::Sky }
+            })
+            .collect();
+        let guide = SkyGuide::new(&records).expect("there are enough");
+        for position in [Vec3::new(-3.0, 1.0, 2.0), Vec3::new(3.0, 1.0, 2.0), Vec3::splat(100.0)] {
+            let (mut wrong, mut own) = (0, 0);
+            for _ in 0..20_000 {
+                let (direction, density) = guide.sample(position, unit(), [unit(), unit()]);
+                assert!((direction.length() - 1.0).abs() < 1e-4 && density > 0.0);
+                // Rounding may move what lies on a bin's edge.
+                wrong += u32::from((guide.density(position, direction) / density - 1.0).abs() > 1e-4);
+                own += u32::from(direction.x.signum() == position.x.signum());
+            }
+            assert!(wrong < 20, "{wrong}");
+            assert!(own > 17_000, "nearly all to the window of their half: {own}");
+        }
+        let sum: f32 = guide.distributions[0].densities.iter().map(|density| density / BIN_DENSITY).sum();
+        assert!((sum - 1.0).abs() < 1e-4);
+        assert!(SkyGuide::new(&records[..8]).is_none());
+    }
+}

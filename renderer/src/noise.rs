@@ -1,0 +1,191 @@
+//! How noisy a picture is, without a reference: two halves of its samples, drawn independently, lie as far
+//! apart as each lies from the truth.
+
+use serde::{Deserialize, Serialize};
+
+use crate::film::Picture;
+use crate::integrator::sampling::luminance;
+
+/// The share of pixels left out, those of the largest error: a few dots in a picture of millions would
+/// otherwise decide.
+const TRIMMED: f64 = 1e-3;
+
+/// Edge of the squares over which brightness is averaged for the weights, in pixels.
+const BLOCK: u32 = 8;
+
+/// Darkness below this share of the picture's mean does not weigh more.
+const FLOOR: f64 = 0.1;
+
+/// What error weighs in each pixel: one over the square of the brightness around it, so that errors are
+/// relative. One set serves all pictures that are compared.
+#[derive(Clone, Debug)]
+pub struct Weights {
+    of_pixel: Vec<f64>,
+    /// Mean luminance of the picture.
+    mean: f64,
+}
+
+/// The error of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// Mean over the pixels of the relative squared error of the luminance.
+    pub relative_variance: f64,
+    /// Of that mean, by how squares of pixels differ.
+    pub standard_error: f64,
+}
+
+impl Weights {
+    /// By the brightness of a picture.
+    pub fn of(picture: &Picture) -> Self {
+        let (width, height) = (picture.width as usize, picture.height as usize);
+        let mean = picture.mean_luminance();
+        let edge = BLOCK as usize;
+        let across = width.div_ceil(edge);
+        let mut sums = vec![(0.0, 0_u32); across * height.div_ceil(edge)];
+        let block = |pixel: usize| pixel / width / edge * across + pixel % width / edge;
+        for (pixel, value) in picture.pixels.iter().enumerate() {
+            let (sum, count) = &mut sums[block(pixel)];
+            *sum += f64::from(luminance(*value));
+            *count += 1;
+        }
+        let floor = (FLOOR * mean).max(f64::MIN_POSITIVE.sqrt());
+        let weight = |pixel: usize| {
+            let (sum, count) = sums[block(pixel)];
+            let around = sum / f64::from(count);
+            1.0 / (around * around + floor * floor)
+        };
+        Self { of_pixel: (0..width * height).map(weight).collect(), mean }
+    }
+}
+
+impl Noise {
+    /// Of the mean of two pictures that are drawn independently of each other.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn of(halves: [&Picture; 2], weights: &Weights) -> Self {
+        let [first, second] = halves;
+        assert!(first.pixels.len() == second.pixels.len() && first.pixels.len() == weights.of_pixel.len());
+        // Each half is off by the square of their distance over two in the mean, both together by half that.
+        let errors: Vec<f64> = first
+            .pixels
+            .iter()
+            .zip(&second.pixels)
+            .zip(&weights.of_pixel)
+            .map(|((&first, &second), weight)| {
+                let distance = f64::from(luminance(first) - luminance(second));
+                distance * distance * weight * 0.25
+            })
+            .collect();
+        let left_out = (errors.len() as f64 * TRIMMED) as usize;
+        let mut sorted = errors.clone();
+        let limit = match left_out {
+            0 => f64::INFINITY,
+            _ => *sorted.select_nth_unstable_by(errors.len() - left_out, f64::total_cmp).1,
+        };
+        let kept = |error: f64| if error < limit { error } else { 0.0 };
+        let count = errors.len() as f64;
+        let relative_variance = errors.iter().map(|&error| kept(error)).sum::<f64>() / count;
+        let width = first.width as usize;
+        let rows = errors.chunks(width * BLOCK as usize);
+        let groups: Vec<f64> = rows
+            .flat_map(|rows| {
+                (0..width.div_ceil(BLOCK as usize)).map(move |column| {
+                    let range = column * BLOCK as usize..((column + 1) * BLOCK as usize).min(width);
+                    let row = |row: &[f64]| row[range.clone()].iter().map(|&error| kept(error)).sum::<f64>();
+                    rows.chunks(width).map(row).sum()
+                })
+            })
+            .collect();
+        let mean = groups.iter().sum::<f64>() / groups.len() as f64;
+        let spread = groups.iter().map(|group| (group - mean).powi(2)).sum::<f64>();
+        Self { relative_variance, standard_error: spread.sqrt() / count }
+    }
+}
+
+/// Samples of each half where noise is measured.
+pub const HALF_SAMPLES: u32 = 4;
+
+/// Samples of the picture whose brightness errors are relative to.
+pub(crate) const WEIGHT_SAMPLES: u32 = 16;
+
+/// The relative variance that counts as arrived: errors of a tenth.
+pub const TARGET_VARIANCE: f64 = 0.01;
+
+/// What was measured of a frame's noise.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameNoise {
+    /// Mean relative variance of a picture of twice [`HALF_SAMPLES`] samples a pixel.
+    pub relative_variance: f64,
+    /// Of that.
+    pub standard_error: f64,
+    /// Samples a pixel until the variance is [`TARGET_VARIANCE`], if each brings as much as these did.
+    pub samples_to_error: f64,
+    /// Mean luminance over that of the picture that errors are relative to: 1 but for noise.
+    pub brightness: f64,
+}
+
+/// How far the brightness of a frame may be off: more than noise makes it, and a fault in the sampling of
+/// light.
+pub const BRIGHTNESS_TOLERANCE: f64 = 0.05;
+
+impl FrameNoise {
+    /// Of two halves.
+    pub(crate) fn of(halves: [&Picture; 2], weights: &Weights) -> Self {
+        let Noise { relative_variance, standard_error } = Noise::of(halves, weights);
+        let samples = f64::from(2 * HALF_SAMPLES);
+        let mean = halves.map(Picture::mean_luminance).iter().sum::<f64>() / 2.0;
+        let brightness = if weights.mean > 0.0 { mean / weights.mean } else { 1.0 };
+        let samples_to_error = samples * relative_variance / TARGET_VARIANCE;
+        Self { relative_variance, standard_error, samples_to_error, brightness }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    fn noisy(level: f32, deviation: f32, random: &mut ChaCha8Rng) -> Picture {
+        // Even noise from -1 to 1 has a variance of a third.
+        let reach = deviation * 3.0_f32.sqrt();
+        let pixels = (0..64 * 48).map(|_| Vec3::splat(level + reach * (2.0 * random.random::<f32>() - 1.0)));
+        Picture { width: 64, height: 48, pixels: pixels.collect() }
+    }
+
+    #[test]
+    fn the_error_of_a_known_noise_is_found() {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        for (level, deviation) in [(2.0, 0.4), (0.01, 0.001), (500.0, 200.0)] {
+            let weights = Weights::of(&noisy(level, 0.0, &mut random));
+            let halves = [0, 1].map(|_| noisy(level, deviation, &mut random));
+            let noise = Noise::of([&halves[0], &halves[1]], &weights);
+            // The mean of two halves has half the variance; a hundredth of the weight is the floor's.
+            let expected = 0.5 * f64::from(deviation / level).powi(2) / (1.0 + FLOOR * FLOOR);
+            let off = (noise.relative_variance / expected - 1.0).abs();
+            assert!(off < 0.08, "{level}: {} and {expected}", noise.relative_variance);
+            assert!(noise.standard_error > 0.005 * expected && noise.standard_error < 0.05 * expected);
+            let frame = FrameNoise::of([&halves[0], &halves[1]], &weights);
+            assert!((frame.brightness - 1.0).abs() < 0.02);
+            assert!((frame.samples_to_error - 800.0 * noise.relative_variance).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_few_bright_dots_do_not_decide_and_black_pictures_have_no_error() {
+        let mut random = ChaCha8Rng::seed_from_u64(6);
+        let weights = Weights::of(&noisy(1.0, 0.0, &mut random));
+        let mut halves = [0, 1].map(|_| noisy(1.0, 0.1, &mut random));
+        let before = Noise::of([&halves[0], &halves[1]], &weights).relative_variance;
+        halves[0].pixels[77] = Vec3::splat(1e6);
+        let after = Noise::of([&halves[0], &halves[1]], &weights).relative_variance;
+        assert!((after / before - 1.0).abs() < 0.05);
+        let black = noisy(0.0, 0.0, &mut random);
+        let noise = Noise::of([&black, &black], &Weights::of(&black));
+        assert_eq!(noise.relative_variance, 0.0);
+        assert!(FrameNoise::of([&black, &black], &Weights::of(&black)).brightness == 1.0);
+    }
+}
