@@ -14,6 +14,7 @@ use crate::integrator::View;
 use crate::scheduling::{ThreadTimes, of_process};
 use crate::space::Choice;
 use crate::statistics::{Ratio, Summary};
+use crate::tuning::objective::frame_cost;
 
 /// Share of the time from which on a note says that frames waited for processors.
 const DELAY_TOLD: f64 = 0.02;
@@ -41,6 +42,8 @@ pub struct Conditions {
     /// The number of frames that share a build. With 1 each frame builds its own, as real-time rendering
     /// does; otherwise each structure is built once.
     pub frames_per_build: u32,
+    /// Whether the time to an error is measured, and not that of a frame.
+    pub noise: bool,
 }
 
 /// The times of one contender.
@@ -57,6 +60,8 @@ pub struct Measured {
     pub undelayed_build_ms: Vec<f64>,
     /// The undelayed time of each frame.
     pub undelayed_render_ms: Vec<f64>,
+    /// Samples a pixel to the error, round by round; empty where only time counts.
+    pub samples_to_error: Vec<f64>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
 }
@@ -114,7 +119,7 @@ impl Measured {
 
     /// Time of each round's frame with its share of the build.
     fn frame_ms(&self, frames_per_build: u32) -> Vec<f64> {
-        costs(&self.times(), frames_per_build)
+        self.costs(&self.times(), frames_per_build)
     }
 
     /// Frame times without the time in which threads waited for a processor, as far as that is known.
@@ -122,7 +127,16 @@ impl Measured {
         if self.undelayed_render_ms.len() != self.render_ms.len() {
             return self.frame_ms(frames_per_build);
         }
-        costs(&with_builds(&self.undelayed_build_ms, &self.undelayed_render_ms), frames_per_build)
+        let times = with_builds(&self.undelayed_build_ms, &self.undelayed_render_ms);
+        self.costs(&times, frames_per_build)
+    }
+
+    fn costs(&self, times: &[FrameTimes], frames_per_build: u32) -> Vec<f64> {
+        let all = times.iter().map(|times| frame_cost(*times, frames_per_build));
+        match self.samples_to_error.as_slice() {
+            [] => all.collect(),
+            samples => all.zip(samples).map(|(cost, samples)| cost * samples).collect(),
+        }
     }
 }
 
@@ -134,11 +148,6 @@ fn with_builds(build_ms: &[f64], render_ms: &[f64]) -> Vec<FrameTimes> {
     builds.zip(render_ms).map(|(build_ms, &render_ms)| FrameTimes::of(build_ms, render_ms)).collect()
 }
 
-fn costs(times: &[FrameTimes], frames_per_build: u32) -> Vec<f64> {
-    let share = 1.0 / f64::from(frames_per_build);
-    times.iter().map(|times| times.build_ms * share + times.render_ms).collect()
-}
-
 impl Conditions {
     fn build_each_round(&self) -> bool {
         self.frames_per_build == 1
@@ -148,7 +157,7 @@ impl Conditions {
 /// Measures all contenders. `go_on` is asked before each round; when it says no, the rounds so far are the
 /// result. One round more than asked for is run first and forgotten, to warm caches and clocks.
 pub fn interleaved(
-    renderer: &Renderer,
+    renderer: &mut Renderer,
     contenders: &[Contender],
     conditions: &Conditions,
     go_on: impl FnMut() -> bool,
@@ -171,18 +180,21 @@ pub fn interleaved(
 }
 
 fn in_turns(
-    renderer: &Renderer,
+    renderer: &mut Renderer,
     contenders: &[Contender],
     conditions: &Conditions,
     mut go_on: impl FnMut() -> bool,
 ) -> Vec<Measured> {
+    let learning_ms = if conditions.noise { study(renderer, contenders, conditions) } else { 0.0 };
     let mut structures: Vec<Option<Structure>> = Vec::new();
     let mut measured: Vec<Measured> = Vec::new();
     for contender in contenders {
         let mut one = Measured { name: contender.name.clone(), ..Measured::default() };
+        let choice_learns = contender.choice.light.learns();
         let (built, threads) = of_process(|| renderer.build(&contender.choice.build));
         match built {
             Ok((structure, build_ms)) => {
+                let build_ms = build_ms + if choice_learns { learning_ms } else { 0.0 };
                 if !conditions.build_each_round() {
                     let times = FrameTimes::of(build_ms, 0.0);
                     let times = times.with_threads(renderer.threads(), threads, ThreadTimes::default());
@@ -219,6 +231,7 @@ fn in_turns(
                     }
                     one.render_ms.push(times.render_ms);
                     one.undelayed_render_ms.push(undelayed.render_ms);
+                    one.samples_to_error.extend(times.noise.map(|noise| noise.samples_to_error));
                 }
                 Ok(_) => {}
                 Err(reason) => {
@@ -231,8 +244,22 @@ fn in_turns(
     measured
 }
 
+/// Prepares the measurement of noise; returns what the learning took, in milliseconds.
+fn study(renderer: &mut Renderer, contenders: &[Contender], conditions: &Conditions) -> f64 {
+    let size = [conditions.width, conditions.height];
+    contenders
+        .iter()
+        .find_map(|contender| {
+            if renderer.structure().is_none() {
+                renderer.rebuild(&contender.choice.build).ok()?;
+            }
+            renderer.study_view(&conditions.view, &contender.choice.render, size)
+        })
+        .unwrap_or(0.0)
+}
+
 fn frame(
-    renderer: &Renderer,
+    renderer: &mut Renderer,
     structure: &mut Structure,
     choice: &Choice,
     conditions: &Conditions,
@@ -244,6 +271,13 @@ fn frame(
         (built, build) = of_process(|| renderer.build(&choice.build));
         (*structure, build_ms) = built.map_err(|error| error.to_string())?;
     }
+    if conditions.noise {
+        renderer.set_light_sampling(choice.light);
+        let measured = renderer.noisy_frame(structure, &choice.render);
+        let (times, threads) = measured.ok_or("the view was not studied")?;
+        return Ok(times.with_threads(renderer.threads(), build, threads));
+    }
+    renderer.set_light_sampling(choice.light);
     // The same sample each time, so that every contender is asked the same rays.
     film.clear();
     let rendered = || renderer.render_with(structure, &conditions.view, &choice.render, film).0;
@@ -325,6 +359,7 @@ mod tests {
             render_ms: vec![30.0, 60.0],
             undelayed_build_ms: vec![10.0],
             undelayed_render_ms: vec![30.0, 30.0],
+            samples_to_error: Vec::new(),
             failure: None,
         };
         let quiet = Measured {
@@ -346,14 +381,15 @@ mod tests {
     fn the_same_work_under_two_names_is_measured_once() {
         let options = builtin::Options { detail: 0.02, ..builtin::Options::default() };
         let scene = Arc::new(builtin::build("quick", &options).expect("it is built in"));
-        let renderer = Renderer::new(scene.clone(), 0).expect("Embree starts");
+        let mut renderer = Renderer::new(scene.clone(), 0).expect("Embree starts");
         let view = View { camera: scene.cameras[0], seed: 1, bounces: 1 };
-        let conditions = Conditions { view, width: 8, height: 8, rounds: 2, frames_per_build: 1 };
+        let conditions =
+            Conditions { view, width: 8, height: 8, rounds: 2, frames_per_build: 1, noise: false };
         let native = Choice::native(NativeQuality::Low);
         let staged = Choice { render: RenderOptions { staged: true, ..native.render }, ..native };
         let contenders = [("a", native), ("b", staged), ("c", native)]
             .map(|(name, choice)| Contender { name: name.into(), choice });
-        let all = interleaved(&renderer, &contenders, &conditions, || true);
+        let all = interleaved(&mut renderer, &contenders, &conditions, || true);
         let names: Vec<&str> = all.iter().map(|one| one.name.as_str()).collect();
         assert_eq!(names, ["a", "b", "c"]);
         assert_eq!(all[0].render_ms, all[2].render_ms);

@@ -73,17 +73,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         )));
     }
     let camera = arguments.view.camera.find(&scene)?;
-    let renderer = arguments.view.frame.renderer(&scene)?;
+    let mut renderer = arguments.view.frame.renderer(&scene)?;
     let conditions = Conditions {
         view: arguments.view.frame.view(camera),
         width: arguments.view.size.width,
         height: arguments.view.size.height,
         rounds: arguments.rounds,
         frames_per_build: arguments.objective.frames_per_build(),
+        noise: false,
     };
     let interrupt = Interrupt::listen();
     let bar = output::bar(u64::from(arguments.rounds) + 1, "rounds");
-    let measured = interleaved(&renderer, &contenders, &conditions, || {
+    let measured = interleaved(&mut renderer, &contenders, &conditions, || {
         bar.inc(1);
         !interrupt.requested()
     });

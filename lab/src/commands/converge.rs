@@ -151,7 +151,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     };
     let all: Vec<Entrant> = chosen.iter().map(|one| one.entrant.clone()).collect();
     let bar = bar(arguments.prints_json(), u64::from(arguments.runs) * 100, "% of a run");
-    let curves = compare(&renderer, &all, &plan, &yardstick, |progress| {
+    let curves = compare(&mut renderer, &all, &plan, &yardstick, |progress| {
         bar.set_position(u64::from(progress.run) * 100 + (progress.share * 100.0) as u64);
         !interrupt.requested()
     });

@@ -132,8 +132,7 @@ pub(super) fn strip_path(folder: &Path, scene: &str) -> PathBuf {
 pub(super) fn space(conditions: &Conditions) -> TuningSpace {
     let preset = if conditions.space == "paper" { Preset::Paper } else { Preset::Full };
     let threads = conditions.threads;
-    let premises =
-        Premises { builds_each_frame: false, robust: false, animated: false, instanced: false, threads };
+    let premises = Premises { robust: false, animated: false, instanced: false, threads, ..Premises::all() };
     TuningSpace::new(preset, &premises)
 }
 

@@ -125,7 +125,7 @@ pub struct Progress {
 /// Compares the entrants. `go_on` is asked before each frame; when it says no, the runs that are complete
 /// are returned. A round of frames that nobody counts comes first, to warm caches and clocks.
 pub fn compare(
-    renderer: &Renderer,
+    renderer: &mut Renderer,
     entrants: &[Entrant],
     plan: &ComparisonPlan,
     yardstick: &Yardstick,
@@ -154,13 +154,21 @@ pub fn compare(
                 continue;
             }
             match renderer.build(&curves[index].choice.build) {
-                Ok((structure, build_ms)) => lanes.push((index, Lane::new(structure, build_ms, size))),
+                Ok((structure, build_ms)) => {
+                    // Who learns where light comes from pays for it in each run.
+                    let learning_ms = match curves[index].choice.light.learns() {
+                        true => renderer.learn_light_with(&structure, &view, [size.0, size.1]),
+                        false => 0.0,
+                    };
+                    lanes.push((index, Lane::new(structure, build_ms + learning_ms, size)));
+                }
                 Err(error) => curves[index].failure = Some(error.to_string()),
             }
         }
         if run == 0 {
             let mut film = Film::new(size.0, size.1);
             for (index, lane) in &lanes {
+                renderer.set_light_sampling(curves[*index].choice.light);
                 renderer.render_with(&lane.structure, &view, &curves[*index].choice.render, &mut film);
             }
         }
@@ -173,6 +181,7 @@ pub fn compare(
             }
             for offset in 0..count {
                 let (index, lane) = &mut lanes[(turn + offset) % count];
+                renderer.set_light_sampling(curves[*index].choice.light);
                 let setup = RunSetup { renderer, view: &view, plan, yardstick, keeps_pictures: run == 0 };
                 lane.advance(&setup, &mut curves[*index]);
             }
@@ -294,7 +303,7 @@ mod tests {
 
     #[test]
     fn contenders_have_the_same_pictures_at_their_own_times() {
-        let (renderer, view) = matt_scene();
+        let (mut renderer, view) = matt_scene();
         let low = NativeOptions { quality: NativeQuality::Low, ..NativeOptions::default() };
         let entrant = |name: &str, build: BuildChoice, setup_ms| Entrant {
             contender: Contender { name: name.to_owned(), choice: build.into() },
@@ -312,7 +321,7 @@ mod tests {
         let yardstick = Yardstick::new(reference.picture());
         let plan = ComparisonPlan { view, runs: 3, budget_ms: 1e9, samples_max: 25 };
         let mut last = 0.0;
-        let curves = compare(&renderer, &entrants, &plan, &yardstick, |progress| {
+        let curves = compare(&mut renderer, &entrants, &plan, &yardstick, |progress| {
             assert!(progress.run as f64 + progress.share >= last);
             last = progress.run as f64 + progress.share;
             true
@@ -340,7 +349,7 @@ mod tests {
         assert!(curves[0].pictures.at_budget_with_setup.is_some());
         assert!(curves[1].pictures.at_budget_with_setup.is_none(), "it would still be tuning");
 
-        let stopped = compare(&renderer, &entrants, &plan, &yardstick, |progress| progress.run < 1);
+        let stopped = compare(&mut renderer, &entrants, &plan, &yardstick, |progress| progress.run < 1);
         assert_eq!(stopped[0].runs.len(), 1, "complete runs are kept");
     }
 }

@@ -196,6 +196,7 @@ pub(crate) fn html(told: &Told<'_>) -> String {
 fn objective(page: &mut String, verdict: &Verdict) {
     let title = match verdict.objective {
         Objective::Render => "Render time: one build serves many frames",
+        Objective::Error => "Time to an error",
         Objective::Total => "Build and render time: every frame pays for its build",
     };
     let _ = write!(page, "<h2>{title}</h2>");

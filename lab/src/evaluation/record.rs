@@ -43,7 +43,7 @@ impl Clock {
     pub(crate) fn cost(self, objective: Objective, times: &FrameTimes) -> Option<f64> {
         let [build_ms, render_ms] = self.read(times)?;
         Some(match objective {
-            Objective::Render => render_ms,
+            Objective::Render | Objective::Error => render_ms,
             Objective::Total => build_ms + render_ms,
         })
     }

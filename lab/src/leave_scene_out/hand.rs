@@ -48,7 +48,7 @@ pub(crate) fn natives(space: &TuningSpace) -> Vec<Rival> {
 pub(crate) fn rivals(space: &TuningSpace, objective: Objective) -> Result<Vec<Rival>, CliError> {
     let mut all = natives(space);
     let texts = match objective {
-        Objective::Render => &RENDER[..],
+        Objective::Render | Objective::Error => &RENDER[..],
         Objective::Total => &TOTAL[..],
     };
     let given = texts.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;

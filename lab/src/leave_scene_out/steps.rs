@@ -69,7 +69,7 @@ impl Stage {
     /// Everything that is one configuration for all scenes, in the same rounds: native Embree used well, what
     /// is written by hand, and what won on every scene.
     pub(crate) fn candidates(
-        &self,
+        &mut self,
         book: &Book,
         objective: Objective,
         rounds: u32,
@@ -87,7 +87,7 @@ impl Stage {
 
     /// The answers of a search beside everybody else.
     pub(crate) fn finals(
-        &self,
+        &mut self,
         book: &Book,
         objective: Objective,
         rounds: u32,
@@ -128,17 +128,19 @@ impl Stage {
         Ok(Some(self.rounds(all, objective, rounds)))
     }
 
-    fn rounds(&self, rivals: Vec<Rival>, objective: Objective, rounds: u32) -> RecordedRounds {
+    fn rounds(&mut self, rivals: Vec<Rival>, objective: Objective, rounds: u32) -> RecordedRounds {
         let conditions = Conditions {
             view: self.view(),
             width: self.context.size.width,
             height: self.context.size.height,
             rounds,
             frames_per_build: objective.frames_per_build(),
+            noise: false,
         };
         let contenders: Vec<Contender> = rivals.iter().map(|rival| rival.contender.clone()).collect();
         let watch = Watch::begin();
-        let measured = interleaved(&self.renderer, &contenders, &conditions, || !self.interrupt.requested());
+        let measured =
+            interleaved(&mut self.renderer, &contenders, &conditions, || !self.interrupt.requested());
         let native = measured.iter().find(|one| one.name == NATIVE_DEFAULT);
         let times = native.map(|one| one.render_ms.clone()).unwrap_or_default();
         let disturbance = watch.end(self.renderer.threads(), &times);
@@ -291,7 +293,7 @@ mod tests {
         let options = builtin::Options { detail: 0.02, ..builtin::Options::default() };
         let scene = Arc::new(builtin::build("quick", &options).expect("it is built in"));
         let context: Context = "0@16x12".parse().expect("it is sound");
-        let stage = Stage::new("a", &scene, context, Interrupt::listen()).expect("Embree starts");
+        let mut stage = Stage::new("a", &scene, context, Interrupt::listen()).expect("Embree starts");
         let objective = Objective::Render;
         let mut book = Book::default();
         let candidates = stage.candidates(&book, Objective::Render, 2).expect("they are sound");

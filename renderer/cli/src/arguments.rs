@@ -14,7 +14,7 @@ pub use crate::scene_arguments::{SceneArguments, UpAxis};
 use treewright_renderer::frame::{Renderer, RendererError};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
-use treewright_renderer::space::{self, Choice, Premises, Preset, Start, TuningSpace};
+use treewright_renderer::space::{self, Choice, LightKinds, Premises, Preset, Start, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::camera_path::CameraPath;
@@ -237,6 +237,7 @@ impl SpaceArguments {
             animated: false,
             instanced: scene.instances.is_some(),
             threads,
+            lights: if self.space == Preset::Light { LightKinds::of(scene) } else { LightKinds::ALL },
         }
     }
 
@@ -425,13 +426,16 @@ fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
 
 /// Reads what is to be minimised.
 pub fn objective() -> impl TypedValueParser<Value = Objective> {
-    one_of(Objective::ALL.map(|objective| {
+    one_of(Objective::KNOWN.map(|objective| {
         (
             objective,
             objective.name(),
             match objective {
                 Objective::Render => "Progressive rendering: a frame pays for a thousandth of its build",
                 Objective::Total => "Real-time rendering: a frame pays for a whole build",
+                Objective::Error => {
+                    "Progressive rendering: time to a picture of little noise, by the sampling of light"
+                }
             },
         )
     }))
@@ -446,6 +450,7 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
             match preset {
                 Preset::Full => "Native Embree, the tunable tree, and how rays are grouped",
                 Preset::Paper => "The eleven parameters of the paper's Table 1",
+                Preset::Light => "How light is looked for, with the recommended tree",
             },
         )
     }))

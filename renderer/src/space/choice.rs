@@ -8,6 +8,7 @@ use treewright_accel::{
 use treewright_client::{Configuration, Value};
 
 use super::Backend;
+use crate::light_sampling::LightSampling;
 use crate::render_options::RenderOptions;
 
 /// What to build, and how to render with it.
@@ -20,12 +21,20 @@ pub struct Choice {
     /// How the structure follows a scene that moves.
     #[serde(default)]
     pub update: Update,
+    /// How light is looked for.
+    #[serde(default)]
+    pub light: LightSampling,
 }
 
 impl From<BuildChoice> for Choice {
     /// Rendered as a simple renderer does: path by path, ray by ray.
     fn from(build: BuildChoice) -> Self {
-        Self { build, render: RenderOptions::default(), update: Update::Rebuild }
+        Self {
+            build,
+            render: RenderOptions::default(),
+            update: Update::Rebuild,
+            light: LightSampling::default(),
+        }
     }
 }
 
@@ -51,12 +60,29 @@ pub(super) fn of_paper(complete: &Configuration) -> Choice {
     BuildChoice::Tree(tree).into()
 }
 
+/// A complete configuration of light sampling, with the tree and the grouping of rays of `base`.
+pub(super) fn of_light(complete: &Configuration, base: &Choice) -> Choice {
+    let (values, default) = (Values(complete), LightSampling::default());
+    let light = LightSampling {
+        candidates: values.whole("candidates", default.candidates),
+        lamp_weight: values.number("lamp_weight", default.lamp_weight),
+        sun_share: values.number("sun_share", default.sun_share),
+        sky: values.word("sky", default.sky),
+        sky_share: values.number("sky_share", default.sky_share),
+        learnt_shares: values.text("shares") == Some("learnt"),
+        shadow_roulette: values.number("shadow_roulette", default.shadow_roulette),
+        path_roulette: values.number("path_roulette", default.path_roulette),
+    };
+    Choice { light, ..*base }
+}
+
 /// A complete configuration of the full space.
 pub(super) fn of_full(complete: &Configuration, robust: bool, threads: usize) -> Choice {
     let values = Values(complete);
     let tunable = values.text("backend") == Some(Backend::Tunable.name());
     let build = if tunable { BuildChoice::Tree(values.tree(robust)) } else { values.native(robust) };
-    Choice { build, render: values.rendering(threads), update: values.update() }
+    let light = LightSampling::default();
+    Choice { build, render: values.rendering(threads), update: values.update(), light }
 }
 
 /// Reads values; what is not there is inactive and keeps the default of where it goes.

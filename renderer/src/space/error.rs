@@ -5,6 +5,11 @@ use treewright_client::SpaceError;
 /// Why a configuration cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConfigurationError {
+    /// Neither Embree nor the paper says how light is looked for.
+    #[error(
+        "the space light has no such start; leave --start out, or name a file with a configuration of your own"
+    )]
+    NoSuchStart,
     /// Not of the form `name=value,name=value`.
     #[error("\"{part}\" is not of the form name=value; write for example quality=3,branching_factor=8")]
     Syntax {

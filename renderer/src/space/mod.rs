@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `full` | the full space: native Embree and the tunable tree, and how rays are grouped |
 //! | `paper` | the eleven parameters of the paper's Table 1 |
+//! | `light` | how light is looked for |
 //! | `narrow` | parts of a space: parameters fixed or held to a range |
 //! | `start` | where a search begins, as a space's defaults |
 //! | `explained` | parameters as data, with a sentence each |
@@ -14,6 +15,7 @@ mod choice;
 mod error;
 mod explained;
 mod full;
+mod light;
 mod narrow;
 mod paper;
 #[cfg(test)]
@@ -28,6 +30,7 @@ use treewright_client::{Configuration, Parameter, Space, SpaceBuilder, Value};
 pub use choice::Choice;
 pub use error::ConfigurationError;
 pub use explained::Explained;
+pub use light::LightKinds;
 pub use narrow::{Narrowing, Recommendation};
 pub use start::Start;
 
@@ -40,17 +43,20 @@ pub enum Preset {
     Full,
     /// The eleven parameters of the paper's Table 1.
     Paper,
+    /// How light is looked for, with the recommended tree.
+    Light,
 }
 
 impl Preset {
-    /// Both, in the order in which they are listed.
-    pub const ALL: [Self; 2] = [Self::Full, Self::Paper];
+    /// All, in the order in which they are listed.
+    pub const ALL: [Self; 3] = [Self::Full, Self::Paper, Self::Light];
 
-    /// `full` or `paper`.
+    /// `full`, `paper` or `light`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Full => "full",
             Self::Paper => "paper",
+            Self::Light => "light",
         }
     }
 }
@@ -84,12 +90,21 @@ pub struct Premises {
     pub instanced: bool,
     /// The number of render threads; 0 for one a core.
     pub threads: usize,
+    /// The kinds of light that the scene has.
+    pub lights: LightKinds,
 }
 
 impl Premises {
     /// Under which every parameter there is exists.
     pub fn all() -> Self {
-        Self { builds_each_frame: false, robust: false, animated: true, instanced: true, threads: 0 }
+        Self {
+            builds_each_frame: false,
+            robust: false,
+            animated: true,
+            instanced: true,
+            threads: 0,
+            lights: LightKinds::ALL,
+        }
     }
 }
 
@@ -101,6 +116,9 @@ pub struct TuningSpace {
     animated: bool,
     instanced: bool,
     threads: usize,
+    lights: LightKinds,
+    /// The tree and the grouping of rays that go with light sampling.
+    base: Choice,
     space: Space,
     about: Vec<&'static str>,
     /// Parameters that have left the space, with the value that they are held to as their default.
@@ -113,17 +131,26 @@ impl TuningSpace {
         let explained = match preset {
             Preset::Full => full::parameters(premises),
             Preset::Paper => paper::parameters(),
+            Preset::Light => light::parameters(premises),
         };
         let about = explained.iter().map(|one| one.about).collect();
         let builder = explained
             .into_iter()
             .fold(SpaceBuilder::new(), |builder, one| builder.with_parameter(one.parameter));
-        let space = builder.less_or_equal("min_leaf_size", "max_leaf_size").build();
+        let builder = match preset {
+            Preset::Light => builder,
+            Preset::Full | Preset::Paper => builder.less_or_equal("min_leaf_size", "max_leaf_size"),
+        };
+        let space = builder.build();
         let space = space.expect("the spaces of this program are sound");
         let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let threads = if premises.threads == 0 { cores() } else { premises.threads };
-        let Premises { robust, animated, instanced, .. } = *premises;
-        Self { preset, robust, animated, instanced, threads, space, about, held: Vec::new() }
+        let Premises { robust, animated, instanced, lights, .. } = *premises;
+        let base = match preset {
+            Preset::Light => Self::new(Preset::Full, premises).default_choice(),
+            Preset::Full | Preset::Paper => Choice::paper_default(),
+        };
+        Self { preset, robust, animated, instanced, threads, lights, base, space, about, held: Vec::new() }
     }
 
     /// Table 1.
@@ -134,6 +161,9 @@ impl TuningSpace {
     /// What tells it apart from others, e.g. `full-robust`.
     pub fn name(&self) -> String {
         let mark = |holds: bool, mark: &'static str| if holds { mark } else { "" };
+        if self.preset == Preset::Light {
+            return format!("{}{}", self.preset.name(), self.lights.mark());
+        }
         let full = self.preset == Preset::Full;
         let robust = mark(self.robust && full, "-robust");
         let instanced = mark(self.instanced && full, "-instanced");
@@ -172,6 +202,7 @@ impl TuningSpace {
         Ok(match self.preset {
             Preset::Full => choice::of_full(&complete, self.robust, self.threads),
             Preset::Paper => choice::of_paper(&complete),
+            Preset::Light => choice::of_light(&complete, &self.base),
         })
     }
 

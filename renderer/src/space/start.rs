@@ -54,6 +54,9 @@ impl TuningSpace {
         let backend = |name: &str| parse(&format!("backend={name}"));
         let given = match start {
             Start::Recommended => return Ok(self.clone()),
+            Start::Native | Start::Paper if self.preset == Preset::Light => {
+                return Err(ConfigurationError::NoSuchStart);
+            }
             Start::Paper if self.preset == Preset::Paper => return Ok(self.clone()),
             Start::Native => backend("native")?,
             Start::Paper => backend("tunable")?,
@@ -61,7 +64,7 @@ impl TuningSpace {
         };
         let plain = match self.preset {
             Preset::Full => self.with_defaults(&parse(UNTUNED)?)?,
-            Preset::Paper => self.clone(),
+            Preset::Paper | Preset::Light => self.clone(),
         };
         plain.with_defaults(&plain.complete(&given)?)
     }

@@ -14,6 +14,9 @@ pub const BUILD_MS: &str = "build_ms";
 /// Name of the measurement of a frame, in milliseconds.
 pub const RENDER_MS: &str = "render_ms";
 
+/// Name of the time to an error, in milliseconds: see [`Objective::Error`].
+pub const ERROR_MS: &str = "error_ms";
+
 /// Name of the processor time of a build, of all threads together, in milliseconds.
 pub const BUILD_CPU_MS: &str = "build_cpu_ms";
 
@@ -40,7 +43,7 @@ const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
 /// clients.
 const STUDY_SEED: u64 = 1;
 
-/// The two use cases of the paper's section 7.
+/// The two use cases of the paper's section 7, and what light sampling is judged by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Objective {
@@ -49,6 +52,9 @@ pub enum Objective {
     Render,
     /// Real-time rendering: the structure is built for each frame, so build and render time count.
     Total,
+    /// Time to an error: a progressive frame times the number of samples a pixel that it takes until the
+    /// picture's relative variance is [`TARGET_VARIANCE`](crate::noise::TARGET_VARIANCE).
+    Error,
 }
 
 impl Objective {
@@ -60,7 +66,7 @@ impl Objective {
     /// How many frames share a build.
     pub fn frames_per_build(self) -> u32 {
         match self {
-            Self::Render => PROGRESSIVE_FRAMES_PER_BUILD,
+            Self::Render | Self::Error => PROGRESSIVE_FRAMES_PER_BUILD,
             Self::Total => 1,
         }
     }
@@ -70,14 +76,27 @@ impl Objective {
         self == Self::Total
     }
 
-    /// Both, in the order in which they are listed.
+    /// The two of the paper, in the order in which they are listed.
     pub const ALL: [Self; 2] = [Self::Render, Self::Total];
 
-    /// `render` or `total`.
+    /// Those that can be asked for, in the order in which they are listed.
+    pub const KNOWN: [Self; 3] = [Self::Render, Self::Total, Self::Error];
+
+    /// What is minimised, in words.
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::Render => "render time",
+            Self::Total => "total time",
+            Self::Error => "time to an error",
+        }
+    }
+
+    /// `render`, `total` or `error`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Render => "render",
             Self::Total => "total",
+            Self::Error => "error",
         }
     }
 }
@@ -88,14 +107,19 @@ pub fn specification(
     objective: Objective,
     policy: Policy,
 ) -> Result<StudySpec, ClientError> {
-    let title = format!("treewright-render: {} time in the space {}", objective.name(), space.name());
+    let title = format!("treewright-render: {} in the space {}", objective.about(), space.name());
     let mut builder =
         StudySpec::builder(space.space().clone()).display_name(&title).policy(policy).seed(STUDY_SEED);
     for (name, min, max, scale) in workload::schema() {
         builder = builder.indicator(name, min..=max, scale);
     }
     let build_weight = 1.0 / f64::from(objective.frames_per_build());
-    let builder = builder.minimise(BUILD_MS, build_weight).minimise(RENDER_MS, 1.0);
+    let builder = match objective {
+        Objective::Render | Objective::Total => {
+            builder.minimise(BUILD_MS, build_weight).minimise(RENDER_MS, 1.0)
+        }
+        Objective::Error => builder.minimise(ERROR_MS, 1.0),
+    };
     Ok(builder.auxiliary(UNDELAYED_MS).build()?)
 }
 
@@ -124,9 +148,11 @@ pub fn auto_study_id(space: &TuningSpace) -> String {
     format!("auto-{}", space.name())
 }
 
-/// A frame with its share of a build that serves so many frames, in milliseconds.
+/// A frame with its share of a build that serves so many frames, in milliseconds; where its noise was
+/// measured, as many frames as it takes to the error.
 pub fn frame_cost(times: FrameTimes, frames_per_build: u32) -> f64 {
-    times.build_ms / f64::from(frames_per_build) + times.render_ms
+    let frame_ms = times.build_ms / f64::from(frames_per_build) + times.render_ms;
+    times.noise.map_or(frame_ms, |noise| frame_ms * noise.samples_to_error)
 }
 
 /// The id of that study, e.g. `render-full`.

@@ -15,7 +15,7 @@ use treewright_client::{
 };
 
 use super::objective::{
-    BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, Objective, RENDER_CPU_MS, RENDER_DELAY_MS, RENDER_MS,
+    BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, ERROR_MS, Objective, RENDER_CPU_MS, RENDER_DELAY_MS, RENDER_MS,
     TRIALS_BEFORE, UNDELAYED_MS, frame_cost,
 };
 use super::patience::NextTrial;
@@ -25,6 +25,7 @@ use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::integrator::View;
 use crate::limits::FRAMES_PER_SLOW_BUILD_MAX;
+use crate::noise::{BRIGHTNESS_TOLERANCE, FrameNoise};
 use crate::scheduling::ThreadTimes;
 use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
@@ -267,6 +268,9 @@ pub(super) fn run_choice(
     setting: &SearchSetting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
+    if setting.objective == Objective::Error {
+        return run_noisy(renderer, choice, setting);
+    }
     let shares_builds = setting.objective.frames_per_build() >= REUSE_FROM_FRAMES_PER_BUILD;
     let ready = match renderer.make_ready(&choice.build, shares_builds) {
         Ok(ready) => ready,
@@ -278,6 +282,7 @@ pub(super) fn run_choice(
     // What a frame may take, so that it and its share of the build stay below the cap.
     let built = setting.objective.cost(FrameTimes::of(ready.build_ms, 0.0));
     let limit_ms = cap_ms.map(|cap_ms| cap_ms - built);
+    renderer.set_light_sampling(choice.light);
     // A structure that comes back finds the caches full of others.
     let warm_up = usize::from(ready.trials_before > 0);
     let mut frames = FrameSet::with_cap(limit_ms, setting.frames as usize).leave_out(warm_up);
@@ -316,6 +321,50 @@ pub(super) fn run_choice(
     }
 }
 
+/// Builds, renders and measures the noise of one choice. What was learnt for it counts as a part of its
+/// build.
+fn run_noisy(
+    renderer: &mut Renderer,
+    choice: &Choice,
+    setting: &SearchSetting,
+) -> (Outcome, Option<FrameTimes>) {
+    let ready = match renderer.make_ready(&choice.build, true) {
+        Ok(ready) => ready,
+        Err(error) if error.is_infeasible() => return (Outcome::infeasible(error.to_string()), None),
+        Err(error) => return (Outcome::failed(error.to_string()), None),
+    };
+    let size = [setting.width, setting.height];
+    let measured = renderer.study_view(&setting.view, &choice.render, size).and_then(|learning_ms| {
+        renderer.set_light_sampling(choice.light);
+        let (times, threads) = renderer.noisy_frame(renderer.structure()?, &choice.render)?;
+        let build_ms = ready.build_ms + if choice.light.learns() { learning_ms } else { 0.0 };
+        let times = FrameTimes { build_ms, ..times };
+        Some(times.with_threads(renderer.threads(), ready.threads, threads))
+    });
+    match measured {
+        None => (Outcome::failed("no structure was built"), None),
+        Some(times) if times.noise.is_none_or(|noise| noise.relative_variance <= 0.0) => {
+            (Outcome::failed("the picture has no noise that could be measured"), None)
+        }
+        Some(FrameTimes { noise: Some(noise), .. }) if is_off(&noise) => (
+            Outcome::infeasible(format!(
+                "the picture's brightness is {:.2} times what it should be: this sampling is not sound here",
+                noise.brightness
+            )),
+            None,
+        ),
+        Some(times) => {
+            let trials_before = (ready.trials_before > 0).then_some(ready.trials_before);
+            (Outcome::Ok, Some(FrameTimes { trials_before, ..times }))
+        }
+    }
+}
+
+/// Whether a picture's brightness is off by more than its noise could make it.
+fn is_off(noise: &FrameNoise) -> bool {
+    (noise.brightness - 1.0).abs() > BRIGHTNESS_TOLERANCE
+}
+
 /// How many frames take a tenth of a build, within bounds.
 fn frames_beside(build_ms: f64, frame_ms: f64) -> usize {
     let frames = build_ms * FRAMES_SHARE_OF_BUILD / frame_ms.max(f64::MIN_POSITIVE);
@@ -343,7 +392,14 @@ pub fn measurements(times: Option<FrameTimes>, frames: u32, frames_per_build: u3
                 ("frames", f64::from(times.frames.unwrap_or(frames))),
             ];
             let reused = times.trials_before.map(|trials| (TRIALS_BEFORE, f64::from(trials)));
-            always.into_iter().chain(known).chain(reused).collect()
+            let noise = times.noise.into_iter().flat_map(|noise| {
+                [
+                    (ERROR_MS, frame_cost(times, frames_per_build)),
+                    ("relative_variance", noise.relative_variance),
+                    ("relative_variance_error", noise.standard_error),
+                ]
+            });
+            always.into_iter().chain(known).chain(reused).chain(noise).collect()
         }
         None => Measurements::new(),
     }

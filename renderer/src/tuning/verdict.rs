@@ -12,6 +12,7 @@ use treewright_client::Configuration;
 
 use super::objective::Objective;
 use super::search::SearchOutcome;
+use crate::light_sampling::LightSampling;
 use crate::measure::{Contender, Standing};
 use crate::space::{self, Choice, ConfigurationError, Premises, Preset, Start, TuningSpace};
 use crate::statistics::{BreakEven, Ratio};
@@ -38,6 +39,8 @@ pub const FOUND: &str = "found by the search";
 pub const TUNED: &str = "tuned";
 /// Name of the standing of a configuration of the user's, where the search began.
 pub const YOUR_START: &str = "your start";
+/// Name of the standing of the recommended tree with light sampled by the renderer's own constants.
+pub const PLAIN_LIGHT: &str = "light by the renderer's constants";
 /// Name of the standing of the predictor's answer.
 pub const PREDICTED: &str = "first prediction";
 
@@ -58,6 +61,7 @@ pub fn baseline(preset: Preset) -> Contender {
     match preset {
         Preset::Full => named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
         Preset::Paper => named(PAPER_DEFAULT, Choice::paper_default()),
+        Preset::Light => named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
     }
 }
 
@@ -100,6 +104,9 @@ fn used_well_name(quality: &str) -> String {
 /// Everybody that what a search found has to be compared with. `premises` are those of the scene.
 pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Rival> {
     let outside = |contender| Rival { contender, configuration: None };
+    if space.preset() == Preset::Light {
+        return light_rivals(space, start);
+    }
     let mut all: Vec<Rival> = natives().into_iter().map(outside).collect();
     let full = TuningSpace::new(Preset::Full, premises);
     let mut own = used_well(&full);
@@ -130,6 +137,26 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
     if matches!(start, Start::Own(_)) {
         let contender = named(YOUR_START, space.default_choice());
         all.push(Rival { contender, configuration: Some(space.default_configuration()) });
+    }
+    all
+}
+
+/// Whom light sampling is compared with: Embree's default and the recommended tree, both with the
+/// renderer's own constants, and what is recommended for all scenes.
+fn light_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
+    let fixed = space.default_configuration();
+    let own = |name, configuration: Option<Configuration>, choice| Rival {
+        contender: named(name, choice),
+        configuration,
+    };
+    let untuned = Choice { light: LightSampling::default(), ..space.default_choice() };
+    let mut all = vec![
+        own(NATIVE_DEFAULT, None, Choice::native(NativeQuality::Medium)),
+        own(PLAIN_LIGHT, None, untuned),
+    ];
+    match start {
+        Start::Own(_) => all.push(own(YOUR_START, Some(fixed), space.default_choice())),
+        _ => all.push(own(BEST_FIXED, Some(fixed), space.default_choice())),
     }
     all
 }
@@ -174,7 +201,7 @@ pub fn start_name(preset: Preset, start: &Start) -> &'static str {
     match (preset, start) {
         (_, Start::Own(_)) => YOUR_START,
         (_, Start::Native) => NATIVE_DEFAULT,
-        (Preset::Full, Start::Recommended) => BEST_FIXED,
+        (Preset::Full | Preset::Light, Start::Recommended) => BEST_FIXED,
         (_, Start::Paper) | (Preset::Paper, Start::Recommended) => PAPER_DEFAULT,
     }
 }

@@ -110,18 +110,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
     select(&mut contenders, &arguments.only)?;
     let camera = arguments.camera.find(&scene)?;
-    let renderer = arguments.frame.renderer(&scene)?;
+    let mut renderer = arguments.frame.renderer(&scene)?;
     let conditions = Conditions {
         view: arguments.frame.view(camera),
         width: arguments.size.width,
         height: arguments.size.height,
         rounds: arguments.rounds,
         frames_per_build: 1,
+        noise: false,
     };
     let interrupt = Interrupt::listen();
     let watch = Watch::begin();
     let bar = output::bar(u64::from(arguments.rounds) + 1, "rounds");
-    let measured = interleaved(&renderer, &contenders, &conditions, || {
+    let measured = interleaved(&mut renderer, &contenders, &conditions, || {
         bar.inc(1);
         !interrupt.requested()
     });

@@ -93,6 +93,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let mut renderer = arguments.frame.renderer(&scene)?;
     let build_ms = renderer.rebuild(&choice.build)?;
     let view = arguments.frame.view(camera);
+    if choice.light.learns() {
+        renderer.learn_light(&view, [arguments.size.width, arguments.size.height]);
+    }
+    renderer.set_light_sampling(choice.light);
     let mut film = Film::new(arguments.size.width, arguments.size.height);
     let (mut counts, mut render_ms) = (Counts::default(), Vec::new());
     let interrupt = Interrupt::listen();

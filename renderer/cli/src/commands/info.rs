@@ -205,5 +205,9 @@ fn about(preset: Preset) -> &'static str {
         Preset::Paper => {
             "The eleven parameters of the paper's Table 1. Without a value each keeps its default."
         }
+        Preset::Light => {
+            "How light is looked for, with the recommended tree (tune --objective error). A scene has the parameters of the \
+             lights that it has. Whatever is chosen, pictures have the same expectation; time and noise differ."
+        }
     }
 }

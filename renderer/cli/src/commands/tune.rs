@@ -140,6 +140,21 @@ impl Arguments {
             arguments.space.space = Preset::Paper;
             arguments.narrowing.fix.push(Narrowing::fix("compact=false").map_err(CliError::Failed)?);
         }
+        match (arguments.objective, arguments.space.space) {
+            (Objective::Error, Preset::Full | Preset::Light) => arguments.space.space = Preset::Light,
+            (Objective::Error, Preset::Paper) => {
+                return Err(CliError::Usage(
+                    "the paper's parameters change no noise; leave --space or --paper out with --objective error"
+                        .to_owned(),
+                ));
+            }
+            (_, Preset::Light) => {
+                return Err(CliError::Usage(
+                    "how light is looked for is judged by noise and time: add --objective error".to_owned(),
+                ));
+            }
+            _ => {}
+        }
         Ok(arguments)
     }
 
@@ -183,11 +198,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
     let study = open_study(&client, &id, &space, &state, arguments)?;
     println!(
-        "Tuning {} ({} triangles) at {} for {} time in the {} space, {} iterations, study {id}",
+        "Tuning {} ({} triangles) at {} for {} in the {} space, {} iterations, study {id}",
         scene.name,
         scene.triangles.len(),
         arguments.size,
-        arguments.objective.name(),
+        arguments.objective.about(),
         space.preset().name(),
         arguments.iterations,
     );
@@ -249,7 +264,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             (best.unwrap_or_else(|| space.default_configuration()), None)
         }
     };
-    let judge = Judge { renderer: &renderer, study: &study, space: &space, workload, arguments, interrupt };
+    let mut judge =
+        Judge { renderer: &mut renderer, study: &study, space: &space, workload, arguments, interrupt };
     let conditions = judge.conditions(camera);
     spinner.set_message("measuring everybody in fresh rounds");
     let start_name = verdict::start_name(space.preset(), &start);
@@ -329,7 +345,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         println!("wrote {}", path.display());
     }
     if let Some(path) = &arguments.report {
-        let html = report::html(&renderer, &setting, &results)
+        let html = report::html(&mut renderer, &setting, &results)
             .map_err(|error| CliError::Failed(error.to_string()))?;
         write_file(path, html.as_bytes())?;
         println!("wrote {}", path.display());
@@ -446,7 +462,7 @@ fn search(
 
 /// What the measurements after the search have in common.
 struct Judge<'a> {
-    renderer: &'a Renderer,
+    renderer: &'a mut Renderer,
     study: &'a Study,
     space: &'a TuningSpace,
     workload: Workload,
@@ -462,17 +478,18 @@ impl Judge<'_> {
             height: self.arguments.size.height,
             rounds: self.arguments.rounds,
             frames_per_build: self.arguments.objective.frames_per_build(),
+            noise: self.arguments.objective == Objective::Error,
         }
     }
 
-    fn measure(&self, contenders: &[Contender], conditions: &Conditions) -> Vec<Standing> {
+    fn measure(&mut self, contenders: &[Contender], conditions: &Conditions) -> Vec<Standing> {
         let measured = interleaved(self.renderer, contenders, conditions, || !self.interrupt.requested());
         standings(&measured, conditions.frames_per_build)
     }
 
     /// Everybody that matters, and what was found, in fresh rounds; and what else the machine did.
     fn standings(
-        &self,
+        &mut self,
         found: &Configuration,
         rivals: &[Rival],
         paper: Option<&Configuration>,
@@ -535,7 +552,7 @@ impl Judge<'_> {
 
     /// Asks the predictor for a camera that was never tuned, and measures its answer there.
     fn prediction(
-        &self,
+        &mut self,
         scene: &Arc<Scene>,
         rivals: &[Rival],
         baseline: &Contender,

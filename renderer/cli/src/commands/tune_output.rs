@@ -4,6 +4,7 @@ use treewright_client::Standing as Proof;
 
 use crate::output;
 use treewright_renderer::measure::Standing;
+use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::verdict::{BEST_FIXED, FOUND, NATIVE_USED_WELL};
 
@@ -12,7 +13,11 @@ const FACTORS: [f64; 4] = [1.1, 1.2, 1.3, 1.4];
 
 /// Prints the results for people.
 pub(crate) fn print(results: &TuningResults) {
-    let per_frame = if results.objective.builds_each_frame() { "build + render ms" } else { "frame ms" };
+    let per_frame = match results.objective {
+        Objective::Render => "frame ms",
+        Objective::Total => "build + render ms",
+        Objective::Error => "ms to an error of 10 %",
+    };
     println!("\n{}", output::standings(&results.standings, per_frame));
     println!("{}", verdict(results));
     println!("{}", gains(results));
@@ -42,7 +47,8 @@ pub(crate) fn print(results: &TuningResults) {
     match results.break_even_frame {
         Some(frame) => {
             println!(
-                "break-even: after {frame} frames the whole search has paid for itself against the {}",
+                "break-even: after {frame} {} the whole search has paid for itself against the {}",
+                if results.objective == Objective::Error { "pictures" } else { "frames" },
                 results.baseline
             )
         }

@@ -18,6 +18,7 @@ use treewright_renderer::frame::Renderer;
 use treewright_renderer::image_file::{Exposure, ImageFileError, png_bytes};
 use treewright_renderer::measure::Standing;
 use treewright_renderer::space::{Choice, ConfigurationError};
+use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::search::SearchSetting;
 use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_USED_WELL};
@@ -54,7 +55,8 @@ struct Page<'a> {
     size: String,
     headline: String,
     explanation: String,
-    frame_kind: &'a str,
+    per: &'a str,
+    unit: &'a str,
     default_image: String,
     tuned_image: String,
     baseline: &'a str,
@@ -64,9 +66,8 @@ struct Page<'a> {
     gains: String,
     has_used_well: bool,
     has_fixed: bool,
-    difference: String,
+    pictures: String,
     what_was_tuned: &'static str,
-    samples: u32,
     standings: Vec<StandingRow>,
     chart: String,
     way: Vec<WayRow>,
@@ -87,7 +88,7 @@ struct Page<'a> {
 
 /// Puts the report together. Renders the two pictures, which takes some seconds.
 pub fn html(
-    renderer: &Renderer,
+    renderer: &mut Renderer,
     setting: &SearchSetting,
     results: &TuningResults,
 ) -> Result<String, ReportError> {
@@ -96,8 +97,16 @@ pub fn html(
     page(results, &default, &tuned)
 }
 
-fn picture(renderer: &Renderer, setting: &SearchSetting, choice: &Choice) -> Result<Picture, ReportError> {
+fn picture(
+    renderer: &mut Renderer,
+    setting: &SearchSetting,
+    choice: &Choice,
+) -> Result<Picture, ReportError> {
     let (structure, _) = renderer.build(&choice.build)?;
+    if choice.light.learns() {
+        renderer.learn_light_with(&structure, &setting.view, [setting.width, setting.height]);
+    }
+    renderer.set_light_sampling(choice.light);
     let mut film = Film::new(setting.width, setting.height);
     for _ in 0..PICTURE_SAMPLES {
         renderer.render_with(&structure, &setting.view, &choice.render, &mut film);
@@ -113,7 +122,8 @@ fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<S
         size: format!("{} × {}", results.size[0], results.size[1]),
         headline: parts::headline(results),
         explanation: parts::explanation(results),
-        frame_kind: if results.objective.builds_each_frame() { "build and render" } else { "render" },
+        per: if results.objective == Objective::Error { "to an error of 10 %" } else { "a frame" },
+        unit: if results.objective == Objective::Error { "ms to 10 % error" } else { "frame, ms" },
         default_image: data_url(default)?,
         tuned_image: data_url(tuned)?,
         baseline: &results.baseline,
@@ -124,8 +134,7 @@ fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<S
         has_used_well: results.standing(NATIVE_USED_WELL).is_some(),
         has_fixed: results.standing(BEST_FIXED).is_some(),
         tuned_ms: format!("{:.1}", frame_ms(&results.best)),
-        difference: format!("{:.4}", default.mean_relative_difference(tuned) * 100.0),
-        samples: PICTURE_SAMPLES,
+        pictures: parts::pictures(results, default.mean_relative_difference(tuned), PICTURE_SAMPLES),
         standings: parts::standings(results),
         chart: chart::svg(results).map_err(ReportError::Chart)?,
         way: parts::on_the_way(results),

@@ -4,6 +4,7 @@ use treewright_client::{Configuration, Value};
 
 use treewright_renderer::measure::Standing;
 use treewright_renderer::space::{Explained, Preset};
+use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::verdict::{
     BEST_FIXED, NATIVE_DEFAULT, NATIVE_USED_WELL, PAPER_DEFAULT, PREDICTED,
@@ -248,10 +249,32 @@ pub(super) fn machine(results: &TuningResults) -> String {
     format!("{cpu}, {} threads, {}", machine.threads, machine.isa)
 }
 
+/// What two pictures of so many samples have in common, and what differs.
+pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -> String {
+    let kind = match results.objective {
+        Objective::Error => {
+            return format!(
+                "Both pictures have {samples} samples per pixel and the same expectation; their noise differs. Times are for a picture \
+                 whose error is 10 % of its brightness."
+            );
+        }
+        Objective::Render => "render",
+        Objective::Total => "build and render",
+    };
+    format!(
+        "Only the time differs; the picture stays the same. The two pictures differ by {:.4} % of their brightness on average \
+         ({samples} samples per pixel; times are for one sample, to {kind}).",
+        difference * 100.0
+    )
+}
+
 /// How many there are and of what kind, after "is controlled by".
 pub(super) fn what_was_tuned(results: &TuningResults) -> &'static str {
     match results.space {
         Preset::Paper => "How that tree is built is controlled by eleven numbers and switches.",
+        Preset::Light => {
+            "How light is looked for is controlled by a few numbers and switches; what counts is the time until the noise is gone."
+        }
         Preset::Full => {
             "Embree, a widely used library, brings one ready-made; another can be built to measure. How it is built, how it lies \
              in memory and in which groups rays are sent through it is controlled by some two dozen numbers and switches."

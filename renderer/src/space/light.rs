@@ -1,0 +1,113 @@
+//! The space of light sampling: how light is looked for, with the recommended tree.
+//!
+//! Whatever is chosen, pictures have the same expectation; what is minimised is the time to an error. A scene
+//! has the parameters of the lights that it has: a study for each set of kinds. The default is the way that
+//! was the best in the mean over twelve scenes (docs/measurements/light-sampling.md).
+
+use serde::{Deserialize, Serialize};
+use treewright_scene::Scene;
+
+use super::Premises;
+use super::explained::{Explained, choice, float};
+use crate::integrator::Lights;
+
+/// Which kinds of light a scene has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LightKinds {
+    /// Emissive triangles, more than one lamp of them.
+    pub lamps: bool,
+    /// A sun.
+    pub sun: bool,
+    /// A sky that is not black: a gradient or a map.
+    pub sky: bool,
+    /// The sky is a map, or there is another light, which shares its shadow rays with the sky.
+    pub shared: bool,
+}
+
+impl LightKinds {
+    /// All.
+    pub const ALL: Self = Self { lamps: true, sun: true, sky: true, shared: true };
+
+    /// Those of a scene.
+    pub fn of(scene: &Scene) -> Self {
+        let lights = Lights::new(scene);
+        let gradient = scene.sky.horizon.max_element().max(scene.sky.zenith.max_element()) > 0.0;
+        let others = lights.has_lamps() || lights.has_sun() || lights.has_punctual();
+        Self {
+            lamps: lights.triangle_count() > 2,
+            sun: lights.has_sun(),
+            sky: scene.environment.is_some() || gradient,
+            shared: others,
+        }
+    }
+
+    /// What tells the space of these kinds apart from others, e.g. `-lamps-sky`.
+    pub(super) fn mark(self) -> String {
+        let kinds =
+            [(self.lamps, "-lamps"), (self.sun, "-sun"), (self.sky, "-sky"), (self.shared, "-shared")];
+        kinds.into_iter().filter(|(is_there, _)| *is_there).map(|(_, mark)| mark).collect()
+    }
+}
+
+/// The parameters of the kinds of light that there are.
+pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
+    let LightKinds { lamps, sun, sky, shared } = premises.lights;
+    let mut all = Vec::new();
+    if lamps {
+        all.extend([
+            choice(
+                "candidates",
+                [1, 2, 4, 8, 16],
+                1,
+                "among how many points on lamps one is chosen by what it would bring",
+            ),
+            choice(
+                "lamp_weight",
+                [1.0, 2.0, 4.0, 8.0, 16.0, 64.0],
+                1.0,
+                "how much a lamp that is drawn counts against one that a bounce finds",
+            ),
+        ]);
+    }
+    if lamps && sun {
+        all.push(float("sun_share", 0.1..=0.9, 0.6, "share of shadow rays that turn to the sun"));
+    }
+    if sky {
+        all.push(choice(
+            "sky",
+            ["plain", "learnt"],
+            "learnt",
+            "how the sky is found: by bounces and the map's brightness, or also where it was seen in a few frames before",
+        ));
+        if shared {
+            all.push(
+                choice(
+                    "shares",
+                    ["fixed", "learnt"],
+                    "learnt",
+                    "who shares shadow rays out among sky, sun and lamps: constants, or what each brought in the frames before",
+                )
+                .only_while("sky", ["learnt"]),
+            );
+            all.push(
+                float("sky_share", 0.1..=0.9, 0.3, "share of shadow rays that turn to the sky")
+                    .only_while("shares", ["fixed"]),
+            );
+        }
+    }
+    all.extend([
+        choice(
+            "shadow_roulette",
+            [0.0, 0.03, 0.1, 0.2, 0.4],
+            0.2,
+            "shadow rays for less than this share of the picture's mean light are traced now and then",
+        ),
+        choice(
+            "path_roulette",
+            [0.0, 0.1, 0.2, 0.3, 0.5],
+            0.2,
+            "paths that carry less than this share go on now and then",
+        ),
+    ]);
+    all
+}
