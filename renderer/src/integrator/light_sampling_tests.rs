@@ -3,15 +3,18 @@
 
 use std::sync::Arc;
 
+use glam::Vec3;
 use treewright_accel::NativeQuality;
 use treewright_scene::builtin::{self, Options};
 
+use super::tests::{quad, scene};
 use crate::film::{Film, Picture};
 use crate::frame::Renderer;
 use crate::integrator::View;
 use crate::integrator::sampling::luminance;
 use crate::light_sampling::{LightSampling, SkyChoice};
 use crate::render_options::RenderOptions;
+use crate::scene::{Camera, Material, Sky, Sun};
 use crate::space::Choice;
 
 const SIZE: [u32; 2] = [24, 16];
@@ -94,6 +97,51 @@ fn every_way_of_looking_for_light_has_the_same_expectation() {
                 let off = (found.0 - expected.0).abs() / error;
                 assert!(off < 5.0, "{name}, square {square}, {way:?}: {found:?} and {expected:?}");
             }
+        }
+    }
+}
+
+/// A floor under a large lamp, under an even sky and a wide sun: much light for either technique to find.
+fn open_room() -> (Renderer, View) {
+    let matt = |shade: f32, glow: f32| Material {
+        base_color: Vec3::splat(shade),
+        emission: Vec3::splat(glow),
+        ior: 1.0,
+        ..Material::default()
+    };
+    let at = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    let floor = quad(at(-3.0, 0.0, -3.0), at(0.0, 0.0, 6.0), at(6.0, 0.0, 0.0));
+    let wall = quad(at(-3.0, 0.0, -3.0), at(6.0, 0.0, 0.0), at(0.0, 4.0, 0.0));
+    let lamp = quad(at(-1.5, 1.2, -1.5), at(2.0, 0.0, 0.0), at(0.0, 0.0, 2.0));
+    let sun = Sun { direction: at(0.4, 0.8, 0.5), irradiance: Vec3::splat(1.5), half_angle_rad: 0.5 };
+    let sky = Sky { zenith: Vec3::splat(0.4), horizon: Vec3::splat(0.4), sun: Some(sun) };
+    let scene = scene(&[(floor, matt(0.7, 0.0)), (wall, matt(0.5, 0.0)), (lamp, matt(0.3, 2.0))], sky);
+    let mut renderer = Renderer::new(scene, 0).expect("Embree starts");
+    renderer.rebuild(&Choice::native(NativeQuality::Medium).build).expect("it can be built");
+    let (position, target) = (at(0.5, 2.6, 5.0), at(0.0, 0.3, -0.5));
+    let camera = Camera { position, target, up: Vec3::Y, vertical_fov_deg: 55.0, framed_aspect: None };
+    (renderer, View { camera, seed: 1, bounces: 0 })
+}
+
+#[test]
+fn shares_are_accounted_for_at_every_vertex() {
+    let (mut renderer, view) = open_room();
+    for bounces in 0..3 {
+        let view = View { bounces, ..view };
+        renderer.set_light_sampling(LightSampling::default());
+        // Without a bounce the sky is not found, so there is nothing to learn.
+        renderer.learn_light(&View { bounces: bounces.max(1), ..view }, [120, 80]).expect("a structure");
+        let mut means = ways().into_iter().map(|way| {
+            renderer.set_light_sampling(way);
+            let all = squares(&renderer, &view);
+            let error = all.iter().map(|(_, error)| error * error).sum::<f64>().sqrt();
+            (way, all.iter().map(|(mean, _)| mean).sum::<f64>(), error)
+        });
+        let (_, expected, error) = means.next().expect("the plain way");
+        assert!(error < 0.01 * expected, "there is little noise");
+        for (way, found, own_error) in means {
+            let off = (found - expected).abs() / own_error.hypot(error);
+            assert!(off < 4.5, "{bounces} bounces, {way:?}: {found} and {expected}, {off} standard errors");
         }
     }
 }
