@@ -298,6 +298,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         return Err(CliError::Interrupted);
     }
 
+    renderer.set_light_sampling(space.choice(&tuned)?.light);
     let frames = arguments.frames;
     let break_even =
         verdict::break_even(&found, arguments.objective, frames, &standings, &best, &baseline.name);

@@ -46,9 +46,10 @@ pub(super) struct ConfigurationRow {
 
 pub(super) fn headline(results: &TuningResults) -> String {
     let speedup = results.speedup();
-    let verb = match results.objective.builds_each_frame() {
-        false => "renders this scene",
-        true => "is built and rendered",
+    let (what, does) = match results.objective {
+        Objective::Render => ("structure", "renders this scene"),
+        Objective::Total => ("structure", "is built and rendered"),
+        Objective::Error => ("light sampling", "reaches the same error"),
     };
     if results.best.is_empty() || results.best == results.baseline {
         format!("Here {} is as good as anything the search found.", the(&results.baseline))
@@ -60,13 +61,13 @@ pub(super) fn headline(results: &TuningResults) -> String {
         )
     } else if speedup >= WORTH_TELLING && is_open(results) {
         format!(
-            "Too noisy to tell whether the tuned structure is faster than {}: {speedup:.2}× in the median.",
+            "Too noisy to tell whether the tuned {what} is faster than {}: {speedup:.2}× in the median.",
             the(&results.baseline)
         )
     } else if speedup >= WORTH_TELLING {
-        format!("The tuned structure {verb} {speedup:.2}× faster than {}.", the(&results.baseline))
+        format!("The tuned {what} {does} {speedup:.2}× faster than {}.", the(&results.baseline))
     } else {
-        format!("The tuned structure is as fast as {}.", the(&results.baseline))
+        format!("The tuned {what} is as fast as {}.", the(&results.baseline))
     }
 }
 
@@ -268,15 +269,20 @@ pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -
     )
 }
 
-/// How many there are and of what kind, after "is controlled by".
+/// What it is about, and how many parameters there are.
 pub(super) fn what_was_tuned(results: &TuningResults) -> &'static str {
     match results.space {
-        Preset::Paper => "How that tree is built is controlled by eleven numbers and switches.",
+        Preset::Paper => {
+            "Millions of times per frame, a ray tracer asks what a ray of light hits first. To avoid testing every triangle, it sorts \
+             them into nested boxes, the acceleration structure. How that tree is built is controlled by eleven numbers and switches."
+        }
         Preset::Light => {
-            "How light is looked for is controlled by a few numbers and switches; what counts is the time until the noise is gone."
+            "A pixel of a path tracer is the mean of many random paths, and their differences are seen as noise. How paths look for \
+             light is controlled by a few numbers and switches; what counts is the time until the noise is below an error."
         }
         Preset::Full => {
-            "Embree, a widely used library, brings one ready-made; another can be built to measure. How it is built, how it lies \
+            "Millions of times per frame, a ray tracer asks what a ray of light hits first. To avoid testing every triangle, it sorts \
+             them into nested boxes, the acceleration structure. Embree, a widely used library, brings one ready-made; another can be built to measure. How it is built, how it lies \
              in memory and in which groups rays are sent through it is controlled by some two dozen numbers and switches."
         }
     }
