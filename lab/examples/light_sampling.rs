@@ -14,7 +14,7 @@ use treewright_renderer::integrator::View;
 use treewright_renderer::light_sampling::{LightSampling, SkyChoice};
 use treewright_renderer::measure::{Conditions, Contender, Standing, interleaved, standings};
 use treewright_renderer::space::{Choice, Premises, Preset, TuningSpace, parse};
-use treewright_renderer::statistics::Ratio;
+use treewright_renderer::statistics::{Ratio, Summary};
 use treewright_scene::{Scene, SceneError, builtin, load};
 
 type Failure = Box<dyn std::error::Error>;
@@ -157,14 +157,14 @@ fn main() -> Result<(), Failure> {
         over_fixed.push(shown[1].median);
         rooflines.push(roofline);
     }
-    for (title, mut values) in [
+    for (title, values) in [
         ("constants", over_constants),
         ("best fixed of the others", over_fixed),
         ("roofline over it", rooflines),
     ] {
-        values.sort_by(f64::total_cmp);
-        let (mean, middle) = (geometric_mean(&values), values.len() / 2);
-        println!("{title}: geometric mean {mean:.3}, median {:.3}, least {:.3}", values[middle], values[0]);
+        let (mean, median) = (geometric_mean(&values), Summary::of(&values).median);
+        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+        println!("{title}: geometric mean {mean:.3}, median {median:.3}, least {least:.3}");
     }
     Ok(())
 }

@@ -262,7 +262,7 @@ impl Renderer {
         let mut times_ms = Vec::new();
         let pictures = [0, 1].map(|half| {
             let mut film = Film::new(studied.size[0], studied.size[1]);
-            let view = View { seed: 2 * studied.view.seed + half, ..studied.view };
+            let view = View { seed: studied.view.seed.wrapping_mul(2).wrapping_add(half), ..studied.view };
             for _ in 0..HALF_SAMPLES {
                 times_ms.push(self.render_with(structure, &view, options, &mut film).0);
             }

@@ -161,6 +161,18 @@ fn both_orders_of_work_give_the_same_bits() {
 }
 
 #[test]
+fn a_sky_that_is_no_longer_learnt_leaves_no_need_behind() {
+    let (mut renderer, _) = renderer("loft", 0.2);
+    let before = renderer.needs();
+    for way in ways() {
+        renderer.set_light_sampling(way);
+        assert_eq!(renderer.needs().environment, way.sky == SkyChoice::Learnt);
+    }
+    renderer.set_light_sampling(LightSampling::default());
+    assert_eq!(renderer.needs(), before);
+}
+
+#[test]
 fn the_sky_through_windows_is_found_sooner_once_it_was_learnt() {
     let (mut renderer, view) = renderer("loft", 0.2);
     let options = RenderOptions::default();

@@ -26,6 +26,8 @@ pub struct Prepared {
     pub lights: Lights,
     /// What its shading must be able to do.
     pub needs: Needs,
+    /// The same as long as light is looked for by the constants.
+    scene_needs: Needs,
     /// One a triangle.
     pub(super) facets: Vec<Facet>,
     /// Those that triangles have, each once.
@@ -79,7 +81,7 @@ impl Prepared {
             (material.blends && material.volume.is_none()) || Bsdf::new(material).is_thin()
         };
         let sheets = Sheets::new(&scene, thin);
-        Self { lights, needs, facets, surfaces, sheets, learnt: Learnt::default(), scene }
+        Self { lights, needs, scene_needs: needs, facets, surfaces, sheets, learnt: Learnt::default(), scene }
     }
 
     /// How light is looked for.
@@ -101,8 +103,8 @@ impl Prepared {
     }
 
     fn follow_lights(&mut self) {
-        self.needs.environment = self.lights.has_environment();
-        self.needs = self.needs.closed();
+        // From the scene's own needs: a sky that is no longer learnt leaves nothing behind.
+        self.needs = Needs { environment: self.lights.has_environment(), ..self.scene_needs }.closed();
         for surface in &mut self.surfaces {
             let material = &self.scene.materials[surface.material as usize];
             surface.density = self.lights.lamp_density(mean_emission(&self.scene, material));
