@@ -6,8 +6,8 @@
 //! only for its own package, so the folder is handed on as `DEP_TREEWRIGHT_EMBREE_LIB_DIR`.
 //!
 //! `TREEWRIGHT_KERNELS=native` compiles the queries for this machine's instruction set alone, which takes a
-//! third of the time (`make demo`); they are the greatest part of the crate. Without it, they are compiled
-//! for each.
+//! third of the time (`make demo`); they are the greatest part of the crate. `present` compiles them for
+//! each that this machine has, which are those that tests can run. Without it, they are compiled for all.
 
 use std::env;
 use std::path::{Path, PathBuf};
@@ -44,25 +44,29 @@ fn main() {
     println!("cargo::metadata=LIB_DIR={}", run_folder.display());
 }
 
-/// Sets `kernels_NAME` for each instruction set that queries are compiled for, and `native_kernels` where it
-/// is one alone.
+/// Sets `kernels_NAME` for each instruction set that queries are compiled for, and `fewer_kernels` where some
+/// are left out.
 fn choose_kernels() {
     println!("cargo::rerun-if-env-changed=TREEWRIGHT_KERNELS");
-    println!("cargo::rustc-check-cfg=cfg(native_kernels)");
-    let native = match env::var("TREEWRIGHT_KERNELS") {
-        Ok(text) if text == "native" => env::var_os("HOST") == env::var_os("TARGET"),
-        Ok(text) if !text.is_empty() && text != "all" => {
-            println!("cargo::error=TREEWRIGHT_KERNELS is {text:?}; it is `native` or `all`");
+    println!("cargo::rustc-check-cfg=cfg(fewer_kernels)");
+    let here = env::var_os("HOST") == env::var_os("TARGET");
+    let all = ["scalar", "avx2", "avx512"];
+    let best = || all.iter().position(|name| *name == best()).unwrap_or(0);
+    let compiled = match env::var("TREEWRIGHT_KERNELS").as_deref() {
+        Ok("native") if here => best()..=best(),
+        Ok("present") if here => 0..=best(),
+        Ok("" | "all" | "native" | "present") | Err(_) => 0..=all.len() - 1,
+        Ok(text) => {
+            println!("cargo::error=TREEWRIGHT_KERNELS is {text:?}; it is `native`, `present` or `all`");
             return;
         }
-        _ => false,
     };
-    if native {
-        println!("cargo::rustc-cfg=native_kernels");
+    if compiled.clone().count() < all.len() {
+        println!("cargo::rustc-cfg=fewer_kernels");
     }
-    for name in ["scalar", "avx2", "avx512"] {
+    for (number, name) in all.into_iter().enumerate() {
         println!("cargo::rustc-check-cfg=cfg(kernels_{name})");
-        if !native || name == best() {
+        if compiled.contains(&number) {
             println!("cargo::rustc-cfg=kernels_{name}");
         }
     }

@@ -1,7 +1,7 @@
 //! Acceleration structures: Embree's builders, our own tree layout and traversal, Embree's native
 //! scenes, and a brute-force oracle. Every `unsafe` line of our programs lives in this crate.
 
-#![cfg_attr(native_kernels, allow(dead_code, reason = "vectors of other instruction sets"))]
+#![cfg_attr(fewer_kernels, allow(dead_code, reason = "vectors of other instruction sets"))]
 
 mod brute_force;
 mod denormals;
