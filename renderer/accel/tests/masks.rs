@@ -130,7 +130,7 @@ fn masks_move_with_their_triangles() {
     ];
     let rays = scenes::rays(300, 10);
     for choice in choices {
-        for update in [Update::Refit, Update::Partial { rebuild_threshold: 1.0 }, Update::Rebuild] {
+        for update in [Update::Refit, Update::partial(1.0), Update::Rebuild] {
             let mut structure = build(&device(), &first, &choice).expect("it builds");
             for moment in [0.3, 1.0] {
                 let wave = |at: &Vec3A| *at + Vec3A::Y * (0.4 * (3.0 * at.x + 9.0 * moment).sin());

@@ -5,17 +5,18 @@ use std::sync::Arc;
 use glam::{Affine3A, Quat, Vec3, Vec3A};
 use treewright_accel::{
     BruteForce, BuildChoice, BuildError, Device, Hit, Instances, Intersector, Isa, NativeOptions,
-    NativeQuality, NodeFormat, Quality, Ray, Structure, TreeParameters, Triangles, Update, build,
+    NativeQuality, NodeFormat, Parts, Quality, Ray, Structure, TreeParameters, Triangles, Update, build,
     build_instanced,
 };
 
 mod scenes;
 
 /// Ways to follow.
-const UPDATES: [Update; 4] = [
+const UPDATES: [Update; 5] = [
     Update::Refit,
-    Update::Partial { rebuild_threshold: 1.0 },
-    Update::Partial { rebuild_threshold: 1.3 },
+    Update::Partial { rebuild_threshold: 1.0, parts: Parts::Alike },
+    Update::Partial { rebuild_threshold: 1.3, parts: Parts::Alike },
+    Update::Partial { rebuild_threshold: 1.1, parts: Parts::Quick },
     Update::Rebuild,
 ];
 
@@ -184,7 +185,7 @@ fn a_partial_update_keeps_the_tree_good() {
         structure.statistics().tree.expect("it is a tree of ours").sah_cost
     };
     let (rebuilt, refitted) = (cost(Update::Rebuild), cost(Update::Refit));
-    let partial = cost(Update::Partial { rebuild_threshold: 1.2 });
+    let partial = cost(Update::partial(1.2));
     assert!(refitted > 2.0 * rebuilt, "the motion is a hard one: {refitted} against {rebuilt}");
     assert!(partial < 1.3 * rebuilt, "{partial} against {rebuilt} rebuilt and {refitted} refitted");
 }
@@ -230,7 +231,7 @@ fn mistakes_are_named() {
         assert!(matches!(error, BuildError::OtherTriangles { .. }), "{choice:?}: {error}");
     }
     for rebuild_threshold in [0.9, 5.0, f32::NAN] {
-        let error = Update::Partial { rebuild_threshold }.check().expect_err("it is refused");
+        let error = Update::partial(rebuild_threshold).check().expect_err("it is refused");
         assert!(error.to_string().contains("rebuild_threshold"));
     }
 }

@@ -356,7 +356,7 @@ impl UpdateArguments {
         let update = self.update.map(|kind| match kind {
             UpdateKind::Rebuild => Update::Rebuild,
             UpdateKind::Refit => Update::Refit,
-            UpdateKind::Partial => Update::Partial { rebuild_threshold: self.rebuild_threshold },
+            UpdateKind::Partial => Update::partial(self.rebuild_threshold),
         });
         if let Some(update) = update {
             update.check().map_err(|error| CliError::Usage(error.to_string()))?;

@@ -110,9 +110,7 @@ impl Values<'_> {
     fn update(&self) -> Update {
         match self.text("update").or(self.text("native_update")) {
             Some("refit") => Update::Refit,
-            Some("partial") => Update::Partial {
-                rebuild_threshold: self.number("rebuild_threshold", Update::REBUILD_THRESHOLD),
-            },
+            Some("partial") => Update::partial(self.number("rebuild_threshold", Update::REBUILD_THRESHOLD)),
             _ => Update::Rebuild,
         }
     }

@@ -68,7 +68,7 @@ fn the_full_default_is_the_best_of_the_measured_ones() {
     assert_eq!((quick.search_radius, quick.cluster_size), (4, 8));
     // What moves is followed where it has decayed.
     let update = choice(&each_frame, "").expect("the default is valid").update;
-    assert_eq!(update, Update::Partial { rebuild_threshold: Update::REBUILD_THRESHOLD });
+    assert_eq!(update, Update::partial(Update::REBUILD_THRESHOLD));
     assert_eq!((tree.min_leaf_size, tree.max_leaf_size), (8, 32));
     assert_eq!((quick.min_leaf_size, quick.max_leaf_size), (16, 32));
 }
@@ -151,7 +151,7 @@ fn every_value_of_the_full_space_arrives() {
     let qbvh = NativeOptions { acceleration: NativeAcceleration::Qbvh8Triangle4, ..options };
     assert_eq!(layout("native_layout=qbvh8_triangle4"), Ok(BuildChoice::Native(qbvh)));
     let update = |text: &str| choice(&full, text).map(|choice| choice.update);
-    assert_eq!(update("rebuild_threshold=2"), Ok(Update::Partial { rebuild_threshold: 2.0 }));
+    assert_eq!(update("rebuild_threshold=2"), Ok(Update::partial(2.0)));
     assert_eq!(
         (update("native_update=refit"), update("quality=2")),
         (Ok(Update::Refit), Ok(Update::Rebuild))

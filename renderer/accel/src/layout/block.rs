@@ -1,5 +1,7 @@
 //! The triangles of a leaf, four or eight to a block.
 
+use glam::Vec3A;
+
 use crate::geometry::{CARD, NO_TRIANGLE, Ray, Triangles};
 
 /// Up to `B` triangles. A plain block holds the first corner and two edges, a watertight one the three
@@ -20,16 +22,37 @@ impl<const B: usize> Block<B> {
     pub(crate) fn new(numbers: impl Iterator<Item = u32>, triangles: &Triangles, watertight: bool) -> Self {
         let mut block = Self { vertices: [[[f32::NAN; B]; 3]; 3], triangles: [NO_TRIANGLE; B] };
         for (lane, number) in numbers.take(B).enumerate() {
-            let [a, b, c] = triangles.corners(number as usize);
-            let stored = if watertight { [a, b, c] } else { [a, a - b, c - a] };
-            for (which, vertex) in stored.into_iter().enumerate() {
-                for (axis, value) in vertex.to_array().into_iter().enumerate() {
-                    block.vertices[which][axis][lane] = value;
-                }
-            }
-            block.triangles[lane] = if triangles.is_card(number as usize) { number | CARD } else { number };
+            block.store(lane, triangles.corners(number as usize), watertight);
+            block.triangles[lane] = marked(number, triangles);
         }
         block
+    }
+
+    #[inline]
+    fn store(&mut self, lane: usize, [a, b, c]: [Vec3A; 3], watertight: bool) {
+        let stored = if watertight { [a, b, c] } else { [a, a - b, c - a] };
+        for (which, vertex) in stored.into_iter().enumerate() {
+            for (axis, value) in vertex.to_array().into_iter().enumerate() {
+                self.vertices[which][axis][lane] = value;
+            }
+        }
+    }
+
+    /// Fetches its triangles from where they are now, with the masks they have now. Gives the corners of the
+    /// box around them, and how many they are.
+    pub(crate) fn fit(&mut self, triangles: &Triangles, watertight: bool) -> (Vec3A, Vec3A, usize) {
+        let (mut lower, mut upper, mut count) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY, 0);
+        // Lanes in use come first.
+        while count < B && self.triangles[count] != NO_TRIANGLE {
+            let number = self.triangles[count] & !CARD;
+            let [a, b, c] = triangles.corners(number as usize);
+            self.triangles[count] = marked(number, triangles);
+            self.store(count, [a, b, c], watertight);
+            lower = lower.min(a.min(b).min(c));
+            upper = upper.max(a.max(b).max(c));
+            count += 1;
+        }
+        (lower, upper, count)
     }
 
     /// Numbers of the triangles in use.
@@ -43,6 +66,12 @@ impl<const B: usize> Block<B> {
             *number = renumbered(*number & !CARD) | (*number & CARD);
         }
     }
+}
+
+/// A triangle's number as it stands in a block.
+#[inline]
+fn marked(number: u32, triangles: &Triangles) -> u32 {
+    if triangles.is_card(number as usize) { number | CARD } else { number }
 }
 
 /// Whether a ray that meets a triangle with this number, as it stands in a leaf, meets something solid there.

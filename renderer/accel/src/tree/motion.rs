@@ -5,9 +5,10 @@
 //! updated has none of this.
 //!
 //! A partial update also compares costs with those of the last build. Where a subtree's cost, seen from a ray
-//! that hits its box, has grown beyond the threshold, the subtree alone is rebuilt and grafted on; where that
-//! holds for the nodes above, whole subtrees have drifted apart, and everything is rebuilt. Rebuilding by how
-//! far the heuristic's cost has grown is Lauterbach et al.'s ("RT-DEFORM: Interactive Ray Tracing of Dynamic
+//! that hits its box, has grown beyond the threshold, the subtree alone is rebuilt and grafted on. Where that
+//! holds for the nodes above, whole subtrees have drifted apart: they get new nodes above them, which is
+//! cheap. If that does not help, subtrees overlap, and everything is rebuilt. Rebuilding by how far the
+//! heuristic's cost has grown is Lauterbach et al.'s ("RT-DEFORM: Interactive Ray Tracing of Dynamic
 //! Scenes using BVHs", 2006), doing so for parts Yoon, Curtis and Manocha's ("Ray Tracing Dynamic Scenes
 //! using Selective Restructuring", 2007).
 
@@ -16,19 +17,27 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::Tree;
+use super::arena::Arena;
+use super::collapse::collapse;
+use super::plan::{Named, Plan};
 use super::refit::{Fitted, blocks_of, measure, refit};
+use super::reinsertion::optimise;
+use super::top::binary_over;
 use crate::embree::Device;
 use crate::error::BuildError;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX, for_block, for_node};
 use crate::limits::MAX_DEPTH;
-use crate::parameters::{TreeParameters, Update};
+use crate::parameters::{Parts, TreeParameters, Update};
 
 /// A subtree has at most this share of the triangles.
 const SHARE: usize = 256;
 
 /// Subtrees so small are not cut further.
 const CUT_MIN: usize = 512;
+
+/// How often new nodes above the subtrees are improved by moving branches.
+const PASSES_ABOVE: u32 = 2;
 
 /// What is remembered of a tree between updates.
 #[derive(Debug)]
@@ -38,6 +47,8 @@ pub(super) struct Motion {
     above: Vec<Above>,
     /// Cost of the nodes above at the last build of everything.
     cost_above: f64,
+    /// Owns the nodes above, once the subtrees got new ones.
+    memory: Option<Arena>,
 }
 
 /// A subtree that is refitted by one thread.
@@ -96,15 +107,21 @@ impl Tree {
         BuildError::same_count(self.root.triangles.len(), triangles.len())?;
         update.check()?;
         if update == Update::Rebuild || triangles.is_empty() {
-            return self.rebuild(device, triangles);
+            let parameters = self.parameters;
+            return self.rebuild(device, triangles, &parameters);
         }
         let parameters = self.parameters;
         for_node!(parameters, N => for_block!(parameters, B => self.fit::<N, B>(device, triangles, update)))
     }
 
-    fn rebuild(&mut self, device: &Device, triangles: &Arc<Triangles>) -> Result<(), BuildError> {
+    fn rebuild(
+        &mut self,
+        device: &Device,
+        triangles: &Arc<Triangles>,
+        parameters: &TreeParameters,
+    ) -> Result<(), BuildError> {
         let isa = self.isa;
-        let fresh = Self::build(device, triangles, &self.parameters)?;
+        let fresh = Self::build(device, triangles, parameters)?;
         *self = fresh.with_isa(isa).expect("this processor had it before");
         Ok(())
     }
@@ -127,33 +144,41 @@ impl Tree {
             // SAFETY: the tree is ours alone, of these kinds, and no two subtrees share a node.
             .map(|Handed(node)| unsafe { refit::<N, B>(node, triangles, watertight) })
             .collect();
-        if let Update::Partial { rebuild_threshold } = update {
-            let threshold = f64::from(rebuild_threshold);
-            let decayed = |subtree: &Subtree, fitted: &Fitted| fitted.cost() > threshold * subtree.cost;
-            let (parameters, isa) = (self.parameters, self.isa);
-            let pairs = motion.subtrees.par_iter_mut().zip(&mut fitted);
-            pairs.filter(|(subtree, fitted)| decayed(subtree, fitted)).for_each(|(subtree, fitted)| {
-                match subtree.build::<N, B>(device, triangles, &parameters, isa) {
-                    Ok(anew) => *fitted = anew,
-                    // It was denied a depth that the whole tree has, and would be again: it stays as it is.
-                    Err(_) => subtree.cost = fitted.cost(),
-                }
-            });
-        }
+        let Update::Partial { rebuild_threshold, parts } = update else {
+            // SAFETY: as above; the parallel part is over.
+            let (bounds, _) = unsafe { motion.fit_above::<N>(&fitted) };
+            self.root.bounds = bounds;
+            self.motion = Some(motion);
+            return Ok(());
+        };
+        let threshold = f64::from(rebuild_threshold);
+        let (parameters, isa) = (self.parameters, self.isa);
+        let of_parts = if parts == Parts::Quick { parameters.quick() } else { parameters };
+        let decayed = |subtree: &Subtree, fitted: &Fitted| fitted.cost() > threshold * subtree.cost;
+        let pairs = motion.subtrees.par_iter_mut().zip(&mut fitted);
+        pairs.filter(|(subtree, fitted)| decayed(subtree, fitted)).for_each(|(subtree, fitted)| {
+            match subtree.build::<N, B>(device, triangles, &of_parts, isa) {
+                Ok(anew) => *fitted = anew,
+                // It was denied a depth that the whole tree has, and would be again: it stays as it is.
+                Err(_) => subtree.cost = fitted.cost(),
+            }
+        });
         // SAFETY: as above; the parallel part is over.
-        let (bounds, cost) = unsafe { motion.fit_above::<N>(&fitted) };
-        self.root.bounds = bounds;
+        let (mut bounds, mut cost) = unsafe { motion.fit_above::<N>(&fitted) };
         if motion.above.is_empty() {
             self.root.node = motion.subtrees[0].node;
         }
-        let cost_above = motion.cost_above;
-        self.motion = Some(motion);
-        match update {
-            Update::Partial { rebuild_threshold } if cost > f64::from(rebuild_threshold) * cost_above => {
-                self.rebuild(device, triangles)
-            }
-            _ => Ok(()),
+        if cost > threshold * motion.cost_above
+            && let Some(node) = motion.regroup::<N>(&fitted, parameters.max_depth)
+        {
+            self.root.node = node;
+            // SAFETY: as above; the nodes are new.
+            (bounds, cost) = unsafe { motion.fit_above::<N>(&fitted) };
         }
+        self.root.bounds = bounds;
+        let has_decayed = cost > threshold * motion.cost_above;
+        self.motion = Some(motion);
+        if has_decayed { self.rebuild(device, triangles, &of_parts) } else { Ok(()) }
     }
 }
 
@@ -161,7 +186,7 @@ impl Motion {
     /// Cuts a tree as it was built.
     fn of<N: TreeNode, const B: usize>(tree: &Tree) -> Self {
         let largest = (tree.root.triangles.len() / SHARE).max(CUT_MIN);
-        let mut motion = Self { subtrees: Vec::new(), above: Vec::new(), cost_above: 0.0 };
+        let mut motion = Self { subtrees: Vec::new(), above: Vec::new(), cost_above: 0.0, memory: None };
         // SAFETY: the node is the root of a tree of these kinds, which is borrowed.
         unsafe { motion.cut::<N, B>(tree.root.node, tree.root.bounds, 0, largest) };
         let root_area = tree.root.bounds.half_area();
@@ -199,6 +224,51 @@ impl Motion {
         Below::Above(number)
     }
 
+    /// Makes new nodes above the subtrees, from where their boxes are now, and gives the root. `None`, and
+    /// nothing changed, where there is nothing above, leaves would come to lie deeper than `max_depth`, or
+    /// there is no memory.
+    fn regroup<N: TreeNode>(&mut self, fitted: &[Fitted], max_depth: u32) -> Option<NodeRef> {
+        if self.above.is_empty() {
+            return None;
+        }
+        let boxes: Vec<Bounds> = fitted.iter().map(|fitted| fitted.bounds).collect();
+        let plan = plan_above::<N>(&boxes);
+        let depths = depths(&plan, self.subtrees.len());
+        let is_deep = |(depth, fitted): (&u32, &Fitted)| depth + fitted.height > max_depth;
+        if depths.iter().zip(fitted).any(is_deep) {
+            return None;
+        }
+        let arena = Arena::new(plan.nodes() * size_of::<N>()).ok()?;
+        let place = |node: usize| arena.start().cast::<N>().wrapping_add(node);
+        let below = |named: Named| match named {
+            Named::Node(node) => Below::Above(node),
+            Named::Leaf(leaf) => Below::Subtree(plan.triangles(leaf)[0] as usize),
+        };
+        let mut above = Vec::with_capacity(plan.nodes());
+        for number in 0..plan.nodes() {
+            let planned = plan.children(number);
+            let children: Vec<Below> = planned.iter().map(|child| below(child.link.named())).collect();
+            let reference = |child: &Below| match *child {
+                Below::Above(node) => NodeRef::to_node::<N>(place(node)),
+                Below::Subtree(subtree) => self.subtrees[subtree].node,
+            };
+            let referred: Vec<(Bounds, NodeRef)> = planned
+                .iter()
+                .zip(&children)
+                .map(|(child, below)| (child.bounds, reference(below)))
+                .collect();
+            // SAFETY: the block has room for as many nodes as are planned, and each has its own place.
+            unsafe { place(number).write(N::new(&referred)) };
+            above.push(Above { node: NodeRef::to_node::<N>(place(number)), children });
+        }
+        let root = above[0].node;
+        for (subtree, depth) in self.subtrees.iter_mut().zip(depths) {
+            subtree.depth = depth;
+        }
+        (self.above, self.memory) = (above, Some(arena));
+        Some(root)
+    }
+
     /// Fits the nodes above to their subtrees, which may have moved in memory. Gives the box around
     /// everything and the cost of these nodes and the subtrees' boxes.
     ///
@@ -229,6 +299,34 @@ impl Motion {
         let own = whole.half_area();
         (whole, if own > 0.0 { area / own } else { 1.0 })
     }
+}
+
+/// The wide tree over these boxes, two or more; each leaf has the number of one.
+fn plan_above<N: TreeNode>(boxes: &[Bounds]) -> Plan {
+    let one_each =
+        TreeParameters { min_leaf_size: 1, max_leaf_size: 1, sah_block_size: 1, ..TreeParameters::default() };
+    let mut tree = binary_over(boxes);
+    optimise(&mut tree, PASSES_ABOVE);
+    match N::WIDTH {
+        2 => collapse::<2>(&tree, &one_each),
+        4 => collapse::<4>(&tree, &one_each),
+        8 => collapse::<8>(&tree, &one_each),
+        _ => collapse::<WIDTH_MAX>(&tree, &one_each),
+    }
+}
+
+/// How deep each of `count` subtrees lies in a plan whose leaves are subtrees.
+fn depths(plan: &Plan, count: usize) -> Vec<u32> {
+    let (mut of_nodes, mut of_subtrees) = (vec![0; plan.nodes()], vec![0; count]);
+    for node in 0..plan.nodes() {
+        for child in plan.children(node) {
+            match child.link.named() {
+                Named::Node(below) => of_nodes[below] = of_nodes[node] + 1,
+                Named::Leaf(leaf) => of_subtrees[plan.triangles(leaf)[0] as usize] = of_nodes[node] + 1,
+            }
+        }
+    }
+    of_subtrees
 }
 
 impl Subtree {
@@ -262,5 +360,87 @@ impl Subtree {
         let fitted = unsafe { measure::<N, B>(node, bounds) };
         (self.node, self.cost, self.graft) = (node, fitted.cost(), Some(graft));
         Ok(fitted)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Quat, Vec3, Vec3A};
+
+    use super::*;
+    use crate::parameters::{Builder, Collapse};
+
+    /// Balls of some thousand triangles, each turned about the middle of all by an angle of its own.
+    fn balls(moment: f32) -> Arc<Triangles> {
+        let mut positions = Vec::new();
+        for ball in 0..24 {
+            let way = if ball % 2 == 0 { moment } else { -0.7 * moment };
+            let around = Quat::from_rotation_y(0.9 * ball as f32 + way);
+            let center = Vec3::new(2.0 + 0.5 * (ball / 6) as f32, 1.1 * (ball % 5) as f32, 0.0);
+            for triangle in 0..400 {
+                let along = triangle as f32 * 0.0157;
+                let point = |turn: f32| {
+                    let on_ball =
+                        Quat::from_rotation_y(17.0 * along + turn) * Vec3::new(along.sin(), along.cos(), 0.0);
+                    Vec3A::from(around * (center + 0.25 * on_ball))
+                };
+                positions.extend([point(0.0), point(0.04), point(0.04) + Vec3A::Y * 0.01]);
+            }
+        }
+        let indices = (0..positions.len() as u32 / 3).map(|at| [3 * at, 3 * at + 1, 3 * at + 2]).collect();
+        Arc::new(Triangles::new(positions, indices).expect("they are near"))
+    }
+
+    #[test]
+    fn parts_that_only_change_places_get_new_nodes_above_them() {
+        let device = Device::open(0).expect("Embree starts");
+        for (branching_factor, collapse) in
+            [(2, Collapse::Builder), (8, Collapse::Builder), (16, Collapse::Optimal)]
+        {
+            let parameters = TreeParameters {
+                branching_factor,
+                collapse,
+                builder: Builder::Ploc,
+                max_depth: 64,
+                ..TreeParameters::default()
+            };
+            let cost = |tree: &Tree| tree.statistics().sah_cost;
+            let mut tree = Tree::build(&device, &balls(0.0), &parameters).expect("it builds");
+            let mut regrouped = 0;
+            for step in 1..=8 {
+                let now = balls(step as f32 * 0.4);
+                tree.update(&device, &now, Update::partial(1.5)).expect("it follows");
+                tree.validate().expect("it is sound");
+                // A tree that was built anew has forgotten everything.
+                regrouped += u32::from(tree.motion.as_ref().is_some_and(|motion| motion.memory.is_some()));
+                let fresh = Tree::build(&device, &now, &parameters).expect("it builds");
+                // Subtrees may have grown by the threshold, and so may what is above them.
+                assert!(cost(&tree) < 2.25 * cost(&fresh), "{} against {}", cost(&tree), cost(&fresh));
+            }
+            assert!(regrouped > 2, "{branching_factor}: {regrouped} of 8 times");
+        }
+    }
+
+    #[test]
+    fn new_nodes_go_no_deeper_than_is_allowed() {
+        let device = Device::open(0).expect("Embree starts");
+        let parameters =
+            TreeParameters { builder: Builder::Ploc, max_depth: 64, ..TreeParameters::default() };
+        let mut tree = Tree::build(&device, &balls(0.0), &parameters).expect("it builds");
+        tree.update(&device, &balls(0.1), Update::Refit).expect("it follows");
+        let depth = tree.statistics().depth;
+        let mut motion = tree.motion.take().expect("it was refitted");
+        let fitted: Vec<Fitted> = motion
+            .subtrees
+            .iter()
+            // SAFETY: nodes of the tree, which is of this kind; only boxes and heights are read.
+            .map(|subtree| unsafe { measure::<crate::layout::Node<2>, 4>(subtree.node, Bounds::EMPTY) })
+            .map(|fitted| Fitted { bounds: Bounds { lower: [0.0; 3], upper: [1.0; 3] }, ..fitted })
+            .collect();
+        let above = motion.above.len();
+        assert!(
+            motion.regroup::<crate::layout::Node<2>>(&fitted, 5).is_none() && motion.above.len() == above
+        );
+        assert!(motion.regroup::<crate::layout::Node<2>>(&fitted, depth + 20).is_some());
     }
 }

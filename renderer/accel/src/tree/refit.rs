@@ -4,6 +4,8 @@
 //! Models using AABB Trees", 1997). On the way back the cost by the surface area heuristic falls out, so that
 //! decay can be seen.
 
+use glam::Vec3A;
+
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
 
@@ -16,10 +18,12 @@ pub(super) struct Fitted {
     pub(super) area: f64,
     /// Triangles in its leaves.
     pub(super) triangles: usize,
+    /// Levels below its root.
+    pub(super) height: u32,
 }
 
 impl Fitted {
-    const NOTHING: Self = Self { bounds: Bounds::EMPTY, area: 0.0, triangles: 0 };
+    const NOTHING: Self = Self { bounds: Bounds::EMPTY, area: 0.0, triangles: 0, height: 0 };
 
     /// Expected cost of a ray that hits its box, after MacDonald and Booth (1990).
     pub(super) fn cost(&self) -> f64 {
@@ -39,19 +43,14 @@ pub(super) unsafe fn refit<N: TreeNode, const B: usize>(
     watertight: bool,
 ) -> Fitted {
     if node.is_leaf() {
-        let mut fitted = Fitted::NOTHING;
+        let (mut lower, mut upper, mut count) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY, 0);
         // SAFETY: the caller vouches for it.
         for block in unsafe { node.blocks_mut::<B>() } {
-            let before = *block;
-            *block = Block::new(before.numbers(), triangles, watertight);
-            debug_assert!(block.numbers().eq(before.numbers()), "lanes in use come first");
-            for number in block.numbers() {
-                fitted.bounds = fitted.bounds.union(Bounds::of_corners(&triangles.corners(number as usize)));
-                fitted.triangles += 1;
-            }
+            let (from, to, fitted) = block.fit(triangles, watertight);
+            (lower, upper, count) = (lower.min(from), upper.max(to), count + fitted);
         }
-        fitted.area = fitted.bounds.half_area() * fitted.triangles as f64;
-        return fitted;
+        let bounds = Bounds { lower: lower.to_array(), upper: upper.to_array() };
+        return Fitted { bounds, area: bounds.half_area() * count as f64, triangles: count, height: 0 };
     }
     // SAFETY: the caller vouches for it.
     let inner = unsafe { node.node_mut::<N>() };
@@ -65,6 +64,7 @@ pub(super) unsafe fn refit<N: TreeNode, const B: usize>(
         fitted.bounds = fitted.bounds.union(below.bounds);
         fitted.area += below.area;
         fitted.triangles += below.triangles;
+        fitted.height = fitted.height.max(below.height + 1);
     }
     inner.set_bounds(&bounds[..count]);
     fitted.area += fitted.bounds.half_area();
@@ -79,16 +79,17 @@ pub(super) unsafe fn measure<N: TreeNode, const B: usize>(node: NodeRef, bounds:
     if node.is_leaf() {
         // SAFETY: the caller vouches for it.
         let triangles = unsafe { node.blocks::<B>() }.iter().map(|block| block.numbers().count()).sum();
-        return Fitted { bounds, area: bounds.half_area() * triangles as f64, triangles };
+        return Fitted { bounds, area: bounds.half_area() * triangles as f64, triangles, height: 0 };
     }
     // SAFETY: the caller vouches for it.
     let inner = unsafe { node.node::<N>() };
-    let mut fitted = Fitted { bounds, area: bounds.half_area(), triangles: 0 };
+    let mut fitted = Fitted { bounds, area: bounds.half_area(), triangles: 0, height: 0 };
     for child in 0..inner.count() {
         // SAFETY: a child of such a tree.
         let below = unsafe { measure::<N, B>(inner.children()[child], inner.child_bounds(child)) };
         fitted.area += below.area;
         fitted.triangles += below.triangles;
+        fitted.height = fitted.height.max(below.height + 1);
     }
     fitted
 }

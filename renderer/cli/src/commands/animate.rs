@@ -76,7 +76,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let choice = arguments.structure.choice(renderer.threads())?;
     let view = arguments.view.frame.view(arguments.view.camera.find(&scene)?);
     let mut film = Film::new(arguments.view.size.width, arguments.view.size.height);
-    let partial = THRESHOLDS.map(|rebuild_threshold| Update::Partial { rebuild_threshold });
+    let partial = THRESHOLDS.map(Update::partial);
     let mut followers = Vec::new();
     for update in [Update::Rebuild, Update::Refit].into_iter().chain(partial) {
         let structure = Some(renderer.build(&choice.build)?.0);
@@ -170,7 +170,7 @@ fn table(followers: &[Follower]) -> comfy_table::Table {
         let name = match follower.update {
             Update::Rebuild => "rebuild".to_owned(),
             Update::Refit => "refit".to_owned(),
-            Update::Partial { rebuild_threshold } => format!("partial, {rebuild_threshold}"),
+            Update::Partial { rebuild_threshold, .. } => format!("partial, {rebuild_threshold}"),
         };
         let median = |of: fn(&FrameTimes) -> f64| {
             Summary::of(&follower.frames.iter().map(of).collect::<Vec<_>>()).median
