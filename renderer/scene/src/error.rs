@@ -78,6 +78,17 @@ pub enum SceneError {
         /// Why.
         source: GeometryError,
     },
+    /// Only what is in the world can be moved.
+    #[error(
+        "{name} is made of instances, whose parts cannot be moved; add --flatten to copy them into the world"
+    )]
+    Instanced {
+        /// The scene.
+        name: String,
+    },
+    /// What moves has left the space that there is.
+    #[error("the motion leads too far: {0}; move the scene less, or make it smaller")]
+    Moved(#[from] GeometryError),
     /// More vertices or meshes than the limits.
     #[error("{} has more than {VERTICES_MAX} vertices or {MESHES_MAX} meshes once instances are flattened; simplify the scene", path.display())]
     TooMany {

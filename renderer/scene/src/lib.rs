@@ -31,6 +31,7 @@ mod load_tests;
 mod load_text_tests;
 #[cfg(test)]
 mod load_texture_tests;
+pub mod motion;
 mod mtl_text;
 mod needles;
 mod obj_file;

@@ -1,0 +1,325 @@
+//! Ways to make a scene move that stands still, so that how structures follow can be tuned on any scene.
+//!
+//! Three deform everything (`sway`, `twist`, `ripple`), four move parts: each about itself (`rigid`), apart
+//! (`explode`), through one another (`swarm`), or down and up again (`fall`). A part is what hangs together:
+//! triangles that share a corner. All come round after a cycle, and time 0 is the scene as it was.
+
+use std::collections::HashMap;
+use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
+
+use glam::{Affine3A, Quat, Vec3, Vec3A};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::{Bounds, Scene, SceneError};
+
+/// A way to move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Motion {
+    /// Everything bends to and fro, the more the higher.
+    Sway,
+    /// Everything turns about the upright through the middle, the more the higher.
+    Twist,
+    /// Waves run through everything.
+    Ripple,
+    /// Each part turns about itself, and rises and sinks.
+    Rigid,
+    /// Parts fly apart and come back.
+    Explode,
+    /// Parts circle the middle, each at a speed of its own.
+    Swarm,
+    /// Parts fall to the ground, one after the other, and rise again.
+    Fall,
+}
+
+impl Motion {
+    /// All, in the order in which they are listed.
+    pub const ALL: [Self; 7] =
+        [Self::Sway, Self::Twist, Self::Ripple, Self::Rigid, Self::Explode, Self::Swarm, Self::Fall];
+
+    /// As it is written, e.g. `sway`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sway => "sway",
+            Self::Twist => "twist",
+            Self::Ripple => "ripple",
+            Self::Rigid => "rigid",
+            Self::Explode => "explode",
+            Self::Swarm => "swarm",
+            Self::Fall => "fall",
+        }
+    }
+
+    /// What it does, in a sentence without a full stop.
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::Sway => "Everything bends to and fro, the more the higher",
+            Self::Twist => "Everything turns about the upright, the more the higher",
+            Self::Ripple => "Waves run through everything",
+            Self::Rigid => "Each part turns about itself, rises and sinks",
+            Self::Explode => "Parts fly apart and come back",
+            Self::Swarm => "Parts circle the middle, each at its own speed",
+            Self::Fall => "Parts fall to the ground one by one, and rise again",
+        }
+    }
+}
+
+/// A scene that is made to move.
+#[derive(Clone, Debug)]
+pub struct Mover {
+    base: Arc<Scene>,
+    motion: Motion,
+    bounds: Bounds,
+    /// The part of each vertex.
+    part_of: Vec<u32>,
+    parts: Vec<Part>,
+}
+
+/// What moves as one.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    center: Vec3,
+    lowest: f32,
+    /// Four numbers from -1 to 1 of its own.
+    own: [f32; 4],
+}
+
+impl Mover {
+    /// Prepares a scene: O(vertices).
+    ///
+    /// # Errors
+    /// [`SceneError::Instanced`] for a scene of instances.
+    pub fn new(base: Arc<Scene>, motion: Motion) -> Result<Self, SceneError> {
+        if base.instances.is_some() {
+            return Err(SceneError::Instanced { name: base.name.clone() });
+        }
+        let bounds = Bounds::of(&base.triangles);
+        let part_of = parts_of(&base);
+        let count = part_of.iter().max().map_or(0, |last| *last as usize + 1);
+        let mut boxes = vec![Bounds::NOTHING; count];
+        for (at, part) in base.triangles.positions().iter().zip(&part_of) {
+            let at = Vec3::from(*at);
+            let around = &mut boxes[*part as usize];
+            *around = around.union(&Bounds { min: at, max: at });
+        }
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let parts = boxes.iter().map(|around| Part {
+            center: around.center(),
+            lowest: around.min.y,
+            own: std::array::from_fn(|_| random.random_range(-1.0..1.0)),
+        });
+        let parts = parts.collect();
+        Ok(Self { base, motion, bounds, part_of, parts })
+    }
+
+    /// The scene at a moment, where 0 to 1 is one cycle. Triangles keep their numbers.
+    ///
+    /// # Errors
+    /// [`SceneError::Moved`] where a vertex leaves the coordinates that there are.
+    pub fn at(&self, time: f32) -> Result<Arc<Scene>, SceneError> {
+        let time = time.rem_euclid(1.0);
+        let places: Vec<Affine3A> = match self.motion {
+            Motion::Sway | Motion::Twist | Motion::Ripple => Vec::new(),
+            _ => self.parts.iter().map(|part| self.place(part, time)).collect(),
+        };
+        let moved = |vertex: usize, at: Vec3A| match places.get(self.part_of[vertex] as usize) {
+            Some(place) => place.transform_point3a(at),
+            None => self.deformed(at.into(), time).into(),
+        };
+        let before = self.base.triangles.positions();
+        let positions: Vec<Vec3A> =
+            before.par_iter().enumerate().map(|(vertex, at)| moved(vertex, *at)).collect();
+        // What lies in the surface stays in it: the normal is upright on two directions there.
+        let reach = self.bounds.diagonal() * 1e-3;
+        let turned = |(vertex, normal): (usize, &Vec3)| {
+            let along = Vec3A::from(normal.any_orthonormal_vector());
+            let across = Vec3A::from(*normal).cross(along);
+            let (at, here) = (before[vertex], positions[vertex]);
+            let [along, across] =
+                [along, across].map(|to| moved(vertex, at + to * reach) - moved(vertex, at - to * reach));
+            let upright = Vec3::from(along.cross(across)).normalize_or(*normal);
+            if here.is_finite() { upright } else { *normal }
+        };
+        let normals = self.base.normals.par_iter().enumerate().map(turned).collect();
+        let triangles = Arc::new(self.base.triangles.moved(positions)?);
+        let name = format!("{}-{}", self.base.name, self.motion.name());
+        Ok(Arc::new(Scene { name, triangles, normals, ..(*self.base).clone() }))
+    }
+
+    /// Where a part is.
+    fn place(&self, part: &Part, time: f32) -> Affine3A {
+        let (size, middle) = (self.bounds.diagonal(), self.bounds.center());
+        let [one, two, three, four] = part.own;
+        let axis = Vec3::new(one, 0.5 + two.abs(), three).normalize_or(Vec3::Y);
+        let about = |turn: Quat| {
+            Affine3A::from_translation(part.center)
+                * Affine3A::from_quat(turn)
+                * Affine3A::from_translation(-part.center)
+        };
+        let shifted = |by: Vec3, turn: Quat| Affine3A::from_translation(by) * about(turn);
+        match self.motion {
+            Motion::Sway | Motion::Twist | Motion::Ripple => Affine3A::IDENTITY,
+            Motion::Rigid => {
+                let rise = 0.02 * size * two * ((TAU * time + PI * four).sin() - (PI * four).sin());
+                let turns = if one < 0.0 { -1.0 } else { 1.0 };
+                shifted(Vec3::Y * rise, Quat::from_rotation_y(turns * TAU * time))
+            }
+            Motion::Explode => {
+                let out = (PI * time).sin().powi(2);
+                let by = (part.center - middle) * (0.6 + 0.4 * four) + axis * (0.05 * size * two);
+                shifted(by * out, Quat::from_axis_angle(axis, TAU * one * out))
+            }
+            Motion::Swarm => {
+                let turns = if one.abs() < 0.5 { one.signum() } else { 2.0 * one.signum() };
+                let around = Quat::from_rotation_y(TAU * turns * time);
+                let rise = 0.05 * size * two * ((TAU * time + PI * three).sin() - (PI * three).sin());
+                Affine3A::from_translation(middle + Vec3::Y * rise)
+                    * Affine3A::from_quat(around)
+                    * Affine3A::from_translation(-middle)
+            }
+            Motion::Fall => {
+                // A third of a cycle to fall from the top; each begins in a time of its own.
+                let since = (0.5 - (time - 0.5).abs() - 0.1 * (1.0 + four)).max(0.0);
+                let height = self.bounds.size().y;
+                let drop = (height * (3.0 * since).powi(2)).min(part.lowest - self.bounds.min.y);
+                let share = if height > 0.0 { drop / height } else { 0.0 };
+                let away = Vec3::new(one, 0.0, three) * (0.3 * drop);
+                shifted(away - Vec3::Y * drop, Quat::from_axis_angle(axis, 2.0 * one * share))
+            }
+        }
+    }
+
+    /// Where a point of a scene that deforms is.
+    fn deformed(&self, at: Vec3, time: f32) -> Vec3 {
+        let (size, middle) = (self.bounds.size(), self.bounds.center());
+        let diagonal = self.bounds.diagonal().max(f32::MIN_POSITIVE);
+        let height = if size.y > 0.0 { (at.y - self.bounds.min.y) / size.y } else { 0.0 };
+        match self.motion {
+            Motion::Sway => {
+                let phase = 2.0 * (at.x + 0.7 * at.z) / diagonal;
+                let bend = (TAU * time + phase).sin() - phase.sin();
+                at + Vec3::new(1.0, 0.0, 0.4) * (0.1 * size.y * height * height * bend)
+            }
+            Motion::Twist => {
+                let turn = Quat::from_rotation_y(1.2 * height * (TAU * time).sin());
+                let arm = Vec3::new(at.x - middle.x, 0.0, at.z - middle.z);
+                Vec3::new(middle.x, at.y, middle.z) + turn * arm
+            }
+            Motion::Ripple => {
+                let along = TAU * 3.0 * (at.x + 0.6 * at.z) / diagonal;
+                at + Vec3::Y * (0.03 * diagonal * ((along - TAU * time).sin() - along.sin()))
+            }
+            _ => at,
+        }
+    }
+}
+
+/// The part of each vertex. Vertices in one place are one.
+fn parts_of(scene: &Scene) -> Vec<u32> {
+    let positions = scene.triangles.positions();
+    let mut first_there: HashMap<[u32; 3], u32> = HashMap::with_capacity(positions.len());
+    let mut parent: Vec<u32> = (0..)
+        .zip(positions)
+        .map(|(number, at)| *first_there.entry(at.to_array().map(f32::to_bits)).or_insert(number))
+        .collect();
+    for [a, b, c] in scene.triangles.indices() {
+        let root = root(&mut parent, *a);
+        for other in [*b, *c] {
+            let other = self::root(&mut parent, other);
+            // The lower number stays, so that the order of triangles does not matter.
+            let (low, high) = (root.min(other), root.max(other));
+            parent[high as usize] = low;
+        }
+    }
+    let mut number_of = HashMap::new();
+    (0..positions.len() as u32)
+        .map(|vertex| {
+            let root = root(&mut parent, vertex);
+            let next = number_of.len() as u32;
+            *number_of.entry(root).or_insert(next)
+        })
+        .collect()
+}
+
+/// The vertex that stands for a vertex's part; the way there is shortened.
+fn root(parent: &mut [u32], vertex: u32) -> u32 {
+    let mut at = vertex;
+    while parent[at as usize] != at {
+        parent[at as usize] = parent[parent[at as usize] as usize];
+        at = parent[at as usize];
+    }
+    at
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::builtin;
+
+    fn scene(name: &str) -> Arc<Scene> {
+        let options = builtin::Options { detail: 0.05, ..builtin::Options::default() };
+        Arc::new(builtin::build(name, &options).expect("it is built in"))
+    }
+
+    #[test]
+    fn every_motion_begins_with_the_scene_as_it_was_and_comes_round() {
+        let base = scene("quick");
+        let reach = Bounds::of(&base.triangles).diagonal();
+        for motion in Motion::ALL {
+            let mover = Mover::new(base.clone(), motion).expect("it has no instances");
+            let far = |time: f32| {
+                let now = mover.at(time).expect("it stays in range");
+                assert_eq!(now.triangles.indices(), base.triangles.indices());
+                let pairs = now.triangles.positions().iter().zip(base.triangles.positions());
+                pairs.map(|(now, before)| now.distance(*before)).fold(0.0, f32::max) / reach
+            };
+            for time in [0.0, 1.0, -2.0] {
+                assert!(far(time) < 1e-4, "{motion:?} at {time}: {}", far(time));
+            }
+            assert!(far(0.35) > 0.01, "{motion:?} moves: {}", far(0.35));
+            let now = mover.at(0.35).expect("it stays in range");
+            assert!(now.normals.iter().all(|normal| (normal.length() - 1.0).abs() < 1e-4), "{motion:?}");
+        }
+    }
+
+    #[test]
+    fn parts_stay_whole() {
+        let base = scene("gallery");
+        for motion in [Motion::Rigid, Motion::Explode, Motion::Swarm, Motion::Fall] {
+            let mover = Mover::new(base.clone(), motion).expect("it has no instances");
+            assert!(mover.parts.len() > 20, "{}", mover.parts.len());
+            let now = mover.at(0.4).expect("it stays in range");
+            let edges = |scene: &Scene| -> Vec<f32> {
+                let corners = (0..scene.triangles.len()).map(|number| scene.triangles.corners(number));
+                corners.map(|[a, b, _]| a.distance(b)).collect()
+            };
+            let size = Bounds::of(&base.triangles).diagonal();
+            for (before, after) in edges(&base).into_iter().zip(edges(&now)) {
+                assert!((before - after).abs() < 1e-4 * size, "{motion:?}: {before} became {after}");
+            }
+        }
+    }
+
+    #[test]
+    fn normals_turn_with_their_surface() {
+        let base = scene("statue");
+        let mover = Mover::new(base.clone(), Motion::Twist).expect("it has no instances");
+        let now = mover.at(0.2).expect("it stays in range");
+        let mut upright = 0;
+        for (number, corners) in now.triangles.indices().iter().enumerate() {
+            let [a, b, c] = now.triangles.corners(number);
+            let flat = Vec3::from((b - a).cross(c - a)).normalize_or_zero();
+            upright +=
+                usize::from(corners.iter().all(|&corner| now.normals[corner as usize].dot(flat) > 0.3));
+        }
+        assert!(upright * 10 > now.triangles.len() * 9, "{upright} of {}", now.triangles.len());
+    }
+
+    #[test]
+    fn instances_are_refused_with_the_remedy() {
+        let error = Mover::new(scene("forest"), Motion::Sway).expect_err("it is made of instances");
+        assert!(error.to_string().contains("--flatten"), "{error}");
+    }
+}
