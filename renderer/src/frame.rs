@@ -49,6 +49,9 @@ pub struct FrameTimes {
     /// The number of frames whose median is the rendering time; absent if it is the requested one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<u32>,
+    /// How many times as long frames took in the second half of an episode as in its first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trend: Option<f64>,
     /// How noisy it is; absent where only time counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<FrameNoise>,
@@ -134,7 +137,9 @@ pub struct Renderer {
     pool: rayon::ThreadPool,
     /// Those of the pool's threads; none where the system does not tell.
     delays: Vec<RunQueueDelay>,
-    prepared: Arc<Prepared>,
+    pub(crate) prepared: Arc<Prepared>,
+    /// The scene at the moments of an episode.
+    pub(crate) moments: Vec<Arc<Prepared>>,
     leave_out: bool,
     /// The structure that frames are rendered with.
     current: Option<Built>,
@@ -171,6 +176,7 @@ impl Renderer {
             pool,
             delays,
             prepared,
+            moments: Vec::new(),
             leave_out: true,
             current: None,
             shelf: Shelf::default(),
@@ -291,7 +297,12 @@ impl Renderer {
         self.current = None;
         self.studied = None;
         self.shelf.clear();
-        self.prepared = Arc::new(self.pool.install(|| Prepared::new(scene)));
+        self.moments.clear();
+        self.prepared = self.prepare(scene);
+    }
+
+    pub(crate) fn prepare(&self, scene: Arc<Scene>) -> Arc<Prepared> {
+        Arc::new(self.pool.install(|| Prepared::new(scene)))
     }
 
     /// Builds a structure without keeping it, and says how long it took. For comparing many.

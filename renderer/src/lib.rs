@@ -5,6 +5,7 @@
 //! | `integrator` | paths from the camera to the light, in stages or one by one |
 //! | `film`, `tone`, `image_file` | the picture, as it is shown, and PNG and EXR files of it |
 //! | `frame`, `render_options` | one frame: build, render, how long each took |
+//! | `follow` | structures that follow a moving scene, and episodes of it |
 //! | `shelf` | structures that are kept for later trials |
 //! | `space` | what can be tuned, and what a configuration means |
 //! | `disturbance` | what else a machine did while something was measured |
@@ -17,6 +18,7 @@
 
 pub mod disturbance;
 pub mod film;
+pub mod follow;
 pub mod frame;
 pub mod image_file;
 pub mod integrator;

@@ -24,6 +24,12 @@ pub const ITERATIONS_MAX: u32 = 100_000;
 /// Most frames that one trial of a search renders.
 pub const FRAMES_PER_TRIAL_MAX: u32 = 1000;
 
+/// Most frames of an episode.
+pub const EPISODE_FRAMES_MAX: u32 = 64;
+
+/// Most triangles of all moments of an episode together, which are in memory at once: some 40 bytes each.
+pub const EPISODE_TRIANGLES_MAX: usize = 100_000_000;
+
 /// Most memory of the structures that a search keeps for later trials, in bytes.
 pub const SHELF_BYTES_MAX: usize = 2 << 30;
 

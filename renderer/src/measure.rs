@@ -14,6 +14,7 @@ use crate::integrator::View;
 use crate::scheduling::{ThreadTimes, of_process};
 use crate::space::Choice;
 use crate::statistics::{Ratio, Summary};
+pub use crate::tuning::objective::Yardstick;
 use crate::tuning::objective::frame_cost;
 
 /// Share of the time from which on a note says that frames waited for processors.
@@ -42,8 +43,8 @@ pub struct Conditions {
     /// The number of frames that share a build. With 1 each frame builds its own, as real-time rendering
     /// does; otherwise each structure is built once.
     pub frames_per_build: u32,
-    /// Whether the time to an error is measured, and not that of a frame.
-    pub noise: bool,
+    /// What is measured.
+    pub yardstick: Yardstick,
 }
 
 /// The times of one contender.
@@ -185,7 +186,10 @@ fn in_turns(
     conditions: &Conditions,
     mut go_on: impl FnMut() -> bool,
 ) -> Vec<Measured> {
-    let learning_ms = if conditions.noise { study(renderer, contenders, conditions) } else { 0.0 };
+    let learning_ms = match conditions.yardstick {
+        Yardstick::Noise => study(renderer, contenders, conditions),
+        Yardstick::Frame | Yardstick::Episode => 0.0,
+    };
     let mut structures: Vec<Option<Structure>> = Vec::new();
     let mut measured: Vec<Measured> = Vec::new();
     for contender in contenders {
@@ -265,13 +269,17 @@ fn frame(
     conditions: &Conditions,
     film: &mut Film,
 ) -> Result<FrameTimes, String> {
+    if conditions.yardstick == Yardstick::Episode {
+        let episode = renderer.episode(choice, &conditions.view, film, None);
+        return episode.map(|episode| episode.mean()).map_err(|error| error.to_string());
+    }
     let (mut build_ms, mut build) = (0.0, ThreadTimes::default());
     if conditions.build_each_round() {
         let built;
         (built, build) = of_process(|| renderer.build(&choice.build));
         (*structure, build_ms) = built.map_err(|error| error.to_string())?;
     }
-    if conditions.noise {
+    if conditions.yardstick == Yardstick::Noise {
         renderer.set_light_sampling(choice.light);
         let measured = renderer.noisy_frame(structure, &choice.render);
         let (times, threads) = measured.ok_or("the view was not studied")?;
@@ -383,8 +391,14 @@ mod tests {
         let scene = Arc::new(builtin::build("quick", &options).expect("it is built in"));
         let mut renderer = Renderer::new(scene.clone(), 0).expect("Embree starts");
         let view = View { camera: scene.cameras[0], seed: 1, bounces: 1 };
-        let conditions =
-            Conditions { view, width: 8, height: 8, rounds: 2, frames_per_build: 1, noise: false };
+        let conditions = Conditions {
+            view,
+            width: 8,
+            height: 8,
+            rounds: 2,
+            frames_per_build: 1,
+            yardstick: Yardstick::Frame,
+        };
         let native = Choice::native(NativeQuality::Low);
         let staged = Choice { render: RenderOptions { staged: true, ..native.render }, ..native };
         let contenders = [("a", native), ("b", staged), ("c", native)]

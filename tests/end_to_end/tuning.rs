@@ -87,6 +87,47 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
 }
 
 #[test]
+fn ways_to_follow_are_tuned_by_episodes() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let json = folder.path().join("run.json");
+    let file = json.to_str().expect("text");
+    let scene =
+        ["--server", daemon.url(), "--scene", "builtin:quick", "--detail", "0.2", "--motion", "swarm"];
+    let view = ["--objective", "motion", "--episode", "6", "--size", "32x24"];
+    let mut arguments = vec!["tune"];
+    arguments.extend(scene.into_iter().chain(view));
+    arguments.extend(["--iterations", "8", "--rounds", "2", "--study", "quick", "--json", file]);
+    let output = run("treewright-render", &arguments);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let results = read(&json);
+    assert!(
+        results["tuned"]["tree"].is_string() && results["tuned"]["period"].is_u64(),
+        "{}",
+        results["tuned"]
+    );
+    let state = &results["indicators"];
+    assert!(state["cost_growth"].as_f64() >= Some(1.0) && state["episode_frames"] == 6.0, "{state}");
+    let measured = trials(daemon.url(), "state = COMPLETED");
+    assert!(measured.len() >= 8);
+    for trial in &measured {
+        // A frame of the mean, what decays told beside it.
+        assert_eq!(trial["measurements"]["frames"], 6.0, "{trial}");
+        assert!(trial["measurements"]["trend"].as_f64() > Some(0.0), "{trial}");
+    }
+    let mut best = vec!["best"];
+    best.extend(scene.into_iter().chain(view).chain(["--study", "quick"]));
+    let best = run("treewright-render", &best);
+    let answer: serde_json::Value = serde_json::from_str(&stdout(&best)).expect("JSON");
+    assert!(answer["cost"].as_f64() > Some(0.0), "it is the state that was tuned: {answer}");
+    let mismatched = run(
+        "treewright-render",
+        &["tune", "--scene", "builtin:sea", "--space", "follow", "--objective", "total"],
+    );
+    assert!(stderr(&mismatched).contains("--objective motion"), "{}", stderr(&mismatched));
+}
+
+#[test]
 fn who_asks_for_the_best_makes_no_study() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let daemon = Daemon::start(&folder.path().join("tuning.db"));

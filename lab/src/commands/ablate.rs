@@ -11,7 +11,7 @@ use treewright_render_cli::error::{CliError, write_file};
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
 use treewright_renderer::limits::{CONTENDERS_MAX, ROUNDS_MAX};
-use treewright_renderer::measure::{Conditions, interleaved, standings};
+use treewright_renderer::measure::{Conditions, Yardstick, interleaved, standings};
 use treewright_renderer::space::Preset;
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         height: arguments.view.size.height,
         rounds: arguments.rounds,
         frames_per_build: arguments.objective.frames_per_build(),
-        noise: false,
+        yardstick: Yardstick::Frame,
     };
     let interrupt = Interrupt::listen();
     let bar = output::bar(u64::from(arguments.rounds) + 1, "rounds");

@@ -197,6 +197,7 @@ fn objective(page: &mut String, verdict: &Verdict) {
     let title = match verdict.objective {
         Objective::Render => "Render time: one build serves many frames",
         Objective::Error => "Time to an error",
+        Objective::Motion => "Frames in motion",
         Objective::Total => "Build and render time: every frame pays for its build",
     };
     let _ = write!(page, "<h2>{title}</h2>");

@@ -44,7 +44,7 @@ impl Clock {
         let [build_ms, render_ms] = self.read(times)?;
         Some(match objective {
             Objective::Render | Objective::Error => render_ms,
-            Objective::Total => build_ms + render_ms,
+            Objective::Total | Objective::Motion => build_ms + render_ms,
         })
     }
 }

@@ -12,7 +12,7 @@ use treewright_render_cli::server::machine;
 use treewright_renderer::disturbance::Watch;
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::View;
-use treewright_renderer::measure::{Conditions, Contender, interleaved};
+use treewright_renderer::measure::{Conditions, Contender, Yardstick, interleaved};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::{Objective, specification, study_id};
 use treewright_renderer::tuning::search::{self, SearchSetting, measurements};
@@ -135,7 +135,7 @@ impl Stage {
             height: self.context.size.height,
             rounds,
             frames_per_build: objective.frames_per_build(),
-            noise: false,
+            yardstick: Yardstick::Frame,
         };
         let contenders: Vec<Contender> = rivals.iter().map(|rival| rival.contender.clone()).collect();
         let watch = Watch::begin();

@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::builder::TypedValueParser;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Update};
 use treewright_client::{Configuration, Indicators};
 
 use crate::error::CliError;
+use crate::names::one_of;
 pub use crate::scene_arguments::{SceneArguments, UpAxis};
 use treewright_renderer::frame::{Renderer, RendererError};
 use treewright_renderer::integrator::View;
@@ -223,6 +224,30 @@ pub struct SpaceArguments {
 }
 
 impl SpaceArguments {
+    /// The space that an objective judges: where it has one of its own, that is meant when nothing is said.
+    ///
+    /// # Errors
+    /// The two do not go together.
+    pub fn judged_by(self, objective: Objective) -> Result<Self, CliError> {
+        let (name, space) = (objective.name(), self.space.name());
+        match (objective.own_space(), self.space) {
+            (Some(own), Preset::Full) => Ok(Self { space: own, ..self }),
+            (Some(own), given) if own == given => Ok(self),
+            (None, Preset::Full | Preset::Paper) => Ok(self),
+            (Some(own), _) => Err(CliError::Usage(format!(
+                "--objective {name} says nothing of the space {space}; leave --space or --paper out, or name the space {}",
+                own.name()
+            ))),
+            (None, given) => {
+                let judge = Objective::KNOWN.into_iter().find(|one| one.own_space() == Some(given));
+                let judge = judge.map_or("", Objective::name);
+                Err(CliError::Usage(format!(
+                    "--objective {name} says nothing of the space {space}: add --objective {judge}"
+                )))
+            }
+        }
+    }
+
     /// The space of a study: the same for all scenes that stand still, but for those of instances, which have
     /// more to tune.
     pub fn of(&self, scene: &Scene, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
@@ -413,17 +438,6 @@ pub fn indicators(scene: &Scene, camera: &Camera) -> Indicators {
     SceneIndicators::of(scene).with_camera(camera).values().into_iter().collect()
 }
 
-/// Reads one of some values by its name. Each comes with what help says of it.
-fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
-    values: [(T, &'static str, &'static str); N],
-) -> impl TypedValueParser<Value = T> {
-    let names = values.map(|(_, name, about)| PossibleValue::new(name).help(about));
-    PossibleValuesParser::new(names).map(move |text| {
-        let named = values.iter().find(|(_, name, _)| *name == text);
-        named.expect("clap passes on what is possible").0
-    })
-}
-
 /// Reads what is to be minimised.
 pub fn objective() -> impl TypedValueParser<Value = Objective> {
     one_of(Objective::KNOWN.map(|objective| {
@@ -435,6 +449,9 @@ pub fn objective() -> impl TypedValueParser<Value = Objective> {
                 Objective::Total => "Real-time rendering: a frame pays for a whole build",
                 Objective::Error => {
                     "Progressive rendering: time to a picture of little noise, by the sampling of light"
+                }
+                Objective::Motion => {
+                    "A scene that moves: mean frame, with what brings the structure along (see --motion)"
                 }
             },
         )
@@ -451,6 +468,7 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
                 Preset::Full => "Native Embree, the tunable tree, and how rays are grouped",
                 Preset::Paper => "The eleven parameters of the paper's Table 1",
                 Preset::Light => "How light is looked for, with the recommended tree",
+                Preset::Follow => "How structures follow scenes that move",
             },
         )
     }))

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `commands` | one file for each command |
 //! | `arguments`, `narrowing`, `server` | groups of arguments that several commands share, also those of `treewright-lab` |
+//! | `scene_arguments`, `episode_arguments`, `names` | what they are made of |
 //! | `output`, `error`, `interrupt` | tables and progress, exit codes, Ctrl-C |
 //! | `manual` | manual pages and completions |
 //! | `report` | the page that `tune --report` writes |
@@ -11,10 +12,12 @@
 
 pub mod arguments;
 mod commands;
+mod episode_arguments;
 pub mod error;
 pub mod interrupt;
 mod laboratory;
 pub mod manual;
+mod names;
 pub mod narrowing;
 pub mod output;
 pub mod report;

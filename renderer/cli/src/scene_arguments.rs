@@ -3,10 +3,13 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use clap::builder::TypedValueParser;
 use clap::{Args, ValueEnum};
+use treewright_scene::motion::{Motion, Mover};
 use treewright_scene::{Environment, Scene, Sky, Up, builtin, load_upright};
 
 use crate::error::CliError;
+use crate::names::one_of;
 
 /// Prefix of the names of built-in scenes.
 const BUILTIN: &str = "builtin:";
@@ -26,7 +29,11 @@ pub struct SceneArguments {
     #[arg(long, value_name = "N")]
     pub scene_seed: Option<u64>,
 
-    /// Time in an animated built-in scene; 0 to 1 is one cycle.
+    /// Make a scene move that stands still. Built-in scenes that are animated move by themselves.
+    #[arg(long, value_name = "NAME", value_parser = motion())]
+    pub motion: Option<Motion>,
+
+    /// Time in a scene that moves; 0 to 1 is one cycle.
     #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
     pub time: f32,
 
@@ -81,6 +88,7 @@ impl SceneArguments {
             detail,
             scene_seed,
             time,
+            motion: None,
             up_axis: UpAxis::Y,
             environment: None,
             environment_rotation: 0.0,
@@ -89,27 +97,36 @@ impl SceneArguments {
         }
     }
 
-    /// The scene at another time, for a built-in one that is animated.
-    pub fn at(&self, time: f32) -> Result<Arc<Scene>, CliError> {
-        Self { time, ..self.clone() }.load()
-    }
-
-    /// Refuses a scene in which nothing moves.
-    pub fn check_animated(&self) -> Result<(), CliError> {
-        let animated = || builtin::names().filter(|name| builtin::is_animated(name));
-        if self.scene.strip_prefix(BUILTIN).is_some_and(builtin::is_animated) {
-            return Ok(());
+    /// The scene at any time.
+    ///
+    /// # Errors
+    /// Nothing moves in it, or it cannot be loaded.
+    pub fn moving(&self) -> Result<Moving, CliError> {
+        if let Some(motion) = self.motion {
+            return Ok(Moving::Made(Box::new(Mover::new(self.still()?, motion)?)));
         }
-        let known: Vec<String> = animated().map(|name| format!("{BUILTIN}{name}")).collect();
+        if self.scene.strip_prefix(BUILTIN).is_some_and(builtin::is_animated) {
+            return Ok(Moving::Itself(Box::new(self.clone())));
+        }
+        let animated = builtin::names().filter(|name| builtin::is_animated(name));
+        let known: Vec<String> = animated.map(|name| format!("{BUILTIN}{name}")).collect();
         Err(CliError::Usage(format!(
-            "nothing moves in {}; animated scenes are {}",
+            "nothing moves in {}; add --motion with one of {}, or take {}",
             self.scene,
-            known.join(", ")
+            Motion::ALL.map(Motion::name).join(", "),
+            known.join(" or ")
         )))
     }
 
-    /// Loads or generates the scene.
+    /// Loads or generates the scene, at its time.
     pub fn load(&self) -> Result<Arc<Scene>, CliError> {
+        match self.motion {
+            Some(_) => self.moving()?.at(self.time),
+            None => self.still(),
+        }
+    }
+
+    fn still(&self) -> Result<Arc<Scene>, CliError> {
         let scene = match self.scene.strip_prefix(BUILTIN) {
             Some(_) if self.up_axis != UpAxis::Y => {
                 return Err(CliError::Usage("--up-axis is for files; built-in scenes stand on y".to_owned()));
@@ -131,6 +148,33 @@ impl SceneArguments {
         }
         Ok(Arc::new(scene))
     }
+}
+
+/// A scene at any time.
+#[derive(Clone, Debug)]
+pub enum Moving {
+    /// A built-in one that is animated.
+    Itself(Box<SceneArguments>),
+    /// One that is made to move.
+    Made(Box<Mover>),
+}
+
+impl Moving {
+    /// The scene at a time; 0 to 1 is one cycle.
+    ///
+    /// # Errors
+    /// The motion leads out of the space that there is.
+    pub fn at(&self, time: f32) -> Result<Arc<Scene>, CliError> {
+        match self {
+            Self::Itself(arguments) => SceneArguments { time, ..(**arguments).clone() }.still(),
+            Self::Made(mover) => Ok(mover.at(time)?),
+        }
+    }
+}
+
+/// Reads the name of a motion.
+fn motion() -> impl TypedValueParser<Value = Motion> {
+    one_of(Motion::ALL.map(|motion| (motion, motion.name(), motion.about())))
 }
 
 fn finite(text: &str) -> Result<f32, String> {

@@ -115,7 +115,12 @@ fn moving_scenes_are_followed() {
             assert!(difference < 1e-3, "{scene}: {} differs by {difference}", follower["update"]);
         }
     }
-    fails("animate --scene builtin:quick", USAGE, &["nothing moves", "builtin:sea"]);
+    let made =
+        succeeds(path, "animate --scene builtin:quick --detail 0.1 --motion swarm --frames 2 --size 24x16");
+    assert!(made.contains("quick-swarm"), "{made}");
+    fails("animate --scene builtin:quick", USAGE, &["nothing moves", "builtin:sea", "--motion", "explode"]);
+    fails("animate --scene builtin:forest --detail 0.02 --motion sway", FAILED, &["--flatten"]);
+    fails("animate --scene builtin:quick --motion fly", USAGE, &["fly", "ripple"]);
 }
 
 #[test]

@@ -3,11 +3,13 @@
 use serde::de::value::{Error, StrDeserializer};
 use serde::{Deserialize, Serialize};
 use treewright_accel::{
-    BuildChoice, NativeAcceleration, NativeOptions, NativeQuality, Quality, TreeParameters, Update,
+    BuildChoice, NativeAcceleration, NativeOptions, NativeQuality, Parts, Quality, TreeParameters, Update,
 };
 use treewright_client::{Configuration, Value};
 
-use super::Backend;
+use super::follow::{self, KeptTree};
+use super::{Backend, Premises};
+use crate::follow::NEVER;
 use crate::light_sampling::LightSampling;
 use crate::render_options::RenderOptions;
 
@@ -21,9 +23,16 @@ pub struct Choice {
     /// How the structure follows a scene that moves.
     #[serde(default)]
     pub update: Update,
+    /// After so many frames of a scene that moves it is built anew; [`NEVER`] for never.
+    #[serde(default = "never")]
+    pub period: u32,
     /// How light is looked for.
     #[serde(default)]
     pub light: LightSampling,
+}
+
+fn never() -> u32 {
+    NEVER
 }
 
 impl From<BuildChoice> for Choice {
@@ -33,6 +42,7 @@ impl From<BuildChoice> for Choice {
             build,
             render: RenderOptions::default(),
             update: Update::Rebuild,
+            period: NEVER,
             light: LightSampling::default(),
         }
     }
@@ -76,13 +86,29 @@ pub(super) fn of_light(complete: &Configuration, base: &Choice) -> Choice {
     Choice { light, ..*base }
 }
 
+/// A complete configuration of the space of scenes that move, with the grouping of rays of `base`.
+pub(super) fn of_follow(complete: &Configuration, base: &Choice, premises: &Premises) -> Choice {
+    let values = Values(complete);
+    let tree = values.word("tree", KeptTree::Quick);
+    let period = values.whole("period", NEVER);
+    let rebuild_threshold = values.number("repair_above", Update::REBUILD_THRESHOLD);
+    let update = match (period, tree) {
+        (1, _) => Update::Rebuild,
+        (_, KeptTree::Quick | KeptTree::Middle | KeptTree::Good) => Update::partial(rebuild_threshold),
+        (_, KeptTree::GoodThenQuick) => Update::Partial { rebuild_threshold, parts: Parts::Quick },
+        (_, KeptTree::NativeLow | KeptTree::NativeMedium) => Update::Refit,
+    };
+    Choice { build: follow::build(tree, premises), update, period, ..*base }
+}
+
 /// A complete configuration of the full space.
 pub(super) fn of_full(complete: &Configuration, robust: bool, threads: usize) -> Choice {
     let values = Values(complete);
     let tunable = values.text("backend") == Some(Backend::Tunable.name());
     let build = if tunable { BuildChoice::Tree(values.tree(robust)) } else { values.native(robust) };
     let light = LightSampling::default();
-    Choice { build, render: values.rendering(threads), update: values.update(), light }
+    let render = values.rendering(threads);
+    Choice { build, render, update: values.update(), period: NEVER, light }
 }
 
 /// Reads values; what is not there is inactive and keeps the default of where it goes.

@@ -5,9 +5,9 @@ use treewright_client::SpaceError;
 /// Why a configuration cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConfigurationError {
-    /// Neither Embree nor the paper says how light is looked for.
+    /// Neither Embree nor the paper says how light is looked for, or how a structure follows.
     #[error(
-        "the space light has no such start; leave --start out, or name a file with a configuration of your own"
+        "this space has no such start; leave --start out, or name a file with a configuration of your own"
     )]
     NoSuchStart,
     /// Not of the form `name=value,name=value`.

@@ -5,6 +5,7 @@
 //! | `full` | the full space: native Embree and the tunable tree, and how rays are grouped |
 //! | `paper` | the eleven parameters of the paper's Table 1 |
 //! | `light` | how light is looked for |
+//! | `follow` | how structures follow scenes that move |
 //! | `narrow` | parts of a space: parameters fixed or held to a range |
 //! | `start` | where a search begins, as a space's defaults |
 //! | `explained` | parameters as data, with a sentence each |
@@ -14,6 +15,7 @@
 mod choice;
 mod error;
 mod explained;
+mod follow;
 mod full;
 mod light;
 mod narrow;
@@ -45,18 +47,21 @@ pub enum Preset {
     Paper,
     /// How light is looked for, with the recommended tree.
     Light,
+    /// How structures follow scenes that move.
+    Follow,
 }
 
 impl Preset {
     /// All, in the order in which they are listed.
-    pub const ALL: [Self; 3] = [Self::Full, Self::Paper, Self::Light];
+    pub const ALL: [Self; 4] = [Self::Full, Self::Paper, Self::Light, Self::Follow];
 
-    /// `full`, `paper` or `light`.
+    /// `full`, `paper`, `light` or `follow`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Full => "full",
             Self::Paper => "paper",
             Self::Light => "light",
+            Self::Follow => "follow",
         }
     }
 }
@@ -132,13 +137,14 @@ impl TuningSpace {
             Preset::Full => full::parameters(premises),
             Preset::Paper => paper::parameters(),
             Preset::Light => light::parameters(premises),
+            Preset::Follow => follow::parameters(),
         };
         let about = explained.iter().map(|one| one.about).collect();
         let builder = explained
             .into_iter()
             .fold(SpaceBuilder::new(), |builder, one| builder.with_parameter(one.parameter));
         let builder = match preset {
-            Preset::Light => builder,
+            Preset::Light | Preset::Follow => builder,
             Preset::Full | Preset::Paper => builder.less_or_equal("min_leaf_size", "max_leaf_size"),
         };
         let space = builder.build();
@@ -148,6 +154,7 @@ impl TuningSpace {
         let Premises { robust, animated, instanced, lights, .. } = *premises;
         let base = match preset {
             Preset::Light => Self::new(Preset::Full, premises).default_choice(),
+            Preset::Follow => follow::base(premises),
             Preset::Full | Preset::Paper => Choice::paper_default(),
         };
         Self { preset, robust, animated, instanced, threads, lights, base, space, about, held: Vec::new() }
@@ -165,9 +172,14 @@ impl TuningSpace {
             return format!("{}{}", self.preset.name(), self.lights.mark());
         }
         let full = self.preset == Preset::Full;
-        let robust = mark(self.robust && full, "-robust");
+        let robust = mark(self.robust && (full || self.preset == Preset::Follow), "-robust");
         let instanced = mark(self.instanced && full, "-instanced");
         format!("{}{robust}{}{instanced}", self.preset.name(), mark(self.animated && full, "-moving"))
+    }
+
+    fn premises(&self) -> Premises {
+        let Self { robust, animated, instanced, threads, lights, .. } = *self;
+        Premises { builds_each_frame: true, robust, animated, instanced, threads, lights }
     }
 
     /// Which one it is.
@@ -203,6 +215,7 @@ impl TuningSpace {
             Preset::Full => choice::of_full(&complete, self.robust, self.threads),
             Preset::Paper => choice::of_paper(&complete),
             Preset::Light => choice::of_light(&complete, &self.base),
+            Preset::Follow => choice::of_follow(&complete, &self.base, &self.premises()),
         })
     }
 

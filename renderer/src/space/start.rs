@@ -54,7 +54,7 @@ impl TuningSpace {
         let backend = |name: &str| parse(&format!("backend={name}"));
         let given = match start {
             Start::Recommended => return Ok(self.clone()),
-            Start::Native | Start::Paper if self.preset == Preset::Light => {
+            Start::Native | Start::Paper if matches!(self.preset, Preset::Light | Preset::Follow) => {
                 return Err(ConfigurationError::NoSuchStart);
             }
             Start::Paper if self.preset == Preset::Paper => return Ok(self.clone()),
@@ -64,7 +64,7 @@ impl TuningSpace {
         };
         let plain = match self.preset {
             Preset::Full => self.with_defaults(&parse(UNTUNED)?)?,
-            Preset::Paper | Preset::Light => self.clone(),
+            Preset::Paper | Preset::Light | Preset::Follow => self.clone(),
         };
         plain.with_defaults(&plain.complete(&given)?)
     }

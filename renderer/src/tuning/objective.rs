@@ -6,7 +6,7 @@ use treewright_client::{ClientError, Policy, Scale, StudySpec};
 use super::reuse::FRAMES_PER_BUILD_MAX;
 use super::workload;
 use crate::frame::FrameTimes;
-use crate::space::TuningSpace;
+use crate::space::{Preset, TuningSpace};
 
 /// Name of the measurement of a build, in milliseconds.
 pub const BUILD_MS: &str = "build_ms";
@@ -16,6 +16,9 @@ pub const RENDER_MS: &str = "render_ms";
 
 /// Name of the time to an error, in milliseconds: see [`Objective::Error`].
 pub const ERROR_MS: &str = "error_ms";
+
+/// Name of how many times as long frames took in the second half of an episode as in its first.
+pub const TREND: &str = "trend";
 
 /// Name of the processor time of a build, of all threads together, in milliseconds.
 pub const BUILD_CPU_MS: &str = "build_cpu_ms";
@@ -55,6 +58,20 @@ pub enum Objective {
     /// Time to an error: a progressive frame times the number of samples a pixel that it takes until the
     /// picture's relative variance is [`TARGET_VARIANCE`](crate::noise::TARGET_VARIANCE).
     Error,
+    /// A scene that moves: the mean frame of an episode, with what brings the structure along and the first
+    /// build.
+    Motion,
+}
+
+/// What contenders are measured by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Yardstick {
+    /// The time of a frame.
+    Frame,
+    /// The time to an error.
+    Noise,
+    /// The mean frame of the episode that the renderer was given.
+    Episode,
 }
 
 impl Objective {
@@ -63,24 +80,42 @@ impl Objective {
         frame_cost(times, self.frames_per_build())
     }
 
+    /// The space that only this objective judges.
+    pub fn own_space(self) -> Option<Preset> {
+        match self {
+            Self::Render | Self::Total => None,
+            Self::Error => Some(Preset::Light),
+            Self::Motion => Some(Preset::Follow),
+        }
+    }
+
+    /// What contenders are measured by.
+    pub fn yardstick(self) -> Yardstick {
+        match self {
+            Self::Render | Self::Total => Yardstick::Frame,
+            Self::Error => Yardstick::Noise,
+            Self::Motion => Yardstick::Episode,
+        }
+    }
+
     /// How many frames share a build.
     pub fn frames_per_build(self) -> u32 {
         match self {
             Self::Render | Self::Error => PROGRESSIVE_FRAMES_PER_BUILD,
-            Self::Total => 1,
+            Self::Total | Self::Motion => 1,
         }
     }
 
     /// Whether each frame pays for a build.
     pub fn builds_each_frame(self) -> bool {
-        self == Self::Total
+        matches!(self, Self::Total | Self::Motion)
     }
 
     /// The two of the paper, in the order in which they are listed.
     pub const ALL: [Self; 2] = [Self::Render, Self::Total];
 
     /// Those that can be asked for, in the order in which they are listed.
-    pub const KNOWN: [Self; 3] = [Self::Render, Self::Total, Self::Error];
+    pub const KNOWN: [Self; 4] = [Self::Render, Self::Total, Self::Error, Self::Motion];
 
     /// What is minimised, in words.
     pub fn about(self) -> &'static str {
@@ -88,15 +123,17 @@ impl Objective {
             Self::Render => "render time",
             Self::Total => "total time",
             Self::Error => "time to an error",
+            Self::Motion => "time of a frame in motion",
         }
     }
 
-    /// `render`, `total` or `error`.
+    /// `render`, `total`, `error` or `motion`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Render => "render",
             Self::Total => "total",
             Self::Error => "error",
+            Self::Motion => "motion",
         }
     }
 }
@@ -110,12 +147,13 @@ pub fn specification(
     let title = format!("treewright-render: {} in the space {}", objective.about(), space.name());
     let mut builder =
         StudySpec::builder(space.space().clone()).display_name(&title).policy(policy).seed(STUDY_SEED);
-    for (name, min, max, scale) in workload::schema() {
+    let motion = workload::motion_schema().into_iter().filter(|_| objective == Objective::Motion);
+    for (name, min, max, scale) in workload::schema().chain(motion) {
         builder = builder.indicator(name, min..=max, scale);
     }
     let build_weight = 1.0 / f64::from(objective.frames_per_build());
     let builder = match objective {
-        Objective::Render | Objective::Total => {
+        Objective::Render | Objective::Total | Objective::Motion => {
             builder.minimise(BUILD_MS, build_weight).minimise(RENDER_MS, 1.0)
         }
         Objective::Error => builder.minimise(ERROR_MS, 1.0),
@@ -163,7 +201,7 @@ pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::space::{Premises, Preset};
+    use crate::space::Premises;
 
     #[test]
     fn all_scenes_share_a_study_of_an_objective_and_a_space() {

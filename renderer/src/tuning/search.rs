@@ -16,7 +16,7 @@ use treewright_client::{
 
 use super::objective::{
     BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, ERROR_MS, Objective, RENDER_CPU_MS, RENDER_DELAY_MS, RENDER_MS,
-    TRIALS_BEFORE, UNDELAYED_MS, frame_cost,
+    TREND, TRIALS_BEFORE, UNDELAYED_MS, frame_cost,
 };
 use super::patience::NextTrial;
 use super::workload::Workload;
@@ -268,8 +268,10 @@ pub(super) fn run_choice(
     setting: &SearchSetting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
-    if setting.objective == Objective::Error {
-        return run_noisy(renderer, choice, setting);
+    match setting.objective {
+        Objective::Error => return run_noisy(renderer, choice, setting),
+        Objective::Motion => return run_episode(renderer, choice, cap_ms, setting, film),
+        Objective::Render | Objective::Total => {}
     }
     let shares_builds = setting.objective.frames_per_build() >= REUSE_FROM_FRAMES_PER_BUILD;
     let ready = match renderer.make_ready(&choice.build, shares_builds) {
@@ -360,6 +362,25 @@ fn run_noisy(
     }
 }
 
+/// Runs the episode that the renderer was given with one choice.
+fn run_episode(
+    renderer: &mut Renderer,
+    choice: &Choice,
+    cap_ms: Option<f64>,
+    setting: &SearchSetting,
+    film: &mut Film,
+) -> (Outcome, Option<FrameTimes>) {
+    let frames = renderer.episode_frames().max(1) as f64;
+    let limit_ms = cap_ms.map(|cap_ms| cap_ms * frames);
+    match renderer.episode(choice, &setting.view, film, limit_ms) {
+        // What is over is a lower bound of what the whole would have taken.
+        Ok(episode) if episode.is_stopped => (Outcome::aborted(episode.total_ms() / frames), None),
+        Ok(episode) => (Outcome::Ok, Some(episode.mean())),
+        Err(error) if error.is_infeasible() => (Outcome::infeasible(error.to_string()), None),
+        Err(error) => (Outcome::failed(error.to_string()), None),
+    }
+}
+
 /// Whether a picture's brightness is off by more than its noise could make it.
 fn is_off(noise: &FrameNoise) -> bool {
     (noise.brightness - 1.0).abs() > BRIGHTNESS_TOLERANCE
@@ -399,7 +420,8 @@ pub fn measurements(times: Option<FrameTimes>, frames: u32, frames_per_build: u3
                     ("relative_variance_error", noise.standard_error),
                 ]
             });
-            always.into_iter().chain(known).chain(reused).chain(noise).collect()
+            let trend = times.trend.map(|trend| (TREND, trend));
+            always.into_iter().chain(known).chain(reused).chain(trend).chain(noise).collect()
         }
         None => Measurements::new(),
     }

@@ -47,6 +47,9 @@ pub const PREDICTED: &str = "first prediction";
 /// The qualities of [`NATIVE_USED_WELL`].
 const QUALITIES: [&str; 3] = ["low", "medium", "high"];
 
+/// More variants of it, where a scene moves and structures are fitted to it.
+const FITTED: [&str; 2] = ["low fitted", "medium fitted"];
+
 /// Somebody to be beaten.
 #[derive(Clone, Debug)]
 pub struct Rival {
@@ -61,7 +64,7 @@ pub fn baseline(preset: Preset) -> Contender {
     match preset {
         Preset::Full => named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
         Preset::Paper => named(PAPER_DEFAULT, Choice::paper_default()),
-        Preset::Light => named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
+        Preset::Light | Preset::Follow => named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
     }
 }
 
@@ -74,8 +77,8 @@ pub fn baseline_from(space: &TuningSpace, start: &Start) -> Contender {
 }
 
 /// What everybody has: the paper's default, and Embree's own structures.
-pub fn natives() -> Vec<Contender> {
-    vec![
+pub fn natives() -> [Contender; 4] {
+    [
         named(PAPER_DEFAULT, Choice::paper_default()),
         named(NATIVE_LOW, Choice::native(NativeQuality::Low)),
         named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
@@ -104,8 +107,10 @@ fn used_well_name(quality: &str) -> String {
 /// Everybody that what a search found has to be compared with. `premises` are those of the scene.
 pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Rival> {
     let outside = |contender| Rival { contender, configuration: None };
-    if space.preset() == Preset::Light {
-        return light_rivals(space, start);
+    match space.preset() {
+        Preset::Light => return light_rivals(space, start),
+        Preset::Follow => return follow_rivals(space, start),
+        Preset::Full | Preset::Paper => {}
     }
     let mut all: Vec<Rival> = natives().into_iter().map(outside).collect();
     let full = TuningSpace::new(Preset::Full, premises);
@@ -144,21 +149,38 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
 /// Whom light sampling is compared with: Embree's default and the recommended tree, both with the
 /// renderer's own constants, and what is recommended for all scenes.
 fn light_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
-    let fixed = space.default_configuration();
-    let own = |name, configuration: Option<Configuration>, choice| Rival {
-        contender: named(name, choice),
-        configuration,
-    };
+    let own = |name, choice| Rival { contender: named(name, choice), configuration: None };
     let untuned = Choice { light: LightSampling::default(), ..space.default_choice() };
-    let mut all = vec![
-        own(NATIVE_DEFAULT, None, Choice::native(NativeQuality::Medium)),
-        own(PLAIN_LIGHT, None, untuned),
+    vec![
+        own(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
+        own(PLAIN_LIGHT, untuned),
+        own_start(space, start),
+    ]
+}
+
+/// Whom ways to follow are compared with: Embree's structures built anew for each frame, path by path; the
+/// same used well, built anew or fitted; and what is recommended for all scenes.
+fn follow_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
+    let [_, low, default, _] = natives().map(|contender| Rival { contender, configuration: None });
+    let used_well = [
+        ("low", "tree=native_low,period=1"),
+        ("medium", "tree=native_medium,period=1"),
+        (FITTED[0], "tree=native_low,period=64"),
+        (FITTED[1], "tree=native_medium,period=64"),
     ];
-    match start {
-        Start::Own(_) => all.push(own(YOUR_START, Some(fixed), space.default_choice())),
-        _ => all.push(own(BEST_FIXED, Some(fixed), space.default_choice())),
-    }
-    all
+    let used_well = used_well.into_iter().filter_map(|(variant, text)| {
+        let configuration = space.complete(&space::parse(text).ok()?).ok()?;
+        let contender = contender(&used_well_name(variant), space, &configuration).ok()?;
+        Some(Rival { contender, configuration: Some(configuration) })
+    });
+    [low, default].into_iter().chain(used_well).chain([own_start(space, start)]).collect()
+}
+
+/// Where a search begins.
+fn own_start(space: &TuningSpace, start: &Start) -> Rival {
+    let name = if matches!(start, Start::Own(_)) { YOUR_START } else { BEST_FIXED };
+    let configuration = Some(space.default_configuration());
+    Rival { contender: named(name, space.default_choice()), configuration }
 }
 
 /// Whether somebody who begins at `start` has a rival without any search. Nobody who does not begin at the
@@ -170,7 +192,8 @@ pub fn is_had(rival: &str, start: &Start) -> bool {
 /// Keeps of native Embree used well the quality with the lowest median, under one name. It is chosen by the
 /// same rounds that are told, which favours it a little.
 pub fn keep_best_native(standings: Vec<Standing>) -> Vec<Standing> {
-    let quality_of = |name: &str| QUALITIES.into_iter().find(|quality| name == used_well_name(quality));
+    let variants = || QUALITIES.into_iter().chain(FITTED);
+    let quality_of = |name: &str| variants().find(|quality| name == used_well_name(quality));
     let works = |one: &&Standing| one.failure.is_none() && one.frame_ms.count > 0;
     let best = standings
         .iter()
@@ -201,7 +224,7 @@ pub fn start_name(preset: Preset, start: &Start) -> &'static str {
     match (preset, start) {
         (_, Start::Own(_)) => YOUR_START,
         (_, Start::Native) => NATIVE_DEFAULT,
-        (Preset::Full | Preset::Light, Start::Recommended) => BEST_FIXED,
+        (Preset::Full | Preset::Light | Preset::Follow, Start::Recommended) => BEST_FIXED,
         (_, Start::Paper) | (Preset::Paper, Start::Recommended) => PAPER_DEFAULT,
     }
 }
@@ -335,6 +358,25 @@ mod tests {
     fn table(frames: &[(&str, f64)]) -> Vec<Standing> {
         let all: Vec<Measured> = frames.iter().map(|(name, ms)| measured(name, *ms)).collect();
         keep_best_native(standings(&all, 1000))
+    }
+
+    #[test]
+    fn what_moves_is_compared_with_fitted_structures_too() {
+        let premises = Premises::all();
+        let space = TuningSpace::new(Preset::Follow, &premises);
+        let all = rivals(&space, &premises, &Start::Recommended);
+        let named =
+            |name: &str| all.iter().find(|rival| rival.contender.name == name).expect("it takes part");
+        let [built, fitted] = ["native used well medium", "native used well medium fitted"].map(named);
+        assert_eq!(built.contender.choice.update, treewright_accel::Update::Rebuild);
+        assert_eq!(fitted.contender.choice.update, treewright_accel::Update::Refit);
+        assert!(built.configuration.is_some() && fitted.configuration.is_some(), "they join the race");
+        let of_table = table(&[("native used well medium", 3.0), ("native used well medium fitted", 2.0)]);
+        assert_eq!(
+            of_table.iter().map(Standing::title).collect::<Vec<_>>(),
+            ["native used well (medium fitted)"]
+        );
+        assert!(is_of("native used well medium fitted", NATIVE_USED_WELL, &of_table));
     }
 
     #[test]

@@ -10,7 +10,8 @@ use treewright_client::{Indicators, Scale};
 use treewright_scene::Scene;
 use treewright_scene::indicators::{IndicatorScale, Indicators as SceneAndCamera, SCHEMA};
 
-use crate::limits::BOUNCES_MAX;
+use crate::follow::MotionFacts;
+use crate::limits::{BOUNCES_MAX, EPISODE_FRAMES_MAX};
 
 /// Pixels of a frame.
 pub const PIXELS: &str = "pixels";
@@ -19,8 +20,15 @@ pub const BOUNCES: &str = "bounces";
 /// 1 where the scene has lights that shadow rays are sent to, else 0.
 pub const SHADOW_RAYS: &str = "shadow_rays";
 
+/// Share of triangles that move.
+pub const MOVING_SHARE: &str = "moving_share";
+/// How many times the cost of a fresh tree a refitted one has after an episode.
+pub const COST_GROWTH: &str = "cost_growth";
+/// Frames of an episode.
+pub const EPISODE_FRAMES: &str = "episode_frames";
+
 /// What is asked of a frame, beside its scene and camera.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Workload {
     /// Pixels across.
     pub width: u32,
@@ -30,12 +38,14 @@ pub struct Workload {
     pub bounces: u32,
     /// Whether the scene has lights that shadow rays are sent to.
     pub shadow_rays: bool,
+    /// How the scene moves, where that is tuned.
+    pub motion: Option<MotionFacts>,
 }
 
 impl Workload {
     /// For a scene.
     pub fn of(scene: &Scene, width: u32, height: u32, bounces: u32) -> Self {
-        Self { width, height, bounces, shadow_rays: scene.has_sampled_lights() }
+        Self { width, height, bounces, shadow_rays: scene.has_sampled_lights(), motion: None }
     }
 
     /// The state, as the service sees it.
@@ -44,6 +54,11 @@ impl Workload {
         values.insert(PIXELS.to_owned(), f64::from(self.width) * f64::from(self.height));
         values.insert(BOUNCES.to_owned(), f64::from(self.bounces));
         values.insert(SHADOW_RAYS.to_owned(), f64::from(u8::from(self.shadow_rays)));
+        if let Some(motion) = &self.motion {
+            values.insert(MOVING_SHARE.to_owned(), motion.moving_share);
+            values.insert(COST_GROWTH.to_owned(), motion.cost_growth);
+            values.insert(EPISODE_FRAMES.to_owned(), f64::from(motion.frames));
+        }
         values.into_iter().collect()
     }
 }
@@ -63,6 +78,15 @@ pub fn schema() -> impl Iterator<Item = (&'static str, f64, f64, Scale)> {
         (SHADOW_RAYS, 0.0, 1.0, Scale::Linear),
     ];
     paper.chain(frame)
+}
+
+/// Names, ranges and scales of what is known of a motion.
+pub fn motion_schema() -> [(&'static str, f64, f64, Scale); 3] {
+    [
+        (MOVING_SHARE, 0.0, 1.0, Scale::Linear),
+        (COST_GROWTH, 1.0, 1e4, Scale::Log),
+        (EPISODE_FRAMES, 1.0, f64::from(EPISODE_FRAMES_MAX), Scale::Log),
+    ]
 }
 
 #[cfg(test)]

@@ -70,8 +70,8 @@ struct AnimationResults<'a> {
 
 /// Measures and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    arguments.view.scene.check_animated()?;
-    let mut scene = arguments.view.scene.load()?;
+    let moving = arguments.view.scene.moving()?;
+    let mut scene = moving.at(arguments.view.scene.time)?;
     let mut renderer = arguments.view.frame.renderer(&scene)?;
     let choice = arguments.structure.choice(renderer.threads())?;
     let view = arguments.view.frame.view(arguments.view.camera.find(&scene)?);
@@ -95,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     // The first round warms caches and clocks, and lets updates prepare what they need.
     for frame in 0..=arguments.frames {
         let moment = arguments.rounds * frame as f32 / arguments.frames as f32;
-        scene = arguments.view.scene.at(arguments.view.scene.time + moment)?;
+        scene = moving.at(arguments.view.scene.time + moment)?;
         renderer.set_scene(scene.clone());
         let mut pictures = vec![None; followers.len()];
         for turn in 0..followers.len() {

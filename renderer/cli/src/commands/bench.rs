@@ -18,7 +18,7 @@ use crate::output;
 use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::limits::{CONTENDERS_MAX, ROUNDS_MAX};
 use treewright_renderer::measure::{
-    Conditions, Contender, Measured, Standing, delay_told, interleaved, standings,
+    Conditions, Contender, Measured, Standing, Yardstick, delay_told, interleaved, standings,
 };
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         builds_each_frame: each_frame,
         ..arguments.space.premises(&scene, Objective::Render, arguments.frame.threads)
     };
-    let mut contenders = natives();
+    let mut contenders = natives().to_vec();
     contenders.extend(
         used_well(&TuningSpace::new(Preset::Full, &premises(false))).into_iter().map(|rival| rival.contender),
     );
@@ -117,7 +117,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         height: arguments.size.height,
         rounds: arguments.rounds,
         frames_per_build: 1,
-        noise: false,
+        yardstick: Yardstick::Frame,
     };
     let interrupt = Interrupt::listen();
     let watch = Watch::begin();

@@ -9,6 +9,7 @@ use treewright_client::{ClientError, Configuration};
 use crate::arguments::{
     CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, objective,
 };
+use crate::episode_arguments::EpisodeArguments;
 use crate::error::CliError;
 use crate::output;
 use crate::server::ServerArguments;
@@ -35,6 +36,9 @@ pub(crate) struct Arguments {
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
 
+    #[command(flatten)]
+    episode: EpisodeArguments,
+
     /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
@@ -58,7 +62,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
-    let recommended = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
+    let recommended = arguments.space.judged_by(arguments.objective)?.of(
+        &scene,
+        arguments.objective,
+        arguments.frame.threads,
+    )?;
     let (start, space) = arguments.start.of(&recommended)?;
     let made = || study_id(arguments.objective, &space) + &start.mark(&space);
     let id = arguments.server.study.clone().unwrap_or_else(made);
@@ -71,7 +79,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         }
         study => study?,
     };
-    let workload = arguments.frame.workload(&scene, arguments.size);
+    let mut workload = arguments.frame.workload(&scene, arguments.size);
+    if arguments.objective == Objective::Motion {
+        let mut renderer = arguments.frame.renderer(&scene)?;
+        let (scene, episode) = (&arguments.scene, arguments.episode);
+        workload.motion = episode.prepare(arguments.objective, scene, &recommended, &mut renderer)?;
+    }
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
     let answer = match study.best(&state) {
         Ok(best) => Answer {

@@ -209,5 +209,9 @@ fn about(preset: Preset) -> &'static str {
             "How light is looked for, with the recommended tree (tune --objective error). A scene has the parameters of the \
              lights that it has. Whatever is chosen, pictures have the same expectation; time and noise differ."
         }
+        Preset::Follow => {
+            "How structures follow scenes that move (tune --objective motion): which tree is built, after how many frames it \
+             is built anew, and when parts of it are. Pictures are the same."
+        }
     }
 }

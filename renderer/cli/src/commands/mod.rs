@@ -9,4 +9,5 @@ pub(crate) mod play;
 pub(crate) mod rays;
 pub(crate) mod sample;
 pub(crate) mod tune;
+mod tune_arguments;
 mod tune_output;

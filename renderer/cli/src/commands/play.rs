@@ -26,6 +26,7 @@ use crate::interrupt::Interrupt;
 use crate::output;
 use crate::server::ServerArguments;
 use treewright_renderer::film::Film;
+use treewright_renderer::follow::Wear;
 use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::ITERATIONS_MAX;
@@ -78,8 +79,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "T", default_value_t = 1.0, value_parser = unit_interval)]
     to: f32,
 
-    /// Number of cycles of an animated scene during the flight; each frame in which it moves gets its own
-    /// structure.
+    /// Number of cycles of a scene that moves (see --motion) during the flight; each frame in which it moves
+    /// gets its own structure.
     #[arg(long, value_name = "N", default_value_t = 0.0, allow_negative_numbers = true)]
     rounds: f32,
 
@@ -166,9 +167,9 @@ struct FlightResults {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let update = arguments.update.update()?;
     let moves = arguments.rounds != 0.0;
-    if moves {
-        arguments.scene.check_animated()?;
-    }
+    let moving = moves.then(|| arguments.scene.moving()).transpose()?;
+    // What single frames say nothing of is not tuned while it plays.
+    arguments.space.judged_by(Objective::Total)?;
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let renderer = arguments.frame.renderer(&scene)?;
@@ -216,8 +217,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let time = arguments.rounds * (share / (1.0 - arguments.rest).max(f32::EPSILON)).min(1.0);
         let moved = moves && (number == 0 || time != time_before);
         time_before = time;
-        if moved {
-            let moment = arguments.scene.at(arguments.scene.time + time)?;
+        if let Some(moving) = moving.as_ref().filter(|_| moved) {
+            let moment = moving.at(arguments.scene.time + time)?;
             scene_indicators = SceneIndicators::of(&moment);
             flight.moment = Some(moment);
         }
@@ -298,6 +299,8 @@ struct Flight {
     /// Whether it moved for this frame.
     moved: bool,
     kept: Option<Kept>,
+    /// What has become of its structure.
+    wear: Wear,
     /// What frames are compared with.
     baseline: Choice,
     /// Its structure, where they are, and how long that took to build.
@@ -331,8 +334,20 @@ impl Flight {
         renderer.render_with(&built.0, &view, &baseline.render, &mut film);
         let each_frame = arguments.objective == Aim::Total;
         let compared = arguments.compare.then_some(built);
-        let (moment, moved, kept) = (None, false, None);
-        Ok(Self { renderer, space, view, film, each_frame, update, moment, moved, kept, baseline, compared })
+        Ok(Self {
+            renderer,
+            space,
+            view,
+            film,
+            each_frame,
+            update,
+            moment: None,
+            moved: false,
+            kept: None,
+            wear: Wear::default(),
+            baseline,
+            compared,
+        })
     }
 
     /// Builds if needed and renders. After a failed build the frame is shown with the structure before it.
@@ -377,8 +392,14 @@ impl Flight {
     /// Brings the structure to another moment. One that was built by another choice is first built anew over
     /// the moment before, so that what is timed is the following.
     fn follow(&mut self, scene: Arc<Scene>, choice: &Choice) -> Result<f64, BuildError> {
-        let update = self.update.unwrap_or(choice.update);
+        let mut update = self.update.unwrap_or(choice.update);
         let stranger = self.kept.as_ref().is_none_or(|kept| kept.choice.build != choice.build);
+        if stranger {
+            self.wear = Wear::default();
+        }
+        if self.wear.is_over(choice.period) {
+            update = Update::Rebuild;
+        }
         if stranger && update != Update::Rebuild {
             self.renderer.rebuild(&choice.build)?;
         }
@@ -391,7 +412,9 @@ impl Flight {
         self.film.clear();
         let (renderer, view, film) = (&self.renderer, &self.view, &mut self.film);
         let (rendered, render) = renderer.watching_threads(|| renderer.render(view, &choice.render, film));
-        Some(FrameTimes::of(build_ms, rendered?.0).with_threads(renderer.threads(), threads, render))
+        let render_ms = rendered?.0;
+        self.wear.rendered(render_ms);
+        Some(FrameTimes::of(build_ms, render_ms).with_threads(renderer.threads(), threads, render))
     }
 
     /// The same view with the baseline.

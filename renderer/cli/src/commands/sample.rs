@@ -117,7 +117,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     for scene in &arguments.scene {
         let scene =
             SceneArguments::plain(scene.clone(), arguments.detail, arguments.scene_seed, 0.0).load()?;
-        let whole = arguments.space.of(&scene, Objective::Render, arguments.frame.threads)?;
+        let whole = arguments.space.judged_by(Objective::Render)?.of(
+            &scene,
+            Objective::Render,
+            arguments.frame.threads,
+        )?;
         let id = arguments.server.study.clone().unwrap_or_else(|| format!("sample-{}", whole.name()));
         if study.as_ref() != Some(&id) {
             // What is learnt is of no use here, and a model that is fitted would disturb the next

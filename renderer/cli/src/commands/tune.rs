@@ -1,31 +1,26 @@
 //! `treewright-render tune`: searches, measures the winner again, tells what it found.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use clap::Args;
 use treewright_client::blocking::{Client, Study};
-use treewright_client::{Configuration, ConfirmationStage, Indicators, Policy, SessionPolicy, Source};
+use treewright_client::{Configuration, ConfirmationStage, Indicators, SessionPolicy, Source};
 
+pub(crate) use super::tune_arguments::Arguments;
 use super::tune_output;
-use crate::arguments::{
-    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, objective,
-    read_configuration, unit_interval,
-};
+use crate::arguments::read_configuration;
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
-use crate::narrowing::NarrowingArguments;
 use crate::output;
 use crate::report;
-use crate::server::{ServerArguments, machine};
+use crate::server::machine;
 use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::frame::{Renderer, milliseconds};
-use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
+use treewright_renderer::limits::ITERATIONS_MAX;
 use treewright_renderer::measure::{Conditions, Contender, Standing, delay_told, interleaved, standings};
-use treewright_renderer::space::{Narrowing, Preset, TuningSpace};
+use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::confirmation;
-use treewright_renderer::tuning::objective::{Objective, specification, study_id};
+use treewright_renderer::tuning::objective::{specification, study_id};
 use treewright_renderer::tuning::patience::{Patience, PatientTuner};
 use treewright_renderer::tuning::results::{Milestone, Overhead, Prediction, SceneFacts, TuningResults};
 use treewright_renderer::tuning::search::{self, Drift, SearchOutcome, SearchSetting};
@@ -42,126 +37,6 @@ const FRESH_STEP: f32 = 0.2;
 
 /// How long the last reports may take to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
-
-/// Arguments of `tune`.
-#[derive(Args, Clone, Debug)]
-pub(crate) struct Arguments {
-    #[command(flatten)]
-    server: ServerArguments,
-    #[command(flatten)]
-    scene: SceneArguments,
-    #[command(flatten)]
-    camera: CameraArguments,
-    #[command(flatten)]
-    frame: FrameArguments,
-
-    #[command(flatten)]
-    space: SpaceArguments,
-    #[command(flatten)]
-    narrowing: NarrowingArguments,
-    #[command(flatten)]
-    start: StartArguments,
-
-    /// Tune as the paper does: its space without `compact`, the stochastic Nelder-Mead search, nothing run
-    /// twice and nothing confirmed by the service (`treewright policy --preset paper`).
-    #[arg(long, conflicts_with = "space")]
-    paper: bool,
-
-    /// What to minimise.
-    #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
-    objective: Objective,
-
-    /// Number of trials of the search. Trials that repeat a configuration on a structure that is still there
-    /// are cheap. The race of the best few that follows is counted apart and told at the end.
-    #[arg(long, value_name = "N", default_value_t = 80, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
-    iterations: u32,
-
-    /// Frames rendered with each configuration; their median counts. More frames make the search slower but
-    /// more reliable.
-    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_PER_TRIAL_MAX)))]
-    frames: u32,
-
-    /// Size in pixels.
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
-    size: Size,
-
-    /// Interleaved rounds in which the winner is measured again, beside the start and native Embree. Who is
-    /// not shown to be faster than the start there does not replace it; fewer than six rounds show nothing by
-    /// themselves.
-    #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
-    rounds: u32,
-
-    /// Another configuration of the same space to run against the winner, as JSON; can be repeated.
-    #[arg(long, value_name = "FILE")]
-    candidate: Vec<PathBuf>,
-
-    /// A configuration of the paper's space to measure next to the winner, as JSON.
-    #[arg(long, value_name = "FILE")]
-    paper_config_file: Option<PathBuf>,
-
-    /// Probability of exploring in a new state while this command runs.
-    #[arg(long, value_name = "P", default_value_t = 1.0, value_parser = unit_interval)]
-    epsilon: f32,
-
-    /// Stop a trial once it has cost this many times as much as the best so far; its build is always
-    /// finished. Default: the study's policy.
-    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, value_parser = factor)]
-    abort_above: Option<f64>,
-
-    /// How long to wait for an answer of the daemon, in seconds, before the search goes on with what it has.
-    /// A daemon that is slow, or is started again, loses no trial.
-    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    patience_s: u64,
-
-    /// Position on the camera path, 0 to 1, at which to ask the predictor without a search. Default: 0.2
-    /// further on.
-    #[arg(long, value_name = "T", value_parser = unit_interval)]
-    fresh_at: Option<f32>,
-
-    /// Move the camera along its path during the search, over this share of the path. Cameras that are close
-    /// together count as the same state.
-    #[arg(long, value_name = "SPAN", num_args = 0..=1, default_missing_value = "0.02", value_parser = unit_interval)]
-    moving: Option<f32>,
-
-    /// Write all results, including every trial, as JSON.
-    #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
-
-    /// Write a report as a web page.
-    #[arg(long, value_name = "FILE.html")]
-    report: Option<PathBuf>,
-}
-
-impl Arguments {
-    /// With the space that `--paper` asks for.
-    fn with_space(&self) -> Result<Self, CliError> {
-        let mut arguments = self.clone();
-        if self.paper {
-            arguments.space.space = Preset::Paper;
-            arguments.narrowing.fix.push(Narrowing::fix("compact=false").map_err(CliError::Failed)?);
-        }
-        match (arguments.objective, arguments.space.space) {
-            (Objective::Error, Preset::Full | Preset::Light) => arguments.space.space = Preset::Light,
-            (Objective::Error, Preset::Paper) => {
-                return Err(CliError::Usage(
-                    "the paper's parameters change no noise; leave --space or --paper out with --objective error"
-                        .to_owned(),
-                ));
-            }
-            (_, Preset::Light) => {
-                return Err(CliError::Usage(
-                    "how light is looked for is judged by noise and time: add --objective error".to_owned(),
-                ));
-            }
-            _ => {}
-        }
-        Ok(arguments)
-    }
-
-    fn policy(&self) -> Policy {
-        if self.paper { Policy::paper() } else { Policy::new() }
-    }
-}
 
 /// Tunes and tells.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
@@ -194,7 +69,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             id + &arguments.narrowing.mark(&space) + if arguments.paper { "-as-published" } else { "" }
         }
     };
-    let workload = arguments.frame.workload(&scene, arguments.size);
+    let mut workload = arguments.frame.workload(&scene, arguments.size);
+    workload.motion =
+        arguments.episode.prepare(arguments.objective, &arguments.scene, &recommended, &mut renderer)?;
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
     let study = open_study(&client, &id, &space, &state, arguments)?;
     println!(
@@ -409,14 +286,6 @@ fn milestone_name(trials: u32) -> String {
     format!("answer after {trials} trials")
 }
 
-/// How many times the best a trial may cost.
-fn factor(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(factor) if factor > 1.0 && factor <= 1e6 => Ok(factor),
-        _ => Err("it must be a number above 1 and at most 1000000".to_owned()),
-    }
-}
-
 /// Runs the search under a progress bar. At each milestone the `asked` study says what it holds for the best.
 fn search(
     renderer: &mut Renderer,
@@ -479,7 +348,7 @@ impl Judge<'_> {
             height: self.arguments.size.height,
             rounds: self.arguments.rounds,
             frames_per_build: self.arguments.objective.frames_per_build(),
-            noise: self.arguments.objective == Objective::Error,
+            yardstick: self.arguments.objective.yardstick(),
         }
     }
 

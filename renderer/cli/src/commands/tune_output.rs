@@ -17,6 +17,7 @@ pub(crate) fn print(results: &TuningResults) {
         Objective::Render => "frame ms",
         Objective::Total => "build + render ms",
         Objective::Error => "ms to an error of 10 %",
+        Objective::Motion => "mean frame ms",
     };
     println!("\n{}", output::standings(&results.standings, per_frame));
     println!("{}", verdict(results));

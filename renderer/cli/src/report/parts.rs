@@ -50,6 +50,7 @@ pub(super) fn headline(results: &TuningResults) -> String {
         Objective::Render => ("structure", "renders this scene"),
         Objective::Total => ("structure", "is built and rendered"),
         Objective::Error => ("light sampling", "reaches the same error"),
+        Objective::Motion => ("way to follow", "keeps up with the motion"),
     };
     if results.best.is_empty() || results.best == results.baseline {
         format!("Here {} is as good as anything the search found.", the(&results.baseline))
@@ -261,6 +262,7 @@ pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -
         }
         Objective::Render => "render",
         Objective::Total => "build and render",
+        Objective::Motion => "bring the structure along and render",
     };
     format!(
         "Only the time differs; the picture stays the same. The two pictures differ by {:.4} % of their brightness on average \
@@ -279,6 +281,11 @@ pub(super) fn what_was_tuned(results: &TuningResults) -> &'static str {
         Preset::Light => {
             "A pixel of a path tracer is the mean of many random paths, and their differences are seen as noise. How paths look for \
              light is controlled by a few numbers and switches; what counts is the time until the noise is below an error."
+        }
+        Preset::Follow => {
+            "Where things move, the nested boxes that a ray tracer sorts triangles into have to follow. They can be built anew for each \
+             frame, which is dear, or fitted to what moved, which is cheap until they overlap; or only what decays is built anew. Which \
+             tree is built, how often, and what is repaired in between is controlled by three numbers and choices."
         }
         Preset::Full => {
             "Millions of times per frame, a ray tracer asks what a ray of light hits first. To avoid testing every triangle, it sorts \

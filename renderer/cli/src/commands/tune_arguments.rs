@@ -1,0 +1,135 @@
+//! Arguments of `treewright-render tune`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use treewright_client::Policy;
+use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
+use treewright_renderer::space::{Narrowing, Preset};
+use treewright_renderer::tuning::objective::Objective;
+
+use crate::arguments::{
+    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, objective,
+    unit_interval,
+};
+use crate::episode_arguments::EpisodeArguments;
+use crate::error::CliError;
+use crate::narrowing::NarrowingArguments;
+use crate::server::ServerArguments;
+
+/// Arguments of `tune`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    pub(super) server: ServerArguments,
+    #[command(flatten)]
+    pub(super) scene: SceneArguments,
+    #[command(flatten)]
+    pub(super) camera: CameraArguments,
+    #[command(flatten)]
+    pub(super) frame: FrameArguments,
+
+    #[command(flatten)]
+    pub(super) space: SpaceArguments,
+    #[command(flatten)]
+    pub(super) narrowing: NarrowingArguments,
+    #[command(flatten)]
+    pub(super) start: StartArguments,
+
+    /// Tune as the paper does: its space without `compact`, the stochastic Nelder-Mead search, nothing run
+    /// twice and nothing confirmed by the service (`treewright policy --preset paper`).
+    #[arg(long, conflicts_with = "space")]
+    pub(super) paper: bool,
+
+    /// What to minimise.
+    #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
+    pub(super) objective: Objective,
+
+    /// Number of trials of the search. Trials that repeat a configuration on a structure that is still there
+    /// are cheap. The race of the best few that follows is counted apart and told at the end.
+    #[arg(long, value_name = "N", default_value_t = 80, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
+    pub(super) iterations: u32,
+
+    /// Frames rendered with each configuration; their median counts. More frames make the search slower but
+    /// more reliable.
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_PER_TRIAL_MAX)))]
+    pub(super) frames: u32,
+
+    #[command(flatten)]
+    pub(super) episode: EpisodeArguments,
+
+    /// Size in pixels.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    pub(super) size: Size,
+
+    /// Interleaved rounds in which the winner is measured again, beside the start and native Embree. Who is
+    /// not shown to be faster than the start there does not replace it; fewer than six rounds show nothing by
+    /// themselves.
+    #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
+    pub(super) rounds: u32,
+
+    /// Another configuration of the same space to run against the winner, as JSON; can be repeated.
+    #[arg(long, value_name = "FILE")]
+    pub(super) candidate: Vec<PathBuf>,
+
+    /// A configuration of the paper's space to measure next to the winner, as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(super) paper_config_file: Option<PathBuf>,
+
+    /// Probability of exploring in a new state while this command runs.
+    #[arg(long, value_name = "P", default_value_t = 1.0, value_parser = unit_interval)]
+    pub(super) epsilon: f32,
+
+    /// Stop a trial once it has cost this many times as much as the best so far; its build is always
+    /// finished. Default: the study's policy.
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, value_parser = factor)]
+    pub(super) abort_above: Option<f64>,
+
+    /// How long to wait for an answer of the daemon, in seconds, before the search goes on with what it has.
+    /// A daemon that is slow, or is started again, loses no trial.
+    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    pub(super) patience_s: u64,
+
+    /// Position on the camera path, 0 to 1, at which to ask the predictor without a search. Default: 0.2
+    /// further on.
+    #[arg(long, value_name = "T", value_parser = unit_interval)]
+    pub(super) fresh_at: Option<f32>,
+
+    /// Move the camera along its path during the search, over this share of the path. Cameras that are close
+    /// together count as the same state.
+    #[arg(long, value_name = "SPAN", num_args = 0..=1, default_missing_value = "0.02", value_parser = unit_interval)]
+    pub(super) moving: Option<f32>,
+
+    /// Write all results, including every trial, as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(super) json: Option<PathBuf>,
+
+    /// Write a report as a web page.
+    #[arg(long, value_name = "FILE.html")]
+    pub(super) report: Option<PathBuf>,
+}
+
+impl Arguments {
+    /// With the space that `--paper` asks for.
+    pub(super) fn with_space(&self) -> Result<Self, CliError> {
+        let mut arguments = self.clone();
+        if self.paper {
+            arguments.space.space = Preset::Paper;
+            arguments.narrowing.fix.push(Narrowing::fix("compact=false").map_err(CliError::Failed)?);
+        }
+        arguments.space = arguments.space.judged_by(arguments.objective)?;
+        Ok(arguments)
+    }
+
+    pub(super) fn policy(&self) -> Policy {
+        if self.paper { Policy::paper() } else { Policy::new() }
+    }
+}
+
+/// How many times the best a trial may cost.
+fn factor(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(factor) if factor > 1.0 && factor <= 1e6 => Ok(factor),
+        _ => Err("it must be a number above 1 and at most 1000000".to_owned()),
+    }
+}

@@ -1,0 +1,69 @@
+//! The arguments that say which stretch of a motion an episode is.
+
+use std::sync::Arc;
+
+use clap::Args;
+use treewright_renderer::follow::MotionFacts;
+use treewright_renderer::frame::Renderer;
+use treewright_renderer::limits::{EPISODE_FRAMES_MAX, EPISODE_TRIANGLES_MAX};
+use treewright_renderer::space::TuningSpace;
+use treewright_renderer::tuning::objective::Objective;
+use treewright_scene::Scene;
+
+use crate::error::CliError;
+use crate::scene_arguments::SceneArguments;
+
+/// Which stretch of a motion a trial shows.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct EpisodeArguments {
+    /// With `--objective motion`: frames of a trial, 2 to 64, from a fresh build on.
+    #[arg(long, value_name = "N", default_value_t = 24, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=i64::from(EPISODE_FRAMES_MAX)))]
+    episode: u32,
+
+    /// With `--objective motion`: cycles of the scene in an episode. Twice as many is twice as fast.
+    #[arg(long, value_name = "N", default_value_t = 0.25, allow_negative_numbers = true, value_parser = cycles)]
+    cycles: f32,
+}
+
+impl EpisodeArguments {
+    /// Gives the renderer the episode, where motion is tuned, and tells what it does to a structure.
+    ///
+    /// # Errors
+    /// Nothing moves in the scene, it is too large for so many frames, or it cannot be built.
+    pub(crate) fn prepare(
+        self,
+        objective: Objective,
+        scene: &SceneArguments,
+        space: &TuningSpace,
+        renderer: &mut Renderer,
+    ) -> Result<Option<MotionFacts>, CliError> {
+        if objective != Objective::Motion {
+            return Ok(None);
+        }
+        renderer.set_episode(&self.moments(scene)?);
+        let facts = renderer.motion(&space.default_choice());
+        facts.map_err(|error| CliError::Failed(error.to_string()))
+    }
+
+    fn moments(self, scene: &SceneArguments) -> Result<Vec<Arc<Scene>>, CliError> {
+        let moving = scene.moving()?;
+        let moment = |frame: u32| moving.at(scene.time + self.cycles * frame as f32 / self.episode as f32);
+        let first = moment(0)?;
+        let triangles = first.triangles.len();
+        if triangles.saturating_mul(self.episode as usize) > EPISODE_TRIANGLES_MAX {
+            return Err(CliError::Usage(format!(
+                "{} frames of {triangles} triangles are more than the {EPISODE_TRIANGLES_MAX} that are kept at once; ask for fewer with --episode",
+                self.episode,
+            )));
+        }
+        std::iter::once(Ok(first)).chain((1..self.episode).map(moment)).collect()
+    }
+}
+
+/// Cycles of a scene in an episode.
+fn cycles(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(cycles) if cycles.is_finite() && cycles != 0.0 => Ok(cycles),
+        _ => Err("it must be a number other than 0".to_owned()),
+    }
+}

@@ -1,0 +1,14 @@
+//! Values that are written by their names.
+
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+
+/// Reads one of some values by its name. Each comes with what help says of it.
+pub(crate) fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
+    values: [(T, &'static str, &'static str); N],
+) -> impl TypedValueParser<Value = T> {
+    let names = values.map(|(_, name, about)| PossibleValue::new(name).help(about));
+    PossibleValuesParser::new(names).map(move |text| {
+        let named = values.iter().find(|(_, name, _)| *name == text);
+        named.expect("clap passes on what is possible").0
+    })
+}

@@ -1,0 +1,368 @@
+//! A structure that follows a scene in motion, and the episodes in which ways to follow are measured.
+//!
+//! Refitting a tree pays now and costs later: its boxes grow and overlap, and a frame says nothing of that.
+//! A trial is therefore an episode, the same stretch of motion each time, from a fresh build on, and its cost
+//! is the mean over all of its frames.
+
+use std::sync::Arc;
+
+use treewright_accel::{BuildError, Structure, Update};
+use treewright_scene::Scene;
+
+use crate::film::Film;
+use crate::frame::{FrameTimes, Renderer};
+use crate::integrator::View;
+use crate::limits::EPISODE_FRAMES_MAX;
+use crate::scheduling::{ThreadTimes, of_process};
+use crate::space::Choice;
+
+/// The period that means that a structure is never built anew: longer than any episode.
+pub const NEVER: u32 = EPISODE_FRAMES_MAX;
+
+/// A structure that makes frames so many times as dear as after its build is built anew, whatever its period.
+const DECAY_MOST: f64 = 2.0;
+
+/// What has become of a structure since it was built: it says when it is to be built anew.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Wear {
+    /// Frames since the build.
+    age: u32,
+    /// The frame after the build, in milliseconds.
+    fresh_ms: Option<f64>,
+    /// The number of frames one after the other that were too dear.
+    decayed: u32,
+}
+
+impl Wear {
+    /// Counts a frame in which the structure has to follow, and tells whether it is to be built anew: because
+    /// its `period` is over, or two frames in a row were too dear. Then it counts from there.
+    pub fn is_over(&mut self, period: u32) -> bool {
+        self.age += 1;
+        let is_over = period < NEVER && self.age >= period || self.decayed > 1;
+        if is_over {
+            *self = Self::default();
+        }
+        is_over
+    }
+
+    /// Takes note of what a frame took, the structure's following left out.
+    pub fn rendered(&mut self, render_ms: f64) {
+        let fresh_ms = *self.fresh_ms.get_or_insert(render_ms);
+        self.decayed = if render_ms > DECAY_MOST * fresh_ms { self.decayed + 1 } else { 0 };
+    }
+}
+
+/// A structure that follows.
+#[derive(Debug)]
+pub struct Follower {
+    structure: Structure,
+    choice: Choice,
+    wear: Wear,
+}
+
+impl Follower {
+    /// Builds over the renderer's scene; returns the build time in milliseconds as well.
+    ///
+    /// # Errors
+    /// The structure cannot be built.
+    pub fn build(renderer: &Renderer, choice: &Choice) -> Result<(Self, f64), BuildError> {
+        let (structure, build_ms) = renderer.build(&choice.build)?;
+        Ok((Self { structure, choice: *choice, wear: Wear::default() }, build_ms))
+    }
+
+    /// Brings the structure to where the renderer's scene is now, or builds it anew if that is due. Returns
+    /// how long it took, in milliseconds.
+    ///
+    /// # Errors
+    /// As [`Renderer::follow`]; the structure can be used all the same where the scene has as many triangles.
+    pub fn follow(&mut self, renderer: &Renderer) -> Result<f64, BuildError> {
+        if self.wear.is_over(self.choice.period) || self.choice.update == Update::Rebuild {
+            let (fresh, build_ms) = Self::build(renderer, &self.choice)?;
+            *self = fresh;
+            return Ok(build_ms);
+        }
+        renderer.follow(&mut self.structure, self.choice.update)
+    }
+
+    /// Renders one sample a pixel with it; returns the time in milliseconds.
+    pub fn render(&mut self, renderer: &Renderer, view: &View, film: &mut Film) -> f64 {
+        let (render_ms, _) = renderer.render_with(&self.structure, view, &self.choice.render, film);
+        self.wear.rendered(render_ms);
+        render_ms
+    }
+}
+
+/// What an episode took.
+#[derive(Clone, Debug, Default)]
+pub struct Episode {
+    /// Frame by frame; the first one has its build.
+    pub frames: Vec<FrameTimes>,
+    /// Whether it was ended before its last frame.
+    pub is_stopped: bool,
+}
+
+impl Episode {
+    /// The mean frame, and how the second half's compares with the first's.
+    pub fn mean(&self) -> FrameTimes {
+        let count = self.frames.len().max(1) as f64;
+        let mean = |of: fn(&FrameTimes) -> f64| self.frames.iter().map(of).sum::<f64>() / count;
+        let known = |of: fn(&FrameTimes) -> Option<f64>| {
+            let all: Option<Vec<f64>> = self.frames.iter().map(of).collect();
+            all.map(|all| all.iter().sum::<f64>() / count)
+        };
+        FrameTimes {
+            build_cpu_ms: known(|frame| frame.build_cpu_ms),
+            render_cpu_ms: known(|frame| frame.render_cpu_ms),
+            build_delay_ms: known(|frame| frame.build_delay_ms),
+            render_delay_ms: known(|frame| frame.render_delay_ms),
+            frames: u32::try_from(self.frames.len()).ok(),
+            trend: self.trend(),
+            ..FrameTimes::of(mean(|frame| frame.build_ms), mean(|frame| frame.render_ms))
+        }
+    }
+
+    /// A frame's mean time in the second half over that in the first, the first build left out: above 1 the
+    /// structure decays. `None` for less than five frames.
+    fn trend(&self) -> Option<f64> {
+        let later = self.frames.get(1..).filter(|later| later.len() > 3)?;
+        let whole_ms = |frames: &[FrameTimes]| {
+            frames.iter().map(|frame| frame.build_ms + frame.render_ms).sum::<f64>() / frames.len() as f64
+        };
+        let (first, second) = later.split_at(later.len() / 2);
+        Some(whole_ms(second) / whole_ms(first).max(f64::MIN_POSITIVE))
+    }
+
+    /// The time of all of its frames.
+    pub fn total_ms(&self) -> f64 {
+        self.frames.iter().map(|frame| frame.build_ms + frame.render_ms).sum()
+    }
+}
+
+impl Renderer {
+    /// Prepares an episode: the moments of a scene that its frames show. The renderer's scene becomes the
+    /// first of them.
+    ///
+    /// # Panics
+    /// If there are none.
+    pub fn set_episode(&mut self, moments: &[Arc<Scene>]) {
+        self.set_scene(Arc::clone(&moments[0]));
+        self.moments = moments[1..].iter().map(|moment| self.prepare(Arc::clone(moment))).collect();
+        self.moments.insert(0, Arc::clone(&self.prepared));
+    }
+
+    /// Runs the episode that was prepared: builds over its first moment, follows through the others, and
+    /// renders each. Ends early when more than `limit_ms` milliseconds are over, looked at after each frame.
+    ///
+    /// # Errors
+    /// The structure cannot be built.
+    pub fn episode(
+        &mut self,
+        choice: &Choice,
+        view: &View,
+        film: &mut Film,
+        limit_ms: Option<f64>,
+    ) -> Result<Episode, BuildError> {
+        let moments = self.moments.clone();
+        let outcome = self.through(&moments, choice, view, film, limit_ms);
+        if let Some(first) = moments.into_iter().next() {
+            self.prepared = first;
+        }
+        outcome
+    }
+
+    fn through(
+        &mut self,
+        moments: &[Arc<crate::integrator::Prepared>],
+        choice: &Choice,
+        view: &View,
+        film: &mut Film,
+        limit_ms: Option<f64>,
+    ) -> Result<Episode, BuildError> {
+        let mut episode = Episode::default();
+        let mut follower: Option<Follower> = None;
+        for moment in moments {
+            self.prepared = Arc::clone(moment);
+            let followed = |follower: &mut Option<Follower>| match follower {
+                Some(follower) => follower.follow(self),
+                None => {
+                    let (built, build_ms) = Follower::build(self, choice)?;
+                    *follower = Some(built);
+                    Ok(build_ms)
+                }
+            };
+            let (build_ms, build): (_, ThreadTimes) = of_process(|| followed(&mut follower));
+            let build_ms = build_ms?;
+            let Some(follower) = &mut follower else {
+                break;
+            };
+            film.clear();
+            let (render_ms, render) = self.watching_threads(|| follower.render(self, view, film));
+            let times = FrameTimes::of(build_ms, render_ms).with_threads(self.threads(), build, render);
+            episode.frames.push(times);
+            if limit_ms.is_some_and(|limit_ms| episode.total_ms() > limit_ms) {
+                episode.is_stopped = episode.frames.len() < moments.len();
+                break;
+            }
+        }
+        Ok(episode)
+    }
+
+    /// The number of frames of the prepared episode; 0 while there is none.
+    pub fn episode_frames(&self) -> usize {
+        self.moments.len()
+    }
+
+    /// What an episode does to a structure, of the kind that `choice` says: the share of triangles that move
+    /// from its first frame to its second, and how many times the cost of a fresh tree a refitted one has at
+    /// its end, by the surface area heuristic. `None` where there is no episode or no tree of ours.
+    ///
+    /// # Errors
+    /// The structure cannot be built.
+    pub fn motion(&mut self, choice: &Choice) -> Result<Option<MotionFacts>, BuildError> {
+        let [first, .., last] = self.moments.as_slice() else {
+            return Ok(None);
+        };
+        let (first, second, last) = (Arc::clone(first), Arc::clone(&self.moments[1]), Arc::clone(last));
+        let (before, after) = (&first.scene.triangles, &second.scene.triangles);
+        let rests =
+            (0..before.len().min(after.len())).filter(|&one| before.corners(one) == after.corners(one));
+        let moving = 1.0 - rests.count() as f64 / before.len().max(1) as f64;
+        let cost = |structure: &Structure| structure.statistics().tree.map(|tree| tree.sah_cost);
+        self.prepared = Arc::clone(&last);
+        let fresh = self.build(&choice.build).map(|(structure, _)| cost(&structure));
+        self.prepared = Arc::clone(&first);
+        let fresh = fresh?;
+        let (mut structure, _) = self.build(&choice.build)?;
+        self.prepared = last;
+        let followed = self.follow(&mut structure, Update::Refit);
+        self.prepared = first;
+        followed?;
+        let growth = cost(&structure).zip(fresh).map(|(refitted, fresh)| refitted / fresh);
+        Ok(growth.map(|growth| MotionFacts {
+            moving_share: moving,
+            cost_growth: growth.max(1.0),
+            frames: self.moments.len() as u32,
+        }))
+    }
+}
+
+/// What an episode does to a structure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionFacts {
+    /// Share of triangles that move, 0 to 1.
+    pub moving_share: f64,
+    /// Cost of a refitted tree over a fresh one's at the end, at least 1.
+    pub cost_growth: f64,
+    /// Frames of the episode.
+    pub frames: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::space::{Premises, Preset, TuningSpace, parse};
+    use treewright_scene::builtin;
+    use treewright_scene::motion::{Motion, Mover};
+
+    fn moments(motion: Motion, frames: u16) -> Vec<Arc<Scene>> {
+        let options = builtin::Options { detail: 0.1, ..builtin::Options::default() };
+        let scene = Arc::new(builtin::build("quick", &options).expect("it is built in"));
+        let mover = Mover::new(scene, motion).expect("it has no instances");
+        (0..frames).map(|frame| mover.at(f32::from(frame) / 40.0).expect("it stays in range")).collect()
+    }
+
+    fn choices() -> Vec<Choice> {
+        let space = TuningSpace::new(Preset::Follow, &Premises::all());
+        let texts = [
+            "period=1",
+            "repair_above=1.02",
+            "tree=good,repair_above=4",
+            "tree=good_then_quick,repair_above=1.1",
+            "tree=native_low,period=3",
+            "tree=native_medium",
+        ];
+        texts.map(|text| space.choice(&parse(text).expect("words")).expect("it is one of the space")).to_vec()
+    }
+
+    #[test]
+    fn an_episode_shows_the_same_frames_whatever_follows() {
+        for motion in [Motion::Twist, Motion::Explode] {
+            let moments = moments(motion, 6);
+            let mut renderer = Renderer::new(Arc::clone(&moments[0]), 0).expect("Embree starts");
+            renderer.set_episode(&moments);
+            let view = View { camera: moments[0].cameras[0], seed: 1, bounces: 2 };
+            let mut pictures = Vec::new();
+            for choice in choices() {
+                let mut film = Film::new(40, 30);
+                let episode = renderer.episode(&choice, &view, &mut film, None).expect("it builds");
+                assert!(episode.frames.len() == 6 && !episode.is_stopped);
+                assert!(episode.frames.iter().all(|frame| frame.build_ms > 0.0 && frame.render_ms > 0.0));
+                assert!(Arc::ptr_eq(renderer.scene(), &moments[0]), "it is back at the first moment");
+                // The film has the last frame.
+                pictures.push(film.picture());
+            }
+            for picture in &pictures {
+                let difference = pictures[0].mean_relative_difference(picture);
+                assert!(difference < 0.01, "{motion:?}: {difference}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_dear_episode_ends_early_and_says_so() {
+        let moments = moments(Motion::Sway, 6);
+        let mut renderer = Renderer::new(Arc::clone(&moments[0]), 0).expect("Embree starts");
+        renderer.set_episode(&moments);
+        let view = View { camera: moments[0].cameras[0], seed: 1, bounces: 2 };
+        let mut film = Film::new(40, 30);
+        let episode = renderer.episode(&choices()[0], &view, &mut film, Some(0.0)).expect("it builds");
+        assert!(episode.is_stopped && episode.frames.len() == 1);
+    }
+
+    #[test]
+    fn the_mean_has_every_frame_and_the_trend_leaves_the_first_build_out() {
+        let frame = |build_ms, render_ms| FrameTimes {
+            build_cpu_ms: Some(1.0),
+            ..FrameTimes::of(build_ms, render_ms)
+        };
+        let mut frames = vec![frame(90.0, 10.0)];
+        frames.extend([frame(1.0, 9.0), frame(1.0, 9.0), frame(1.0, 19.0), frame(1.0, 19.0)]);
+        let mean = Episode { frames, is_stopped: false }.mean();
+        assert!((mean.build_ms - 18.8).abs() < 1e-9 && (mean.render_ms - 13.2).abs() < 1e-9);
+        assert_eq!((mean.trend, mean.frames, mean.build_cpu_ms), (Some(2.0), Some(5), Some(1.0)));
+        assert_eq!(mean.render_cpu_ms, None);
+    }
+
+    #[test]
+    fn what_decays_and_what_is_old_is_built_anew() {
+        let over = |period, frames_ms: &[f64]| {
+            let mut wear = Wear::default();
+            let each = frames_ms.iter().map(|frame_ms| {
+                let is_over = wear.is_over(period);
+                wear.rendered(*frame_ms);
+                is_over
+            });
+            each.collect::<Vec<_>>()
+        };
+        assert_eq!(over(2, &[1.0; 5]), [false, true, false, true, false]);
+        assert!(!over(NEVER, &[1.0; 500]).contains(&true));
+        // One slow frame is nothing, two are; a fresh structure has a price of its own.
+        let decaying = [1.0, 1.9, 2.1, 1.0, 2.1, 2.1, 3.0, 3.0, 3.0];
+        let built = over(NEVER, &decaying).iter().position(|is_over| *is_over);
+        assert_eq!((built, over(NEVER, &decaying).iter().filter(|one| **one).count()), (Some(6), 1));
+    }
+
+    #[test]
+    fn motions_are_told_apart() {
+        let facts = |motion| {
+            let moments = moments(motion, 8);
+            let mut renderer = Renderer::new(Arc::clone(&moments[0]), 0).expect("Embree starts");
+            assert_eq!(renderer.motion(&choices()[0]).expect("it builds"), None, "there is no episode yet");
+            renderer.set_episode(&moments);
+            renderer.motion(&choices()[0]).expect("it builds").expect("there is an episode")
+        };
+        let (sway, swarm) = (facts(Motion::Sway), facts(Motion::Swarm));
+        assert!(sway.moving_share > 0.9 && sway.frames == 8);
+        assert!(swarm.cost_growth > 1.2 * sway.cost_growth, "{swarm:?} and {sway:?}");
+    }
+}

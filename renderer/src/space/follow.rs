@@ -1,0 +1,133 @@
+//! The space of scenes that move: which tree is built, how often, and how it is kept up in between.
+//!
+//! What is minimised is the mean time of a frame over an episode, the first build included. The grouping of
+//! rays is that of the recommended configuration. Builders of the trees are those that the full space starts
+//! with: quick for a frame of its own, good for a thousand frames, and Embree's own two.
+
+use serde::{Deserialize, Serialize};
+use treewright_accel::{BuildChoice, Builder, NativeOptions, NativeQuality, TreeParameters};
+
+use super::explained::{Explained, choice, float, integer};
+use super::{Choice, Premises, Preset, TuningSpace};
+use crate::follow::NEVER;
+
+/// Which tree is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum KeptTree {
+    /// As for a frame of its own.
+    Quick,
+    /// In between: joined from pairs of triangles, collapsed at least cost, improved once.
+    Middle,
+    /// As for a thousand frames.
+    Good,
+    /// As for a thousand frames, and what decays is replaced by quick parts.
+    GoodThenQuick,
+    /// Embree's of quality low.
+    NativeLow,
+    /// Embree's of quality medium.
+    NativeMedium,
+}
+
+/// The parameters.
+pub(super) fn parameters() -> Vec<Explained> {
+    let own = ["quick", "middle", "good", "good_then_quick"];
+    vec![
+        choice(
+            "tree",
+            own.into_iter().chain(["native_low", "native_medium"]),
+            "quick",
+            "which tree is built: a quick, a middling or a good one, a good one whose decayed parts are replaced by quick ones, or Embree's own",
+        ),
+        integer(
+            "period",
+            1..=i64::from(NEVER),
+            i64::from(NEVER),
+            "after so many frames all is built anew, 64 means never; in between boxes are fitted to what moved",
+        )
+        .log(),
+        float(
+            "repair_above",
+            1.02..=4.0,
+            1.15,
+            "how many times the cost at its last build a part may have before it is built anew",
+        )
+        .log()
+        .only_while("tree", own),
+    ]
+}
+
+/// How rays are grouped, whatever is built: as the full space recommends.
+pub(super) fn base(premises: &Premises) -> Choice {
+    TuningSpace::new(Preset::Full, &Premises { builds_each_frame: true, ..*premises }).default_choice()
+}
+
+/// What each tree is built by.
+pub(super) fn build(tree: KeptTree, premises: &Premises) -> BuildChoice {
+    let native = |quality| {
+        let (robust, dynamic) = (premises.robust, true);
+        BuildChoice::Native(NativeOptions { quality, robust, dynamic, ..NativeOptions::default() })
+    };
+    let recommended = |builds_each_frame| {
+        let premises = Premises { builds_each_frame, animated: false, ..*premises };
+        TuningSpace::new(Preset::Full, &premises).default_choice().build
+    };
+    match tree {
+        KeptTree::Quick => recommended(true),
+        KeptTree::Middle => middle(recommended(false)),
+        KeptTree::Good | KeptTree::GoodThenQuick => recommended(false),
+        KeptTree::NativeLow => native(NativeQuality::Low),
+        KeptTree::NativeMedium => native(NativeQuality::Medium),
+    }
+}
+
+/// Between a quick tree and a `good` one, in what it costs and in what it is worth.
+fn middle(good: BuildChoice) -> BuildChoice {
+    let BuildChoice::Tree(good) = good else {
+        return good;
+    };
+    let (builder, search_radius, cluster_size, reinsertion_passes) = (Builder::Ploc, 8, 2, 1);
+    BuildChoice::Tree(TreeParameters { builder, search_radius, cluster_size, reinsertion_passes, ..good })
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_accel::{Parts, Update};
+
+    use super::*;
+    use crate::space::parse;
+
+    #[test]
+    fn each_value_says_what_is_built_and_when() {
+        for robust in [false, true] {
+            let premises = Premises { robust, ..Premises::all() };
+            let space = TuningSpace::new(Preset::Follow, &premises);
+            let of = |text: &str| {
+                let choice = space.choice(&parse(text).expect("words")).expect("it is one of the space");
+                assert_eq!(choice.update.check(), Ok(()), "{text}");
+                choice
+            };
+            let default = of("");
+            assert_eq!((default.update, default.period), (Update::partial(1.15), NEVER));
+            assert_eq!(default.build, build(KeptTree::Quick, &premises));
+            assert_eq!(of("period=1").update, Update::Rebuild);
+            let quick_parts = Update::Partial { rebuild_threshold: 2.0, parts: Parts::Quick };
+            let mixed = of("tree=good_then_quick,repair_above=2");
+            assert_eq!((mixed.update, mixed.build), (quick_parts, of("tree=good").build));
+            assert_eq!((of("tree=native_low").update, of("tree=native_low").period), (Update::Refit, NEVER));
+            assert_eq!(of("tree=native_medium,period=8").period, 8);
+            let trees = ["quick", "middle", "good", "native_low", "native_medium"];
+            for (number, one) in trees.iter().enumerate() {
+                let built = |tree: &str| of(&format!("tree={tree}")).build;
+                assert!(trees[..number].iter().all(|other| built(other) != built(one)), "{one}");
+                let is_watertight = match built(one) {
+                    BuildChoice::Tree(tree) => tree.robust,
+                    BuildChoice::Native(native) => native.robust,
+                    BuildChoice::BruteForce => false,
+                };
+                assert_eq!(is_watertight, robust, "{one}");
+            }
+            assert_eq!(space.name(), if robust { "follow-robust" } else { "follow" });
+        }
+    }
+}
