@@ -1,0 +1,281 @@
+//! What a lever is worth where it differs between scenes, in paired rounds: ways to look for light, by the
+//! time to an error of a tenth, and ways to follow what moves, by the mean frame of an episode.
+//!
+//! `cargo run --release -p treewright-lab --example levers -- --lever light|follow [--rounds N] [--width N]
+//! [--winners FOLDER] WORLD...` A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for
+//! scenes that move by themselves) and cycles in an episode of 24 frames stand behind it, as in
+//! `builtin:city@sway@0.25`. Without winners a few ways are compared by hand. With a folder of files that
+//! `treewright-render tune --objective error|motion --json` wrote, named like the worlds
+//! (`city-sway-0.25.json`), every world's winner runs in every world, and each is compared with the one way
+//! that is best in all worlds of other scenes.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use treewright_renderer::frame::Renderer;
+use treewright_renderer::integrator::View;
+use treewright_renderer::measure::{Conditions, Contender, Standing, Yardstick, interleaved, standings};
+use treewright_renderer::space::{Choice, Premises, Preset, TuningSpace, parse};
+use treewright_renderer::statistics::{Ratio, Summary};
+use treewright_scene::motion::{Motion, Mover};
+use treewright_scene::{Scene, SceneError, builtin, load};
+
+type Failure = Box<dyn std::error::Error>;
+
+/// Ways to look for light that are compared by hand; what is not said is recommended.
+const LIGHT: [(&str, &str); 11] = [
+    ("candidates 1", "candidates=1"),
+    ("candidates 4", "candidates=4"),
+    ("candidates 16", "candidates=16"),
+    ("lamp weight 4", "lamp_weight=4"),
+    ("candidates 16, weight 64", "candidates=16,lamp_weight=64"),
+    ("sun 0.2", "sun_share=0.2"),
+    ("sun 0.8", "sun_share=0.8"),
+    ("sky plain", "sky=plain"),
+    ("sky learnt, 0.3", "sky=learnt,shares=fixed,sky_share=0.3"),
+    ("shadow roulette 0", "shadow_roulette=0"),
+    ("path roulette 0.5", "path_roulette=0.5"),
+];
+
+/// Ways to follow that are compared by hand.
+const FOLLOW: [(&str, &str); 14] = [
+    ("quick, rebuilt", "tree=quick,period=1"),
+    ("quick, 1.15", "tree=quick,repair_above=1.15"),
+    ("quick, 1.3", "tree=quick,repair_above=1.3"),
+    ("quick, 4", "tree=quick,repair_above=4"),
+    ("middle, 1.15", "tree=middle,repair_above=1.15"),
+    ("middle, 2", "tree=middle,repair_above=2"),
+    ("good, 1.3", "tree=good,repair_above=1.3"),
+    ("good, 4", "tree=good,repair_above=4"),
+    ("good then quick, 1.5", "tree=good_then_quick,repair_above=1.5"),
+    ("native low, rebuilt", "tree=native_low,period=1"),
+    ("native low, fitted", "tree=native_low"),
+    ("native medium, rebuilt", "tree=native_medium,period=1"),
+    ("native medium, fitted", "tree=native_medium"),
+    ("native medium, every 8", "tree=native_medium,period=8"),
+];
+
+/// Frames of an episode.
+const EPISODE: u32 = 24;
+
+/// Which lever.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Lever {
+    Light,
+    Follow,
+}
+
+/// What a run is asked for.
+struct Arguments {
+    lever: Lever,
+    rounds: u32,
+    winners: Option<PathBuf>,
+    size: [u32; 2],
+    worlds: Vec<String>,
+}
+
+fn arguments() -> Result<Arguments, Failure> {
+    let mut all = std::env::args().skip(1);
+    let mut arguments =
+        Arguments { lever: Lever::Light, rounds: 7, winners: None, size: [320, 240], worlds: Vec::new() };
+    while let Some(argument) = all.next() {
+        let mut value = || all.next().ok_or(format!("{argument} wants a value"));
+        match argument.as_str() {
+            "--lever" => {
+                arguments.lever = match value()?.as_str() {
+                    "light" => Lever::Light,
+                    "follow" => Lever::Follow,
+                    _ => return Err("levers are light and follow".into()),
+                }
+            }
+            "--rounds" => arguments.rounds = value()?.parse()?,
+            "--winners" => arguments.winners = Some(value()?.into()),
+            "--width" => {
+                let width = value()?.parse()?;
+                arguments.size = [width, width / 4 * 3];
+            }
+            _ => arguments.worlds.push(argument),
+        }
+    }
+    Ok(arguments)
+}
+
+/// A scene, and how it moves.
+struct World {
+    /// Of its file of results.
+    name: String,
+    /// Of the scene alone.
+    scene: String,
+    moments: Vec<Arc<Scene>>,
+}
+
+fn still(name: &str) -> Result<Scene, SceneError> {
+    match name.strip_prefix("builtin:") {
+        Some(name) => builtin::build(name, &builtin::Options::default()),
+        None => load(name),
+    }
+}
+
+fn stem(scene: &str) -> String {
+    let path = Path::new(scene.trim_start_matches("builtin:"));
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// As it is written in the arguments: what the name of its results is, its scene, motion and cycles.
+fn parts(world: &str) -> (String, String, Option<&str>, f32) {
+    let mut parts = world.split('@');
+    let scene = parts.next().unwrap_or_default();
+    let (motion, cycles) = (parts.next(), parts.next());
+    let words = std::iter::once(stem(scene)).chain(motion.into_iter().chain(cycles).map(str::to_owned));
+    let name = words.collect::<Vec<_>>().join("-");
+    (name, scene.to_owned(), motion, cycles.and_then(|text| text.parse().ok()).unwrap_or(0.25))
+}
+
+fn world(written: &str) -> Result<World, Failure> {
+    let (name, scene, motion, cycles) = parts(written);
+    let moment = |frame: u32| cycles * frame as f32 / EPISODE as f32;
+    let moments = match motion {
+        None => vec![Arc::new(still(&scene)?)],
+        Some("itself") => {
+            let built_in = scene.strip_prefix("builtin:").ok_or("only built-in scenes move by themselves")?;
+            let at = |frame| {
+                let options = builtin::Options { time: moment(frame), ..builtin::Options::default() };
+                Ok::<_, Failure>(Arc::new(builtin::build(built_in, &options)?))
+            };
+            (0..EPISODE).map(at).collect::<Result<_, _>>()?
+        }
+        Some(motion) => {
+            let motion = Motion::ALL.into_iter().find(|known| known.name() == motion);
+            let mover = Mover::new(Arc::new(still(&scene)?), motion.ok_or("no such motion")?)?;
+            (0..EPISODE).map(|frame| mover.at(moment(frame))).collect::<Result<_, _>>()?
+        }
+    };
+    Ok(World { name, scene, moments })
+}
+
+/// Named ways, each a configuration; the first is what others are compared with.
+fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choice)>, Failure> {
+    let recommended = space.default_choice();
+    // What the renderer does untold: the recommended tree with light by constants, and a quick tree for each
+    // frame.
+    let plain = match arguments.lever {
+        Lever::Light => Choice { light: Default::default(), ..recommended },
+        Lever::Follow => space.choice(&parse("tree=quick,period=1")?)?,
+    };
+    let mut all = vec![("untuned".to_owned(), plain), ("recommended".to_owned(), recommended)];
+    match &arguments.winners {
+        None => {
+            let by_hand: &[(&str, &str)] = if arguments.lever == Lever::Light { &LIGHT } else { &FOLLOW };
+            for (name, text) in by_hand {
+                all.push(((*name).to_owned(), space.choice(&parse(text)?)?));
+            }
+        }
+        Some(folder) => {
+            for name in arguments.worlds.iter().map(|world| parts(world).0) {
+                let text = std::fs::read_to_string(folder.join(format!("{name}.json")))?;
+                let results: serde_json::Value = serde_json::from_str(&text)?;
+                let tuned = results["tuned"].as_object().ok_or("a file without a configuration")?;
+                let value = |value: &serde_json::Value| {
+                    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+                };
+                let text: Vec<String> =
+                    tuned.iter().map(|(name, of)| format!("{name}={}", value(of))).collect();
+                all.push((name, space.choice(&parse(&text.join(","))?)?));
+            }
+        }
+    }
+    Ok(all)
+}
+
+/// Everybody in a world.
+fn measured(
+    world: &World,
+    ways: &[(String, Choice)],
+    arguments: &Arguments,
+) -> Result<Vec<Standing>, Failure> {
+    let scene = &world.moments[0];
+    let mut renderer = Renderer::new(Arc::clone(scene), 0)?;
+    let (frames_per_build, yardstick) = match arguments.lever {
+        Lever::Light => (1000, Yardstick::Noise),
+        Lever::Follow => (1, Yardstick::Episode),
+    };
+    if arguments.lever == Lever::Follow {
+        renderer.set_episode(&world.moments);
+    }
+    let view = View { camera: scene.cameras[0], seed: 1000, bounces: 3 };
+    let contender = |(name, choice): &(String, Choice)| Contender { name: name.clone(), choice: *choice };
+    let contenders: Vec<Contender> = ways.iter().map(contender).collect();
+    let ([width, height], rounds) = (arguments.size, arguments.rounds);
+    let conditions = Conditions { view, width, height, rounds, frames_per_build, yardstick };
+    Ok(standings(&interleaved(&mut renderer, &contenders, &conditions, || true), frames_per_build))
+}
+
+/// How many times as fast, round by round in the geometric mean; nothing for what did not run.
+fn speed(one: &Standing, other: &Standing) -> f64 {
+    let ratios = other.undelayed_ms.iter().zip(&one.undelayed_ms).map(|(other, one)| (other / one).ln());
+    if one.undelayed_ms.is_empty() {
+        0.0
+    } else {
+        (ratios.sum::<f64>() / one.undelayed_ms.len() as f64).exp()
+    }
+}
+
+fn geometric_mean(values: &[f64]) -> f64 {
+    (values.iter().map(|value| value.ln()).sum::<f64>() / values.len().max(1) as f64).exp()
+}
+
+/// The number of the way that is best in the mean over all worlds of other scenes. Winners of worlds of the
+/// same scene do not take part: a winner's number is its world's, behind the two ways that everybody has.
+fn best_fixed(tables: &[Vec<Standing>], scenes: &[String], of: usize, are_winners: bool) -> usize {
+    let is_other = |world: usize| scenes[world] != scenes[of];
+    let others = |way: usize| {
+        let ratios = tables.iter().enumerate().filter(|(world, _)| is_other(*world));
+        geometric_mean(&ratios.map(|(_, table)| speed(&table[way], &table[0])).collect::<Vec<_>>())
+    };
+    let takes_part = |way: &usize| !are_winners || *way < 2 || is_other(*way - 2);
+    let ways = (0..tables[0].len()).filter(takes_part);
+    ways.max_by(|a, b| others(*a).total_cmp(&others(*b))).unwrap_or(0)
+}
+
+fn main() -> Result<(), Failure> {
+    let arguments = arguments()?;
+    let preset = if arguments.lever == Lever::Light { Preset::Light } else { Preset::Follow };
+    let space = TuningSpace::new(preset, &Premises { animated: false, ..Premises::all() });
+    let ways = ways(&arguments, &space)?;
+    let (mut tables, mut scenes, mut names) = (Vec::new(), Vec::new(), Vec::new());
+    for written in &arguments.worlds {
+        let world = world(written)?;
+        let table = measured(&world, &ways, &arguments)?;
+        println!("{}", world.name);
+        for one in &table {
+            let (build, render) = (one.build_ms.median, one.render_ms.median);
+            println!("  {:24} {build:8.2} + {render:8.2} ms  {}", one.name, one.gain_over(&table[0]));
+        }
+        tables.push(table);
+        scenes.push(world.scene);
+        names.push(world.name);
+    }
+    println!("world, own way over the untuned, over the best fixed way of other scenes, ceiling over it");
+    let (mut over_untuned, mut over_fixed, mut ceilings) = (Vec::new(), Vec::new(), Vec::new());
+    for (number, (name, table)) in names.iter().zip(&tables).enumerate() {
+        let fixed = &table[best_fixed(&tables, &scenes, number, arguments.winners.is_some())];
+        let best = table.iter().max_by(|a, b| speed(a, &table[0]).total_cmp(&speed(b, &table[0])));
+        let own = if arguments.winners.is_some() { &table[number + 2] } else { best.unwrap_or(fixed) };
+        let ceiling = best.map_or(1.0, |best| speed(best, fixed));
+        let shown: [Ratio; 2] = [own.gain_over(&table[0]), own.gain_over(fixed)];
+        println!("{name:24} {}   {} ({} over {})   {ceiling:.2}", shown[0], shown[1], own.name, fixed.name);
+        over_untuned.push(shown[0].median);
+        over_fixed.push(shown[1].median);
+        ceilings.push(ceiling);
+    }
+    for (title, values) in [
+        ("over the untuned", over_untuned),
+        ("over the best fixed of other scenes", over_fixed),
+        ("ceiling over it", ceilings),
+    ] {
+        let (mean, median) = (geometric_mean(&values), Summary::of(&values).median);
+        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+        println!("{title}: geometric mean {mean:.3}, median {median:.3}, least {least:.3}");
+    }
+    Ok(())
+}
