@@ -370,7 +370,7 @@ mod tests {
     use super::*;
     use crate::parameters::{Builder, Collapse};
 
-    /// Balls of some thousand triangles, each turned about the middle of all by an angle of its own.
+    /// Balls of four hundred triangles, each turned about the middle of all by an angle of its own.
     fn balls(moment: f32) -> Arc<Triangles> {
         let mut positions = Vec::new();
         for ball in 0..24 {
