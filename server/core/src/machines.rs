@@ -118,7 +118,10 @@ impl Machines {
     pub fn note_founder(&mut self, fingerprint: Option<&Fingerprint>) -> (MachineId, Option<MachineId>) {
         self.founded += 1;
         if let Some(place) = self.find(fingerprint) {
-            self.machines[index(place)].latest = self.founded;
+            let known = &mut self.machines[index(place)];
+            assert_eq!(known.exact, exact(fingerprint), "machine {place:?} is another one");
+            assert!(known.latest < self.founded, "{} comes after {}", self.founded, known.latest);
+            known.latest = self.founded;
             return (place, None);
         }
         let full = self.current.len() >= MACHINES_MAX;
@@ -138,6 +141,8 @@ impl Machines {
             latest: self.founded,
             pooling: PoolingStatistics::default(),
         });
+        assert!(self.current.len() <= MACHINES_MAX, "{} machines at a time", self.current.len());
+        assert!(displaced.is_none_or(|old| old < place), "{place:?} displaced {displaced:?}");
         (place, displaced)
     }
 
@@ -191,6 +196,7 @@ impl Machines {
             MachineLevel::Machine => 0.0,
             MachineLevel::Group | MachineLevel::Fleet => {
                 let (sum, weight) = self.machines[index(machine)].pooling.misses[level as usize - 1];
+                assert!(weight > 0.0, "a mean over a weight of {weight}");
                 sum / weight
             }
         }
@@ -204,6 +210,7 @@ impl Machines {
             self.machines.get_mut(index(machine)).filter(|_| machine > FIRST)
         {
             pooling.compared = (pooling.compared + 1.0).min(EFFECT_MEMORY);
+            assert!((1.0..=EFFECT_MEMORY).contains(&pooling.compared), "{} comparisons", pooling.compared);
             pooling.effect += off.clamp(-700.0, 700.0) / pooling.compared;
         }
     }
@@ -234,8 +241,10 @@ impl Machines {
         // As comparisons fade, the prior gains weight again.
         *product += (1.0 - MISS_FADE) * CARRIED_PRIOR;
         *square += (1.0 - MISS_FADE) * CARRIED_PRIOR;
+        assert!(*square > 0.0, "squares of {square}");
         let (sum, weight) = &mut misses[level as usize - 1];
         (*sum, *weight) = (MISS_FADE * *sum + off * off, MISS_FADE * *weight + 1.0);
+        assert!(*sum >= 0.0 && *weight >= 1.0, "squares of {sum} over {weight}");
     }
 
     /// How the software of a machine differs from that of the machine of the same hardware that came last

@@ -15,12 +15,14 @@ impl Factor {
     /// Factorises `matrix` (`size` by `size`, lower triangle used). Where rounding has made it indefinite
     /// the diagonal is raised until it is not; `None` only for entries that are not finite.
     pub(crate) fn of(matrix: &[f64], size: usize) -> Option<Factor> {
+        assert_eq!(matrix.len(), size * size, "a matrix is square");
         let largest = (0..size).map(|i| matrix[i * size + i]).fold(0.0, f64::max);
         let mut jitter = 0.0;
         for _ in 0..10 {
             let mut rows = matrix.to_vec();
             (0..size).for_each(|i| rows[i * size + i] += jitter);
             if factorise(&mut rows, size) {
+                assert!((0..size).all(|i| rows[i * size + i] > 0.0), "the diagonal of a factor is positive");
                 return Some(Factor { size, rows });
             }
             jitter = if jitter == 0.0 { JITTER * largest } else { 10.0 * jitter };
@@ -34,6 +36,7 @@ impl Factor {
 
     /// Row `i` of `L` times `v`.
     pub(crate) fn times_row(&self, i: usize, v: &[f64]) -> f64 {
+        assert_eq!(v.len(), self.size, "a vector of another size");
         dot(self.row(i), &v[..i + 1])
     }
 
@@ -44,6 +47,7 @@ impl Factor {
 
     /// Solves `L y = b` in place.
     pub(crate) fn forward(&self, b: &mut [f64]) {
+        assert_eq!(b.len(), self.size, "a right-hand side of another size");
         for i in 0..self.size {
             let row = self.row(i);
             b[i] = (b[i] - dot(&row[..i], &b[..i])) / row[i];
@@ -52,6 +56,7 @@ impl Factor {
 
     /// Solves `Lᵀ x = b` in place.
     pub(crate) fn backward(&self, b: &mut [f64]) {
+        assert_eq!(b.len(), self.size, "a right-hand side of another size");
         for i in (0..self.size).rev() {
             let row = self.row(i);
             b[i] /= row[i];
@@ -106,6 +111,7 @@ fn factorise(a: &mut [f64], n: usize) -> bool {
 
 /// The scalar product, in eight partial sums: the order of summation is fixed, and the loop vectorises.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    debug_assert_eq!(a.len(), b.len(), "vectors of one length");
     let mut sums = [0.0; 8];
     let (chunks, others) = (a.chunks_exact(8), b.chunks_exact(8));
     let tail: f64 = chunks.remainder().iter().zip(others.remainder()).map(|(a, b)| a * b).sum();

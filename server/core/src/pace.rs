@@ -34,6 +34,7 @@ impl Pace {
             self.latest.remove(0);
         }
         self.latest.push(libm::log(factor));
+        assert!(self.latest.len() <= KEPT_MAX, "{} speeds are kept", self.latest.len());
         if self.latest.len() >= KEPT_LEAST {
             let mut sorted = self.latest.clone();
             sorted.sort_by(f64::total_cmp);
@@ -53,6 +54,7 @@ impl Pace {
     /// By which factor the costs of the table are to be multiplied to be those of the machine at its fastest;
     /// at most 1.
     pub fn factor(&self) -> f64 {
+        assert!(self.lowest <= 0.0, "a lowest speed of {}", self.lowest);
         libm::exp(self.lowest)
     }
 }

@@ -145,12 +145,11 @@ impl ResultTable {
             // By an eighth, so that it costs little on average.
             self.forget(RECORDS_PER_STATE_MAX - RECORDS_PER_STATE_MAX / 8, default);
         }
+        assert!(self.records.len() <= RECORDS_PER_STATE_MAX, "{} are remembered", self.records.len());
     }
 
     fn learn_all(&mut self, trial: &Trial) {
-        let Some(outcome) = &trial.outcome else {
-            return;
-        };
+        let Some(outcome) = &trial.outcome else { return };
         let index = self.slot(&trial.configuration);
         self.touches += 1;
         self.records[index].touch = self.touches;
@@ -191,6 +190,7 @@ impl ResultTable {
             Outcome::Failed { .. } => record.failures = record.failures.saturating_add(1),
         }
         let (new_rank, is_tried) = (record.rank(index), record.is_tried());
+        assert!(is_tried || !was_tried, "a trial takes no verdict back");
         self.tried += usize::from(is_tried && !was_tried);
         let record = &mut self.records[index];
         if is_tried && !record.is_searched && trial.mode() != Mode::Pinned {
@@ -217,6 +217,7 @@ impl ResultTable {
                 samples.remove(0);
             }
             samples.push(sample);
+            assert!(samples.len() <= NOISE_SAMPLES_MAX, "{} samples are kept", samples.len());
         };
         let before = evidence.latest().and_then(|(before, then)| Some((before, then?)));
         if let (Some((before, then)), Some(now)) = (before, moment)
@@ -235,6 +236,7 @@ impl ResultTable {
 
     /// All but one configuration were measured before costs changed by a factor.
     fn age(&mut self, but: usize, factor: f64) {
+        assert!(factor.is_finite() && factor > 0.0, "costs changed by a factor of {factor}");
         self.drifts += 1;
         // Speeds were estimated from the costs before the change.
         self.pace.shift(factor);
@@ -297,9 +299,7 @@ impl ResultTable {
     }
 
     fn rewrite(&mut self, configuration: &Configuration, change: impl FnOnce(&mut Record)) {
-        let Some(&index) = self.index.get(configuration) else {
-            return;
-        };
+        let Some(&index) = self.index.get(configuration) else { return };
         self.touches += 1;
         let usual = self.usual_beside(index);
         let record = &mut self.records[index];
@@ -328,16 +328,14 @@ impl ResultTable {
 
     /// The range in which a single measurement is believed; `None` while too few configurations are ranked.
     pub fn reach(&self) -> Option<(f64, f64)> {
-        let count = self.ranking.len();
-        if count < REACH_AFTER {
-            return None;
-        }
+        let count = Some(self.ranking.len()).filter(|&count| count >= REACH_AFTER)?;
         let mut costs = self.ranking.iter().map(|rank| rank.cost);
         let (quarter, half) = (count / 4, count / 2);
         let (low, middle) = (costs.nth(quarter)?, costs.nth(half - quarter - 1)?);
         let high = costs.nth((count - 1 - quarter).checked_sub(half + 1)?)?;
         let log = |cost: f64| libm::log(cost.max(f64::MIN_POSITIVE));
         let reach = libm::exp(reach_of((log(high) - log(low)) / QUARTILES_APART));
+        assert!(low <= middle && middle <= high, "{low}, {middle}, {high} are of a ranking");
         Some((middle / reach, (middle * reach).min(f64::MAX)))
     }
 
@@ -391,6 +389,8 @@ impl ResultTable {
         self.records.shrink_to_fit();
         self.index_all();
         self.rank_all();
+        assert_eq!(self.records.len(), kept.len(), "those that were to stay");
+        assert_eq!(self.index.len(), self.records.len(), "every record is found by its configuration");
     }
 
     /// All that is remembered, in no order that means anything.
@@ -422,8 +422,7 @@ impl ResultTable {
     pub(crate) fn settle(&mut self, space: &Space) -> bool {
         self.index_all();
         self.rank_all();
-        let mut configurations = self.records.iter().map(|record| &record.configuration);
-        let fits = configurations.all(|configuration| space.owns(configuration));
+        let fits = self.records.iter().all(|record| space.owns(&record.configuration));
         fits && self.index.len() == self.records.len()
     }
 
@@ -477,6 +476,7 @@ impl ResultTable {
             is_searched: false,
             touch: 0,
         });
+        assert_eq!(self.index.len(), self.records.len(), "every record is found by its configuration");
         index
     }
 

@@ -49,6 +49,7 @@ pub fn location(values: &[f64]) -> f64 {
         // Halved first, because the sum of two large costs could leave the range of a double.
         means.extend(values[index..].iter().map(|b| a / 2.0 + b / 2.0));
     }
+    assert_eq!(means.len(), values.len() * (values.len() + 1) / 2, "a mean of every two");
     median(&mut means)
 }
 
@@ -71,13 +72,17 @@ pub fn trusted(values: &[f64], usual: Option<f64>) -> Vec<usize> {
         [a, b, c] => median(&mut [a, b, c]),
         _ => return (0..values.len()).collect(),
     };
-    (0..values.len()).filter(|&place| !is_torn(values[place], believed)).collect()
+    let places: Vec<usize> = (0..values.len()).filter(|&place| !is_torn(values[place], believed)).collect();
+    assert!(!places.is_empty(), "{believed} itself counts");
+    places
 }
 
 /// How far from the middle the logarithm of a single measurement is believed, where those of all
 /// configurations have such a deviation.
 pub fn reach_of(deviation: f64) -> f64 {
-    (REACH * deviation).max(REACH_LEAST)
+    let reach = (REACH * deviation).max(REACH_LEAST);
+    assert!(reach >= REACH_LEAST, "a reach of {reach}");
+    reach
 }
 
 /// Draws logarithms of costs in which several others contradict. Of fewer than four none does.
@@ -106,6 +111,8 @@ pub fn median(values: &mut [f64]) -> f64 {
         return upper;
     }
     let lower = below.iter().copied().max_by(f64::total_cmp).unwrap_or(upper);
+    assert!(lower.total_cmp(&upper).is_le(), "{lower} and {upper} are the middle two");
+    debug_assert!(below.iter().all(|value| value.total_cmp(&lower).is_le()), "{lower} is next to the middle");
     lower / 2.0 + upper / 2.0
 }
 
@@ -145,6 +152,11 @@ pub enum Deviation {
 }
 
 impl Evidence {
+    fn check(&self) {
+        assert_eq!(self.recent.len(), self.moments.len(), "every measurement has its moment");
+        assert!(self.recent.len() <= EVIDENCE_MAX, "{} measurements are kept", self.recent.len());
+    }
+
     /// Takes a measurement.
     pub fn push(&mut self, cost: f64, moment: Option<Moment>) -> Deviation {
         let outlier = self.recent.len() >= OUTLIER_AFTER && {
@@ -158,10 +170,13 @@ impl Evidence {
         }
         self.recent.push(cost);
         self.moments.push(moment);
+        self.check();
         if let Some(factor) = self.change() {
             let older = self.recent.len() - RECENT;
             self.recent.drain(..older);
             self.moments.drain(..older);
+            assert_eq!(self.recent.len(), RECENT, "what was measured before is forgotten");
+            self.check();
             return Deviation::Changed(factor);
         }
         if outlier { Deviation::Outlier } else { Deviation::Usual }
@@ -179,6 +194,7 @@ impl Evidence {
             if now > before { new.iter().any(|n| *n <= value) } else { new.iter().any(|n| *n >= value) }
         });
         let apart = (now - before).abs() > (CHANGE * error).max(SHARE_LEAST * before) && between.count() <= 1;
+        assert!(old.len() >= OLDER_LEAST && new.len() == RECENT, "{} and {}", old.len(), new.len());
         let factor = now / before;
         (apart && factor.is_finite() && factor > 0.0).then_some(factor)
     }
@@ -239,6 +255,7 @@ impl Evidence {
             self.recent.remove(place);
             self.moments.remove(place);
         }
+        self.check();
         place.is_some()
     }
 
@@ -246,6 +263,7 @@ impl Evidence {
     pub fn drop_latest(&mut self) {
         self.recent.pop();
         self.moments.pop();
+        self.check();
     }
 
     /// The latest measurements as they are understood now, each with the number of its trial.
@@ -254,6 +272,7 @@ impl Evidence {
         let known = |time: u64| self.moments.iter().flatten().find(|moment| moment.time == time).copied();
         self.moments = latest.iter().map(|(trial, _)| known(*trial)).collect();
         self.recent = latest.iter().map(|(_, cost)| *cost).collect();
+        self.check();
     }
 
     /// The number of kept measurements.

@@ -39,6 +39,7 @@ fn hazard_excess(x: f64) -> f64 {
 
 /// Whether the expected gain by a change of the value is at least `odds` times the expected loss.
 pub(crate) fn is_worth(change: Posterior, odds: f64) -> bool {
+    assert!(odds > 0.0, "odds of {odds}");
     let z = -change.mean / change.deviation;
     log_improvement(z) - log_improvement(-z) >= libm::log(odds)
 }
@@ -50,15 +51,19 @@ pub(crate) fn confidence_bound(belief: Posterior, optimism: f64) -> f64 {
 
 /// The probability that a measurement with noise of variance `noise` is below a threshold.
 pub(crate) fn probability_below(threshold: f64, belief: Posterior, noise: f64) -> f64 {
+    assert!(noise >= 0.0, "a variance of {noise}");
     normal_cdf((threshold - belief.mean) / (belief.deviation * belief.deviation + noise).sqrt())
 }
 
 /// The expected value of a measurement with noise of variance `noise`, given that it is above a bound: the
 /// mean of a truncated normal.
 pub(crate) fn mean_above(bound: f64, belief: Posterior, noise: f64) -> f64 {
+    assert!(noise >= 0.0, "a variance of {noise}");
     let deviation = (belief.deviation * belief.deviation + noise).sqrt();
     let z = (bound - belief.mean) / deviation;
     let hazard = if z > FAR { z + hazard_excess(z) } else { normal_density(z) / normal_cdf(-z) };
     let mean = belief.mean + deviation * hazard;
-    if mean.is_finite() { mean.max(bound) } else { bound }
+    let mean = if mean.is_finite() { mean.max(bound) } else { bound };
+    assert!(mean >= bound, "a mean of {mean} above {bound}");
+    mean
 }

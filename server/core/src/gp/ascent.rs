@@ -6,6 +6,7 @@
 /// turns; after a turn the coordinate rests once. `step` stays within `range`, and `sign` is that of the last
 /// slope, 0 after a turn.
 pub(crate) fn ascend(value: &mut f64, step: &mut f64, sign: &mut i8, slope: f64, range: [f64; 2]) {
+    assert!(range[0] <= range[1], "steps from {} to {}", range[0], range[1]);
     let now = i8::from(slope > 0.0) - i8::from(slope < 0.0);
     let turned = now * *sign;
     if turned > 0 {
@@ -14,6 +15,7 @@ pub(crate) fn ascend(value: &mut f64, step: &mut f64, sign: &mut i8, slope: f64,
         *step = (0.5 * *step).max(range[0]);
     }
     *sign = if turned < 0 { 0 } else { now };
+    assert!(sign.abs() <= 1, "a sign of {sign}");
     *value += f64::from(*sign) * *step;
 }
 

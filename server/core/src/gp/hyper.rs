@@ -80,7 +80,9 @@ impl Hyperparameters {
     /// The middle of the prior, for a process without a trend.
     pub(crate) fn new(kinds: &[FeatureKind], prior: &Prior) -> Self {
         let log: Vec<f64> = (0..=kinds.len()).map(|index| prior.of(index, kinds).0).collect();
-        Hyperparameters { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log }
+        let hyper = Hyperparameters { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log };
+        assert!(hyper.fits(kinds.len()), "one for each feature, and the noise");
+        hyper
     }
 
     /// Whether they are of a process of `dimension` features without a trend.
@@ -94,6 +96,7 @@ impl Hyperparameters {
         hyper.log.push(libm::log(TREND_MEAN));
         hyper.steps.push(STEP_START);
         hyper.signs.push(0);
+        assert!(hyper.fits(kinds.len() + 1), "one for each feature, the noise and the trend");
         hyper
     }
 
@@ -116,6 +119,7 @@ impl Hyperparameters {
     pub(super) fn ascend(&mut self, kinds: &[FeatureKind], gradient: &[f64], prior: &Prior) {
         for (index, &likelihood) in gradient.iter().enumerate().take(self.log.len()) {
             let (mean, spread, range) = prior.of(index, kinds);
+            assert!(spread > 0.0 && range[0] < range[1], "a prior of {spread} within {range:?}");
             let (log, step) = (&mut self.log[index], &mut self.steps[index]);
             let slope = likelihood - (*log - mean) / (spread * spread);
             ascend(log, step, &mut self.signs[index], slope, [STEP_MIN, prior.step_max]);

@@ -27,6 +27,7 @@ pub(crate) const INACTIVE: f64 = -1.0;
 
 /// The correlation at a squared distance, and its derivative by the squared distance: Matérn 5/2.
 pub(crate) fn matern(squared: f64) -> (f64, f64) {
+    debug_assert!(squared.is_nan() || squared >= 0.0, "a squared distance of {squared}");
     let a = (5.0 * squared).sqrt();
     let decay = libm::exp(-a);
     ((1.0 + a + a * a / 3.0) * decay, -5.0 / 6.0 * (1.0 + a) * decay)
@@ -56,6 +57,9 @@ pub(crate) fn add_squared_distances(
     columns: &[Vec<f64>],
     into: &mut [f64],
 ) {
+    let width = kinds.len();
+    assert!(weights.len() == width && point.len() == width && columns.len() == width, "{width} features");
+    debug_assert!(columns.iter().all(|column| column.len() >= into.len()), "{} points", into.len());
     for (((&kind, &weight), &x), column) in kinds.iter().zip(weights).zip(point).zip(columns) {
         if kind == FeatureKind::Ordered && x != INACTIVE {
             let beside = (x - 0.5) * (x - 0.5) + 0.25;

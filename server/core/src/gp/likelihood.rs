@@ -30,6 +30,7 @@ impl Profile {
         let mean = dot(&ones, &whitened) / dot(&ones, &ones);
         whitened.iter_mut().zip(&ones).for_each(|(y, one)| *y -= mean * one);
         let variance = (dot(&whitened, &whitened) + prior.squares) / count;
+        assert!(variance.is_nan() || variance > 0.0, "the prior keeps a variance of {variance} from zero");
         let log_density = -0.5 * count * libm::log(variance) - factor.half_log_determinant();
         Profile { mean, variance, log_density, whitened }
     }
@@ -47,6 +48,7 @@ pub(super) fn gradient(
     variance: f64,
 ) -> Vec<f64> {
     let (n, dimension) = (sample.len(), sample.dimension());
+    assert!(slopes.len() == n * n && inverse.len() == n * n && alpha.len() == n, "{n} points");
     let pull = |p: usize, q: usize| alpha[p] * alpha[q] / variance - inverse[p * n + q];
     let mut gradient = vec![0.0; dimension + 2];
     let (weights, trend) = (hyper.weights(dimension), hyper.trend(dimension));

@@ -29,6 +29,7 @@ pub(crate) struct Leaders<T> {
 impl<T> Leaders<T> {
     /// Keeps the best `size` candidates.
     pub(crate) fn new(size: usize) -> Self {
+        assert!(size > 0, "somebody leads");
         Leaders { size, candidates: Vec::with_capacity(size + 1) }
     }
 
@@ -47,6 +48,7 @@ impl<T> Leaders<T> {
             self.candidates.insert(place, candidate);
             self.candidates.truncate(self.size);
         }
+        assert!(self.candidates.len() <= self.size, "{} lead", self.candidates.len());
     }
 
     /// Whether a point is among them.
@@ -105,6 +107,7 @@ pub(crate) fn climb<T>(
     moves.begin();
     for tried in 0..changes {
         let changed = moves.change(&climber.x, tried as f64 / changes as f64);
+        assert_eq!(changed.len(), climber.x.len(), "a change keeps all axes");
         let better = judge(changed, climber.score).filter(|changed| changed.score > climber.score);
         moves.kept(better.is_some());
         if let Some(better) = better {
@@ -124,6 +127,7 @@ pub(crate) struct Radii {
 
 impl Radii {
     fn at(self, progress: f64) -> f64 {
+        assert!((0.0..=1.0).contains(&progress), "a progress of {progress}");
         self.first * libm::pow(self.last / self.first, progress)
     }
 }
@@ -155,6 +159,7 @@ impl<N: Neighbourhood> Moves for AxisSweeps<'_, N> {
     }
 
     fn change(&mut self, x: &[f64], progress: f64) -> Vec<f64> {
+        assert_eq!(x.len(), self.axes.len(), "a point of other axes");
         if self.next == self.axes.len() {
             self.axes.shuffle(self.random);
             self.next = 0;
@@ -195,6 +200,7 @@ impl<N: Neighbourhood> Moves for RandomAxes<'_, N> {
         x[axis] = self.neighbourhood.moved(axis, x[axis], radius, self.random);
         if dimension > 1 && self.two {
             let other = (axis + self.random.random_range(1..dimension)) % dimension;
+            assert_ne!(other, axis, "two axes");
             x[other] = self.neighbourhood.moved(other, x[other], radius, self.random);
         }
         self.two = !self.two;

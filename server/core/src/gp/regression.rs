@@ -86,6 +86,7 @@ impl Process {
         prior: &Prior,
         schedule: Schedule,
     ) -> Option<(Process, usize)> {
+        assert!(views.iter().all(|(values, _)| values.len() == sample.len()), "{} points", sample.len());
         if sample.len() == 0 {
             return None;
         }
@@ -106,7 +107,9 @@ impl Process {
             if !(mean.is_finite() && variance.is_finite()) {
                 return None;
             }
+            assert!(view < views.len() && variance > 0.0, "a variance of {variance} by view {view}");
             factor.backward(&mut alpha);
+            assert!(step <= schedule.steps, "step {step} of {}", schedule.steps);
             let is_last = step == schedule.steps;
             let before = is_last.then(|| hyper.clone());
             if !is_last || schedule.ahead {
@@ -156,6 +159,8 @@ impl Process {
     /// The covariances of the point with the features of the context and these.
     pub(crate) fn covariances(&self, context: &SharedFeatures, features: &[f64], into: &mut Covariances) {
         let (sample, from) = (&self.sample, context.features.len());
+        assert_eq!(from + features.len(), sample.dimension(), "a point of other features");
+        assert_eq!(context.distances.len(), sample.len(), "the context of another process");
         into.own = 1.0;
         into.others.clear();
         into.others.extend_from_slice(&context.distances);
@@ -195,7 +200,9 @@ impl Process {
     pub(crate) fn deviation(&self, covariances: &mut Covariances) -> f64 {
         self.factor.forward(&mut covariances.others);
         let known = dot(&covariances.others, &covariances.others);
-        (self.variance * (covariances.own - known).max(VARIANCE_MIN)).sqrt()
+        let deviation = (self.variance * (covariances.own - known).max(VARIANCE_MIN)).sqrt();
+        assert!(deviation > 0.0, "a deviation of {deviation}");
+        deviation
     }
 
     /// The prior deviation there, before any measurement.

@@ -26,10 +26,14 @@ impl Sample {
     /// `points` are features, one for each of `kinds`. `counts`, above 0, are the measurements that each
     /// stands for: its noise is divided by them.
     pub(crate) fn new(kinds: Vec<FeatureKind>, points: &[&[f64]], counts: Vec<f64>) -> Self {
+        assert_eq!(points.len(), counts.len(), "every point has its count");
+        assert!(points.iter().all(|point| point.len() == kinds.len()), "{} features", kinds.len());
+        debug_assert!(counts.iter().all(|count| *count >= 0.0), "counts are not below zero");
         let columns: Vec<Vec<f64>> =
             (0..kinds.len()).map(|axis| points.iter().map(|point| point[axis]).collect()).collect();
         let centred = points.iter().flat_map(|point| centred(&kinds, *point)).collect();
         let linear = kinds.iter().position(|kind| *kind == FeatureKind::Linear);
+        assert!(kinds.iter().filter(|kind| **kind == FeatureKind::Linear).count() <= 1, "one linear feature");
         Sample { rows: points.concat(), columns, counts, centred, linear, pairs: None, kinds }
     }
 
@@ -41,6 +45,8 @@ impl Sample {
                 pairs.extend(self.distances_of(p, q));
             }
         }
+        let count = self.len() * self.len().saturating_sub(1) / 2;
+        assert_eq!(pairs.len(), count * self.dimension(), "{count} pairs");
         self.pairs = Some(pairs);
         self
     }
@@ -71,6 +77,7 @@ impl Sample {
 
     /// Squared distances of points `p > q` along each feature, not weighted.
     pub(super) fn distances<'a>(&'a self, p: usize, q: usize, scratch: &'a mut Vec<f64>) -> &'a [f64] {
+        assert!(q < p && p < self.len(), "{q} and {p} are no pair");
         let dimension = self.dimension();
         match &self.pairs {
             Some(pairs) => {

@@ -29,7 +29,9 @@ impl RobustLog {
         let spread = quartile(0.75) - quartile(0.25);
         // Where most are alike the others say how far values reach.
         let widest = if spread > 0.0 { spread } else { (quartile(1.0) - quartile(0.0)) / REACH };
-        Some(RobustLog { median, scale: if widest > 0.0 { widest } else { f64::INFINITY } })
+        let scale = if widest > 0.0 { widest } else { f64::INFINITY };
+        assert!(median > 0.0 && scale > 0.0, "a scale of {scale} around {median}");
+        Some(RobustLog { median, scale })
     }
 
     /// A cost as the process sees it: 0 at the median.
@@ -50,6 +52,8 @@ impl RobustLog {
         } else {
             (limit + self.scale * libm::expm1((value.abs() - limit) / self.scale)).copysign(value)
         };
-        (libm::exp(value.clamp(-700.0, 700.0)) * self.median).min(f64::MAX)
+        let cost = (libm::exp(value.clamp(-700.0, 700.0)) * self.median).min(f64::MAX);
+        assert!((0.0..=f64::MAX).contains(&cost), "a cost of {cost}");
+        cost
     }
 }

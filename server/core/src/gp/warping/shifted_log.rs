@@ -31,8 +31,11 @@ impl ShiftedLog {
         let above = |cost: f64| cost / 2.0 - least / 2.0;
         let higher: Vec<f64> = sorted.iter().map(|&cost| above(cost)).filter(|above| *above > 0.0).collect();
         let spread = higher.get(higher.len() / 2).copied().unwrap_or(1.0);
+        assert!(spread > 0.0, "a spread of {spread}");
         let relative = |&cost: &f64| ((above(cost) / spread).min(FAR) * STEPS).round() / STEPS;
-        ShiftedLog { relative: costs.iter().map(relative).collect(), least, spread: 2.0 * spread }
+        let relative: Vec<f64> = costs.iter().map(relative).collect();
+        assert!(relative.iter().all(|cost| (0.0..=FAR).contains(cost)), "none is below the least");
+        ShiftedLog { relative, least, spread: 2.0 * spread }
     }
 
     /// The costs through each transformation, with the logarithm of its Jacobian.
@@ -48,9 +51,10 @@ impl ShiftedLog {
     /// A deviation in a view at the least cost, as a share of that cost.
     pub(crate) fn relative(&self, view: usize, deviation: f64) -> f64 {
         if self.least == 0.0 {
-            0.0
-        } else {
-            (deviation * SHIFTS[view] * self.spread / self.least).abs().min(1.0)
+            return 0.0;
         }
+        let share = (deviation * SHIFTS[view] * self.spread / self.least).abs().min(1.0);
+        assert!((0.0..=1.0).contains(&share), "a share of {share}");
+        share
     }
 }
