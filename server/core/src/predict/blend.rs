@@ -73,6 +73,7 @@ impl PredictorErrors {
         if said.is_empty() {
             return None;
         }
+        assert!(total > 0.0 && total.is_finite(), "a weight of {total} altogether");
         let log = |cost: f64| libm::log(cost.max(REWARD_COST_MIN));
         let mean: f64 = said.iter().map(|(weight, word)| weight / total * log(word.cost)).sum();
         let deviation: f64 = said.iter().map(|(weight, word)| weight / total * word.deviation).sum();

@@ -58,13 +58,10 @@ impl Predictors {
         let setup = PredictorSetup { space, indicators, seed, omitted };
         let needed = |single: &PredictorMethod| chooses || method == *single || !learns(*single);
         let singles = METHODS.iter().copied().filter(needed);
-        Predictors {
-            singles: singles.filter_map(|single| AnyPredictor::new(single, setup)).collect(),
-            chooses,
-            trials: 0,
-            tallies: PredictorErrors::default(),
-            deferred: Vec::new(),
-        }
+        let singles: Vec<AnyPredictor> =
+            singles.filter_map(|single| AnyPredictor::new(single, setup)).collect();
+        assert!(!singles.is_empty(), "those that learn nothing are always there");
+        Predictors { singles, chooses, trials: 0, tallies: PredictorErrors::default(), deferred: Vec::new() }
     }
 
     /// Whether trials are tests.
@@ -154,6 +151,7 @@ impl Predictors {
         if same < updates.len() {
             return;
         }
+        assert!(same <= self.deferred.len(), "{same} of {} updates", self.deferred.len());
         self.deferred.drain(..same);
         self.tallies = tallies;
         if let (Some(model), Some(hyper)) = (self.contextual_mut(), hyper) {
@@ -170,7 +168,9 @@ impl Predictors {
 
     /// Replaces the models of features by those of `fresh`, which leave out other indicators.
     pub(crate) fn begin_features(&mut self, fresh: Predictors) {
+        assert_eq!(self.singles.len(), fresh.singles.len(), "predictors of one policy");
         for (own, fresh) in self.singles.iter_mut().zip(fresh.singles) {
+            assert_eq!(own.method(), fresh.method(), "in the order of the registry");
             if own.has_features() {
                 *own = fresh;
             }

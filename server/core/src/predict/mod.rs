@@ -88,10 +88,12 @@ impl Query<'_> {
         explored: bool,
         filter: impl Fn(&KnownState) -> bool,
     ) -> Vec<IndexEntry> {
-        self.state_index.nearest(self.state, count, explored, |place| {
+        let found = self.state_index.nearest(self.state, count, explored, |place| {
             let known = self.known.get(place).filter(|known| filter(known))?;
             Some(distance_2(self.machines.level(self.machine, known.machine)))
-        })
+        });
+        assert!(found.len() <= count, "{} of {count} states", found.len());
+        found
     }
 
     /// Numbers for who asks.
@@ -121,7 +123,9 @@ pub(crate) const RUNS_LEAST: f64 = 0.99;
 /// The probability that one more configuration can be run after `successes` that could and none that could
 /// not. Half of all programs can run all of theirs; in the others any share is as likely as any other.
 pub(crate) fn runs_after(successes: usize) -> f64 {
-    1.0 - (successes as f64 + 2.0).powi(-2)
+    let probability = 1.0 - (successes as f64 + 2.0).powi(-2);
+    assert!((0.5..=1.0).contains(&probability), "a probability of {probability} after {successes}");
+    probability
 }
 
 /// The expected value of a single measurement, in the objective's units. Both are finite and not negative.
@@ -137,7 +141,9 @@ impl Estimate {
     /// Holds both within the finite numbers; what is no number is taken for the largest.
     pub fn new(cost: f64, deviation: f64) -> Self {
         let hold = |x: f64| if x.is_nan() { f64::MAX } else { x.clamp(0.0, f64::MAX) };
-        Estimate { cost: hold(cost), deviation: hold(deviation) }
+        let held = Estimate { cost: hold(cost), deviation: hold(deviation) };
+        assert!(held.cost.is_finite() && held.deviation.is_finite(), "{held:?} stands for {cost}");
+        held
     }
 }
 

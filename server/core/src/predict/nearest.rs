@@ -68,6 +68,7 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
             chosen.insert(from, own);
             chosen.truncate(count);
         }
+        assert!(chosen.len() <= count, "{} of {count} states", chosen.len());
     }
     chosen
 }
@@ -137,6 +138,7 @@ fn first_word(costs: &[f64]) -> Option<Estimate> {
     }
     // Divided before they are squared and summed: differences of large costs may overflow.
     let scale = costs.iter().fold(f64::MIN_POSITIVE, |most, &cost| most.max(cost));
+    assert!(scale > 0.0, "a scale of {scale}");
     let squares: f64 = others.iter().map(|cost| (cost / scale - first / scale).powi(2)).sum();
     Some(Estimate::new(first, scale * (squares / others.len() as f64).sqrt()))
 }
@@ -173,6 +175,7 @@ impl Predictor for Nearest {
             candidate.state.results.best().map(|best| cost(candidate.state, best))
         };
         costs.extend(candidates.iter().skip(1).filter_map(best));
+        assert!(costs.len() <= candidates.len(), "{} costs of {} states", costs.len(), candidates.len());
         Some(Answer {
             configuration: record.configuration.clone(),
             expected: first_word(&costs)?,
@@ -238,6 +241,7 @@ impl Weighted {
     ) -> (Vec<(f64, StateCosts<'a>)>, Vec<Neighbour>) {
         let weights = weights(&candidates);
         let tables = candidates.iter().map(|candidate| StateCosts::of(query, candidate.state));
+        assert_eq!(weights.len(), candidates.len(), "a weight for every state");
         (weights.into_iter().zip(tables).collect(), listed(query, &candidates))
     }
 }

@@ -45,6 +45,7 @@ impl Fading {
     fn take(&mut self, error: f64, fade: f64) {
         self.sum = fade * self.sum + error;
         self.weight = fade * self.weight + 1.0;
+        assert!(self.weight >= 1.0, "the newest counts as one, of {}", self.weight);
     }
 
     fn mean(&self) -> Option<f64> {
@@ -68,6 +69,7 @@ pub struct ErrorInterval {
 impl ErrorStatistics {
     /// Counts one more error.
     pub fn take(&mut self, error: f64) {
+        assert!((0.0..=ERROR_MAX).contains(&error), "an error of {error}");
         self.count += 1;
         self.sum.add(error);
         self.squares.add(error * error);
@@ -98,7 +100,9 @@ impl ErrorStatistics {
             ERROR_MAX * ERROR_MAX
         };
         let reach = 1.96 * (variance / n).sqrt();
-        Some(ErrorInterval { count: self.count, mean, low: (mean - reach).max(0.0), high: mean + reach })
+        let (low, high) = ((mean - reach).max(0.0), mean + reach);
+        assert!(low <= mean && mean <= high, "{mean} lies between {low} and {high}");
+        Some(ErrorInterval { count: self.count, mean, low, high })
     }
 }
 

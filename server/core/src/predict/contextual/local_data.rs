@@ -88,6 +88,7 @@ impl LocalData {
             let taken = quota.min(ROWS_MAX - rows);
             sources.push(SourceState::of(features, query, state, taken));
             rows += state.results.ranked().len().min(taken);
+            assert!(rows <= ROWS_MAX, "{rows} rows");
             quota = (quota / 2).max(QUOTA_LEAST);
             if rows >= ROWS_MAX {
                 break;
@@ -127,6 +128,8 @@ impl LocalData {
                 records.push(record);
             }
         }
+        assert_eq!(points.len(), costs.len(), "a cost for every point");
+        assert_eq!(points.len(), records.len(), "a record for every point");
         let warping = RobustLog::of(&costs)?;
         let values = costs.iter().map(|&cost| warping.see(cost)).collect();
         let points: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
@@ -143,6 +146,7 @@ impl LocalData {
             let ran = selection(&source.results, source.quota);
             for record in ran.into_iter().chain(failing) {
                 let features = self.features.features(&space.encode(&record.configuration));
+                assert!(failures > 0 || !record.fails(), "no more failures are taken");
                 failures -= usize::from(record.fails());
                 runs.points.push([&source.state[..], &features].concat());
                 runs.failed.push(record.fails());
@@ -245,6 +249,7 @@ impl SourceState {
 
 /// A belief in the objective's units. The deviation is that of a single measurement.
 fn estimate(warping: &RobustLog, mean: f64, variance: f64) -> Estimate {
+    assert!(variance >= 0.0, "a variance of {variance}");
     let cost = warping.cost(mean);
     let above = warping.cost(mean + variance.sqrt());
     Estimate::new(cost, above - cost)
@@ -259,5 +264,8 @@ fn selection(results: &ResultTable, count: usize) -> Vec<&Record> {
     let best = count.div_ceil(2);
     let rest = count - best;
     let step = |index: usize| best + (index * (all.len() - best)) / rest.max(1);
-    all[..best].iter().copied().chain((0..rest).map(|index| all[step(index)])).collect()
+    let selected: Vec<&Record> =
+        all[..best].iter().copied().chain((0..rest).map(|index| all[step(index)])).collect();
+    assert_eq!(selected.len(), count, "as many as were asked for");
+    selected
 }

@@ -183,12 +183,17 @@ impl Contextual {
         };
         let mut features = self.features.state(lesson.state, lesson.origin);
         features.extend(self.features.features(lesson.point));
+        assert_eq!(features.len(), self.features.kinds.len(), "a lesson of other features");
         let example = Example { features, cost };
         let place = (self.lessons % LESSONS_MAX as u64) as usize;
         match self.examples.get_mut(place) {
             Some(old) => *old = example,
-            None => self.examples.push(example),
+            None => {
+                assert_eq!(place, self.examples.len(), "the ring fills in order");
+                self.examples.push(example);
+            }
         }
+        assert!(self.examples.len() <= LESSONS_MAX, "{} lessons", self.examples.len());
         self.lessons += 1;
         let due = self.lessons <= LESSONS_EAGER || self.lessons.is_multiple_of(LESSONS_SHARE);
         (due && self.examples.len() >= 4).then(|| HyperparameterUpdate {

@@ -43,6 +43,7 @@ impl Running {
     /// Fits the process where anything failed. `state` are the features that all asked points share.
     pub(super) fn of(features: &FeatureMap, runs: Runs, state: &[f64]) -> Self {
         let Runs { points, failed, counts } = runs;
+        assert!(points.len() == failed.len() && counts.len() == failed.len(), "{} points", failed.len());
         let ran = failed.iter().filter(|failed| !**failed).count();
         if ran == failed.len() {
             return Running { model: None, ran, failed: false };

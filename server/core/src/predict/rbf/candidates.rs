@@ -49,6 +49,7 @@ impl Candidates {
         };
         if let Some(&index) = self.index.get(lesson.configuration) {
             let candidate = &mut self.list[index];
+            assert!(candidate.configuration == *lesson.configuration, "the place of another configuration");
             candidate.ratio = candidate.ratio.min(ratio);
             return;
         }
@@ -70,5 +71,7 @@ impl Candidates {
             }
         };
         self.index.insert(lesson.configuration.clone(), place);
+        assert!(self.list.len() <= CANDIDATES_MAX, "{} candidates", self.list.len());
+        assert_eq!(self.index.len(), self.list.len(), "every candidate is found by its configuration");
     }
 }

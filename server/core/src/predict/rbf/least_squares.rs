@@ -52,6 +52,7 @@ impl Miss {
     fn take(&mut self, miss: f64) {
         self.sum = MISS_FADE * self.sum + miss * miss;
         self.weight = MISS_FADE * self.weight + 1.0;
+        assert!(self.weight >= 1.0, "the newest counts as one, of {}", self.weight);
     }
 
     fn mean(&self) -> f64 {
@@ -119,6 +120,7 @@ impl LeastSquares {
     fn features(&self, state_2: &[f64], action_2: &[f64], phi: &mut Vec<f64>) {
         self.basis.features(state_2, action_2, phi);
         phi.push(1.0);
+        assert_eq!(phi.len(), self.basis.len() + 1, "the features and a constant");
     }
 
     /// The estimate of each model of a machine's chain, with its miss there, the fleet's first.
@@ -136,6 +138,7 @@ impl LeastSquares {
     /// The precision-weighted word of all.
     fn believe(&self, phi: &[f64], origin: Origin) -> ModelEstimate {
         let chain = self.chain(phi, origin);
+        assert!((1..=3).contains(&chain.len()), "{} models, the fleet's among them", chain.len());
         let precision = |belief: &ModelEstimate| 1.0 / belief.variance.max(f64::MIN_POSITIVE);
         let total: f64 = chain.iter().map(precision).sum();
         let mean = |of: fn(&ModelEstimate) -> f64| {
@@ -169,6 +172,7 @@ impl LeastSquares {
         for (level, key) in [(&mut self.groups, origin.group), (&mut self.nodes, origin.node)] {
             let fresh = || Member { solver: Solver::new(size, PRIOR), misses: [Miss::new(); 3], last: now };
             let member = level.entry(key).or_insert_with(fresh);
+            assert_eq!(member.misses.len(), chain.len(), "a miss for every level");
             for (miss, expected) in member.misses.iter_mut().zip(&chain) {
                 miss.take(value - expected);
             }
@@ -178,6 +182,7 @@ impl LeastSquares {
                 let oldest = level.iter().min_by_key(|(_, member)| member.last).map(|(&key, _)| key);
                 oldest.map(|key| level.remove(&key));
             }
+            assert!(level.len() <= MODELS_MAX, "{} models of a level", level.len());
         }
     }
 }

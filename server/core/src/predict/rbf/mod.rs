@@ -55,7 +55,11 @@ impl Basis {
             let action = state.split_off(indicators);
             (state, action)
         });
-        Basis { shape, centres: halves.collect(), omitted: omitted.to_vec() }
+        let centres: Vec<(Vec<f64>, Vec<f64>)> = halves.collect();
+        let of_action = |(_, action): &(Vec<f64>, Vec<f64>)| action.len() == parameters;
+        assert!(centres.iter().all(of_action), "{parameters} parameters");
+        assert!(omitted.iter().all(|&axis| axis < indicators), "{omitted:?} of {indicators} indicators");
+        Basis { shape, centres, omitted: omitted.to_vec() }
     }
 
     fn len(&self) -> usize {
@@ -82,6 +86,8 @@ impl Basis {
 
     /// The features at the sums of squared distances.
     fn features(&self, state_2: &[f64], action_2: &[f64], phi: &mut Vec<f64>) {
+        let count = self.len();
+        assert!(state_2.len() == count && action_2.len() == count, "{count} centres");
         phi.clear();
         phi.extend(state_2.iter().zip(action_2).map(|(state, action)| state + action));
         match self.shape {
@@ -92,6 +98,7 @@ impl Basis {
 }
 
 fn distance_2(a: &[f64], b: &[f64]) -> f64 {
+    debug_assert_eq!(a.len(), b.len(), "points of one space");
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }
 

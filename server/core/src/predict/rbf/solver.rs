@@ -39,6 +39,7 @@ impl Solver {
             rows[at] = prior.sqrt();
             at += size - row;
         }
+        assert_eq!(at, rows.len(), "a triangle of {size} rows");
         Solver { size, rows, right: vec![0.0; size], prior, lessons: 0, theta: vec![0.0; size] }
     }
 
@@ -49,6 +50,7 @@ impl Solver {
 
     /// Learns that `features` have `value`; uses the features up.
     pub(super) fn learn(&mut self, features: &mut [f64], value: f64) {
+        assert_eq!(features.len(), self.size, "a lesson of other features");
         let fade = FADE.sqrt();
         self.rows.iter_mut().chain(&mut self.right).for_each(|x| *x *= fade);
         let axis = (self.lessons % self.size.max(1) as u64) as usize;
@@ -85,6 +87,7 @@ impl Solver {
             self.right[i] = cosine * old + sine * value;
             value = cosine * value - sine * old;
         }
+        assert_eq!(at, self.rows.len(), "from row {from} to the last");
     }
 
     fn solve(&mut self) {
@@ -93,8 +96,10 @@ impl Solver {
         for i in (0..n).rev() {
             let row = &self.rows[end - (n - i)..end];
             end -= n - i;
+            assert!(row[0] > 0.0, "{} on the diagonal of row {i}", row[0]);
             self.theta[i] = (self.right[i] - dot(&row[1..], &self.theta[i + 1..])) / row[0];
         }
+        assert_eq!(end, 0, "all rows were solved");
     }
 
     /// The value to expect.
@@ -105,6 +110,7 @@ impl Solver {
     /// How far the features are from what was learnt: `phi' P phi`.
     pub(super) fn leverage(&self, features: &[f64]) -> f64 {
         let n = self.size;
+        assert_eq!(features.len(), n, "a point of other features");
         let (mut left, mut at, mut sum) = (features.to_vec(), 0, 0.0);
         for i in 0..n {
             let row = &self.rows[at..at + n - i];

@@ -51,6 +51,7 @@ pub(crate) struct IndicatorStatistics {
 }
 
 fn place(row: usize, column: usize) -> usize {
+    debug_assert!(column <= row, "{row}, {column} is above the diagonal");
     row * (row + 1) / 2 + column
 }
 
@@ -59,6 +60,7 @@ fn keep(values: &mut Vec<f64>, value: f64, before: impl Fn(f64, f64) -> bool) {
     let at = values.partition_point(|&other| !before(value, other));
     values.insert(at, value);
     values.truncate(EXTREMES);
+    debug_assert!(values.windows(2).all(|pair| !before(pair[1], pair[0])), "{values:?} are in order");
 }
 
 impl IndicatorStatistics {
@@ -81,6 +83,7 @@ impl IndicatorStatistics {
 
     /// Takes the normalised indicators of a new state; finite.
     pub(crate) fn take(&mut self, state: &[f64]) {
+        assert_eq!(state.len(), self.width(), "the indicators of the study");
         let clamped: Vec<f64> = state.iter().map(|x| x.clamp(REACH.0, REACH.1)).collect();
         for OmittedIndicator { axis, redundant_with } in self.omitted() {
             if let Some(other) = redundant_with {
@@ -104,7 +107,9 @@ impl IndicatorStatistics {
     }
 
     fn slope(&self, axis: usize, other: usize) -> f64 {
-        self.products[place(axis, other)] / self.products[place(other, other)]
+        let square = self.products[place(other, other)];
+        assert!(square > 0.0, "indicator {other} varies by {square}");
+        self.products[place(axis, other)] / square
     }
 
     fn is_constant(&self, axis: usize) -> bool {
@@ -149,6 +154,7 @@ impl IndicatorStatistics {
             })
             .collect();
         self.omitted().iter().for_each(|omitted| weights[omitted.axis] = 0.0);
+        assert!(weights.iter().all(|weight| (0.0..=1.0).contains(weight)), "{weights:?}");
         weights
     }
 

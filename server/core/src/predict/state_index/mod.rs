@@ -54,6 +54,7 @@ impl StateIndex {
             tree.insert(place, &state.anchor);
             self.held.push((false, false));
         }
+        assert!((place as usize) < self.held.len(), "{:?} comes before its time", state.id);
         let (measured, explored) = &mut self.held[place as usize];
         if state.results.best().is_none() {
             return;
@@ -66,6 +67,7 @@ impl StateIndex {
             *explored = true;
             self.explored.insert(place, &state.anchor);
         }
+        assert!(*measured || !*explored, "what was explored was measured");
     }
 
     /// Takes a state's indicators for evidence of how far they reach. Called once for each state, in the
@@ -75,6 +77,7 @@ impl StateIndex {
         let before = self.statistics.omitted();
         self.statistics.take(anchor);
         self.weights = self.statistics.weights();
+        assert_eq!(self.weights.len(), anchor.len(), "a weight for every indicator");
         before != self.statistics.omitted()
     }
 
@@ -90,6 +93,7 @@ impl StateIndex {
 
     /// Takes over statistics of as many indicators that were gathered before.
     pub(crate) fn take_over(&mut self, statistics: IndicatorStatistics) {
+        assert_eq!(statistics.width(), self.statistics.width(), "as many indicators");
         self.weights = statistics.weights();
         self.statistics = statistics;
     }

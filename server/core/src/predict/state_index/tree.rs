@@ -62,6 +62,7 @@ impl KdTree {
 
     /// Adds a point of finite coordinates.
     pub(super) fn insert(&mut self, name: u32, point: &[f64]) {
+        assert_eq!(point.len(), self.width, "a point of other coordinates");
         let slot = self.names.len() as u32;
         self.points.extend_from_slice(point);
         self.names.push(name);
@@ -84,6 +85,7 @@ impl KdTree {
             let slots = self.dissolve(root);
             self.build(root, slots);
         }
+        assert_eq!(self.nodes[0].count as usize, self.names.len(), "the root holds all points");
     }
 
     /// The `count` points nearest to `state`, nearest first, the first named first among equals. `further`
@@ -123,6 +125,7 @@ impl KdTree {
                             continue;
                         }
                         let Some(further) = further(name) else { continue };
+                        debug_assert!(further >= 0.0, "{further} further away");
                         let new = IndexEntry { name, distance_2: distance_2 + further };
                         let place = found.partition_point(|other| other.comes_before(&new));
                         if place < count {
@@ -133,6 +136,7 @@ impl KdTree {
                 }
             }
         }
+        debug_assert!(found.windows(2).all(|pair| !pair[1].comes_before(&pair[0])), "nearest first");
         found
     }
 
@@ -213,6 +217,7 @@ impl KdTree {
                 }
             }
         }
+        assert_eq!(slots.len(), self.nodes[root].count as usize, "the points of a subtree");
         slots
     }
 
@@ -245,6 +250,7 @@ impl KdTree {
                 cut = slots.iter().map(x).filter(|x| *x > cut).fold(f64::INFINITY, f64::min);
             }
             let (low, high): (Vec<u32>, Vec<u32>) = slots.into_iter().partition(|slot| x(slot) < cut);
+            assert!(!low.is_empty() && !high.is_empty(), "a cut at {cut} parts nothing");
             let (below, above) = (self.allocate(), self.allocate());
             self.nodes[node].kind = NodeKind::Branch { axis: axis as u32, cut, below, above };
             open.extend([(below as usize, low), (above as usize, high)]);
@@ -256,6 +262,7 @@ impl KdTree {
             self.nodes.push(TreeNode { count: 0, kind: NodeKind::Leaf(Vec::new()) });
             let empty = self.empty_box();
             self.boxes.extend(empty);
+            assert_eq!(self.boxes.len(), 2 * self.width * self.nodes.len(), "a box for every node");
             self.nodes.len() as u32 - 1
         })
     }
@@ -263,6 +270,7 @@ impl KdTree {
 
 /// The square of the weighted distance, or `None` as soon as it must exceed `limit`.
 fn distance_2(a: &[f64], b: &[f64], weights: &[f64], limit: f64) -> Option<f64> {
+    debug_assert!(a.len() == b.len() && a.len() == weights.len(), "points of one space");
     let mut sum = 0.0;
     for ((a, b), weight) in a.iter().zip(b).zip(weights) {
         sum += weight * ((a - b) * (a - b));
@@ -275,6 +283,7 @@ fn distance_2(a: &[f64], b: &[f64], weights: &[f64], limit: f64) -> Option<f64> 
 
 /// The square of the Euclidean distance if every coordinate is within the tolerance.
 pub(crate) fn match_distance_2(anchor: &[f64], state: &[f64], tolerance: f64) -> Option<f64> {
+    debug_assert_eq!(anchor.len(), state.len(), "points of one space");
     let mut sum = 0.0;
     for (a, b) in anchor.iter().zip(state) {
         let difference = (a - b).abs();
