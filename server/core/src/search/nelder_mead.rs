@@ -124,6 +124,7 @@ impl NelderMead {
         let mut queue = VecDeque::from([(search.setup.start.clone(), Step::Default)]);
         let points = design(vertices - 1, search.setup.dimension(), &mut search.random());
         queue.extend(points.into_iter().map(|x| (x, Step::LatinHypercube)));
+        assert_eq!(queue.len(), vertices, "a point for every vertex");
         search.phase = SimplexPhase::Design { queue };
         search
     }
@@ -145,12 +146,16 @@ impl NelderMead {
     fn sort(&mut self) {
         // Stable: of equal vertices the older stays in front.
         self.simplex.sort_by(|a, b| a.score.compare(&b.score));
+        let is_sorted = self.simplex.windows(2).all(|pair| !pair[1].score.beats(&pair[0].score));
+        assert!(is_sorted, "the best comes first");
     }
 
     /// Takes `vertex` in the place of the worst and goes on with a reflection.
     fn accept(&mut self, vertex: SimplexVertex) {
+        let vertices = self.simplex.len();
         self.simplex.pop();
         self.simplex.push(vertex);
+        assert_eq!(self.simplex.len(), vertices, "a vertex in the place of another");
         self.sort();
         self.phase = SimplexPhase::Reflect;
     }
@@ -191,6 +196,7 @@ impl NelderMead {
     /// best value of a parameter often is an end of its range.
     fn on_line(&self, target: &[f64], along: f64) -> Vec<f64> {
         let kept = &self.simplex[..self.simplex.len() - 1];
+        assert!(!kept.is_empty(), "a simplex of one vertex has no centroid");
         let centroid =
             |axis: usize| kept.iter().map(|vertex| vertex.x[axis]).sum::<f64>() / kept.len() as f64;
         let at = |(axis, t): (usize, &f64)| {

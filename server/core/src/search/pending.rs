@@ -22,6 +22,7 @@ impl PendingPoints {
     pub(super) fn add(&mut self, x: Vec<f64>, step: Step) -> Point {
         let point = Point { id: self.next_id, x, step };
         self.next_id += 1;
+        assert!(point.id < self.next_id, "ids rise");
         self.pending.insert(point.id, point.clone());
         point
     }

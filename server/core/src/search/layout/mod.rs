@@ -93,6 +93,10 @@ impl Layout {
             space: None,
             main_effects: None,
         };
+        let comes_after =
+            |(index, axis): (usize, &LayoutAxis)| axis.gate.as_ref().is_none_or(|gate| gate.parent < index);
+        assert!(layout.axes.iter().enumerate().all(comes_after), "a parent comes before its children");
+        assert_eq!(layout.default.len(), layout.axes.len(), "a place for every axis");
         layout.set_space(space);
         layout
     }
@@ -218,6 +222,7 @@ impl Layout {
 
     /// Which axes count at a point whose parents are canonical.
     pub(crate) fn active(&self, x: &[f64]) -> Vec<bool> {
+        assert_eq!(x.len(), self.axes.len(), "a coordinate for every axis");
         let mut active = vec![true; x.len()];
         for (index, axis) in self.axes.iter().enumerate() {
             if let Some(Gate { parent, any_of }) = &axis.gate {
@@ -290,7 +295,9 @@ impl Layout {
         };
         let twice = self.axes.iter().enumerate().filter_map(cell_of);
         let main_effects = self.main_effects.iter().map(|main_effects| main_effects.at(self, x, active));
-        (0..x.len()).map(feature).chain(twice).chain(main_effects).collect()
+        let features: Vec<f64> = (0..x.len()).map(feature).chain(twice).chain(main_effects).collect();
+        debug_assert_eq!(features.len(), self.kinds().len(), "every feature has its kind");
+        features
     }
 }
 
@@ -305,6 +312,7 @@ impl Neighbourhood for Layout {
             return (x + 2.0 * radius * towards).clamp(0.0, 1.0);
         }
         let rank = self.rank(axis, x);
+        assert!(rank < cells, "rank {rank} of {cells}");
         let reach = ((f64::from(cells) * radius) as u32).max(1);
         let other = if cells <= 8 || random.random::<f64>() < 0.2 {
             (rank + random.random_range(1..cells)) % cells
@@ -312,6 +320,7 @@ impl Neighbourhood for Layout {
             let step = random.random_range(1..=reach);
             if random.random::<bool>() { rank.saturating_sub(step) } else { (rank + step).min(cells - 1) }
         };
+        assert!(other < cells, "rank {other} of {cells}");
         self.at_rank(axis, other)
     }
 }
@@ -370,6 +379,7 @@ fn level_of(domain: &Domain, value: &Value) -> i64 {
 }
 
 fn cell(x: f64, levels: u32) -> u32 {
+    assert!(levels > 0, "a choice among nothing");
     ((x * f64::from(levels)) as u32).min(levels - 1)
 }
 

@@ -47,6 +47,7 @@ impl PlannedPoint {
             last = search.propose();
             more.extend(last.clone());
         }
+        assert!(more.len() <= reserve, "{} points in a reserve of {reserve}", more.len());
         let guided = search.setup.layout.has_guide();
         PlannedPoint { point, reserve: more, cost, failure, trended, fitted, draws, guided }
     }
@@ -71,6 +72,7 @@ impl ModelSearch {
         self.trended = plan.trended.clone();
         self.fitted = plan.fitted;
         self.draws = self.draws.max(plan.draws);
+        assert!(self.draws >= plan.draws, "streams are used once");
         if !plan.reserve.is_empty() {
             self.reserve = plan.reserve.iter().cloned().collect();
         }

@@ -225,6 +225,7 @@ impl ModelSearch {
         }
         self.setup.layout.canonical(&mut x);
         let grid = steps(&x);
+        assert!(grid.iter().all(|&x| f64::from(x) <= GRID), "{grid:?} leaves the cube");
         let x = if grid == self.grid(&self.setup.start).0 {
             self.setup.start.clone()
         } else {
@@ -255,7 +256,9 @@ impl ModelSearch {
         // Of equals the oldest.
         let best = newest_first.rev().min_by(|a, b| a.1.observed.rank().total_cmp(&b.1.observed.rank()));
         let since = best.map_or(0, |(since, _)| since);
-        if has_choices { (since as f64 / DOUBT_EVERY).min(DOUBT_MAX) } else { 0.0 }
+        let doubt = if has_choices { (since as f64 / DOUBT_EVERY).min(DOUBT_MAX) } else { 0.0 };
+        assert!((0.0..=DOUBT_MAX).contains(&doubt), "a doubt of {doubt}");
+        doubt
     }
 
     /// A configuration that was seen, as the models see it.
@@ -286,7 +289,9 @@ impl ModelSearch {
                 left -= 1;
             }
         }
-        (0..n).filter(|&index| chosen[index]).collect()
+        let chosen: Vec<usize> = (0..n).filter(|&index| chosen[index]).collect();
+        assert_eq!(chosen.len(), FITTED_THEN, "the best and the latest of {n}");
+        chosen
     }
 
     /// The next point by the models; `None` while there is nothing to model.
@@ -400,6 +405,7 @@ impl ModelSearch {
             return Some(CostModel { process, noise, evidence });
         }
         let mut values = views[view].0.clone();
+        assert_eq!(values.len(), measured.len(), "a value for every measurement");
         values.extend(pending.iter().map(|features| process.predict(features).mean));
         counts.extend(pending.iter().map(|_| PENDING_COUNT));
         points.extend(pending.iter().map(Vec::as_slice));
@@ -411,6 +417,7 @@ impl ModelSearch {
     /// the model's guess at the relative deviation of a measurement; it takes what the cost surface is too
     /// rough for it for noise, so that what replicates themselves say soon outweighs it.
     fn doubtful(&self, measured: &[&ModelledPoint], noise: f64) -> Option<Vec<f64>> {
+        assert!((0.0..=1.0).contains(&noise), "a relative deviation of {noise}");
         let (repeats, squares) = self.scatter;
         let deviation = ((squares + noise * noise) / (repeats as f64 + 1.0)).sqrt();
         let measured: Vec<_> =
