@@ -104,6 +104,7 @@ fn least_squares(rows: &[Row], width: usize) -> Option<(Vec<f64>, f64)> {
     let total: f64 = rows.iter().map(|row| row.count).sum();
     let mean =
         |of: &dyn Fn(&Row) -> f64| -> f64 { rows.iter().map(|row| row.count * of(row)).sum::<f64>() / total };
+    assert!(rows.iter().all(|row| row.auxiliary.len() == width && row.count > 0.0), "{width} in a row");
     let mut matrix = vec![0.0; width * width];
     let mut slopes = vec![0.0; width];
     for i in 0..width {
@@ -155,12 +156,14 @@ impl Denoiser {
     /// measurements. `None` where there are too few, or too few repeats, to tell what helps.
     pub fn of(observations: &[Observation]) -> Option<Denoiser> {
         let width = observations.first()?.auxiliary.len();
+        assert!(observations.iter().all(|one| one.auxiliary.len() == width), "{width} measurements beside");
         let groups = groups(observations);
         let repeats = observations.len() - groups.len();
         if width == 0 || repeats < REPEATS_LEAST || groups.len() < width + 1 + CONFIGURATIONS_SPARE {
             return None;
         }
         let total: f64 = groups.iter().map(|(_, group)| group.count).sum();
+        assert_eq!(total, observations.len() as f64, "every observation is of one configuration");
         let mean = |of: &dyn Fn(&Group) -> f64| -> f64 {
             groups.iter().map(|(_, group)| group.count * of(group)).sum::<f64>() / total
         };
@@ -227,6 +230,7 @@ impl Denoiser {
 
     /// The prediction of the auxiliary measurements alone.
     fn predicted(&self, auxiliary: &[f64]) -> f64 {
+        assert_eq!(auxiliary.len(), self.slopes.len(), "as many measurements as were learnt from");
         let terms = auxiliary.iter().zip(&self.means).zip(&self.slopes);
         self.level + terms.map(|((x, mean), slope)| slope * (x - mean)).sum::<f64>()
     }
@@ -244,6 +248,7 @@ impl Denoiser {
 
     /// Which share of the variance of a single measurement's noise is left.
     pub fn variance_left(&self) -> f64 {
+        assert!(self.noise_2 > 0.0, "a variance of {}", self.noise_2);
         (self.combined_2 / self.noise_2).clamp(0.0, 1.0)
     }
 }

@@ -92,13 +92,15 @@ impl Pairs {
         }
         let mixed =
             |v: f64| SCALES.iter().map(|scale| one_sided(sum, v, *scale)).sum::<f64>() / SCALES.len() as f64;
-        match self.variance {
+        let evidence = match self.variance {
             None => mixed(squares),
             Some(variance) => {
                 let expected = variance * self.log_ratios.len() as f64;
                 0.5 * mixed(squares) + 0.5 * mixed((squares + 2.0 * expected) / 3.0)
             }
-        }
+        };
+        assert!(evidence >= 0.0, "an e-value of {evidence}");
+        evidence
     }
 
     /// The evidence that the challenger costs less than the incumbent.
@@ -109,6 +111,7 @@ impl Pairs {
     /// The interval of the logarithm of the ratio of the incumbent's cost over the challenger's, at any time
     /// with a probability of at least 1 - `error`. Infinite ends say that nothing is known.
     pub fn interval(&self, error: f64) -> (f64, f64) {
+        assert!(error > 0.0 && error < 1.0, "an error of {error}");
         let end = |sign: f64| {
             // In steps of `sign`: refuted at `from`, not refuted at `to`.
             let refuted = |m: f64| self.evidence(m, sign) >= 2.0 / error;
@@ -122,7 +125,9 @@ impl Pairs {
             }
             from
         };
-        (end(1.0), end(-1.0))
+        let (low, high) = (end(1.0), end(-1.0));
+        assert!(low <= high, "an interval from {low} to {high}");
+        (low, high)
     }
 
     /// The mean of the logarithms; 0 of none.
@@ -147,6 +152,7 @@ impl Pairs {
             return 0.5;
         }
         pairs.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
+        assert!(pairs.windows(2).all(|pair| pair[0].abs() <= pair[1].abs()), "in the order of their ranks");
         let ranks = pairs.iter().enumerate().filter(|(_, log_ratio)| **log_ratio > 0.0);
         let sum: f64 = ranks.map(|(place, _)| (place + 1) as f64).sum();
         let count = pairs.len() as f64;
@@ -222,6 +228,7 @@ impl Race {
     /// A race of `contenders` contenders with the incumbent, over at most `rounds_max` rounds. `noise` as for
     /// [`Pairs::new`].
     pub fn new(contenders: usize, noise: Option<f64>, rounds_max: usize) -> Self {
+        assert!(contenders > 0, "somebody is the incumbent");
         Race { contenders: vec![Racer::default(); contenders], noise, rounds_max }
     }
 
@@ -276,7 +283,9 @@ impl Race {
     /// The error probability of each statement of the race for which all of them together have at most
     /// `error`.
     fn error_each(&self, error: f64) -> f64 {
-        error / (self.contenders.len().max(2) - 1) as f64
+        let each = error / (self.contenders.len().max(2) - 1) as f64;
+        assert!(each > 0.0 && each <= error, "an error of {each} in {error}");
+        each
     }
 
     /// Whether costs are the same in each round, as counts are and times never: then one look tells who is
@@ -306,6 +315,7 @@ impl Race {
         let (low, high) = pairs.interval(self.error_each(ERROR_MAX));
         let error = (1.0 / pairs.evidence_better()).min(1.0 - pairs.probability_better());
         let probability_better = 1.0 - (error * (self.contenders.len() - 1) as f64).min(1.0);
+        assert!((0.0..=1.0).contains(&probability_better), "a probability of {probability_better}");
         Some(RaceGain { log_ratio, low: low.min(log_ratio), high: high.max(log_ratio), probability_better })
     }
 
@@ -324,6 +334,7 @@ impl Race {
     /// Once all have run their part of the rounds only the best one is left, and that only as long as it is
     /// ahead.
     fn sort_out(&mut self) {
+        let stood = self.standing().count();
         let bar = 1.0 / self.error_each(ERROR_MAX);
         for place in 1..self.contenders.len() {
             if self.contenders[place].is_out {
@@ -338,6 +349,7 @@ impl Race {
             });
             self.contenders[place].is_out = beaten || hopeless;
         }
+        assert!(self.standing().count() <= stood, "nobody comes back");
         let has_run = |place: usize| self.contenders[place].log_costs.len() >= ROUNDS_OF_ALL;
         let incumbent_fails = self.contenders[0].is_out;
         if !self.standing().all(has_run) || !(incumbent_fails || has_run(0)) {
@@ -357,6 +369,7 @@ impl Race {
         for place in (1..self.contenders.len()).filter(|&place| Some(place) != best) {
             self.contenders[place].is_out = true;
         }
+        assert!(self.standing().eq(best), "the best one goes on alone");
     }
 
     /// Whether one challenger is proven better than the incumbent, ahead of another, and the other one cannot

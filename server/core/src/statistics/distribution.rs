@@ -9,7 +9,9 @@ pub fn normal_density(z: f64) -> f64 {
 
 /// The probability that a standard normal variable is at most `z`.
 pub fn normal_cdf(z: f64) -> f64 {
-    0.5 * libm::erfc(-z * FRAC_1_SQRT_2)
+    let probability = 0.5 * libm::erfc(-z * FRAC_1_SQRT_2);
+    assert!(z.is_nan() || (0.0..=1.0).contains(&probability), "a probability of {probability} at {z}");
+    probability
 }
 
 /// The probability that a variable of Student's distribution with `freedom` degrees of freedom, at least 1,
@@ -18,6 +20,7 @@ pub fn normal_cdf(z: f64) -> f64 {
 /// of Hill's algorithm 395 (Communications of the ACM 13, 1970); off by less than 0.002 from three degrees of
 /// freedom on.
 pub fn student_cdf(t: f64, freedom: f64) -> f64 {
+    assert!(freedom >= 1.0, "{freedom} degrees of freedom");
     if !t.is_finite() {
         return if t > 0.0 { 1.0 } else { 0.0 };
     }
@@ -29,6 +32,7 @@ pub fn student_cdf(t: f64, freedom: f64) -> f64 {
 /// The expectation of how far a variable of Student's distribution with `freedom` degrees of freedom, more
 /// than 1, lies above `t`, counted as 0 where it lies below: the integral of its upper tail, in closed form.
 pub fn student_excess(t: f64, freedom: f64) -> f64 {
+    assert!(freedom > 1.0, "{freedom} degrees of freedom");
     if !t.is_finite() {
         return if t > 0.0 { 0.0 } else { f64::INFINITY };
     }

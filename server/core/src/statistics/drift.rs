@@ -44,6 +44,7 @@ impl Speed {
     pub fn step(&mut self, noise: f64) {
         let step = STEP * noise;
         self.variance = (self.variance + step * step).min(JUMP * JUMP);
+        assert!((0.0..=JUMP * JUMP).contains(&self.variance), "a variance of {}", self.variance);
     }
 
     /// Takes a measurement of a configuration whose cost is known to be `expected` at the factor 1. Both
@@ -63,8 +64,10 @@ impl Speed {
         }
         self.suspects = None;
         let gain = self.variance / (self.variance + noise * noise).max(f64::MIN_POSITIVE);
+        assert!((0.0..=1.0).contains(&gain), "a gain of {gain}");
         self.log_factor += gain * innovation;
         self.variance *= 1.0 - gain;
+        assert!(self.variance >= 0.0, "a variance of {}", self.variance);
     }
 
     /// A cost at the factor 1.

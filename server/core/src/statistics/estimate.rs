@@ -229,14 +229,18 @@ impl CostPosterior {
         if n == 0 {
             return None;
         }
+        let is_measured = |one: &ConfigurationSample| !one.measurements.is_empty() && one.weight > 0.0;
+        assert!(samples.iter().all(is_measured), "every configuration was measured");
         let mut distances = vec![0.0; n * n];
         for i in 0..n {
             for j in 0..i {
                 let distance = distance_2(&samples[i].features, &samples[j].features);
+                assert!(distance >= 0.0, "a squared distance of {distance}");
                 (distances[i * n + j], distances[j * n + i]) = (distance, distance);
             }
         }
         let cells = cells(samples);
+        assert!(cells.len() >= n, "every configuration has a cell");
         // Whether speed wanders is seen by what ran more than once, at different times.
         let in_time = cells.iter().filter(|cell| cell.moment.is_some()).count();
         let may_drift = n > 1 && in_time >= n + DRIFT_CELLS_LEAST;
@@ -256,6 +260,7 @@ impl CostPosterior {
             }
         }
         let sum: f64 = models.iter().map(|model| model.weight).sum();
+        assert!(models.is_empty() || sum >= 1.0, "the heaviest alone weighs 1, of {sum}");
         models.iter_mut().for_each(|model| model.weight /= sum);
         (!models.is_empty()).then_some(CostPosterior { models, configurations: n })
     }
@@ -283,11 +288,13 @@ impl CostPosterior {
         let share = |log_ratio: f64| -libm::expm1(-log_ratio);
         // Where the atom of equal costs covers a quantile, halving comes to within rounding of it.
         let settled = |x: f64| if x.abs() <= 1e-9 * (1.0 + mean.abs()) { 0.0 } else { x };
+        let probability_better = 1.0 - parts.iter().map(|part| part.at_most(0.0)).sum::<f64>();
+        assert!((-1e-9..=1.0 + 1e-9).contains(&probability_better), "a probability of {probability_better}");
         Comparison {
             gain: share(mean),
             gain_low: share(settled(low)),
             gain_high: share(settled(high)),
-            probability_better: 1.0 - parts.iter().map(|part| part.at_most(0.0)).sum::<f64>(),
+            probability_better,
             expected_gain: parts.iter().map(|part| part.excess(1.0)).sum(),
             expected_loss: parts.iter().map(|part| part.excess(-1.0)).sum(),
         }
@@ -399,6 +406,8 @@ struct Grid<'a> {
 
 impl<'a> Grid<'a> {
     fn new(cells: Vec<Cell>, configurations: usize, distances: &'a [f64]) -> Self {
+        assert_eq!(distances.len(), configurations * configurations, "a distance of every two");
+        assert!(cells.iter().all(|cell| cell.configuration < configurations), "{configurations} are known");
         let of = cells.iter().map(|cell| cell.configuration).collect();
         Grid { cells, of, configurations, distances, offset: 0.0 }
     }
@@ -493,6 +502,7 @@ impl<'a> Grid<'a> {
         let count: f64 = cells.iter().map(|cell| cell.count).sum();
         let scatter: f64 = cells.iter().map(|cell| cell.scatter).sum();
         let freedom = NOISE_PRIOR_COUNT + (count - 1.0).max(0.0);
+        assert!(freedom >= NOISE_PRIOR_COUNT && scatter >= 0.0, "a scatter of {scatter} in {freedom}");
         let sum = NOISE_PRIOR_COUNT * NOISE_PRIOR * NOISE_PRIOR + misfit.max(0.0) + scatter;
         let evidence = self.offset
             - factor.half_log_determinant()
@@ -581,7 +591,9 @@ fn interval(parts: &[StudentT]) -> (f64, f64) {
         }
         high
     };
-    (quantile(TAIL), quantile(1.0 - TAIL))
+    let (low, high) = (quantile(TAIL), quantile(1.0 - TAIL));
+    assert!(low <= high, "an interval from {low} to {high}");
+    (low, high)
 }
 
 #[cfg(test)]

@@ -44,7 +44,10 @@ impl Gains {
     pub fn expected(&self, octave: usize) -> f64 {
         let prior = if (octave as f64) < OCTAVES_PRIOR { GAIN_PRIOR / OCTAVES_PRIOR } else { 0.0 };
         let octave = octave.min(OCTAVES - 1);
-        (STATES_PRIOR * prior + self.sums[octave]) / (STATES_PRIOR + self.counts[octave])
+        assert!(self.sums[octave] <= self.counts[octave], "no state gains more than all of its cost");
+        let expected = (STATES_PRIOR * prior + self.sums[octave]) / (STATES_PRIOR + self.counts[octave]);
+        assert!((0.0..=1.0).contains(&expected), "a gain of {expected}");
+        expected
     }
 }
 
@@ -91,8 +94,10 @@ pub fn outlook(gains: &Gains, progress: &SearchProgress<'_>) -> Outlook {
         if until <= begin {
             break;
         }
+        assert!(begin >= tried && until <= budget, "from {begin} to {until}");
         let share = (until - begin) as f64 / (1u64 << octave) as f64;
         cost_left *= 1.0 - (rate * gains.expected(octave) * share).min(0.9);
+        assert!(cost_left > 0.0 && cost_left <= 1.0, "{cost_left} of the cost is left");
         let trials = (until - tried) as f64;
         let gain = 1.0 - cost_left;
         let exploring_cost = excess * trials;
@@ -106,6 +111,7 @@ pub fn outlook(gains: &Gains, progress: &SearchProgress<'_>) -> Outlook {
     } else if best.value == f64::NEG_INFINITY {
         best.value = 0.0;
     }
+    assert!(tried + best.trials <= budget.max(tried), "{} more than {tried}", best.trials);
     best
 }
 

@@ -63,6 +63,7 @@ impl Movement {
     /// moves.
     pub fn of(measurements: &[MovedMeasurement]) -> Option<Movement> {
         let width = measurements.first()?.offset.len();
+        assert!(measurements.iter().all(|one| one.offset.len() == width), "{width} indicators");
         let spread = |axis: usize| {
             let values = || measurements.iter().map(|one| one.offset[axis]);
             let mean = values().sum::<f64>() / measurements.len() as f64;
@@ -97,6 +98,8 @@ impl Movement {
 
     /// What the logarithm of a cost owes to the movement.
     pub fn explained(&self, offset: &[f64]) -> f64 {
+        // What is too far from the anchor comes without an offset.
+        assert!(offset.is_empty() || offset.len() == self.slopes.len(), "{} indicators", offset.len());
         let sum: f64 = self.slopes.iter().zip(offset).map(|(slope, x)| slope * x).sum();
         sum.clamp(-CORRECTION_MAX, CORRECTION_MAX)
     }
@@ -123,6 +126,7 @@ fn slopes(measurements: &[MovedMeasurement], before: &[f64]) -> Option<Vec<f64>>
     let dot = |x: &[f64]| x.iter().zip(before).map(|(x, slope)| x * slope).sum::<f64>();
     let all = repeats(measurements);
     let groups = all.iter().filter(|of| of.count > 0.0).count();
+    assert!(groups <= measurements.len(), "{groups} configurations in {}", measurements.len());
     let freedom = measurements.len() - groups;
     let within = |one: &MovedMeasurement| {
         let of = &all[one.configuration];
@@ -164,6 +168,7 @@ fn slopes(measurements: &[MovedMeasurement], before: &[f64]) -> Option<Vec<f64>>
 /// by how likely each is.
 fn averaged(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
     let width = right.len();
+    assert_eq!(matrix.len(), width * width, "equations for every slope");
     let axes = width - 1;
     // Nothing but the level, which is as likely as each of the widths.
     let none = 0.5 * right[0] * right[0] / matrix[0] - 0.5 * libm::log(matrix[0]);
@@ -181,6 +186,7 @@ fn averaged(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
         factor.backward(&mut found);
         models.push((evidence, found[1..].to_vec()));
     }
+    assert_eq!(models.len(), EFFECTS.len() + 1, "every width, and none");
     let most = models.iter().map(|(evidence, _)| *evidence).fold(f64::NEG_INFINITY, f64::max);
     let total: f64 = models.iter().map(|(evidence, _)| libm::exp(evidence - most)).sum();
     let mut slopes = vec![0.0; axes];

@@ -97,6 +97,7 @@ impl CostTable {
             ratios.iter().map(|(ratio, _)| (ratio - mean) * (ratio - mean)).sum::<f64>() / (count - 1.0);
         let noise = ratios.iter().map(|(_, variance)| variance).sum::<f64>() / count;
         let variance = spread.max(noise);
+        assert!(variance >= 0.0, "a variance of {variance}");
         let of_mean = libm::sqrt(variance / count);
         let of_next = libm::sqrt(variance * (1.0 + 1.0 / count));
         mean < -T_OF_MEAN * of_mean && mean < -T_OF_NEXT * of_next
@@ -112,6 +113,7 @@ impl CostTable {
     /// best. Rows without anything measured are left out.
     fn completed(&self) -> Vec<Vec<f64>> {
         let rows = self.measured();
+        assert!(rows.windows(2).all(|pair| pair[0].len() == pair[1].len()), "rows of one length");
         let mut fit = Fit::new(&rows);
         // Levels and effects in turn, until they fit each other.
         for _ in 0..30 {
@@ -143,8 +145,10 @@ impl CostTable {
             });
             let expected: Vec<f64> = expected.collect();
             let best = expected.iter().copied().fold(f64::INFINITY, f64::min);
+            assert!(best.is_finite(), "{best} is the best of a state");
             completed.push(expected.into_iter().map(|x| x - best).collect());
         }
+        assert_eq!(completed.len(), rows.len(), "every row is completed");
         completed
     }
 
@@ -192,6 +196,8 @@ impl CostTable {
             }
         }
         chosen.add_while_helpful(among, members, HELP_LEAST);
+        assert!(chosen.places.len() <= members, "{} of {members} members", chosen.places.len());
+        assert!(chosen.places.iter().all(|&place| place < count), "{count} configurations");
         chosen.places
     }
 
@@ -235,6 +241,7 @@ impl Chosen<'_> {
     }
 
     fn add(&mut self, place: usize) {
+        assert!(!self.places.contains(&place), "{place} is a member already");
         self.paid.iter_mut().zip(self.completed).for_each(|(paid, row)| *paid = paid.min(row[place]));
         self.places.push(place);
     }
@@ -279,6 +286,7 @@ impl Fit {
                 weight += own;
             }
         }
+        assert!(weight > 0.0, "something was measured in every row");
         sum / weight
     }
 
