@@ -113,6 +113,7 @@ impl AssessmentRequest {
         let mut leaders: Vec<usize> = (0..records.len()).collect();
         leaders.sort_by(|&a, &b| means[a].total_cmp(&means[b]));
         leaders.truncate(LEADERS);
+        assert!(!leaders.is_empty() && means.len() == records.len(), "{} means", means.len());
         let over = |one: usize| -> Option<Comparison> {
             incumbent_at.filter(|&at| at != one).map(|at| posterior.compare(one, at))
         };
@@ -135,6 +136,7 @@ impl AssessmentRequest {
             _ => posterior.compare(leader, answer).gain_high,
         };
         let (low, high) = posterior.interval(answer);
+        assert!(low <= high, "a cost between {low} and {high}");
         let cost = |log: f64| libm::exp(log).min(f64::MAX);
         Some(Assessment {
             version: self.results.version(),
@@ -180,6 +182,7 @@ fn chosen<'a>(results: &'a ResultTable, named: [&Configuration; 2]) -> Vec<&'a R
             .enumerate()
             .filter_map(|(place, record)| named.contains(&&record.configuration).then_some(place)),
     );
+    assert!(places.len() <= ASSESSED_MAX, "{} configurations are assessed", places.len());
     places.into_iter().map(|place| ranked[place]).collect()
 }
 
@@ -218,6 +221,7 @@ pub(super) fn samples(
         false => reach_of(deviation(&logs, middle)),
     };
     let (low, high) = (middle - reach, middle + reach);
+    assert!(low <= high, "from {low} to {high}");
     let most_told = told.iter().flatten().map(|&place| logs[place] + reach).fold(high, f64::max);
     let one = |(place, record): (usize, &&Record)| {
         let mut x = space.encode(&record.configuration);
@@ -260,6 +264,7 @@ fn weigh(samples: &mut [ConfigurationSample]) {
     for sample in samples {
         let own = (USUAL_COUNT * usual + sample.scatter()) / (USUAL_COUNT + freedom(sample));
         sample.weight *= (usual / own).min(1.0);
+        assert!(sample.weight > 0.0 && sample.weight <= 1.0, "a weight of {}", sample.weight);
     }
 }
 
@@ -297,6 +302,7 @@ impl Assessments {
             let oldest = self.made.iter().min_by_key(|(_, (made, _))| *made).map(|(&state, _)| state);
             oldest.map(|state| self.made.remove(&state));
         }
+        assert!(self.made.len() <= ASSESSMENTS_MAX, "{} assessments are kept", self.made.len());
     }
 }
 

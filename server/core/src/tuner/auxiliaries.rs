@@ -195,6 +195,7 @@ impl Auxiliaries {
             let oldest = self.states.iter().min_by_key(|(_, own)| own.latest).map(|(&state, _)| state);
             oldest.map(|state| self.states.remove(&state));
         }
+        assert!(!is_new || self.states.len() < DENOISED_STATES_MAX, "{} states", self.states.len());
         let own = self.states.entry(state.0).or_default();
         if is_new && beside.auxiliary.is_empty() {
             own.seen = at_rest(table, beside.offset.len());
@@ -211,6 +212,7 @@ impl Auxiliaries {
             offset: beside.offset.clone(),
             log_factor: libm::log(factor),
         });
+        assert!(own.seen.len() <= OBSERVATIONS_MAX, "{} observations", own.seen.len());
         own.taken += 1;
         if !own.taken.is_multiple_of(LEARNT_EVERY) {
             return None;
@@ -238,7 +240,9 @@ impl Auxiliaries {
         let is_gone = |one: &&Seen| trials.contains(&one.trial);
         let gone: Vec<Configuration> =
             own.seen.iter().filter(is_gone).map(|one| one.configuration.0.clone()).collect();
+        let before = own.seen.len();
         own.seen.retain(|one| !trials.contains(&one.trial));
+        assert_eq!(own.seen.len() + gone.len(), before, "what is told is what is gone");
         gone.into_iter().map(|configuration| (configuration.clone(), own.of(&configuration))).collect()
     }
 
@@ -270,7 +274,9 @@ fn at_rest(table: &ResultTable, indicators: usize) -> Vec<Seen> {
     let mut seen: Vec<Seen> = table.ranked().flat_map(of).collect();
     seen.sort_by_key(|one| one.trial);
     let surplus = seen.len().saturating_sub(OBSERVATIONS_MAX - 1);
-    seen.split_off(surplus)
+    let kept = seen.split_off(surplus);
+    assert!(kept.len() < OBSERVATIONS_MAX, "there is room for one more than {}", kept.len());
+    kept
 }
 
 fn logs(auxiliary: &[f64]) -> Vec<f64> {

@@ -45,6 +45,7 @@ fn add(sum: &mut Sum, cost: f64) {
     if !sum.value().is_finite() || sum.value() > SUM_MAX {
         *sum = Sum::from(SUM_MAX);
     }
+    assert!(sum.value() <= SUM_MAX, "a sum of {}", sum.value());
 }
 
 /// An exploring trial that was reported and is not settled.
@@ -178,12 +179,14 @@ impl Account {
         }
         let abort_above = (terms.abort_above * reference).min(SUM_MAX);
         let set_aside = if can_abort { abort_above } else { (terms.worst_factor * reference).min(SUM_MAX) };
+        assert!(abort_above > 0.0 && set_aside > 0.0, "{set_aside} for a trial up to {abort_above}");
         let leave = Leave { left: self.left(terms.budget), set_aside, abort_above, reference };
         if leave.left >= set_aside { Ok(leave) } else { Err(Denied::TooLittle(leave)) }
     }
 
     /// Sets aside what a trial may cost.
     pub(super) fn set_aside(&mut self, trial: u64, worst: f64) {
+        assert!(worst >= 0.0, "{worst} is set aside");
         self.out.insert(trial, worst);
         // Trials that never come back have cost what was set aside.
         while self.out.len() > OPEN_TRIALS_PER_CLIENT_MAX {
@@ -191,6 +194,7 @@ impl Account {
                 add(&mut self.charged, lost);
             }
         }
+        assert!(self.out.len() <= OPEN_TRIALS_PER_CLIENT_MAX, "{} trials are out", self.out.len());
     }
 
     /// Whether a trial that is out may be handed out again: something is set aside for it, and as much is

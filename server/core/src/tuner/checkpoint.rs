@@ -75,6 +75,7 @@ impl Learnt {
     pub fn checkpoint(&self) -> Checkpoint {
         let mut body = self.body.clone();
         body.predictors.apply_all(&self.spec.space);
+        assert_eq!(body.predictors.deferred_count(), 0, "deferred updates are not stored");
         let packed = pack_in_order(&body);
         let head = [self.mark, sum_of(&packed)].map(u64::to_le_bytes);
         Checkpoint { completion: self.completion, bytes: [&head[0][..], &head[1][..], &packed[..]].concat() }
@@ -153,6 +154,7 @@ impl Tuner {
         (self.history, self.speeds, self.auxiliaries) = (body.history, body.speeds, body.auxiliaries);
         self.rechecks = body.rechecks;
         (self.history.len()..self.states.len()).for_each(|_| self.history.found());
+        assert_eq!(self.history.len(), self.states.len(), "every state has a history");
         Ok(())
     }
 }

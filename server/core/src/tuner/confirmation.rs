@@ -75,6 +75,9 @@ impl Confirming {
         let contenders: Vec<Stored> = contenders.cloned().map(Stored).collect();
         let noise = noise.max(NOISE_LEAST);
         let rounds_max = rounds_needed(noise, rounds as usize);
+        assert!(rounds_max > 0 && rounds_max <= rounds as usize, "{rounds_max} of {rounds} rounds");
+        assert!(contenders.len() <= 2 + CHALLENGERS_MAX, "{} contenders", contenders.len());
+        assert!(contenders[0].0 == *incumbent, "the incumbent comes first");
         let race = Race::new(contenders.len(), Some(NOISE_MARGIN * noise), rounds_max);
         Confirming {
             contenders,

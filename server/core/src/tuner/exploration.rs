@@ -53,7 +53,9 @@ struct LostLeases {
 
 impl Exploration {
     pub(super) fn new(search: AnySearch) -> Self {
-        Exploration { search: Some(search), is_unbegun: false, ..Exploration::unbegun() }
+        let begun = Exploration { search: Some(search), is_unbegun: false, ..Exploration::unbegun() };
+        assert!(begun.is_begun() && begun.open.is_empty(), "a search that has just begun");
+        begun
     }
 
     /// Of a state in which no search was begun.
@@ -86,6 +88,7 @@ impl Exploration {
     /// Forgets the search and what it confirmed; what was lost in the state is remembered.
     pub(super) fn forget_search(&mut self) {
         *self = Exploration { lost: std::mem::take(&mut self.lost), ..Exploration::unbegun() };
+        assert!(!self.is_begun() && self.confirmed.is_none(), "nothing is left of the search");
     }
 
     /// The number of lost leases of a configuration.
@@ -102,12 +105,14 @@ impl Exploration {
             self.lost.remove(0);
         }
         self.lost.push(LostLeases { configuration: configuration.to_raw(), count });
+        assert_eq!(self.lost(configuration), count, "the leases that were just counted");
         count
     }
 
     /// Forgets the lost leases of a configuration of which something is known now.
     pub(super) fn forgive(&mut self, configuration: &Configuration) {
         self.lost.retain(|lost| lost.configuration != *configuration.values());
+        assert_eq!(self.lost(configuration), 0, "the leases are forgotten");
     }
 
     /// Notes that a session wants the search to go on for `room` runs.
@@ -127,8 +132,10 @@ impl Exploration {
 
     /// Drops the search.
     pub(super) fn end(&mut self) {
-        self.repeats = self.repeats();
+        let repeats = self.repeats();
+        self.repeats = repeats;
         self.search = None;
+        assert_eq!(self.repeats(), repeats, "the repeats of a dropped search count on");
     }
 
     /// Whether the configurations that it names are of the space.
@@ -158,6 +165,7 @@ impl Exploration {
         if let Some(race) = &mut self.confirming {
             race.release(trial, None);
         }
+        assert!(!self.confirms(trial), "the race does not wait for trial {trial}");
         let Some(point) = self.open.remove(&trial) else {
             return false;
         };

@@ -208,6 +208,7 @@ impl Tuner {
             return None;
         }
         let others = results.ranked().filter(|record| record.configuration != *incumbent);
+        assert!(results.ranked().all(|record| record.measurements > 0), "what is ranked was measured");
         let repeats: u64 = others.map(|record| record.measurements - 1).sum();
         // On a machine whose speed wanders only what runs next to the incumbent compares well with it.
         let is_apart = results.wanders() && !results.is_latest(beside);
@@ -434,6 +435,7 @@ impl Tuner {
                 walk = NextPoint::Wait;
                 break;
             } else {
+                debug_assert!(space.owns(&configuration), "{configuration:?} is not of the space");
                 walk = NextPoint::Measure(point, configuration);
                 break;
             }

@@ -57,6 +57,7 @@ pub(super) fn next_of_race(
     if results.is_exact() || results.ranked().len() < 2 {
         return None;
     }
+    assert!(best.measurements > 0 && !best.infeasible, "the best was measured");
     let noise = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
     let is_open = |record: &&Record| {
         let parts = 1.0 / record.measurements as f64 + 1.0 / best.measurements as f64;

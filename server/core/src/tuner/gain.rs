@@ -33,7 +33,9 @@ impl GainEvidence<'_> {
             return self.policy.epsilon;
         }
         let half = f64::from(self.policy.epsilon_halves_after);
-        self.policy.epsilon * half / (half + self.history.visits(state) as f64)
+        let epsilon = self.policy.epsilon * half / (half + self.history.visits(state) as f64);
+        assert!((0.0..=1.0).contains(&epsilon), "a probability of {epsilon}");
+        epsilon
     }
 
     /// The expected gain from going on with the search of a state, over this client's frames and all others:
@@ -56,6 +58,8 @@ impl GainEvidence<'_> {
         };
         let Outlook { trials, gain, exploring_cost, .. } =
             outlook(&self.history.gains_elsewhere(state), &progress);
+        assert!((0.0..=1.0).contains(&gain), "a gain of {gain}");
+        assert!(exploring_cost >= 0.0, "exploring costs {exploring_cost}");
         Prospect { gain, frames, exploring_cost, trials }
     }
 
@@ -75,6 +79,7 @@ impl GainEvidence<'_> {
         // The best of many is lucky: were they all equal, by about this many standard deviations.
         let luck = (2.0 * libm::log(results.tried().max(1) as f64) * part(best.measurements)).sqrt();
         let margin = noise * (chance + luck);
+        assert!(margin > 0.0, "a margin of {margin}");
         own.mean_cost > best.mean_cost * (1.0 + margin)
     }
 }

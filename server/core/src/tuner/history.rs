@@ -68,6 +68,7 @@ impl History {
             }
             let earlier = self.earlier_clients.remove(client_id).unwrap_or((state, 0));
             self.clients.insert(client_id.to_owned(), earlier);
+            assert!(self.clients.len() <= CLIENTS_MAX / 2, "{} clients", self.clients.len());
         }
         let stays = match self.clients.get_mut(client_id) {
             Some((current, length)) if *current == state && *length > 0 => {
@@ -83,8 +84,11 @@ impl History {
         let history = Arc::make_mut(&mut self.states[state]);
         history.frames += 1;
         history.visits += u64::from(!stays);
+        assert!(history.visits <= history.frames, "{} visits, {} frames", history.visits, history.frames);
         self.frames += 1;
         self.visits += u64::from(!stays);
+        assert!(self.visits <= self.frames, "{} visits, {} frames", self.visits, self.frames);
+        assert!(self.frames >= history.frames, "{} frames of {}", history.frames, self.frames);
     }
 
     /// Whether an octave of a state's search has ended without being noted, after `tried` tried
@@ -107,6 +111,7 @@ impl History {
     pub(super) fn octave_ends(&mut self, state: StateId, best: RawConfiguration, gain: f64) {
         let history = Arc::make_mut(&mut self.states[place(state)]);
         if history.best.is_some() {
+            assert!(!gain.is_nan() && history.gained.len() < OCTAVES, "{gain} after {:?}", history.gained);
             history.gained.push(gain.clamp(0.0, 1.0));
         }
         history.best = Some(best);
@@ -148,7 +153,9 @@ impl History {
         let mean = if self.visits == 0 { 1.0 } else { self.frames as f64 / self.visits as f64 };
         let history = &self.states[place(state)];
         let length = (history.frames as f64 + mean) / (history.visits as f64 + 1.0);
-        (length * history.visits.max(1) as f64).max(self.stay(client_id, state) as f64)
+        let ahead = (length * history.visits.max(1) as f64).max(self.stay(client_id, state) as f64);
+        assert!(ahead > 0.0 && mean >= 1.0, "{ahead} frames, {mean} in a visit");
+        ahead
     }
 
     /// The gains of octaves of searches in other states.
@@ -164,7 +171,10 @@ impl History {
 
     /// The cost of an exploring trial above the best known configuration, as a share of that one's cost.
     pub(super) fn excess(&self) -> f64 {
-        (self.excess + EXCESS_PRIOR * EXCESS_PRIOR_TRIALS) / (self.explored as f64 + EXCESS_PRIOR_TRIALS)
+        let all = self.excess + EXCESS_PRIOR * EXCESS_PRIOR_TRIALS;
+        let excess = all / (self.explored as f64 + EXCESS_PRIOR_TRIALS);
+        assert!((0.0..=EXCESS_MAX).contains(&excess), "an excess of {excess}");
+        excess
     }
 }
 

@@ -61,6 +61,7 @@ impl Tuner {
 
     /// Completes an open trial as infeasible.
     fn give_up(&mut self, number: TrialNumber, lost_leases: u32, now_ms: i64) -> Option<Change> {
+        assert!(lost_leases >= LEASES_LOST_MAX, "{lost_leases} lost leases are no reason");
         self.trials.hold_by(number, self.trials.get(number)?.decision.session, lost_leases);
         let reason = format!(
             "{lost_leases} leases of this configuration were lost in this state and it was never measured there: \

@@ -238,6 +238,7 @@ impl Tuner {
         checks::outcome(&outcome)?;
         let completed = self.completed(trial, measurements, outcome, now_ms)?;
         let change = self.take(&completed);
+        assert!(self.open_trial(number).is_none(), "trial {number} is not open any more");
         Ok((completed, change))
     }
 
@@ -249,6 +250,7 @@ impl Tuner {
             let before = self.searches.changes(state);
             let abandoned = self.take_back(TrialNumber(number), TrialState::Abandoned);
             let mut change = Change { trials: abandoned.into_iter().collect(), ..Change::default() };
+            assert_eq!(change.trials.len(), 1, "trial {number} was open");
             if self.searches.changes(state) != before {
                 change.states.push(self.state_record(state));
             }

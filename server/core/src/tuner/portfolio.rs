@@ -97,6 +97,8 @@ struct Choices {
 impl Choices {
     fn of(space: &Space, elsewhere: &MeasuredElsewhere) -> Self {
         let (candidates, answers) = candidates(space, elsewhere);
+        assert!(answers <= candidates.len(), "{answers} of {} candidates", candidates.len());
+        assert!(candidates.len() <= PORTFOLIO_CANDIDATES_MAX, "{} candidates", candidates.len());
         let members = (0..answers).filter(|&place| !elsewhere.fails(&candidates[place])).collect();
         let row = |other: &OtherState| {
             let noise = other.results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
@@ -113,7 +115,9 @@ fn known(results: &ResultTable, configuration: &Configuration, noise: f64) -> Co
         Some(record) if record.fails() => CostEntry::Infeasible,
         Some(record) if record.measurements > 0 => {
             let count = record.measurements.min(MEASUREMENTS_COUNTED) as f64;
-            CostEntry::LogCost(libm::log(record.mean_cost.max(REWARD_COST_MIN)), noise * noise / count)
+            let variance = noise * noise / count;
+            assert!(variance > 0.0 && variance.is_finite(), "a variance of {variance}");
+            CostEntry::LogCost(libm::log(record.mean_cost.max(REWARD_COST_MIN)), variance)
         }
         _ => CostEntry::Unknown,
     }
@@ -164,6 +168,7 @@ fn candidates(space: &Space, elsewhere: &MeasuredElsewhere) -> (Vec<Configuratio
 /// candidates. A branch is a value of a parameter that is always active and beside whose values others are.
 fn branches(space: &Space, table: &CostTable, candidates: &[Configuration]) -> Vec<usize> {
     let prices = table.mean_prices();
+    assert!(prices.is_empty() || prices.len() == candidates.len(), "{} prices", prices.len());
     let by_price = |a: &usize, b: &usize| prices[*a].total_cmp(&prices[*b]);
     let Some(best) = (0..prices.len()).min_by(by_price) else {
         return Vec::new();

@@ -25,6 +25,7 @@ pub(super) fn gained(
     let samples = samples(&records, &layout, space, [then, None]);
     let posterior = CostPosterior::of(&samples, distance_2)?;
     let means = posterior.means();
+    assert_eq!(means.len(), records.len(), "a mean for every record");
     let best = (0..means.len()).min_by(|&a, &b| means[a].total_cmp(&means[b]))?;
     let gain = then.map_or(0.0, |then| posterior.compare(best, then).gain);
     Some((records[best].configuration.clone(), gain))
@@ -45,6 +46,7 @@ fn chosen<'a>(results: &'a ResultTable, before: Option<&Configuration>) -> Vec<&
     if let Some(then) = then.filter(|then| !places.contains(then)) {
         places.push(then);
     }
+    assert!(places.len() <= PROGRESS_SAMPLES_MAX + 1, "{} samples", places.len());
     places.into_iter().map(|place| ranked[place]).collect()
 }
 

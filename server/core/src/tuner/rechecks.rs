@@ -103,9 +103,12 @@ impl Rechecks {
         let (Some(before), Some(beside)) = (before, beside) else { return };
         let usual = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
         let restless = [before, beside].map(|record| record.evidence.log_deviation(usual));
+        assert!(before.configuration != beside.configuration, "one configuration tells nothing");
+        assert!(before.mean_cost > 0.0 && beside.mean_cost > 0.0, "costs have logarithms");
         if self.open.len() >= RECHECKS_MAX {
             self.open.pop_first();
         }
+        assert!(self.open.len() < RECHECKS_MAX, "{} rechecks", self.open.len());
         self.open.entry(state.0).or_insert_with(|| Recheck {
             client_id: client_id.to_owned(),
             jumped: Stored(jumped.clone()),
@@ -135,6 +138,7 @@ impl Rechecks {
                 && last.is_jumped != now.is_jumped
             {
                 let (jumped, beside) = if now.is_jumped { (now, last) } else { (last, now) };
+                assert!(jumped.is_jumped && !beside.is_jumped, "one of each");
                 recheck.changes.push(beside.log_cost - jumped.log_cost - recheck.log_ratio);
             }
             recheck.last = now;

@@ -102,16 +102,21 @@ impl Tuner {
     /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt. Tells what
     /// was learnt.
     pub(super) fn complete(&mut self, completed: &Trial) -> LearntCost {
+        let before = self.last_completion;
         self.completed += 1;
         self.last_completion = completed.completion.unwrap_or(self.last_completion + 1);
+        assert!(self.last_completion > before, "completion {} after {before}", self.last_completion);
         let state = StateId(completed.state_id);
         let mut learnt = self.understood(completed);
         let understood = Trial { cost: learnt.cost, ..completed.clone() };
         // The table keeps every measurement and tells itself which of them count; everybody else learns what
         // is believed.
+        let is_cost = |cost: f64| (0.0..=f64::MAX).contains(&cost);
+        assert!(learnt.cost.is_none_or(is_cost), "a cost of {:?}", learnt.cost);
         let results = self.states.results(state);
         let is_flaky = results.is_flaky(&completed.configuration);
         learnt.believed = learnt.cost.map(|cost| results.believed(&completed.configuration, cost));
+        assert!(learnt.believed.is_none_or(is_cost), "a cost of {:?}", learnt.believed);
         let believed = Trial { cost: learnt.believed, ..understood.clone() };
         let (trial, spec) = (&believed, &self.spec);
         self.history.frame(&trial.client_id, state);

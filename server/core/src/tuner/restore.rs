@@ -181,6 +181,7 @@ impl Tuner {
 
     /// Goes on in the order of completion past trials that are not stored any more. They count all the same.
     fn reach(&mut self, completion: u64) {
+        assert!(completion >= self.last_completion, "{completion} after {}", self.last_completion);
         self.completed += completion - self.last_completion;
         self.last_completion = completion;
     }
@@ -205,6 +206,8 @@ impl Tuner {
         self.states.restore_search(state, search.as_ref().is_some_and(Exploration::is_begun));
         self.searches.found(search);
         self.history.found();
+        assert_eq!(state.0, expected, "states are founded in their order");
+        assert_eq!(self.history.len(), self.states.len(), "every state has a history");
         Ok(())
     }
 

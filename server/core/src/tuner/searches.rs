@@ -109,6 +109,7 @@ impl Searches {
         let own = &mut self.of_states[place(state)];
         let exploration = own.exploration.get_or_insert_with(Exploration::unbegun);
         exploration.begin_anew(search);
+        assert!(exploration.is_begun() && exploration.search.is_some(), "a search begins");
         exploration.confirmed = exploration.confirmed.take().or(incumbent.map(Stored));
         own.changes += 1;
     }
@@ -119,6 +120,7 @@ impl Searches {
         let own = &mut self.of_states[place(state)];
         own.changes += 1;
         own.exploration.iter_mut().for_each(Exploration::forget_search);
+        assert!(self.of(state).is_none(), "nothing was begun");
     }
 
     /// The number of a state's trials that count towards the budget of its search: every one that explored

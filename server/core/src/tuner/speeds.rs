@@ -177,6 +177,7 @@ impl Speeds {
             }
             let cost = (cost / factor).min(f64::MAX);
             client.unheld.push(Unheld { trial, configuration: Stored(configuration.clone()), cost });
+            assert!(client.unheld.len() <= UNHELD_MAX, "{} trials", client.unheld.len());
         }
         Held { factor, jumped }
     }
@@ -219,6 +220,7 @@ impl Speeds {
                 self.clients.remove(&oldest);
             }
         }
+        assert!(self.clients.len() < SPEEDS_MAX, "{} clients", self.clients.len());
     }
 
     /// Whether the configurations that it names are of the space.

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
-use crate::limits::{RECORDS_PER_STUDY_MAX, SIBLINGS_MAX, STATES_MAX};
+use crate::limits::{RECORDS_PER_STATE_MAX, RECORDS_PER_STUDY_MAX, SIBLINGS_MAX, STATES_MAX};
 use crate::machines::{FIRST, Machines, PoolingStatistics};
 use crate::predict::state_index::{IndicatorStatistics, OmittedIndicator, match_distance_2};
 use crate::predict::{Query, StateIndex};
@@ -39,6 +39,7 @@ pub(crate) struct States {
 
 /// The place of a state in lists of all of them.
 pub(super) fn place(id: StateId) -> usize {
+    assert!(id.0 > 0, "states count from 1");
     id.0 as usize - 1
 }
 
@@ -56,6 +57,11 @@ impl Index<StateId> for States {
 }
 
 impl States {
+    fn check(&self) {
+        assert_eq!(self.siblings.len(), self.known.len(), "every state has a list of siblings");
+        assert_eq!(self.index.len(), self.known.len(), "every state is in the index");
+    }
+
     /// No states yet.
     pub(super) fn new(spec: &StudySpec) -> Self {
         States {
@@ -170,12 +176,14 @@ impl States {
         let matches = |state: &KnownState| {
             state.machine == machine && match_distance_2(&state.anchor, normalised, self.tolerance).is_some()
         };
-        current
+        let found = current
             .filter(|&current| matches(&self[current]))
             .or_else(|| self.index.within(machine, normalised, self.tolerance).map(at))
             .or_else(|| {
                 (self.len() >= STATES_MAX).then(|| self.index.nearest_of(machine, normalised).map(at))?
-            })
+            })?;
+        assert!(self[found].machine == machine, "{found:?} is a state of another machine");
+        Some(found)
     }
 
     /// The state of the machine, if one is named that has been there, else of the machine with the most
@@ -215,6 +223,8 @@ impl States {
         self.index.note(&known);
         self.known.push(known);
         self.siblings.push(siblings);
+        assert!(self[id].id == id && !self.siblings(id).contains(&id), "{id:?} is another");
+        self.check();
         id
     }
 
@@ -238,10 +248,15 @@ impl States {
     pub(super) fn learn(&mut self, id: StateId, trial: &Trial) {
         let state = &mut self.known[place(id)];
         let before = state.results.remembered();
+        let (version, had_default) = (state.results.version(), state.results.record(&self.default).is_some());
         Arc::make_mut(&mut state.results).learn(trial, &self.default);
+        assert!(state.results.version() >= version, "version {} after {version}", state.results.version());
+        assert!(!had_default || state.results.record(&self.default).is_some(), "the default stays");
+        assert!(state.results.remembered() <= RECORDS_PER_STATE_MAX, "{}", state.results.remembered());
         // A client that brings measurements of many configurations has searched the state, if not by ours.
         state.explored |= state.results.is_searched_by_clients();
         self.remembered = self.remembered + state.results.remembered() - before;
+        assert!(self.remembered >= state.results.remembered(), "{} configurations", self.remembered);
         self.index.note(state);
     }
 
@@ -254,7 +269,9 @@ impl States {
 
     /// Forgets what was measured in a state, because it costs something else now.
     pub(super) fn begin_again(&mut self, id: StateId) {
-        self.remembered -= self[id].results.remembered();
+        let forgotten = self[id].results.remembered();
+        assert!(forgotten <= self.remembered, "{forgotten} of {} configurations", self.remembered);
+        self.remembered -= forgotten;
         self.amend(id, ResultTable::begin_again);
     }
 
@@ -277,9 +294,12 @@ impl States {
             if before > each {
                 let results = Arc::make_mut(results);
                 results.forget(each, &self.default);
+                assert!(results.remembered() <= before, "{} after {before}", results.remembered());
                 self.remembered = self.remembered + results.remembered() - before;
             }
         }
+        let all: usize = self.known.iter().map(|state| state.results.remembered()).sum();
+        assert_eq!(self.remembered, all, "the remembered configurations of all tables together");
         // Where many states make this insufficient, not at every report.
         self.forget_above = RECORDS_PER_STUDY_MAX.max(self.remembered + self.remembered / 8);
     }
@@ -297,6 +317,8 @@ impl States {
             !fits
         });
         latest.truncate(enough.unwrap_or(latest.len()));
+        let records: usize = latest.iter().map(|&id| self[id].results.remembered()).sum();
+        assert!(records <= most, "{records} configurations are more than {most}");
         latest
     }
 
@@ -309,6 +331,8 @@ impl States {
         statistics: IndicatorStatistics,
         forget_above: usize,
     ) {
+        assert!(tables.len() <= self.known.len(), "{} tables", tables.len());
+        assert!(pooling.len() <= self.machines.len(), "{} machines", pooling.len());
         self.machines.take_over(pooling);
         self.index.take_over(statistics);
         self.forget_above = forget_above;

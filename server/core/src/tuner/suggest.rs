@@ -62,6 +62,8 @@ impl Tuner {
             change.states.push(self.state_record(state));
         }
         let trial = change.trials[change.trials.len() - 1].clone();
+        assert_eq!((trial.state, trial.state_id), (TrialState::Open, state.0), "it is open in the state");
+        assert_eq!(trial.client_id, ask.client_id, "the trial of another client");
         Ok((trial, change))
     }
 
@@ -185,7 +187,9 @@ impl Tuner {
             completion: None,
             fingerprint: ask.fingerprint.clone(),
         };
+        assert!(number > self.trials.last(), "{number:?} was handed out before");
         self.trials.enter(trial.clone());
+        assert_eq!(self.trials.last(), number, "it is the last");
         trial
     }
 
@@ -220,6 +224,9 @@ impl Tuner {
     ) -> StateId {
         self.searches.found(None);
         self.history.found();
-        self.states.found(anchor, fingerprint)
+        let state = self.states.found(anchor, fingerprint);
+        assert_eq!(self.history.len(), self.states.len(), "every state has a history");
+        assert!(self.searches.record(state).is_none(), "nothing was begun");
+        state
     }
 }

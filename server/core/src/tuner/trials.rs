@@ -88,15 +88,18 @@ impl OpenTrials {
         self.held.entry(trial.client_id.clone()).or_default().insert(state, number);
         self.leases.insert((trial.lease_expire_ms, number));
         self.open.insert(number, trial);
+        assert!(self.last >= number && self.leases.len() >= self.open.len(), "{number:?} is open");
     }
 
     /// Takes an open trial out.
     pub(super) fn remove(&mut self, number: TrialNumber) -> Option<Trial> {
         let trial = self.open.remove(&number)?;
         let state = StateId(trial.state_id);
-        self.leases.remove(&(trial.lease_expire_ms, number));
+        let had_lease = self.leases.remove(&(trial.lease_expire_ms, number));
+        assert!(had_lease, "{number:?} was open without a lease");
         if let Some(running) = self.running.get_mut(&state) {
             if let Some(count) = running.get_mut(&trial.configuration) {
+                assert!(*count > 0, "what runs is counted");
                 *count -= 1;
                 if *count == 0 {
                     running.remove(&trial.configuration);
@@ -132,8 +135,10 @@ impl OpenTrials {
     /// Gives an open trial a lease until `expire_ms`.
     pub(super) fn renew(&mut self, number: TrialNumber, expire_ms: i64) -> Option<&Trial> {
         let trial = self.open.get_mut(&number)?;
-        self.leases.remove(&(trial.lease_expire_ms, number));
-        self.leases.insert((expire_ms, number));
+        let had_lease = self.leases.remove(&(trial.lease_expire_ms, number));
+        assert!(had_lease, "{number:?} was open without a lease");
+        let is_new = self.leases.insert((expire_ms, number));
+        assert!(is_new, "{number:?} has two leases");
         trial.lease_expire_ms = expire_ms;
         Some(trial)
     }

@@ -97,7 +97,9 @@ impl Tuner {
     pub(super) fn best_answer(&self, state: StateId, planned: &Planned) -> Option<Best> {
         let answered = self.answered(state, planned)?;
         let record = self.states.results(state).record(&answered.configuration)?;
+        assert!(record.measurements > 0 && !record.infeasible, "the best was measured and can be run");
         let pace = self.states.results(state).pace();
+        assert!((0.0..=1.0).contains(&pace), "the fastest is no slower, by {pace}");
         Some(Best {
             configuration: record.configuration.clone(),
             cost: pace * record.mean_cost,

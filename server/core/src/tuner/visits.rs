@@ -19,6 +19,10 @@ pub(super) struct Visits {
 }
 
 impl Visits {
+    fn check(&self) {
+        assert_eq!(self.by_age.len(), self.by_client.len(), "every client has one visit and one age");
+    }
+
     /// The number of clients that the study remembers.
     pub(super) fn len(&self) -> usize {
         self.by_client.len()
@@ -52,15 +56,19 @@ impl Visits {
         let since = visit.since;
         let before = self.by_client.insert(client_id, Visit { account, ..visit });
         if let Some(before) = before.filter(|before| before.since != since) {
-            self.by_age.remove(&(before.since, before.client_id));
+            let had_age = self.by_age.remove(&(before.since, before.client_id));
+            assert!(had_age, "every visit has its age");
         }
+        self.check();
     }
 
     /// Forgets the client whose last decision is longest ago, of those for which `holds` is false.
     pub(super) fn forget_oldest(&mut self, holds: impl Fn(&str) -> bool) -> Option<String> {
         let oldest = self.by_age.iter().find(|(_, client_id)| !holds(client_id))?.clone();
         self.by_age.remove(&oldest);
-        self.by_client.remove(&oldest.1);
+        let visit = self.by_client.remove(&oldest.1);
+        assert!(visit.is_some(), "every age is that of a visit");
+        self.check();
         Some(oldest.1)
     }
 
@@ -82,6 +90,7 @@ impl Visits {
             visit.since = last.0;
             self.by_age.insert((visit.since, visit.client_id.clone()));
         }
+        self.check();
     }
 }
 

@@ -50,6 +50,7 @@ impl MeasuredElsewhere {
                 measured.push(SourceMeasurement { state, x: space.encode(&record.configuration), log_cost });
             }
         }
+        assert!(measured.len() <= RECORDS, "{} measurements", measured.len());
         let layout = Layout::of(space);
         let main_effects = MainEffects::fit(&layout, &measured)?;
         let members = self.members(space);
@@ -83,12 +84,14 @@ impl MeasuredElsewhere {
                 let own = untold.take(share).map(|record| space.encode(&record.configuration));
                 let before = runs.len();
                 runs.extend(own.map(|x| SourceRun { x, failed }));
+                assert!(runs.len() - before <= room, "{} are more than {room}", runs.len() - before);
                 room -= runs.len() - before;
             }
             if runs.is_empty() {
                 break;
             }
         }
+        assert!(runs.len() <= RUNS, "{} configurations", runs.len());
         runs
     }
 }

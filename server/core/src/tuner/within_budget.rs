@@ -41,6 +41,7 @@ impl Tuner {
         };
         match account.leave(terms, ask.can_abort, self.default_runs(state)) {
             Ok(leave) => {
+                assert!(leave.left >= leave.set_aside, "{} covers {}", leave.left, leave.set_aside);
                 let explored = self.explore((&ask.client_id, room), state, number, normalised, planned);
                 let explores = explored.explores();
                 // Enough for the worst.

@@ -51,6 +51,7 @@ fn write(parameter: &Parameter, value: &Value, features: &mut [f64]) {
         }
         (domain, value) => {
             let x = 2.0 * domain.encode(value) - 1.0;
+            assert!((-1.0..=1.0).contains(&x), "{x} is beyond the range");
             features[0] = x;
             if features.len() > 1 {
                 features[1] = x * x;
@@ -62,6 +63,7 @@ fn write(parameter: &Parameter, value: &Value, features: &mut [f64]) {
 /// The features of a configuration: those of inactive parameters are zero.
 pub(super) fn of(space: &Space, parts: &[ParameterFeatures], configuration: &Configuration) -> Vec<f64> {
     let width = parts.last().map_or(1, |part| part.first + part.count);
+    assert!(parts.windows(2).all(|pair| pair[0].first + pair[0].count == pair[1].first), "without gaps");
     let mut features = vec![0.0; width];
     features[0] = 1.0;
     for part in parts {

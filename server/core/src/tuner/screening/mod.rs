@@ -118,6 +118,7 @@ impl Screening {
             let oldest = self.states.iter().min_by_key(|(_, kept)| kept.last).map(|(state, _)| *state);
             oldest.map(|oldest| self.states.remove(&oldest));
         }
+        assert!(self.states.len() <= SCREENED_STATES_MAX, "{} states", self.states.len());
     }
 
     /// Whether it is time to ask again which parameters to hold.
@@ -153,6 +154,7 @@ impl Screening {
                 continue;
             };
             let own = features::of(space, &self.parts, best);
+            assert_eq!(own.len(), self.width, "features of every parameter");
             let own = &own[part.first..part.first + part.count];
             let others: Vec<Vec<f64>> =
                 features::alternatives(space, part).into_iter().filter(|other| other != own).collect();
@@ -183,6 +185,7 @@ impl Screening {
 
 /// The value that a standard normal number exceeds with probability `1 - p`, for `p` in 0.5..1: by halving.
 fn quantile(p: f64) -> f64 {
+    assert!((0.5..=1.0).contains(&p), "a probability of {p}");
     let (mut low, mut high) = (0.0, 40.0);
     for _ in 0..60 {
         let middle = (low + high) / 2.0;

@@ -35,6 +35,7 @@ impl Sums {
     }
 
     pub(super) fn learn(&mut self, features: &[f64], target: f64) {
+        assert_eq!(features.len(), self.targets.len(), "a trial of other features");
         let mut place = 0;
         for (row, a) in features.iter().enumerate() {
             for b in &features[..=row] {
@@ -43,6 +44,7 @@ impl Sums {
             }
             self.targets[row] += a * target;
         }
+        assert_eq!(place, self.products.len(), "all products were added to");
         self.square += target * target;
         self.count += 1.0;
     }
@@ -60,6 +62,7 @@ impl Effects {
     /// The posterior variance of a combination of effects.
     pub(super) fn variance(&self, combination: &[f64]) -> f64 {
         let rows = combination.len();
+        assert_eq!(rows, self.mean.len(), "a combination of all effects");
         (0..rows)
             .map(|row| dot(&self.inverse[start(row)..=start(row) + row], &combination[..=row]).powi(2))
             .sum()
@@ -133,6 +136,7 @@ impl Common {
             for (feature, spread) in spread.iter().enumerate().skip(1) {
                 next.spread[feature] = spread / (count + SPREAD_PRIOR_STATES);
             }
+            assert!(trials >= 4.0, "{trials} trials");
             next.noise = (residual / trials).max(NOISE_LEAST);
             common = next;
         }
@@ -142,6 +146,7 @@ impl Common {
     /// The effects in one state. `None` where rounding has made the sums useless.
     pub(super) fn effects(&self, sums: &Sums) -> Option<Effects> {
         let width = self.mean.len();
+        assert!(sums.fits(width), "sums over {width} features");
         let mut factor: Vec<f64> = sums.products.iter().map(|product| product / self.noise).collect();
         let mut right: Vec<f64> = sums.targets.iter().map(|target| target / self.noise).collect();
         for feature in 0..width {
@@ -185,11 +190,13 @@ fn start(row: usize) -> usize {
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
+    debug_assert_eq!(a.len(), b.len(), "vectors of one length");
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// Cholesky's factor, in place.
 fn factorise(matrix: &mut [f64], width: usize) -> Option<()> {
+    assert_eq!(matrix.len(), start(width), "a triangle of {width} rows");
     for row in 0..width {
         for column in 0..=row {
             let (i, j) = (start(row), start(column));
@@ -209,6 +216,7 @@ fn factorise(matrix: &mut [f64], width: usize) -> Option<()> {
 
 /// The inverse of a lower triangle.
 fn invert(factor: &[f64], width: usize) -> Vec<f64> {
+    assert!((0..width).all(|row| factor[start(row) + row] > 0.0), "the diagonal of a factor is positive");
     let mut inverse = vec![0.0; factor.len()];
     for column in 0..width {
         inverse[start(column) + column] = 1.0 / factor[start(column) + column];

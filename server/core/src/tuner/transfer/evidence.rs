@@ -58,7 +58,9 @@ impl Transfer<'_> {
             let least = if self.spec.policy.confirm_rounds > 0 { REPEATED } else { 1 };
             OtherState { results, incumbent, measured_least: (!is_settled).then_some(least) }
         };
-        let states = nearest(query, PORTFOLIO_STATES_MAX, explored).iter().map(other).collect();
+        let states: Vec<OtherState> =
+            nearest(query, PORTFOLIO_STATES_MAX, explored).iter().map(other).collect();
+        assert!(states.len() <= PORTFOLIO_STATES_MAX, "{} states", states.len());
         MeasuredElsewhere { states, here: query.here.map(|here| Arc::clone(&here.results)) }
     }
 

@@ -127,7 +127,9 @@ impl<'a> Transfer<'a> {
             let state = &self.states[at(near.name as usize)];
             state.explored && state.results.tried() >= SEARCHED_LEAST
         };
-        2 * near.iter().filter(was_searched).count() > near.len()
+        let searched = near.iter().filter(was_searched).count();
+        assert!(searched <= near.len() && near.len() <= NEAR, "{searched} of {}", near.len());
+        2 * searched > near.len()
     }
 
     /// The results that [`best_elsewhere`](Transfer::best_elsewhere) answers from, to be computed apart.

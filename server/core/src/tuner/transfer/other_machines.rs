@@ -91,6 +91,7 @@ fn measured<'a>(states: &'a States, state: StateId, configuration: &Configuratio
 /// The variance of a measurement in a state, relative to its cost.
 fn noise_2(states: &States, state: StateId) -> f64 {
     let noise = states.results(state).noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+    assert!(noise > 0.0, "a noise of {noise}");
     noise * noise
 }
 
@@ -108,6 +109,7 @@ impl OtherMachine {
             }
         }
         let (machines, machine) = (states.machines(), states[other].machine);
+        assert!(machine != own.machine, "siblings are of different machines");
         let far = machines.effect(own.machine) - machines.effect(machine);
         OtherMachine {
             state: other,
@@ -142,6 +144,7 @@ impl<'a> OtherMachines<'a> {
                 measurements += record.measurements;
             }
         }
+        assert!(machines == 0 || precision > 0.0, "a precision of {precision} by {machines}");
         let (mean, variance) = (sum / precision, 1.0 / precision);
         (machines > 0).then_some(LevelEstimate { mean, variance, machines, measurements })
     }
@@ -176,6 +179,7 @@ impl<'a> OtherMachines<'a> {
             let own = 1.0 / variance.max(f64::MIN_POSITIVE);
             (sum + own * mean, precision + own)
         });
+        assert!(precision > 0.0, "a precision of {precision}");
         Some(PooledEstimate { mean: sum / precision, level, machines, measurements })
     }
 
@@ -251,6 +255,7 @@ impl Transfer<'_> {
 
 /// The machines whose measurements an estimate rests on, for the decision.
 fn by_machines(peers: &OtherMachines<'_>, estimate: &PooledEstimate) -> ByMachines {
+    assert!(estimate.machines > 0 && estimate.measurements > 0, "{estimate:?} rests on something");
     let states = peers.states;
     let of_level = peers.peers.iter().filter(|peer| peer.level == estimate.level);
     let neighbours = of_level.filter_map(|peer| {
@@ -290,6 +295,7 @@ pub(in crate::tuner) fn compare(
             count += 1.0;
         }
     }
+    assert!(count > 0.0, "another machine measured it");
     // The first time only: afterwards it is among what machines are compared by.
     let baseline = measured(states, state, default).map(|record| log(record.mean_cost));
     let baseline = baseline.filter(|_| measured(states, state, configuration).is_none());
