@@ -31,7 +31,7 @@ row! {
 impl StudyRow {
     pub(crate) fn into_record(self) -> Result<StudyRecord, StoreError> {
         let last_trial = unsigned(self.last_trial.max(self.named_after))?;
-        Ok(StudyRecord {
+        let record = StudyRecord {
             id: self.name,
             uid: self
                 .uid
@@ -47,7 +47,10 @@ impl StudyRow {
                 completed_trials: unsigned(self.completed_trials)?,
                 open_trials: unsigned(self.open_trials)?,
             },
-        })
+        };
+        assert!(record.named_after <= record.last_trial);
+        assert!(record.statistics.trials <= record.last_trial);
+        Ok(record)
     }
 }
 
@@ -100,12 +103,12 @@ pub(crate) fn closed(rows: Vec<(i64, Option<i64>)>) -> Result<Vec<ClosedTrial>, 
 
 /// A page of the rows that were found: one row more than fits tells that another page follows.
 pub(crate) fn page(rows: Vec<TrialRow>, query: &TrialQuery) -> Result<TrialPage, StoreError> {
-    let more = rows.len() > query.size as usize;
-    let trials = rows
-        .into_iter()
-        .take(query.size as usize)
-        .map(TrialRow::into_trial)
-        .collect::<Result<Vec<RawTrial>, _>>()?;
+    let size = query.size as usize;
+    assert!(size > 0, "a page of nothing never comes to an end");
+    let more = rows.len() > size;
+    let trials =
+        rows.into_iter().take(size).map(TrialRow::into_trial).collect::<Result<Vec<RawTrial>, _>>()?;
+    assert!(trials.len() <= size && (trials.len() == size || !more), "{} on a page of {size}", trials.len());
     let next = trials.last().filter(|_| more).map(|last| query.order.place(last));
     Ok(TrialPage { trials, next })
 }

@@ -32,7 +32,14 @@ impl Cursor {
     #[must_use]
     pub fn token(&self, question: &[&str]) -> String {
         let value = self.value.map_or("-".to_owned(), |value| format!("{:016x}", value.to_bits()));
-        seal(&format!("{value} {}", self.number), question)
+        let token = seal(&format!("{value} {}", self.number), question);
+        assert!(token.len() <= limits::TOKEN_CHARACTERS, "{} characters are too many to read", token.len());
+        debug_assert!(
+            self.value.is_some_and(|value| !value.is_finite())
+                || Self::parse(&token, question) == Ok(Some(*self)),
+            "{token} does not stand for {self:?}"
+        );
+        token
     }
 
     /// Reads a token; an empty one is no place.
@@ -56,6 +63,9 @@ impl Cursor {
     }
 }
 
+/// Hexadecimal digits of the check sum before the text.
+const DIGEST_DIGITS: usize = 16;
+
 /// Makes a token of `text` that only [`open`] with the same question reads.
 #[must_use]
 pub fn seal(text: &str, question: &[&str]) -> String {
@@ -64,6 +74,7 @@ pub fn seal(text: &str, question: &[&str]) -> String {
         // Writing to a string cannot fail.
         let _ = write!(token, "{byte:02x}");
     }
+    assert_eq!(token.len(), DIGEST_DIGITS + 2 * text.len());
     token
 }
 
@@ -75,12 +86,13 @@ pub fn open(token: &str, question: &[&str]) -> Result<String, PageTokenError> {
     if token.len() > limits::TOKEN_CHARACTERS || !token.is_ascii() || !token.len().is_multiple_of(2) {
         return Err(PageTokenError);
     }
-    let (digits, body) = token.split_at_checked(16).ok_or(PageTokenError)?;
+    let (digits, body) = token.split_at_checked(DIGEST_DIGITS).ok_or(PageTokenError)?;
     let bytes = (0..body.len() / 2)
         .map(|i| u8::from_str_radix(&body[2 * i..2 * i + 2], 16))
         .collect::<Result<Vec<u8>, _>>()
         .map_err(|_| PageTokenError)?;
     let text = String::from_utf8(bytes).map_err(|_| PageTokenError)?;
+    assert_eq!(token.len(), DIGEST_DIGITS + 2 * text.len());
     match u64::from_str_radix(digits, 16) {
         Ok(found) if found == digest(&text, question) => Ok(text),
         _ => Err(PageTokenError),

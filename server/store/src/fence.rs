@@ -99,8 +99,8 @@ impl Receipt {
     /// A receipt for something that has been decided already.
     pub(crate) fn settled(result: Result<(), StoreError>) -> Self {
         let (sender, receiver) = oneshot::channel();
-        // The receiver is alive: it is returned below.
-        let _ = sender.send(result);
+        let sent = sender.send(result);
+        assert!(sent.is_ok(), "the receiver is alive: it is returned below");
         Self(receiver)
     }
 

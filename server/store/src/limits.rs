@@ -109,3 +109,9 @@ pub const REAPED_ROWS: u32 = 10_000;
 const _: () = assert!(HEARTBEAT.as_millis() * 3 <= REPLICA_LAPSE.as_millis());
 const _: () = assert!(WRITE_GROUP <= WRITE_QUEUE);
 const _: () = assert!(PAGE_SIZE_DEFAULT <= PAGE_SIZE);
+// `PRAGMA incremental_vacuum(0)` would give back all that is free.
+const _: () = assert!(0 < PAGES_FREED && PAGES_FREED <= PAGES_KEPT_FREE);
+// A replica that cannot connect at once is not taken for dead, nor is its row gone before it is.
+const _: () = assert!(POSTGRES_CONNECT_TIMEOUT.as_millis() < REPLICA_LAPSE.as_millis());
+const _: () = assert!(REPLICA_LAPSE.as_millis() < REPLICA_ROW_KEPT.as_millis());
+const _: () = assert!(OWNER_REMEMBERED.as_millis() < REPLICA_LAPSE.as_millis());

@@ -97,6 +97,8 @@ impl MemoryTables {
             let rest = self.former_names.entry(String::new()).or_default();
             *rest = last.max(*rest);
         }
+        let listed = self.former_names.keys().filter(|name| !name.is_empty()).count();
+        assert!(listed <= limits::FORMER_NAMES as usize, "{listed} former names");
         Ok(study)
     }
 
@@ -122,17 +124,19 @@ fn not_found(id: &str) -> StoreError {
 impl MemoryStudy {
     fn record(&self, id: &str) -> StudyRecord {
         let is_open = |trial: &&Trial| trial.state == TrialState::Open;
+        let last_trial = self.last_trial();
+        assert!(self.skipped <= last_trial, "{} of {last_trial} numbers were left out", self.skipped);
         StudyRecord {
             id: id.to_owned(),
             uid: self.uid,
             named_after: self.named_after,
-            last_trial: self.last_trial(),
+            last_trial,
             spec: self.spec.clone(),
             create_ms: self.create_ms,
             statistics: StudyCounts {
                 states: self.states.len() as u64,
                 // Numbers and completions rise by one, and the last of each is never removed.
-                trials: self.last_trial() - self.skipped,
+                trials: last_trial - self.skipped,
                 completed_trials: self.completed.keys().last().copied().unwrap_or(0),
                 open_trials: self.trials.values().filter(is_open).count() as u64,
             },
@@ -142,6 +146,14 @@ impl MemoryStudy {
     /// The highest trial number that was handed out, or left to others.
     fn last_trial(&self) -> u64 {
         self.trials.keys().last().copied().unwrap_or(0).max(self.named_after)
+    }
+
+    /// The counts of what is kept in two places.
+    fn check(&self) {
+        let (completed, trials) = (self.completed.len(), self.trials.len());
+        assert!(completed <= trials, "{completed} completed of {trials} trials");
+        let last = self.completed.last_key_value();
+        assert!(last.is_none_or(|(_, number)| self.trials.contains_key(number)), "{last:?} has no trial");
     }
 
     fn apply(&mut self, changes: &[Change]) -> Result<(), StoreError> {
@@ -168,6 +180,7 @@ impl MemoryStudy {
                 self.trials.insert(trial.number, trial.clone());
             }
         }
+        self.check();
         Ok(())
     }
 }
@@ -203,7 +216,9 @@ impl Store for MemoryStore {
             models_since: 0,
         };
         let record = study.record(id);
+        debug_assert!(inner.studies.values().all(|other| other.key < study.key), "a key is given out twice");
         inner.studies.insert(id.to_owned(), study);
+        assert!(inner.studies.len() <= limits::STUDIES as usize);
         Ok(Created { study: record, is_new: true })
     }
 
@@ -255,6 +270,9 @@ impl Store for MemoryStore {
         if let Some(earlier) = found.fence.replace(fence.clone()) {
             earlier.break_up();
         }
+        assert!(found.states.iter().all(|(id, state)| *id == state.id));
+        assert!(found.visits.iter().all(|(client_id, visit)| *client_id == visit.client_id));
+        assert!(found.trials.iter().all(|(number, trial)| *number == trial.number));
         Ok(Loaded {
             fence,
             study: found.record(study),
@@ -298,9 +316,13 @@ impl Store for MemoryStore {
     ) -> Result<Vec<RawTrial>, StoreError> {
         let inner = self.lock()?;
         let study = inner.study(fence.study())?;
-        let numbers = study.completed.range(after + 1..).map(|(_, number)| number);
-        let trials = numbers.filter_map(|number| study.trials.get(number)).cloned().map(raw_trial);
-        Ok(trials.take(size as usize).collect())
+        let places = study.completed.range(after + 1..).take(size as usize);
+        let found = places.filter_map(|(at, number)| Some((*at, study.trials.get(number)?)));
+        let trials = found.map(|(at, trial)| {
+            assert_eq!(trial.completion, Some(at), "trial {} is listed in another place", trial.number);
+            raw_trial(trial.clone())
+        });
+        Ok(trials.collect())
     }
 
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
@@ -325,6 +347,7 @@ impl Store for MemoryStore {
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
         let mut inner = self.lock()?;
         let study = inner.fenced(fence)?;
+        let before = study.trials.len();
         let mut removed = 0;
         for number in numbers {
             let may_go = |trial: &Trial| {
@@ -337,7 +360,10 @@ impl Store for MemoryStore {
                 removed += 1;
             }
         }
-        Ok(removed)
+        assert_eq!(before - study.trials.len(), removed);
+        assert!(removed <= numbers.len(), "{removed} trials for {} numbers", numbers.len());
+        study.check();
+        Ok(removed as u64)
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
@@ -349,6 +375,8 @@ impl Store for MemoryStore {
     }
 
     async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+        let size = query.size as usize;
+        assert!(size > 0, "a page of nothing never comes to an end");
         let inner = self.lock()?;
         let mut found: Vec<RawTrial> = inner
             .study(study)?
@@ -361,8 +389,15 @@ impl Store for MemoryStore {
         if let Some(after) = &query.after {
             found.retain(|trial| query.order.compare(&query.order.place(trial), after).is_gt());
         }
-        let more = found.len() > query.size as usize;
-        found.truncate(query.size as usize);
+        let more = found.len() > size;
+        found.truncate(size);
+        assert!(found.len() <= size && (found.len() == size || !more));
+        let compare =
+            |a: &RawTrial, b: &RawTrial| query.order.compare(&query.order.place(a), &query.order.place(b));
+        debug_assert!(
+            found.is_sorted_by(|a, b| compare(a, b).is_lt()),
+            "an order leaves two trials in one place"
+        );
         Ok(TrialPage {
             next: found.last().filter(|_| more).map(|last| query.order.place(last)),
             trials: found,

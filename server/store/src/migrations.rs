@@ -48,7 +48,12 @@ pub(crate) fn postgres() -> Migrator {
 }
 
 fn migrator(files: &'static [(&'static str, &'static str)]) -> Migrator {
-    Migrator { migrations: files.iter().copied().map(migration).collect(), ..Migrator::DEFAULT }
+    let migrations: Vec<Migration> = files.iter().copied().map(migration).collect();
+    assert!(
+        (1..).zip(&migrations).all(|(version, one)| one.version == version),
+        "versions rise by one from 1"
+    );
+    Migrator { migrations: migrations.into(), ..Migrator::DEFAULT }
 }
 
 fn migration((name, text): (&'static str, &'static str)) -> Migration {

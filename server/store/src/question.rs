@@ -10,6 +10,7 @@ use treewright_core::words::Word as _;
 
 use crate::error::StoreError;
 use crate::filter::{FieldComparison, Literal, Operator, OrderKey};
+use crate::limits;
 use crate::rows::signed;
 use crate::store::TrialQuery;
 
@@ -40,6 +41,9 @@ pub(crate) fn trial_page<D: Dialect>(
     study: i64,
     query: &TrialQuery,
 ) -> Result<(), StoreError> {
+    assert!(query.size > 0, "a page of nothing never comes to an end");
+    let comparisons = query.filter.comparisons.len();
+    assert!(comparisons <= limits::FILTER_COMPARISONS, "a filter of {comparisons} comparisons");
     sql.text("SELECT ").text(columns).text(" FROM trials WHERE study = ").integer(study);
     for comparison in &query.filter.comparisons {
         sql.text(" AND ");
@@ -70,6 +74,7 @@ pub(crate) fn trial_page<D: Dialect>(
 /// The rows behind one with this value and number; those without a value come last.
 fn push_behind<D: Dialect>(sql: &mut D, query: &TrialQuery, value: Option<f64>, number: i64) {
     let key = &query.order.key;
+    assert!(*key != OrderKey::Number, "the numbers have a question of their own");
     sql.text(" AND (");
     if let Some(value) = value {
         push_key(sql, key).text(if query.order.descending { " < " } else { " > " });
@@ -104,22 +109,26 @@ fn is_open(comparison: &FieldComparison) -> bool {
 }
 
 fn push_comparison<D: Dialect>(sql: &mut D, comparison: &FieldComparison) {
+    use FieldComparison::{Cost, Indicator, Measurement};
+    if let Cost(_, value) | Measurement(_, _, value) | Indicator(_, _, value) = comparison {
+        assert!(value.is_finite(), "a comparison with {value}");
+    }
     match comparison {
         // As text, because an index of a part is only used where the question is known to lie in it.
         open if is_open(open) => {
             sql.text("state = 'OPEN'");
         }
         FieldComparison::State(operator, state) => {
-            push(sql, "state", *operator).string(state.word());
+            push_equality(sql, "state", *operator).string(state.word());
         }
         FieldComparison::Mode(operator, mode) => {
-            push(sql, "mode", *operator).string(mode.word());
+            push_equality(sql, "mode", *operator).string(mode.word());
         }
         FieldComparison::Outcome(operator, kind) => {
-            push(sql, "outcome", *operator).string(kind.word());
+            push_equality(sql, "outcome", *operator).string(kind.word());
         }
         FieldComparison::Late(operator, late) => {
-            push(sql, "late", *operator).flag(*late);
+            push_equality(sql, "late", *operator).flag(*late);
         }
         FieldComparison::ClientId(operator, text) => {
             push(sql, "client_id", *operator).string(text);
@@ -143,6 +152,12 @@ fn push_comparison<D: Dialect>(sql: &mut D, comparison: &FieldComparison) {
             sql.parameter(name, *operator, literal);
         }
     }
+}
+
+/// A column whose values have no order.
+fn push_equality<'d, D: Dialect>(sql: &'d mut D, column: &str, operator: Operator) -> &'d mut D {
+    assert!(operator.is_equality(), "{column} is compared with {}", operator.symbol());
+    push(sql, column, operator)
 }
 
 fn push<'d, D: Dialect>(sql: &'d mut D, column: &str, operator: Operator) -> &'d mut D {

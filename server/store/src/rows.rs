@@ -10,13 +10,14 @@ use treewright_core::configuration::RawConfiguration;
 use treewright_core::decision::recorded::Recorded;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
-use treewright_core::trial::{Explanation, Outcome, OutcomeKind, RawTrial, Trial};
+use treewright_core::trial::{Explanation, Outcome, OutcomeKind, RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Exploration, RawVisit, RecordedVisitDecision, StateRecord, Visit};
 use treewright_core::value::Value;
 use treewright_core::words::Word;
 
 use crate::error::StoreError;
 use crate::from_row::row;
+use crate::limits::CHECKPOINT_PART_BYTES;
 
 row! {
     /// A row of `trials`, without its study.
@@ -67,7 +68,17 @@ pub(crate) struct PartRow {
 }
 
 impl PartRow {
+    /// The bytes of a checkpoint, cut into what is written at once.
+    pub(crate) fn cut(bytes: &[u8]) -> Vec<&[u8]> {
+        assert!(!bytes.is_empty(), "a checkpoint of nothing has no parts to be found by");
+        let parts: Vec<&[u8]> = bytes.chunks(CHECKPOINT_PART_BYTES).collect();
+        assert_eq!(parts.iter().map(|part| part.len()).sum::<usize>(), bytes.len());
+        parts
+    }
+
     pub(crate) fn of(completion: u64, part: usize, parts: usize, bytes: &[u8]) -> Result<Self, StoreError> {
+        assert!(part < parts, "part {part} of {parts}");
+        assert!((1..=CHECKPOINT_PART_BYTES).contains(&bytes.len()), "a part of {} bytes", bytes.len());
         Ok(Self {
             completion: signed(completion)?,
             part: signed(part as u64)?,
@@ -120,12 +131,15 @@ impl Rows {
         }
         // A client that has come back since is stored like any other.
         forgotten.retain(|client_id| !visits.contains_key(*client_id));
-        Ok(Self {
+        let rows = Self {
             forgotten: forgotten.into_iter().cloned().collect(),
             states: states.into_values().map(StateRow::of).collect::<Result<_, _>>()?,
             visits: visits.into_values().map(VisitRow::of).collect::<Result<_, _>>()?,
             trials: trials.into_values().map(TrialRow::of).collect::<Result<_, _>>()?,
-        })
+        };
+        // A commit without rows only waits for those before it.
+        assert_eq!(rows.is_empty(), changes.iter().all(Change::is_empty));
+        Ok(rows)
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -140,6 +154,8 @@ impl Rows {
 
 impl TrialRow {
     fn of(trial: &Trial) -> Result<Self, StoreError> {
+        let has_result = trial.outcome.is_some() && trial.completion.is_some();
+        assert!(has_result || trial.state != TrialState::Completed, "trial {} has no result", trial.number);
         let (outcome_reason, outcome_lower_bound) = match &trial.outcome {
             Some(Outcome::Infeasible { reason } | Outcome::Failed { reason }) => (Some(reason.clone()), None),
             Some(Outcome::Aborted { lower_bound }) => (None, Some(*lower_bound)),
@@ -304,7 +320,9 @@ fn configuration_to_json(values: &RawConfiguration) -> String {
         };
         (name.clone(), value)
     });
-    Json::Object(fields.collect()).to_string()
+    let text = Json::Object(fields.collect()).to_string();
+    debug_assert_eq!(configuration_from_json(&text).as_ref(), Ok(values));
+    text
 }
 
 fn configuration_from_json(text: &str) -> Result<RawConfiguration, StoreError> {

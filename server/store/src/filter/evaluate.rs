@@ -52,6 +52,7 @@ fn literal_holds(own: &Value, operator: Operator, literal: &Literal) -> bool {
 
 impl Operator {
     fn equality(self, equal: bool) -> bool {
+        assert!(self.is_equality(), "{} needs an order", self.symbol());
         equal == (self == Self::Equal)
     }
 

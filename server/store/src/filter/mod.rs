@@ -47,6 +47,7 @@ pub struct FilterError {
 
 impl FilterError {
     pub(crate) fn new(position: usize, problem: impl Into<String>) -> Self {
+        assert!(position > 0, "characters are counted from 1");
         Self { position, problem: problem.into() }
     }
 }

@@ -24,6 +24,7 @@ impl Filter {
     /// # Errors
     /// [`FilterError`] with the place of the first such name, and the names that there are.
     pub fn check_names(&self, text: &str, spec: &StudySpec) -> Result<(), FilterError> {
+        debug_assert_eq!(Self::parse(text).as_ref(), Ok(self), "the filter is of another text");
         let parameters: Vec<&str> = spec.space.parameters().iter().map(|one| one.name.as_str()).collect();
         let indicators: Vec<&str> =
             spec.indicators.indicators().iter().map(|one| one.name.as_str()).collect();

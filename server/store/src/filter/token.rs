@@ -53,6 +53,7 @@ pub(super) fn tokens(text: &str) -> Result<Vec<PlacedToken>, FilterError> {
             _ => operator(&characters[at..])
                 .ok_or_else(|| FilterError::new(at + 1, format!("`{first}` has no meaning here")))?,
         };
+        assert!(length > 0 && at + length <= characters.len(), "{length} characters at {at} are {token:?}");
         found.push(PlacedToken { position: at + 1, token });
         at += length;
     }
@@ -86,6 +87,7 @@ fn number(rest: &[char]) -> (FilterToken, usize) {
 
 /// Text in double quotes, in which a backslash makes the next quote or backslash literal.
 fn quoted(rest: &[char], position: usize) -> Result<(FilterToken, usize), FilterError> {
+    assert_eq!(rest.first(), Some(&'"'));
     let mut text = String::new();
     let mut at = 1;
     while let Some(&c) = rest.get(at) {

@@ -124,6 +124,7 @@ impl PostgresStore {
         let (job, error) = match &*open {
             None => (job, StoreError::Closed),
             Some(open) => {
+                assert_eq!(open.queues.len(), limits::POSTGRES_WRITERS);
                 let writer = (hasher.finish() % open.queues.len() as u64) as usize;
                 match open.queues[writer].try_send(job) {
                     Ok(()) => return,
@@ -260,7 +261,7 @@ impl Store for PostgresStore {
 
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
         let Checkpoint { completion, bytes } = checkpoint;
-        let parts: Vec<&[u8]> = bytes.chunks(limits::CHECKPOINT_PART_BYTES).collect();
+        let parts = rows::PartRow::cut(bytes);
         for (part, bytes) in parts.iter().enumerate() {
             let row = rows::PartRow::of(*completion, part, parts.len(), bytes)?;
             let (answer, saved) = oneshot::channel();
@@ -302,6 +303,7 @@ impl Store for PostgresStore {
         let Some(OpenPostgres { queues, writers, leave, session, listener }) = taken else {
             return;
         };
+        assert_eq!(queues.len(), writers.len());
         // With their last senders gone the queues run dry, and the writers end.
         drop(queues);
         for writer in writers {

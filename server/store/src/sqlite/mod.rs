@@ -227,7 +227,7 @@ impl Store for SqliteStore {
 
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
         let Checkpoint { completion, bytes } = checkpoint;
-        let parts: Vec<&[u8]> = bytes.chunks(limits::CHECKPOINT_PART_BYTES).collect();
+        let parts = rows::PartRow::cut(bytes);
         for (part, bytes) in parts.iter().enumerate() {
             let row = rows::PartRow::of(*completion, part, parts.len(), bytes)?;
             // One after the other, so that others' writes come in between.
@@ -247,9 +247,13 @@ impl Store for SqliteStore {
     }
 
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
+        let most = numbers.len() as u64;
         let (numbers, covered) = (rows::write(&numbers)?, rows::signed(covered)?);
         match self.write(WriteCommand::Remove { fence: fence.clone(), numbers, covered }).await? {
-            WriteResult::Removed(count) => Ok(count),
+            WriteResult::Removed(count) => {
+                assert!(count <= most, "{count} trials were removed for {most} numbers");
+                Ok(count)
+            }
             _ => Err(mismatch()),
         }
     }

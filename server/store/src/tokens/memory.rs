@@ -49,6 +49,7 @@ impl TokenStore for MemoryTokens {
         }
         inner.tokens.push(token.clone());
         inner.tokens.sort_by(|a, b| (a.create_ms, &a.id).cmp(&(b.create_ms, &b.id)));
+        assert!(inner.tokens.len() <= limits::TOKENS as usize);
         inner.revision += 1;
         Ok(())
     }
@@ -73,6 +74,7 @@ impl TokenStore for MemoryTokens {
         if inner.tokens.len() == before {
             return Err(TokenError::NotFound { id: id.to_owned() });
         }
+        assert_eq!(before - inner.tokens.len(), 1, "two tokens had the id {id:?}");
         inner.used.retain(|(token, _), _| token != id);
         inner.revision += 1;
         Ok(())
@@ -91,6 +93,7 @@ impl TokenStore for MemoryTokens {
             }
         }
         let today = inner.used.get(&(id.to_owned(), day)).copied().unwrap_or_default();
+        assert!(today.studies <= all.studies && today.trials <= all.trials && today.bytes <= all.bytes);
         Ok((all, today))
     }
 

@@ -61,6 +61,7 @@ pub(crate) fn signed(count: u64) -> i64 {
 
 /// The one row that must have changed.
 pub(crate) fn changed(id: &str, rows: u64) -> Result<(), TokenError> {
+    assert!(rows <= 1, "{rows} tokens have the id {id:?}");
     if rows == 0 { Err(TokenError::NotFound { id: id.to_owned() }) } else { Ok(()) }
 }
 
@@ -95,7 +96,10 @@ impl Usage {
 /// Studies and quota as JSON texts.
 pub(crate) fn texts(studies: &Studies, quota: &Quota) -> Result<(String, String), TokenError> {
     let json = |error: serde_json::Error| inconsistent(error.to_string());
-    Ok((serde_json::to_string(studies).map_err(json)?, serde_json::to_string(quota).map_err(json)?))
+    let texts = (serde_json::to_string(studies).map_err(json)?, serde_json::to_string(quota).map_err(json)?);
+    debug_assert_eq!(serde_json::from_str::<Studies>(&texts.0).ok().as_ref(), Some(studies));
+    debug_assert_eq!(serde_json::from_str::<Quota>(&texts.1).ok().as_ref(), Some(quota));
+    Ok(texts)
 }
 
 fn inconsistent(problem: String) -> TokenError {
