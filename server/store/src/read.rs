@@ -60,6 +60,7 @@ macro_rules! reads {
                 .fetch_all(connection)
                 .await
                 .map_err(failed)?;
+            assert!(rows.len() <= size as usize, "{} studies on a page of {size}", rows.len());
             rows.into_iter().map(StudyRow::into_record).collect()
         }
 
@@ -139,6 +140,7 @@ macro_rules! reads {
                 .fetch_all(connection)
                 .await
                 .map_err(failed)?;
+            assert!(rows.len() <= size as usize, "{} trials in a stretch of {size}", rows.len());
             rows.into_iter().map(TrialRow::into_trial).collect()
         }
 
@@ -150,7 +152,7 @@ macro_rules! reads {
             up_to: u64,
             size: u32,
         ) -> Result<Vec<ClosedTrial>, StoreError> {
-            let rows = sqlx::query_as(sql::CLOSED_TRIALS)
+            let rows: Vec<(i64, Option<i64>)> = sqlx::query_as(sql::CLOSED_TRIALS)
                 .bind(fence.key())
                 .bind(signed(after)?)
                 .bind(signed(up_to)?)
@@ -158,6 +160,7 @@ macro_rules! reads {
                 .fetch_all(connection)
                 .await
                 .map_err(failed)?;
+            assert!(rows.len() <= size as usize, "{} trials in a stretch of {size}", rows.len());
             assembly::closed(rows)
         }
 

@@ -118,8 +118,10 @@ pub async fn check(database: &Path) -> Result<Inventory, MaintenanceError> {
         );
         return Err(OpenError::Other { path: database.to_owned(), problem }.into());
     }
+    assert_eq!(version, known, "the schema of a newer program was not refused");
     let looked = file::check(&mut connection, Depth::Whole).await;
-    looked.map_err(|unsound| MaintenanceError::unsound(database, unsound))?;
+    let looked = looked.map_err(|unsound| MaintenanceError::unsound(database, unsound))?;
+    assert_eq!(looked, Looked::Through, "a part was looked at, and all was to be");
     let inventory = inventory(&mut connection, database).await?;
     connection.close().await.map_err(|error| MaintenanceError::sqlite(database, &error))?;
     Ok(inventory)
@@ -174,7 +176,8 @@ async fn check_closed(path: &Path) -> Result<Inventory, MaintenanceError> {
         // Its tables are those of its time; the next start brings them up to date.
         false => file::check_pages(&mut connection).await.map(|()| Looked::Through),
     };
-    looked.map_err(|unsound| MaintenanceError::unsound(path, unsound))?;
+    let looked = looked.map_err(|unsound| MaintenanceError::unsound(path, unsound))?;
+    assert_eq!(looked, Looked::Through, "a part was looked at, and all was to be");
     let inventory = inventory(&mut connection, path).await?;
     connection.close().await.map_err(|error| MaintenanceError::sqlite(path, &error))?;
     Ok(inventory)

@@ -47,6 +47,11 @@ impl<'r> Batch<'r> {
         }
         self.visits.extend(rows.visits.iter().map(|row| ((study, row.client_id.as_str()), row)));
         self.trials.extend(rows.trials.iter().map(|row| ((study, row.number), row)));
+        // One statement stores visits and removes others, in no order.
+        debug_assert!(
+            self.forgotten.iter().all(|key| !self.visits.contains_key(key)),
+            "a visit comes and goes"
+        );
         true
     }
 
@@ -66,8 +71,10 @@ impl<'r> Batch<'r> {
         let keys: Vec<i64> = self.fences.keys().copied().collect();
         let epochs: Vec<i64> = self.fences.values().copied().collect();
         if self.is_empty() {
-            let held = sqlx::query_scalar(sql::HELD_STUDIES).bind(keys).bind(epochs);
-            return Ok(held.fetch_all(connection).await?.into_iter().collect());
+            let asking = sqlx::query_scalar(sql::HELD_STUDIES).bind(keys).bind(epochs);
+            let held = asking.fetch_all(connection).await?;
+            assert!(held.len() <= self.fences.len(), "more studies are held than were asked for");
+            return Ok(held.into_iter().collect());
         }
         let held: Vec<i64> = sqlx::query_scalar(sql::BATCH)
             .bind(keys)
@@ -110,6 +117,7 @@ impl<'r> Batch<'r> {
             .bind(self.forgotten.iter().map(|(_, client_id)| *client_id).collect::<Vec<_>>())
             .fetch_all(connection)
             .await?;
+        assert!(held.len() <= self.fences.len(), "more studies are held than were asked for");
         Ok(held.into_iter().collect())
     }
 }

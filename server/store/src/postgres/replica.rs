@@ -79,7 +79,9 @@ async fn beat(shared: &SharedState, session: Option<PgConnection>) -> Result<PgC
     };
     let me = shared.me();
     let locked = !is_new || take_lock(&mut connection, me).await?;
-    let known = sqlx::query(sql::REPLICA_BEAT).bind(me).execute(&mut connection).await?.rows_affected() == 1;
+    let rows = sqlx::query(sql::REPLICA_BEAT).bind(me).execute(&mut connection).await?.rows_affected();
+    assert!(rows <= 1, "{rows} replicas have the id {me}");
+    let known = rows == 1;
     if locked && known {
         if is_new {
             tracing::info!(replica = me, "the database is back");

@@ -98,6 +98,7 @@ impl SharedState {
             owners.clear();
         }
         owners.insert(study.to_owned(), owner);
+        assert!(owners.len() <= limits::OWNERS_REMEMBERED);
     }
 
     /// Forgets who holds one study.

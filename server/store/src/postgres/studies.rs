@@ -47,12 +47,18 @@ pub(super) async fn create(
     }
 }
 
+/// Checks the rows of a statement that names one by its key.
+fn one_at_most(rows: u64) {
+    assert!(rows <= 1, "{rows} rows have one key");
+}
+
 /// Makes a study unfindable, and returns its key. [`reap`] takes its rows away.
 pub(super) async fn delete(connection: &mut PgConnection, study: &str) -> Result<i64, StoreError> {
     let mut transaction = sqlx::Connection::begin(connection).await.map_err(failed)?;
     let key =
         leave_name(&mut transaction, study).await.map_err(failed)?.ok_or_else(|| study_not_found(study))?;
-    sqlx::query(sql::STUDY_DELETE).bind(key).execute(&mut *transaction).await.map_err(failed)?;
+    let done = sqlx::query(sql::STUDY_DELETE).bind(key).execute(&mut *transaction).await.map_err(failed)?;
+    one_at_most(done.rows_affected());
     transaction.commit().await.map_err(failed)?;
     Ok(key)
 }
@@ -66,10 +72,11 @@ pub(super) async fn rename(connection: &mut PgConnection, study: &str, to: &str)
     let key =
         leave_name(&mut transaction, study).await.map_err(failed)?.ok_or_else(|| study_not_found(study))?;
     let renamed = sqlx::query(sql::STUDY_RENAME).bind(key).bind(to).execute(&mut *transaction).await;
-    renamed.map_err(|error| match error.as_database_error() {
+    let renamed = renamed.map_err(|error| match error.as_database_error() {
         Some(database) if database.is_unique_violation() => StoreError::NameTaken { study: to.to_owned() },
         _ => failed(error),
     })?;
+    one_at_most(renamed.rows_affected());
     transaction.commit().await.map_err(failed)?;
     Ok(key)
 }
@@ -82,9 +89,10 @@ async fn leave_name(connection: &mut PgConnection, study: &str) -> Result<Option
     let Some(key) = found else {
         return Ok(None);
     };
-    sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await?;
-    let folded = sqlx::query(sql::NAMES_FOLDED).bind(i64::from(limits::FORMER_NAMES));
-    folded.execute(&mut *connection).await?;
+    let noted = sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await?;
+    one_at_most(noted.rows_affected());
+    let folding = sqlx::query(sql::NAMES_FOLDED).bind(i64::from(limits::FORMER_NAMES));
+    one_at_most(folding.execute(&mut *connection).await?.rows_affected());
     sqlx::query(sql::FOLDED_NAMES_DELETE).execute(connection).await?;
     Ok(Some(key))
 }
@@ -97,6 +105,7 @@ pub(super) async fn remove_trials(
     covered: u64,
 ) -> Result<u64, StoreError> {
     fence.check()?;
+    let most = numbers.len() as i64;
     let numbers = numbers.iter().map(|number| signed(*number)).collect::<Result<Vec<i64>, _>>()?;
     let (held, gone): (i64, i64) = sqlx::query_as(sql::TRIALS_DELETE)
         .bind(fence.key())
@@ -106,6 +115,8 @@ pub(super) async fn remove_trials(
         .fetch_one(connection)
         .await
         .map_err(failed)?;
+    assert!(held <= 1, "{held} studies have one key");
+    assert!(gone <= most && (held == 1 || gone == 0), "{gone} trials were removed for {most} numbers");
     if held == 0 {
         return Err(StoreError::Fenced { study: fence.study().to_owned() });
     }
@@ -124,7 +135,9 @@ pub(super) async fn reap(connection: &mut PgConnection) -> Result<bool, sqlx::Er
         .bind(i64::from(limits::REAPED_ROWS))
         .execute(&mut *transaction)
         .await?;
-    if trials.rows_affected() < u64::from(limits::REAPED_ROWS) {
+    let removed = trials.rows_affected();
+    assert!(removed <= u64::from(limits::REAPED_ROWS), "{removed} trials at once");
+    if removed < u64::from(limits::REAPED_ROWS) {
         for statement in [sql::REAP_VISITS, sql::REAP_STATES, sql::REAP_CHECKPOINTS, sql::REAP_STUDY] {
             sqlx::query(statement).bind(study).execute(&mut *transaction).await?;
         }

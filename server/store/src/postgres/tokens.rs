@@ -147,7 +147,9 @@ impl TokenStore for PostgresTokens {
             .bind(column(|used| used.studies))
             .bind(column(|used| used.trials))
             .bind(column(|used| used.bytes));
-        adding.execute(&mut *self.connection().await?).await.map(|_| ()).map_err(failed)
+        let added = adding.execute(&mut *self.connection().await?).await.map_err(failed)?.rows_affected();
+        assert!(added <= used.len() as u64, "{added} tokens of {} are counted", used.len());
+        Ok(())
     }
 
     async fn close(&self) {

@@ -112,6 +112,7 @@ struct Writer {
 
 impl Writer {
     async fn write(&mut self, mut group: VecDeque<StudyJob>) {
+        assert!((1..=limits::WRITE_GROUP).contains(&group.len()), "{} writes at once", group.len());
         loop {
             let together = leading_commits(&group);
             if together > 0 {
@@ -135,6 +136,7 @@ impl Writer {
 
     /// Stores commits that fit into one statement; where that breaks a rule, each in its own.
     async fn store(&mut self, jobs: Vec<StudyJob>) {
+        assert!(!jobs.is_empty() && jobs.iter().all(|job| matches!(job, StudyJob::Commit { .. })));
         match self.batch(&jobs).await {
             BatchResult::Held(held) => {
                 tracing::trace!(writes = jobs.len(), "stored");
@@ -174,7 +176,8 @@ impl Writer {
         let mut batch = Batch::default();
         for job in jobs {
             if let StudyJob::Commit { fence, rows, .. } = job {
-                batch.add(fence, rows);
+                let is_added = batch.add(fence, rows);
+                assert!(is_added, "a commit to {} would be acknowledged and not stored", fence.study());
             }
         }
         for _ in 0..TRIES {
@@ -227,6 +230,7 @@ impl Writer {
             }
             StudyJob::Part { fence, row, .. } => {
                 fence.check()?;
+                assert!((0..row.parts).contains(&row.part), "part {} of {}", row.part, row.parts);
                 let query = sqlx::query(sql::PART_UPSERT).bind(fence.key()).bind(fence.epoch());
                 let query = query.bind(row.completion).bind(row.part).bind(row.parts).bind(&row.bytes);
                 self.execute_held(fence, query).await?;
@@ -237,14 +241,19 @@ impl Writer {
                 let query = sqlx::query(sql::OTHER_CHECKPOINTS_DELETE).bind(fence.key());
                 self.execute(query.bind(row.completion).bind(row.parts)).await.map(|_| ())
             }
-            StudyJob::Commit { fence, .. } => fence.check(),
-            StudyJob::Claim { .. } => Ok(()),
+            StudyJob::Commit { fence, .. } => {
+                assert!(!fence.holds(), "a commit to {} would be acknowledged and not stored", fence.study());
+                fence.check()
+            }
+            StudyJob::Claim { .. } => unreachable!("a claim has an answer of its own"),
         }
     }
 
     /// Executes a statement that changes nothing where the study's epoch no longer holds.
     async fn execute_held(&mut self, fence: &Fence, query: Statement<'_>) -> Result<(), StoreError> {
-        match self.execute(query).await? {
+        let rows = self.execute(query).await?;
+        assert!(rows <= 1, "{rows} rows have one key");
+        match rows {
             0 => Err(StoreError::Fenced { study: fence.study().to_owned() }),
             _ => Ok(()),
         }

@@ -81,7 +81,8 @@ pub(super) async fn apply(
                 fence.break_up();
             }
             leave_name(connection, key).await.map_err(refused)?;
-            sqlx::query(sql::STUDY_DELETE).bind(key).execute(connection).await.map_err(refused)?;
+            let done = sqlx::query(sql::STUDY_DELETE).bind(key).execute(connection).await.map_err(refused)?;
+            one_at_most(done.rows_affected());
             Ok(WriteResult::Nothing)
         }
         WriteCommand::Rename { study, to } => {
@@ -101,13 +102,14 @@ pub(super) async fn apply(
         }
         WriteCommand::Policy { fence, policy, models_since } => {
             fence.check()?;
-            sqlx::query(sql::POLICY_UPDATE)
+            let done = sqlx::query(sql::POLICY_UPDATE)
                 .bind(fence.key())
                 .bind(policy)
                 .bind(rows::signed(*models_since)?)
                 .execute(connection)
                 .await
                 .map_err(refused)?;
+            one_at_most(done.rows_affected());
             Ok(WriteResult::Nothing)
         }
         WriteCommand::Part { fence, row } => {
@@ -130,15 +132,22 @@ pub(super) async fn apply(
     }
 }
 
+/// Checks the rows of a statement that names one by its key.
+fn one_at_most(rows: u64) {
+    assert!(rows <= 1, "{rows} rows have one key");
+}
+
 /// Notes which numbers a study has handed out under the name that it is about to lose.
 async fn leave_name(connection: &mut SqliteConnection, key: i64) -> Result<(), sqlx::Error> {
-    sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await?;
+    let noted = sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await?;
+    one_at_most(noted.rows_affected());
     fold_names(connection, limits::FORMER_NAMES).await
 }
 
 /// Keeps the list of former names short.
 async fn fold_names(connection: &mut SqliteConnection, listed: u32) -> Result<(), sqlx::Error> {
-    sqlx::query(sql::NAMES_FOLDED).bind(i64::from(listed)).execute(&mut *connection).await?;
+    let folded = sqlx::query(sql::NAMES_FOLDED).bind(i64::from(listed)).execute(&mut *connection).await?;
+    one_at_most(folded.rows_affected());
     sqlx::query(sql::FOLDED_NAMES_DELETE).execute(connection).await.map(|_| ())
 }
 
@@ -154,7 +163,8 @@ async fn rename(connection: &mut SqliteConnection, study: &str, to: &str) -> Res
         Err(error) => return Err(error),
     }
     leave_name(&mut *connection, key).await.map_err(refused)?;
-    sqlx::query(sql::STUDY_RENAME).bind(key).bind(to).execute(connection).await.map_err(refused)?;
+    let renaming = sqlx::query(sql::STUDY_RENAME).bind(key).bind(to).execute(connection);
+    one_at_most(renaming.await.map_err(refused)?.rows_affected());
     Ok(Some(key))
 }
 
@@ -164,7 +174,8 @@ async fn save_part(
     study: i64,
     row: &rows::PartRow,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(sql::PART_UPSERT)
+    assert!((0..row.parts).contains(&row.part), "part {} of {}", row.part, row.parts);
+    let saved = sqlx::query(sql::PART_UPSERT)
         .bind(study)
         .bind(row.completion)
         .bind(row.part)
@@ -172,6 +183,7 @@ async fn save_part(
         .bind(&row.bytes)
         .execute(&mut *connection)
         .await?;
+    one_at_most(saved.rows_affected());
     if row.part + 1 == row.parts {
         sqlx::query(sql::OTHER_CHECKPOINTS_DELETE)
             .bind(study)
@@ -197,6 +209,7 @@ async fn remove(
     let spare = limits::PAGES_KEPT_FREE.max(all / 8);
     if free > spare {
         let pages = (free - spare).min(limits::PAGES_FREED);
+        assert!((1..=limits::PAGES_FREED).contains(&pages), "{pages} pages: 0 would be all that are free");
         let shrink = format!("PRAGMA incremental_vacuum({pages})");
         // It gives back one page a step, so it is done when it yields nothing more.
         sqlx::query(AssertSqlSafe(shrink)).fetch_all(connection).await?;
@@ -226,7 +239,7 @@ async fn create(
         return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
     }
     let (specification, policy) = rows::specification(spec)?;
-    sqlx::query(sql::STUDY_INSERT)
+    let inserted = sqlx::query(sql::STUDY_INSERT)
         .bind(id)
         .bind(specification)
         .bind(policy)
@@ -234,6 +247,7 @@ async fn create(
         .execute(&mut *connection)
         .await
         .map_err(refused)?;
+    one_at_most(inserted.rows_affected());
     Ok(Created { study: read::study(connection, id).await?, is_new: true })
 }
 

@@ -85,6 +85,7 @@ async fn look_at(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenE
 
 /// The first of many problems.
 pub(crate) fn in_words(problems: &[String]) -> String {
+    assert!(!problems.is_empty(), "a file is damaged for no reason");
     let first = problems.first().map_or("", |problem| problem.trim());
     match problems.len() {
         0 | 1 => first.to_owned(),

@@ -22,6 +22,7 @@ pub(super) async fn reap(connection: &mut SqliteConnection) -> Result<bool, sqlx
             return Ok(true);
         }
     }
-    sqlx::query(sql::REAP_STUDY).bind(study).execute(connection).await?;
+    let gone = sqlx::query(sql::REAP_STUDY).bind(study).execute(connection).await?.rows_affected();
+    assert!(gone <= 1, "{gone} studies have the key {study}");
     Ok(true)
 }

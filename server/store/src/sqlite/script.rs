@@ -32,10 +32,13 @@ fn text(rows: &Rows) -> String {
     let states = std::iter::repeat_n(sql::STATE_UPSERT, rows.states.len());
     let visits = std::iter::repeat_n(sql::VISIT_UPSERT, rows.visits.len());
     let trials = std::iter::repeat_n(sql::TRIAL_UPSERT, rows.trials.len());
-    forgotten.chain(states).chain(visits).chain(trials).collect::<Vec<_>>().join(";")
+    let statements: Vec<&str> = forgotten.chain(states).chain(visits).chain(trials).collect();
+    assert_eq!(statements.len(), rows.count());
+    statements.join(";")
 }
 
 fn bound(study: i64, rows: &Rows, text: String) -> Statements<'_> {
+    debug_assert_eq!(text.matches('?').count(), parameters(rows), "{text}");
     // The text is put together from fixed parts alone.
     let mut script = sqlx::query(AssertSqlSafe(text)).persistent(rows.count() <= PREPARED_ROWS);
     for client_id in &rows.forgotten {
@@ -51,6 +54,11 @@ fn bound(study: i64, rows: &Rows, text: String) -> Statements<'_> {
         script = bind_trial(script, study, row);
     }
     script
+}
+
+/// The number of values that are bound below.
+fn parameters(rows: &Rows) -> usize {
+    2 * rows.forgotten.len() + 5 * rows.states.len() + 8 * rows.visits.len() + 21 * rows.trials.len()
 }
 
 fn bind_state<'q>(script: Statements<'q>, study: i64, row: &'q StateRow) -> Statements<'q> {

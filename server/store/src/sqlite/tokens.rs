@@ -152,7 +152,7 @@ impl TokenStore for SqliteTokens {
         let mut guard = self.lock().await;
         let mut transaction = guard.open()?.begin().await.map_err(failed)?;
         for (id, more) in used {
-            sqlx::query(ADD)
+            let added = sqlx::query(ADD)
                 .bind(day)
                 .bind(signed(more.studies))
                 .bind(signed(more.trials))
@@ -161,6 +161,8 @@ impl TokenStore for SqliteTokens {
                 .execute(&mut *transaction)
                 .await
                 .map_err(failed)?;
+            let rows = added.rows_affected();
+            assert!(rows <= 1, "token {id:?} is counted {rows} times");
         }
         transaction.commit().await.map_err(failed)
     }

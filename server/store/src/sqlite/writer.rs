@@ -137,10 +137,17 @@ impl Reaper {
 }
 
 async fn write(connection: &mut SqliteConnection, fences: &mut GroupFences, mut group: Vec<WriteJob>) {
+    let jobs = group.len();
+    assert!((1..=limits::WRITE_GROUP).contains(&jobs), "{jobs} writes in one transaction");
     while !group.is_empty() {
         match transaction(connection, fences, &group).await {
             Ok(done) => {
                 tracing::trace!(writes = group.len(), "stored");
+                assert_eq!(
+                    done.len(),
+                    group.len(),
+                    "a write is acknowledged that was not done, or the other way"
+                );
                 for (job, done) in group.into_iter().zip(done) {
                     job.answer.give(Ok(done));
                 }
@@ -162,6 +169,7 @@ async fn transaction(
     fences: &mut GroupFences,
     group: &[WriteJob],
 ) -> Result<Vec<WriteResult>, GroupFailure> {
+    assert!(!group.is_empty());
     if group.iter().all(WriteJob::is_empty) {
         return Ok(group.iter().map(|_| WriteResult::Nothing).collect());
     }
@@ -195,6 +203,7 @@ async fn lone_commit(
 ) -> Result<Vec<WriteResult>, GroupFailure> {
     let failed = |error| GroupFailure { culprit: Some(0), error };
     fence.check().map_err(failed)?;
+    assert!(!rows.is_empty(), "what only waits needs no transaction");
     match script::transaction(fence.key(), rows).execute(&mut *connection).await {
         Ok(_) => Ok(vec![WriteResult::Nothing]),
         Err(error) => {
