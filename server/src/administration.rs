@@ -101,6 +101,7 @@ async fn create(
         expire_ms: config.expires.map(|time| now_ms.saturating_add(ms(time))),
         revoke_ms: None,
     };
+    assert!(record.expire_ms.is_none_or(|expire_ms| expire_ms >= now_ms), "it would end before it begins");
     tokens.create(&record).await?;
     let note = format!(
         "treewrightd: token {} for {:?}: {}, {}, {}. Keep it: it is not shown again.",

@@ -104,8 +104,12 @@ impl Admission {
     /// Requests and streams that are worked on.
     #[must_use]
     pub fn in_progress(&self) -> (usize, usize) {
-        let requests = self.limits.requests.saturating_sub(self.requests.available_permits());
-        (requests, self.limits.streams.saturating_sub(self.streams.available_permits()))
+        let taken = |places: &Semaphore, limit: usize| {
+            let free = places.available_permits();
+            assert!(free <= limit, "{free} of {limit} places are free");
+            limit - free
+        };
+        (taken(&self.requests, self.limits.requests), taken(&self.streams, self.limits.streams))
     }
 
     /// Waits until draining begins.

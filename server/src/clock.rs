@@ -70,11 +70,13 @@ impl Steady {
     const SLEW: u32 = 10;
 
     fn advance(&mut self, monotonic: Duration, system: Duration) -> Duration {
-        let passed = monotonic.saturating_sub(self.since);
+        let (passed, before) = (monotonic.saturating_sub(self.since), self.shown);
         let even = self.shown.saturating_add(passed);
         let most = passed / Self::SLEW;
         self.since = monotonic;
         self.shown = system.clamp(even - most, even.saturating_add(most));
+        assert!(self.shown >= before, "the clock goes back from {before:?} to {:?}", self.shown);
+        assert!(self.shown.abs_diff(even) <= most, "the clock jumps from {before:?} to {:?}", self.shown);
         self.shown
     }
 }

@@ -24,8 +24,11 @@ impl DescriptorShares {
     #[must_use]
     pub fn of(descriptors: usize) -> Self {
         let pages = (descriptors / 16).clamp(1, limits::PAGES_CONNECTIONS);
-        let connections = descriptors.saturating_sub(limits::DESCRIPTORS_OWN + 2 * pages);
-        Self { connections: connections.max(limits::CONNECTIONS_MIN), pages }
+        let others = limits::DESCRIPTORS_OWN + 2 * pages;
+        let connections = descriptors.saturating_sub(others).max(limits::CONNECTIONS_MIN);
+        let all = others + connections;
+        assert!(connections == limits::CONNECTIONS_MIN || all <= descriptors, "{all} of {descriptors}");
+        Self { connections, pages }
     }
 
     /// The limits of connections, where these numbers were asked for, or none in particular.

@@ -233,3 +233,16 @@ pub const WATCH: Duration = Duration::from_secs(5);
 
 /// An orderly end waits so long for answers to be read, once everything is answered.
 pub const DRAIN_UNREAD: Duration = Duration::from_secs(1);
+
+// What is unless told otherwise can be asked for.
+const _: () = assert!(CONNECTIONS_MIN <= CONNECTIONS && CONNECTIONS <= CONNECTIONS_MAX);
+const _: () = assert!(REQUESTS_IN_FLIGHT <= REQUESTS_IN_FLIGHT_MAX && TUNE_STREAMS <= TUNE_STREAMS_MAX);
+// One request alone does not use up the budget of all connections.
+const _: () = assert!(REQUEST_BYTES + REQUEST_HEAD_BYTES + HEADER_BYTES as usize <= UNFINISHED_BYTES);
+// A page token names a study: a check sum of 16 digits, and two digits for each character of its id.
+const _: () = assert!(16 + 2 * STUDY_ID_CHARACTERS <= treewright_store::limits::TOKEN_CHARACTERS);
+// A sweep that is late is no absence, and a look at the tokens that fails is no reason to let nobody in.
+const _: () = assert!(2 * SWEEP_PERIOD.as_millis() < ABSENCE_MIN.as_millis());
+const _: () = assert!(2 * TOKENS_PERIOD.as_millis() < TOKENS_STALE.as_millis());
+// Lines are counted by whole periods.
+const _: () = assert!(REFUSAL_PERIOD.as_secs() > 0 && REFUSAL_PERIOD.subsec_nanos() == 0);

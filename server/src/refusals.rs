@@ -103,6 +103,7 @@ impl LineBudget {
             return None;
         }
         self.logged += 1;
+        assert!(self.logged <= REFUSAL_LINES, "{} lines in one period", self.logged);
         Some(std::mem::take(&mut self.left_out))
     }
 }

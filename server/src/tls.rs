@@ -137,7 +137,10 @@ impl Tls {
         let number = self.outgoing().0 + 1;
         let made = self.files.make(&contents, number);
         *seen = contents;
-        *self.current.write().unwrap_or_else(PoisonError::into_inner) = made?;
+        let made = made?;
+        let mut current = self.current.write().unwrap_or_else(PoisonError::into_inner);
+        assert!(current.number < made.number, "certificates {} follow {}", made.number, current.number);
+        *current = made;
         Ok(true)
     }
 

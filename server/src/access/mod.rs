@@ -181,10 +181,13 @@ impl Access {
         // An id that is not known takes as long as one that is.
         let hash = record.as_ref().map_or([0; 32], |record| record.hash);
         let record = record.filter(|_| token.fits(&hash)).ok_or(WRONG)?;
+        assert_eq!(record.id, token.id());
+        debug_assert!(token.fits(&record.hash), "a token with another secret is let in");
         let holder = match holder {
             Some(holder) => holder,
             None => self.hold(record).await?,
         };
+        assert_eq!(holder.id, token.id());
         let caller = Caller::Holder(holder);
         caller.may(scope)?;
         Ok(caller)

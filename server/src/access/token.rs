@@ -36,7 +36,9 @@ impl Token {
         let (mut id, mut secret) = ([0; ID_DIGITS / 2], [0; 32]);
         getrandom::fill(&mut id)?;
         getrandom::fill(&mut secret)?;
-        Ok(Self { id: id.iter().map(|byte| format!("{byte:02x}")).collect(), secret })
+        let id: String = id.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(id.len(), ID_DIGITS);
+        Ok(Self { id, secret })
     }
 
     /// Reads a token; `None` when it has not the form of one.
@@ -60,7 +62,11 @@ impl Token {
     /// The whole token. To be shown to its holder once, and to nobody else.
     #[must_use]
     pub fn text(&self) -> String {
-        format!("{TOKEN_MARK}{}_{}", self.id, URL_SAFE_NO_PAD.encode(self.secret))
+        let text = format!("{TOKEN_MARK}{}_{}", self.id, URL_SAFE_NO_PAD.encode(self.secret));
+        assert_eq!(text.len(), TOKEN_MARK.len() + ID_DIGITS + 1 + SECRET_CHARACTERS);
+        let is_read = |read: Self| read.id == self.id && read.secret == self.secret;
+        debug_assert!(Self::parse(&text).is_some_and(is_read), "what is shown is not what was made");
+        text
     }
 
     /// The stored hash of the secret.

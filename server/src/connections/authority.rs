@@ -128,6 +128,7 @@ impl Rewriter {
     }
 
     fn payload_byte(&mut self, byte: &mut u8) {
+        debug_assert!(self.payload > 0 && self.head_bytes == 0);
         self.payload -= 1;
         if self.is_pad_length_next {
             (self.is_pad_length_next, self.padding) = (false, usize::from(*byte));
@@ -212,6 +213,8 @@ impl Fields {
     }
 
     fn numbered(&mut self, number: usize) {
+        assert!(matches!(self.at, Part::Number | Part::NameNumber), "a number for {:?}", self.at);
+        assert!(self.integer.is_none(), "the number is not read to its end");
         self.is_authority = number == AUTHORITY;
         self.at = match self.at {
             Part::NameNumber if number == 0 => Part::NameLength,
@@ -221,6 +224,8 @@ impl Fields {
     }
 
     fn long(&mut self, length: usize) {
+        assert!(matches!(self.at, Part::NameLength | Part::ValueLength), "a length for {:?}", self.at);
+        assert!(self.integer.is_none(), "the length is not read to its end");
         self.at = match (self.at, length) {
             (Part::NameLength, 0) => Part::ValueLength,
             (Part::NameLength, length) => Part::Name(length),
@@ -231,6 +236,7 @@ impl Fields {
 
     /// An integer whose first bits stand in this byte (RFC 7541, section 5.1); none where more bytes follow.
     fn begin(&mut self, byte: u8, mask: u8) -> Option<usize> {
+        assert!(self.integer.is_none(), "an integer within an integer");
         if byte & mask < mask {
             return Some(usize::from(byte & mask));
         }

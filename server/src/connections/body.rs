@@ -43,6 +43,7 @@ impl Messages {
                 self.prefix[self.prefix_bytes..self.prefix_bytes + taken].copy_from_slice(here);
                 (self.prefix_bytes, bytes) = (self.prefix_bytes + taken, rest);
                 if self.prefix_bytes < PREFIX_BYTES {
+                    self.check();
                     return;
                 }
                 let [flag, length @ ..] = self.prefix;
@@ -58,6 +59,16 @@ impl Messages {
                 (self.prefix_bytes, self.under_way) = (0, 0);
             }
         }
+        self.check();
+    }
+
+    /// What holds between two pieces: a message is under way once its prefix is there, and as long as some of
+    /// it is missing.
+    fn check(&self) {
+        assert_eq!(self.missing > 0, self.prefix_bytes == PREFIX_BYTES, "{self:?}");
+        assert_eq!(self.missing > 0, self.under_way > 0, "{self:?}");
+        assert!(self.missing <= self.under_way && self.under_way <= limits::REQUEST_BYTES, "{self:?}");
+        assert!(self.kept <= limits::REQUEST_BYTES, "{self:?}");
     }
 
     /// Bytes that are held for messages.

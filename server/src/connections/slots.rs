@@ -164,11 +164,17 @@ impl ConnectionSlots {
         }
         taken.last_number += 1;
         let (number, notice) = (taken.last_number, Arc::<Notice>::default());
+        let last = taken.open.last_key_value().map_or(0, |(last, _)| *last);
+        assert!(last < number, "connection {number} comes after {last}");
         let crowd = taken.crowds.entry(origin).or_default();
         crowd.open += 1;
         crowd.newcomers.insert(number);
+        let from_there = crowd.open - crowd.leaving;
+        assert!(origin.0.is_none() || from_there <= self.limits.per_address, "{from_there} of one address");
         taken.newcomers += 1;
         taken.open.insert(number, OpenConnection { origin, notice: Arc::clone(&notice), is_leaving: false });
+        assert!(taken.open.len() <= self.limits.total, "{} connections", taken.open.len());
+        taken.check();
         Ok(Some(ConnectionSlot { slots: self.clone(), number, origin, notice }))
     }
 
@@ -189,6 +195,8 @@ impl OpenConnections {
     fn dismiss(&mut self, of: Option<Origin>) -> bool {
         let Some(number) = self.first_newcomer(of).or_else(|| self.longest_idle(of)) else { return false };
         let Some(one) = self.open.get_mut(&number) else { return false };
+        assert!(!one.is_leaving, "connection {number} is dismissed twice");
+        assert!(of.is_none_or(|of| one.origin == of), "connection {number} comes from elsewhere");
         one.is_leaving = true;
         one.notice.give();
         let origin = one.origin;
@@ -197,7 +205,16 @@ impl OpenConnections {
             crowd.leaving += 1;
         }
         self.settle(number, origin);
+        self.check();
         true
+    }
+
+    /// What holds between two changes. Who is dismissed is no newcomer any more.
+    fn check(&self) {
+        let (open, newcomers, leaving) = (self.open.len(), self.newcomers, self.leaving);
+        assert!(newcomers <= open && leaving <= open - newcomers, "{newcomers} and {leaving} of {open}");
+        assert!(self.crowds.len() <= open, "{} places for {open} connections", self.crowds.len());
+        assert_eq!(self.crowds.is_empty(), self.open.is_empty());
     }
 
     /// The newcomer that came first of all from there, or of the address with most of them.
@@ -268,15 +285,19 @@ impl Drop for ConnectionSlot {
     fn drop(&mut self) {
         let mut taken = self.slots.lock();
         taken.settle(self.number, self.origin);
-        let was_leaving = taken.open.remove(&self.number).is_some_and(|one| one.is_leaving);
+        let one = taken.open.remove(&self.number);
+        assert!(one.is_some(), "connection {} ends twice", self.number);
+        let was_leaving = one.is_some_and(|one| one.is_leaving);
         taken.leaving -= usize::from(was_leaving);
         if let Some(crowd) = taken.crowds.get_mut(&self.origin) {
+            assert!(crowd.open > 0 && crowd.leaving >= usize::from(was_leaving), "{crowd:?}");
             crowd.open -= 1;
             crowd.leaving -= usize::from(was_leaving);
             if crowd.open == 0 {
                 taken.crowds.remove(&self.origin);
             }
         }
+        taken.check();
         drop(taken);
         self.slots.left.notify_waiters();
     }

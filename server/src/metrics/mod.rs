@@ -140,6 +140,12 @@ pub(crate) struct Moment {
     pub(crate) studies: Vec<StudyFigures>,
 }
 
+/// Why connections are lost.
+const LOSSES: [&str; 5] = ["limit", "address", "made_room", "tls", "overdue"];
+
+/// What comes of requests that are passed on.
+const FORWARDED: [&str; 2] = ["answered", "silent"];
+
 /// Reports that wait at a client.
 const OUTBOX_STEPS: [f64; 9] = [0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 10_000.0];
 
@@ -303,13 +309,13 @@ impl Metrics {
     /// Makes every counter with every label, so that the first time that something happens is seen as an
     /// increase.
     fn begin_at_zero(&self) {
-        for reason in ["limit", "address", "made_room", "tls", "overdue"] {
+        for reason in LOSSES {
             drop(self.connections_lost.get_or_create(&ReasonLabel { reason }));
         }
         for reason in status::REASONS {
             drop(self.refusals.get_or_create(&ReasonLabel { reason }));
         }
-        for outcome in ["answered", "silent"] {
+        for outcome in FORWARDED {
             drop(self.forwarded.get_or_create(&OutcomeLabel { outcome }));
         }
         let rpcs = RULES.iter().map(|rule| rule.rpc).chain(["Tune.frame", rule_for("").rpc]);
@@ -335,16 +341,19 @@ impl Metrics {
 
     /// Something was refused.
     pub(crate) fn refused(&self, reason: &'static str) {
+        assert!(status::REASONS.contains(&reason), "{reason} is not counted from the start");
         self.refusals.get_or_create(&ReasonLabel { reason }).inc();
     }
 
-    /// A connection was refused or closed: `limit`, `address`, `made_room`, `tls` or `overdue`.
+    /// A connection was refused or closed, for one of [`LOSSES`].
     pub(crate) fn connection_lost(&self, reason: &'static str) {
+        assert!(LOSSES.contains(&reason), "{reason} is not counted from the start");
         self.connections_lost.get_or_create(&ReasonLabel { reason }).inc();
     }
 
-    /// A request was passed on to another replica: `answered` or `silent`.
+    /// A request was passed on to another replica, with one of the outcomes of [`FORWARDED`].
     pub(crate) fn forwarded(&self, outcome: &'static str) {
+        assert!(FORWARDED.contains(&outcome), "{outcome} is not counted from the start");
         self.forwarded.get_or_create(&OutcomeLabel { outcome }).inc();
     }
 
@@ -441,7 +450,8 @@ struct QueuePlace<'a> {
 
 impl Drop for QueuePlace<'_> {
     fn drop(&mut self) {
-        self.queue.dec();
+        let before = self.queue.dec();
+        assert!(before > 0, "{before} decisions waited for the disk");
     }
 }
 

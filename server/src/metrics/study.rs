@@ -43,7 +43,9 @@ impl FrameCounts {
         let Some(cost) = trial.cost else {
             return;
         };
-        let mode = MODES.iter().position(|(mode, _)| *mode == trial.mode()).unwrap_or_default();
+        let mode = MODES.iter().position(|(mode, _)| *mode == trial.mode());
+        assert!(mode.is_some(), "{:?} is not among the modes", trial.mode());
+        let mode = mode.unwrap_or_default();
         self.frames[mode] += 1;
         self.cost[mode] += cost;
         if let Some(best) = tuner.best_cost(trial.state_id) {

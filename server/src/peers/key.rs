@@ -30,6 +30,7 @@ impl ReplicaKey {
         // With the mark of a token, so that it is blotted out of the log like one.
         let text = format!("{TOKEN_MARK}replicas_{}", URL_SAFE_NO_PAD.encode(bytes));
         let mut value = HeaderValue::from_str(&text).unwrap_or(HeaderValue::from_static(""));
+        assert!(!value.is_empty(), "the replicas' key cannot be sent");
         value.set_sensitive(true);
         Self(value)
     }
