@@ -63,7 +63,9 @@ pub fn study_id(field: &str, id: &str) -> Result<String, Error> {
 /// # Errors
 /// [`Error::Invalid`] with the form.
 pub fn study(field: &str, name: &str) -> Result<StudyName, Error> {
-    short(name).and_then(|name| name.strip_prefix("studies/")).and_then(place).ok_or_else(|| {
+    let read = short(name).and_then(|name| name.strip_prefix("studies/")).and_then(place);
+    debug_assert!(read.as_ref().is_none_or(|read| read.to_string() == name), "{name:?} is read as {read:?}");
+    read.ok_or_else(|| {
         let name = shortened(name);
         Error::invalid(field, format!("{name:?} must have the form studies/STUDY"))
     })
@@ -88,7 +90,10 @@ pub fn trial(field: &str, name: &str) -> Result<TrialName, Error> {
         let plain = number.starts_with(|c: char| matches!(c, '1'..='9'));
         Some(TrialName { study: place(study)?, number: number.parse().ok().filter(|_| plain)? })
     };
-    read().ok_or_else(|| {
+    let read = read();
+    let is_same = |read: &TrialName| trial_name(&read.study, read.number) == name;
+    debug_assert!(read.as_ref().is_none_or(is_same), "{name:?} is read as {read:?}");
+    read.ok_or_else(|| {
         let name = shortened(name);
         let form = "must have the form studies/STUDY/trials/NUMBER";
         Error::invalid(field, format!("{name:?} {form}"))

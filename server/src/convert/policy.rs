@@ -48,6 +48,7 @@ impl PolicyUpdate {
     }
 
     fn merged(&self, mut policy: RawPolicy) -> Result<RawPolicy, Error> {
+        assert!(!self.paths.is_empty(), "an update without paths changes nothing");
         for path in &self.paths {
             let field = path.strip_prefix("policy.");
             if path == "policy" {

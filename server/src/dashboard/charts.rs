@@ -257,6 +257,7 @@ pub(super) struct Axis {
 /// A line for each trial across all axes. Places are 0 to 1, `None` where a parameter is inactive; classes 0
 /// (best) to 4.
 pub(super) fn parallel(axes: &[Axis], runs: &[(Vec<Option<f64>>, usize)]) -> String {
+    assert!(runs.iter().all(|(places, _)| places.len() == axes.len()), "a place for each axis");
     let width = (110.0 * axes.len() as f64).max(WIDTH);
     let step = (width - 140.0) / (axes.len().max(2) - 1) as f64;
     let x = |index: usize| 70.0 + step * index as f64;
@@ -320,6 +321,8 @@ pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)]) 
         let cell = &mut cells[place(*y) * CELLS + place(*x)];
         *cell = (cell.0 + cost, cell.1 + 1);
     }
+    let counted: usize = cells.iter().map(|(_, count)| *count as usize).sum();
+    assert_eq!(counted, points.len());
     let means: Vec<Option<f64>> =
         cells.iter().map(|(sum, count)| (*count > 0).then(|| sum / f64::from(*count))).collect();
     let mut sorted: Vec<f64> = means.iter().flatten().copied().collect();
@@ -377,6 +380,7 @@ pub(super) fn timeline(spans: &[Span]) -> String {
         for span in spans.iter().filter(|span| span.row == *row) {
             let x = |time: f64| 200.0 + 690.0 * share(time, (begin, end));
             let (left, width) = (x(span.begin_s), (x(span.end_s) - x(span.begin_s)).max(1.0));
+            assert!((200.0..=890.0).contains(&left) && width <= 690.0, "a bar of {width} at {left}");
             let class = span.class;
             put(
                 &mut svg,

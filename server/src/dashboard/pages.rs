@@ -180,6 +180,7 @@ async fn read_trials(
             break;
         }
     }
+    assert!(found.len() <= most, "{} trials, and at most {most} were asked for", found.len());
     Ok(found)
 }
 

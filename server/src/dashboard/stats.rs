@@ -40,6 +40,7 @@ pub(super) type Run = (Vec<Option<f64>>, f64);
 /// configurations do not seem to explain each other. Estimated as `treewright analyze` does it (Plischke,
 /// Borgonovo and Smith, 2013; Allen, 1974).
 pub(super) fn importances(parameters: &[Parameter], runs: &[Run]) -> Vec<(String, f64)> {
+    debug_assert!(runs.iter().all(|(places, _)| places.len() == parameters.len()));
     let runs = distinct(runs);
     let count = runs.len() as f64;
     let mean = runs.iter().map(|(_, log)| log).sum::<f64>() / count.max(1.0);
@@ -86,6 +87,9 @@ fn distinct(runs: &[Run]) -> Vec<(&[Option<f64>], f64)> {
         sums[index].1 += cost.max(f64::MIN_POSITIVE).ln();
         sums[index].2 += 1.0;
     }
+    assert_eq!(sums.len(), known.len());
+    let counted: f64 = sums.iter().map(|(.., count)| count).sum();
+    assert!(counted == runs.len() as f64, "{counted} of {} runs are counted", runs.len());
     sums.into_iter().map(|(places, sum, count)| (places, sum / count)).collect()
 }
 

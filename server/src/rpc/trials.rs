@@ -6,6 +6,7 @@ use treewright_proto::v1 as wire;
 use treewright_store::TrialQuery;
 use treewright_store::cursor::Cursor;
 use treewright_store::filter::{Filter, Order};
+use treewright_store::limits::PAGE_SIZE;
 
 use super::reach;
 use crate::access::caller::Caller;
@@ -108,6 +109,7 @@ pub(crate) async fn query(
     let after =
         Cursor::parse(&request.page_token, &question).map_err(|error| Error::invalid("page_token", error))?;
     let query = TrialQuery { filter, order, after, size: from_proto::page_size(request.page_size)? };
+    assert!((1..=PAGE_SIZE).contains(&query.size), "a page of {}", query.size);
     let page = tuning.query_trials(&study.id, &query).await?;
 
     let mut next = page.next;
@@ -123,6 +125,8 @@ pub(crate) async fn query(
         }
         trials.push(answer);
     }
+    assert!(trials.len() <= query.size as usize, "{} trials on a page of {}", trials.len(), query.size);
+    assert!(next.is_none() || !trials.is_empty(), "pages of nothing never come to an end");
     Ok(wire::QueryTrialsResponse {
         trials,
         next_page_token: next.map_or_else(String::new, |next| next.token(&question)),

@@ -160,6 +160,7 @@ impl Attempt for TuneStream {
             Err(error) => return Ok((self.refuse(&frame, &error), None)),
         };
         let wire::TuneRequest { report, suggest } = frame;
+        let (is_reported, is_asked) = (report.is_some(), suggest.is_some());
         let reports_waiting = suggest.as_ref().map(|suggest| suggest.reports_waiting);
         let report = match report {
             Some(report) => Some(self.report(report).await),
@@ -189,6 +190,9 @@ impl Attempt for TuneStream {
             report_error: report_error.or(taking_error),
             suggest_error: suggest_error.or(suggesting_error),
         };
+        // Each part has one answer, and what was not asked has none.
+        assert_eq!(is_reported, response.reported.is_some() != response.report_error.is_some());
+        assert_eq!(is_asked, response.trial.is_some() != response.suggest_error.is_some());
         Ok((response, redirect))
     }
 }

@@ -279,7 +279,12 @@ fn take(live: &mut Live, report: &Report, now_ms: i64) -> ReportOutcome {
     };
     let taken = live.tuner.report(&open, report.measurements.clone(), report.outcome.clone(), now_ms);
     match taken {
-        Ok((completed, change)) => ReportOutcome::Now(Box::new(completed), change),
+        Ok((completed, change)) => {
+            assert_eq!((completed.number, completed.state), (report.trial.number, TrialState::Completed));
+            let is_stored = change.trials.iter().any(|trial| trial.number == completed.number);
+            assert!(is_stored, "trial {} would be acknowledged and not stored", completed.number);
+            ReportOutcome::Now(Box::new(completed), change)
+        }
         Err(error) => ReportOutcome::Refused(error.into()),
     }
 }
@@ -296,6 +301,9 @@ fn queue(live: &mut Live, store: &dyn Store, taken: ReportOutcome) -> Queued {
 
 /// A line for each change of a client's state, and one for each trial for those who want all.
 fn note(suggest: &Suggest, trial: &Trial, change: &Change) {
+    let last = change.trials.last().map(|trial| trial.number);
+    assert_eq!((last, trial.state), (Some(trial.number), TrialState::Open), "what is handed out is stored");
+    assert_eq!(trial.client_id, suggest.ask.client_id, "trial {} is another's", trial.number);
     let (study, client) = (suggest.study.id.as_str(), trial.client_id.as_str());
     if !change.visits.is_empty() {
         tracing::debug!(

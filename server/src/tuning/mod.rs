@@ -144,6 +144,8 @@ impl Tuning {
         let runtime = Runtime::new(study, Arc::clone(&self.environment));
         let entry = (Arc::clone(&runtime), now);
         runtimes.by_study.insert(study.to_owned(), entry);
+        let studies = runtimes.by_study.len();
+        assert!(studies <= limits::STUDIES_IN_MEMORY, "{studies} studies in memory");
         runtime
     }
 

@@ -18,6 +18,7 @@ impl PlannedSearches {
         self.0.retain(|_, token| token.strong_count() > 0);
         let token = Arc::new(());
         self.0.insert(state, Arc::downgrade(&token));
+        assert!(!self.is_free(state), "somebody plans for state {state}");
         token
     }
 }

@@ -67,6 +67,7 @@ impl Tuning {
             match preparation.take() {
                 None => {}
                 Some(Preparation::Update) => {
+                    assert!(!is_updated, "the models are updated twice for one question");
                     let runtime = self.runtime(study);
                     if let Ok(_turn) = timeout(PLANNING_WAIT, runtime.updating.lock()).await {
                         self.update_models(&runtime).await;
@@ -79,11 +80,15 @@ impl Tuning {
                 }
             }
             let prepared = Prepared { plan: plan.take(), is_updated };
+            let is_planned = prepared.plan.is_some();
             let stepped =
                 self.with_tuner(study, |live, store, now_ms| step(live, store, prepared, now_ms)).await?;
             match stepped {
                 Ok(answer) => return Ok(answer),
-                Err(more) => preparation = Some(more),
+                Err(more) => {
+                    assert!(!is_planned, "a question that has its plan asks for more");
+                    preparation = Some(more);
+                }
             }
         }
     }

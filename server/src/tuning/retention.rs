@@ -48,6 +48,10 @@ impl Live {
         if stored <= since {
             completion = completion.min(since.saturating_sub(models));
         }
+        let (trials, completed) = (counts.trials, counts.completed_trials);
+        assert!(number < trials, "the last of {trials} trials has to stay");
+        assert!(completion <= stored, "no checkpoint covers completion {completion}");
+        assert!(completion == 0 || completion < completed, "the last of {completed} completed has to stay");
         Some(DueRemoval { learnt: self.tuner.learnt(), fence: self.fence().clone(), number, completion })
     }
 }
@@ -97,6 +101,7 @@ impl Tuning {
             for some in gone.chunks(TRIALS_PER_REMOVAL) {
                 let begun = Instant::now();
                 let count = self.store().remove_trials(&fence, some, completion).await?;
+                assert!(count <= some.len() as u64, "{count} trials were removed for {}", some.len());
                 self.metrics().removed(count);
                 removed += count;
                 // At most half of the disk's time is for this.

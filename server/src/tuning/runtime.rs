@@ -123,6 +123,8 @@ impl Live {
             return;
         }
         let change = self.tuner.expire(now_ms);
+        let next_ms = self.tuner.next_expiry_ms();
+        debug_assert!(next_ms.is_none_or(|next_ms| next_ms >= now_ms), "{next_ms:?} is over at {now_ms}");
         self.metrics.expired(change.trials.len());
         for trial in &change.trials {
             tracing::info!(
@@ -231,6 +233,7 @@ impl Runtime {
 /// Makes what was read the tuner of a study, if the study still has a place in memory.
 fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
     let Read { mut tuner, identity, fence, saved } = read;
+    assert_eq!(fence.study(), study, "another study was read");
     let Some(runtime) = runtime.upgrade() else {
         return;
     };

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use treewright_core::trial::{Fingerprint, RawTrial, Trial};
+use treewright_core::trial::{Fingerprint, RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Best, Prediction, SuggestionPlan, TunerError};
 use treewright_store::{Receipt, TrialPage, TrialQuery};
 
@@ -40,6 +40,7 @@ impl Tuning {
         for _ in 0..TRIES {
             let mark = match found {
                 TrialLookup::Done(trial, receipt) => {
+                    assert_eq!((trial.number, trial.state), (name.number, TrialState::Abandoned));
                     self.metrics().durable(receipt).await?;
                     return Ok(*trial);
                 }
@@ -80,6 +81,7 @@ impl Tuning {
             .await??;
         match found {
             TrialLookup::Done(trial, receipt) => {
+                assert_eq!((trial.number, trial.state), (name.number, TrialState::Open));
                 self.metrics().durable(receipt).await?;
                 Ok(*trial)
             }

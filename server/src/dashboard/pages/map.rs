@@ -38,6 +38,8 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
         states.extend(read_state(visitor, id, number).await?);
     }
     let (first, second) = widest(indicators, &states);
+    assert!(first.max(second) < indicators.len().max(1), "{first} and {second} of {}", indicators.len());
+    assert!(first != second || indicators.len() < 2, "indicator {first} is both axes");
     let named = |asked: &str, otherwise: usize| {
         let position = indicators.iter().position(|indicator| indicator.name == query.text(asked));
         position.unwrap_or(otherwise)

@@ -92,6 +92,7 @@ fn run(parameters: &[Parameter], trial: &v1::Trial) -> Option<Run> {
 fn shown(all: &[Parameter], importances: &[(String, f64)]) -> Vec<usize> {
     let by_name = |name: &String| all.iter().position(|parameter| parameter.name == *name);
     let mut order: Vec<usize> = importances.iter().filter_map(|(name, _)| by_name(name)).collect();
+    assert!(order.is_empty() || order.len() == all.len(), "{} of {} parameters", order.len(), all.len());
     if order.is_empty() {
         order = (0..all.len()).collect();
     }
