@@ -105,7 +105,7 @@ impl Drop for UnderWay {
     fn drop(&mut self) {
         let activity = &self.activity;
         activity.with(|state| {
-            assert!(state.under_way > 0, "a request ends twice");
+            debug_assert!(state.under_way > 0, "a request ends twice");
             state.under_way -= 1;
             state.last = Some(Instant::now());
             // While nobody can begin something: else what is under way could pass for idle.

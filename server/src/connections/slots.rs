@@ -212,9 +212,12 @@ impl OpenConnections {
     /// What holds between two changes. Who is dismissed is no newcomer any more.
     fn check(&self) {
         let (open, newcomers, leaving) = (self.open.len(), self.newcomers, self.leaving);
-        assert!(newcomers <= open && leaving <= open - newcomers, "{newcomers} and {leaving} of {open}");
-        assert!(self.crowds.len() <= open, "{} places for {open} connections", self.crowds.len());
-        assert_eq!(self.crowds.is_empty(), self.open.is_empty());
+        debug_assert!(
+            newcomers <= open && leaving <= open - newcomers,
+            "{newcomers} and {leaving} of {open}"
+        );
+        debug_assert!(self.crowds.len() <= open, "{} places for {open} connections", self.crowds.len());
+        debug_assert_eq!(self.crowds.is_empty(), self.open.is_empty());
     }
 
     /// The newcomer that came first of all from there, or of the address with most of them.
@@ -286,11 +289,11 @@ impl Drop for ConnectionSlot {
         let mut taken = self.slots.lock();
         taken.settle(self.number, self.origin);
         let one = taken.open.remove(&self.number);
-        assert!(one.is_some(), "connection {} ends twice", self.number);
+        debug_assert!(one.is_some(), "connection {} ends twice", self.number);
         let was_leaving = one.is_some_and(|one| one.is_leaving);
         taken.leaving -= usize::from(was_leaving);
         if let Some(crowd) = taken.crowds.get_mut(&self.origin) {
-            assert!(crowd.open > 0 && crowd.leaving >= usize::from(was_leaving), "{crowd:?}");
+            debug_assert!(crowd.open > 0 && crowd.leaving >= usize::from(was_leaving), "{crowd:?}");
             crowd.open -= 1;
             crowd.leaving -= usize::from(was_leaving);
             if crowd.open == 0 {

@@ -47,7 +47,7 @@ impl Links {
             None => (0, ClientTlsConfig::new().with_native_roots()),
         };
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        if known.number != number || known.by_address.len() > limits::PEERS {
+        if known.number != number || known.by_address.len() >= limits::PEERS {
             known.by_address.clear();
             known.number = number;
         }

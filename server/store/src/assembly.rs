@@ -48,8 +48,8 @@ impl StudyRow {
                 open_trials: unsigned(self.open_trials)?,
             },
         };
-        assert!(record.named_after <= record.last_trial);
-        assert!(record.statistics.trials <= record.last_trial);
+        debug_assert!(record.named_after <= record.last_trial);
+        debug_assert!(record.statistics.trials <= record.last_trial);
         Ok(record)
     }
 }
