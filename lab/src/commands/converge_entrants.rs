@@ -208,7 +208,7 @@ impl EntrantArguments {
             ..SessionPolicy::default()
         })?;
         let bar = output::bar(u64::from(self.iterations), "trials");
-        search::run(renderer, &mut study.tuner(), setting, self.iterations, None, |_| {
+        let found = search::run(renderer, &mut study.tuner(), setting, self.iterations, None, |_| {
             bar.inc(1);
             !interrupt.requested()
         })?;
@@ -217,7 +217,8 @@ impl EntrantArguments {
         let contender = verdict::contender(BEST_FIXED, &setting.space, &start)?;
         let known = [Rival { contender, configuration: Some(start) }];
         let patience = Patience { limit: PATIENCE, go_on: &|| !interrupt.requested() };
-        let confirmed = confirm(renderer, client, study, patience, setting, &known)?;
+        let searched = found.trials.len();
+        let confirmed = confirm(renderer, client, study, patience, setting, searched, &known)?;
         study.set_session_policy(SessionPolicy::default())?;
         if interrupt.requested() {
             return Err(CliError::Interrupted);

@@ -17,6 +17,9 @@ use crate::frame::Renderer;
 /// Rounds of the configurations that anybody would try; the race has more for those that do well in them.
 const ROUNDS: u32 = 2;
 
+/// A confirmation has as many trials as its search, and at least so many: what is left open then is told, and
+/// measured again beside everybody else anyway.
+const TRIALS_LEAST: u32 = 40;
 /// Most trials of a confirmation: five contenders in ten rounds, two in the thirty more that a policy allows
 /// by default, and as much again for frames that the service wants for other reasons.
 const TRIALS_MAX: u32 = 220;
@@ -39,8 +42,8 @@ pub struct Confirmed {
 }
 
 /// Measures `known` configurations in a few interleaved rounds, tells the service of them, and goes on with
-/// trials of its choice until its confirmation of the best is over, or `patience` says that the user wants no
-/// more.
+/// trials of its choice until its confirmation of the best is over, it has taken as many trials as the search
+/// (`searched`), or `patience` says that the user wants no more.
 ///
 /// # Errors
 /// The service is away.
@@ -50,6 +53,7 @@ pub fn confirm(
     study: &Study,
     patience: Patience<'_>,
     setting: &SearchSetting,
+    searched: usize,
     known: &[Rival],
 ) -> Result<Confirmed, ClientError> {
     let go_on = patience.go_on;
@@ -66,7 +70,8 @@ pub fn confirm(
         unanswered += u32::from(trial.source != Source::Daemon);
         !is_over(trial) && unanswered < UNANSWERED_MAX && go_on()
     };
-    let trials = search::trials(renderer, &mut tuner, setting, TRIALS_MAX, None, wanted)?;
+    let trials_max = u32::try_from(searched).unwrap_or(TRIALS_MAX).clamp(TRIALS_LEAST, TRIALS_MAX);
+    let trials = search::trials(renderer, &mut tuner, setting, trials_max, None, wanted)?;
     drop(tuner);
     patience.call(|| client.flush(FLUSH))?;
     settled(study, patience, setting, trials)

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use treewright_client::blocking::{Client, Study};
-use treewright_client::{Configuration, ConfirmationStage, Indicators, SessionPolicy, Source};
+use treewright_client::{Configuration, ConfirmationStage, Indicators, Source};
 
 pub(crate) use super::tune_arguments::Arguments;
 use super::tune_output;
@@ -20,6 +20,7 @@ use treewright_renderer::limits::ITERATIONS_MAX;
 use treewright_renderer::measure::{Conditions, Contender, Standing, delay_told, interleaved, standings};
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::confirmation;
+use treewright_renderer::tuning::ending::{Ending, Progress};
 use treewright_renderer::tuning::objective::{specification, study_id};
 use treewright_renderer::tuning::patience::{Patience, PatientTuner};
 use treewright_renderer::tuning::results::{Milestone, Overhead, Prediction, SceneFacts, TuningResults};
@@ -109,11 +110,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let mut tuner = PatientTuner::new(&study, patience);
     // What is best for a camera that moves is another question in each frame.
     let asked = drift.is_none().then_some(&study);
-    let (mut found, milestones) =
-        search(&mut renderer, &mut tuner, &setting, arguments.iterations, drift.as_ref(), asked, interrupt)?;
+    let Searched { mut found, milestones, ending } =
+        search(&mut renderer, &mut tuner, &setting, arguments, drift.as_ref(), asked, interrupt)?;
     let searched = found.trials.len();
     drop(tuner);
     let mut notes = Vec::new();
+    if let Some(ending) = ending {
+        // The service ends the search as well, and begins its race.
+        study.set_session_policy(arguments.session_policy(1))?;
+        notes.push(format!(
+            "the search ended after {searched} of {} trials: {ending} (--worth)",
+            arguments.iterations
+        ));
+    }
     if let Err(error) = patience.call(|| client.flush(FLUSH)) {
         notes.push(error.to_string());
     }
@@ -128,7 +137,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         .filter_map(|rival| within(rival, &space))
         .chain(candidates)
         .collect();
-    let confirmed = confirmation::confirm(&mut renderer, &client, &study, patience, &setting, &known);
+    let confirmed =
+        confirmation::confirm(&mut renderer, &client, &study, patience, &setting, searched, &known);
     let (winner, told) = match confirmed {
         Ok(confirmed) => {
             found.append(confirmed.trials);
@@ -244,13 +254,7 @@ fn open_study(
     let insight = study.predict(state)?.state;
     let done = insight.map_or(0, |insight| insight.tried);
     let room = u32::try_from(done).unwrap_or(0).saturating_add(arguments.iterations).min(ITERATIONS_MAX);
-    // For this run alone: the study's policy is its operator's.
-    study.set_session_policy(SessionPolicy {
-        epsilon: Some(f64::from(arguments.epsilon)),
-        trials_per_state: Some(room),
-        abort_above: arguments.abort_above,
-        ..SessionPolicy::default()
-    })?;
+    study.set_session_policy(arguments.session_policy(room))?;
     if done > 0 {
         println!("{done} configurations were tried here already; the search goes on where it stood.");
     }
@@ -286,21 +290,32 @@ fn milestone_name(trials: u32) -> String {
     format!("answer after {trials} trials")
 }
 
-/// Runs the search under a progress bar. At each milestone the `asked` study says what it holds for the best.
+/// What came of the search.
+struct Searched {
+    found: SearchOutcome,
+    milestones: Vec<Milestone>,
+    ending: Option<Ending>,
+}
+
+/// Runs the search under a progress bar. At each milestone the `asked` study says what it holds for the best,
+/// and what more trials are expected to gain.
 fn search(
     renderer: &mut Renderer,
     tuner: &mut PatientTuner<'_>,
     setting: &SearchSetting,
-    iterations: u32,
+    arguments: &Arguments,
     drift: Option<&Drift>,
     asked: Option<&Study>,
     interrupt: Interrupt,
-) -> Result<(SearchOutcome, Vec<Milestone>), CliError> {
+) -> Result<Searched, CliError> {
+    let iterations = arguments.iterations;
     let bar = output::bar(u64::from(iterations), "trials");
+    let (mut spent, mut ending) = (Duration::ZERO, None);
     let mut best: Option<f64> = None;
     let mut away = false;
     let mut milestones = Vec::new();
     let found = search::run(renderer, tuner, setting, iterations, drift, |iteration| {
+        spent += Duration::from_secs_f64(iteration.total_ms / 1e3);
         if let Some(cost) = iteration.cost {
             best = Some(best.map_or(cost, |best| best.min(cost)));
         }
@@ -315,19 +330,27 @@ fn search(
             });
             away = now_away;
         }
-        if let Some(study) = asked.filter(|_| !away && is_milestone(iteration.number))
-            && let Ok(best) = study.best(&setting.indicators)
-        {
-            let (trials, configuration) = (iteration.number, best.configuration);
-            milestones.push(Milestone { trials, configuration, over_start: None });
+        if let Some(study) = asked.filter(|_| !away && is_milestone(iteration.number)) {
+            let trials = iteration.number;
+            if let Ok(best) = study.best(&setting.indicators) {
+                milestones.push(Milestone { trials, configuration: best.configuration, over_start: None });
+            }
+            let insight = study.predict(&setting.indicators).ok().and_then(|answer| answer.state);
+            if let Some(insight) = insight {
+                let tried = u32::try_from(insight.tried).unwrap_or(u32::MAX);
+                let progress = Progress { trials, trials_max: iterations, tried, spent };
+                // A state whose search the service takes for finished has no outlook.
+                let gain = insight.expected_gain.filter(|gain| *gain > 0.0);
+                ending = gain.and_then(|gain| Ending::of(progress, gain, arguments.worth()));
+            }
         }
         let best = best.map(|best| format!("best {best:.1} ms"));
         bar.set_message(best.unwrap_or_else(|| "nothing could be built yet".to_owned()));
         bar.inc(1);
-        !interrupt.requested()
+        ending.is_none() && !interrupt.requested()
     })?;
     bar.finish_and_clear();
-    Ok((found, milestones))
+    Ok(Searched { found, milestones, ending })
 }
 
 /// What the measurements after the search have in common.

@@ -1,9 +1,10 @@
 //! Arguments of `treewright-render tune`.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
-use treewright_client::Policy;
+use treewright_client::{Policy, SessionPolicy};
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
 use treewright_renderer::space::{Narrowing, Preset};
 use treewright_renderer::tuning::objective::Objective;
@@ -45,10 +46,17 @@ pub(crate) struct Arguments {
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     pub(super) objective: Objective,
 
-    /// Number of trials of the search. Trials that repeat a configuration on a structure that is still there
-    /// are cheap. The race of the best few that follows is counted apart and told at the end.
+    /// Most trials of the search. Trials that repeat a configuration on a structure that is still there are
+    /// cheap. A search ends earlier where more of it does not pay: see --worth. The race of the best few that
+    /// follows has at most as many trials again, or 40; the end tells both.
     #[arg(long, value_name = "N", default_value_t = 80, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
     pub(super) iterations: u32,
+
+    /// For how long you will render with the result, in seconds. From eight trials on, whenever their number
+    /// has doubled or grown by half, the search ends if more trials would take longer than what they are
+    /// expected to save of that time. With `inf` all trials run.
+    #[arg(long, value_name = "SECONDS", default_value = "600", conflicts_with = "paper", value_parser = worth)]
+    pub(super) worth: f64,
 
     /// Frames rendered with each configuration; their median counts. More frames make the search slower but
     /// more reliable.
@@ -121,8 +129,36 @@ impl Arguments {
         Ok(arguments)
     }
 
+    /// For how long will be rendered with the result. The paper runs all trials.
+    pub(super) fn worth(&self) -> Duration {
+        if self.paper {
+            Duration::MAX
+        } else {
+            Duration::try_from_secs_f64(self.worth).unwrap_or(Duration::MAX)
+        }
+    }
+
+    /// The policy of this run alone, whose search has room for so many trials in this state; the study's is
+    /// its operator's.
+    pub(super) fn session_policy(&self, room: u32) -> SessionPolicy {
+        SessionPolicy {
+            epsilon: Some(f64::from(self.epsilon)),
+            trials_per_state: Some(room),
+            abort_above: self.abort_above,
+            ..SessionPolicy::default()
+        }
+    }
+
     pub(super) fn policy(&self) -> Policy {
         if self.paper { Policy::paper() } else { Policy::new() }
+    }
+}
+
+/// A time in seconds that may be without end.
+fn worth(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if seconds > 0.0 => Ok(seconds),
+        _ => Err("it must be a number of seconds above 0, or inf".to_owned()),
     }
 }
 
