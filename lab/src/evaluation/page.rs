@@ -198,6 +198,7 @@ fn objective(page: &mut String, verdict: &Verdict) {
         Objective::Render => "Render time: one build serves many frames",
         Objective::Error => "Time to an error",
         Objective::Motion => "Frames in motion",
+        Objective::Auto(_) => "Trees that serve some frames",
         Objective::Total => "Build and render time: every frame pays for its build",
     };
     let _ = write!(page, "<h2>{title}</h2>");

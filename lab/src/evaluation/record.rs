@@ -45,6 +45,7 @@ impl Clock {
         Some(match objective {
             Objective::Render | Objective::Error => render_ms,
             Objective::Total | Objective::Motion => build_ms + render_ms,
+            Objective::Auto(frames) => build_ms / f64::from(frames) + render_ms,
         })
     }
 }

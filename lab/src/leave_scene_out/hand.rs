@@ -49,7 +49,7 @@ pub(crate) fn rivals(space: &TuningSpace, objective: Objective) -> Result<Vec<Ri
     let mut all = natives(space);
     let texts = match objective {
         Objective::Render | Objective::Error => &RENDER[..],
-        Objective::Total | Objective::Motion => &TOTAL[..],
+        Objective::Total | Objective::Motion | Objective::Auto(_) => &TOTAL[..],
     };
     let given = texts.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
     push(&mut all, space, space.default_configuration())?;

@@ -244,16 +244,13 @@ impl Stage {
             };
             for trial in &search.trials {
                 let suggestion = study.trial_of(&search.state, &trial.configuration)?;
-                suggestion.report(
-                    measurements(trial.times, 1, objective.frames_per_build()),
-                    trial.outcome.clone(),
-                )?;
+                suggestion.report(measurements(trial.times, 1, objective), trial.outcome.clone())?;
             }
             // Then what ran beside all others there, frame by frame in the order in which it ran.
             if let Some(rounds) = book.rounds.get(&key(CANDIDATES, objective, scene, &context)) {
                 for (configuration, outcome, times) in rounds.frames(&own) {
                     let suggestion = study.trial_of(&search.state, configuration)?;
-                    suggestion.report(measurements(times, 1, objective.frames_per_build()), outcome)?;
+                    suggestion.report(measurements(times, 1, objective), outcome)?;
                 }
             }
         }

@@ -257,7 +257,7 @@ impl SpaceArguments {
     /// What decides about it.
     pub fn premises(&self, scene: &Scene, objective: Objective, threads: usize) -> Premises {
         Premises {
-            builds_each_frame: objective.builds_each_frame(),
+            builds_each_frame: objective.begins_with_cheap_builds(),
             robust: self.robust,
             animated: false,
             instanced: scene.instances.is_some(),
@@ -273,7 +273,7 @@ impl SpaceArguments {
 
     /// The space with every parameter there is, to read configurations with.
     pub fn whole(&self, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
-        let builds_each_frame = objective.builds_each_frame();
+        let builds_each_frame = objective.begins_with_cheap_builds();
         self.checked(Premises { builds_each_frame, robust: self.robust, threads, ..Premises::all() })
     }
 
@@ -452,6 +452,9 @@ pub fn objective() -> impl TypedValueParser<Value = Objective> {
                 }
                 Objective::Motion => {
                     "A scene that moves: mean frame, with what brings the structure along (see --motion)"
+                }
+                Objective::Auto(_) => {
+                    "A tree that serves some frames: a frame pays for its share of the build (see --frames-per-build)"
                 }
             },
         )

@@ -1,9 +1,8 @@
 //! What is minimised, and the study that tells the service so.
 
 use serde::Serialize;
-use treewright_client::{ClientError, Policy, Scale, StudySpec};
+use treewright_client::{ClientError, Policy, StudySpec};
 
-use super::reuse::FRAMES_PER_BUILD_MAX;
 use super::workload;
 use crate::frame::FrameTimes;
 use crate::space::{Preset, TuningSpace};
@@ -61,6 +60,9 @@ pub enum Objective {
     /// A scene that moves: the mean frame of an episode, with what brings the structure along and the first
     /// build.
     Motion,
+    /// A tree that serves this many frames, each of which pays for its share of the build. The number is a
+    /// part of the state, so one study holds all of them.
+    Auto(u32),
 }
 
 /// What contenders are measured by.
@@ -83,7 +85,7 @@ impl Objective {
     /// The space that only this objective judges.
     pub fn own_space(self) -> Option<Preset> {
         match self {
-            Self::Render | Self::Total => None,
+            Self::Render | Self::Total | Self::Auto(_) => None,
             Self::Error => Some(Preset::Light),
             Self::Motion => Some(Preset::Follow),
         }
@@ -92,7 +94,7 @@ impl Objective {
     /// What contenders are measured by.
     pub fn yardstick(self) -> Yardstick {
         match self {
-            Self::Render | Self::Total => Yardstick::Frame,
+            Self::Render | Self::Total | Self::Auto(_) => Yardstick::Frame,
             Self::Error => Yardstick::Noise,
             Self::Motion => Yardstick::Episode,
         }
@@ -103,19 +105,26 @@ impl Objective {
         match self {
             Self::Render | Self::Error => PROGRESSIVE_FRAMES_PER_BUILD,
             Self::Total | Self::Motion => 1,
+            Self::Auto(frames) => frames.max(1),
         }
     }
 
     /// Whether each frame pays for a build.
     pub fn builds_each_frame(self) -> bool {
-        matches!(self, Self::Total | Self::Motion)
+        self.frames_per_build() == 1
+    }
+
+    /// Whether searches begin with a tree that is built for a frame alone. Of what serves an unknown number of
+    /// frames a cheap build is the safer start.
+    pub fn begins_with_cheap_builds(self) -> bool {
+        matches!(self, Self::Total | Self::Motion | Self::Auto(_))
     }
 
     /// The two of the paper, in the order in which they are listed.
     pub const ALL: [Self; 2] = [Self::Render, Self::Total];
 
     /// Those that can be asked for, in the order in which they are listed.
-    pub const KNOWN: [Self; 4] = [Self::Render, Self::Total, Self::Error, Self::Motion];
+    pub const KNOWN: [Self; 5] = [Self::Render, Self::Total, Self::Error, Self::Motion, Self::Auto(1)];
 
     /// What is minimised, in words.
     pub fn about(self) -> &'static str {
@@ -124,16 +133,18 @@ impl Objective {
             Self::Total => "total time",
             Self::Error => "time to an error",
             Self::Motion => "time of a frame in motion",
+            Self::Auto(_) => "time of a frame with its share of a build",
         }
     }
 
-    /// `render`, `total`, `error` or `motion`.
+    /// `render`, `total`, `error`, `motion` or `auto`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Render => "render",
             Self::Total => "total",
             Self::Error => "error",
             Self::Motion => "motion",
+            Self::Auto(_) => "auto",
         }
     }
 }
@@ -148,7 +159,8 @@ pub fn specification(
     let mut builder =
         StudySpec::builder(space.space().clone()).display_name(&title).policy(policy).seed(STUDY_SEED);
     let motion = workload::motion_schema().into_iter().filter(|_| objective == Objective::Motion);
-    for (name, min, max, scale) in workload::schema().chain(motion) {
+    let reuse = [workload::reuse_schema()].into_iter().filter(|_| matches!(objective, Objective::Auto(_)));
+    for (name, min, max, scale) in workload::schema().chain(motion).chain(reuse) {
         builder = builder.indicator(name, min..=max, scale);
     }
     let build_weight = 1.0 / f64::from(objective.frames_per_build());
@@ -157,34 +169,13 @@ pub fn specification(
             builder.minimise(BUILD_MS, build_weight).minimise(RENDER_MS, 1.0)
         }
         Objective::Error => builder.minimise(ERROR_MS, 1.0),
+        Objective::Auto(_) => builder.minimise(FRAME_MS, 1.0),
     };
     Ok(builder.auxiliary(UNDELAYED_MS).build()?)
 }
 
 /// Name of the measurement of a frame with the share of its build that is true at the time, in milliseconds.
 pub const FRAME_MS: &str = "frame_ms";
-
-/// Name of the indicator that says how many frames share a build ([`super::reuse`]).
-pub const FRAMES_PER_BUILD: &str = "frames_per_build";
-
-/// The study of clients that do not know beforehand how many frames a tree serves: they say how many it seems
-/// to be, and report a frame with that share of its build.
-pub fn auto_specification(space: &TuningSpace, policy: Policy) -> Result<StudySpec, ClientError> {
-    let title = format!("treewright-render: whatever is true of the frames, in the space {}", space.name());
-    let builder =
-        StudySpec::builder(space.space().clone()).display_name(&title).policy(policy).seed(STUDY_SEED);
-    let most = f64::from(FRAMES_PER_BUILD_MAX);
-    let frames = (FRAMES_PER_BUILD, 1.0, most, Scale::Log);
-    let all = workload::schema().chain([frames]);
-    let builder =
-        all.fold(builder, |builder, (name, min, max, scale)| builder.indicator(name, min..=max, scale));
-    Ok(builder.minimise(FRAME_MS, 1.0).auxiliary(UNDELAYED_MS).build()?)
-}
-
-/// The id of that study, e.g. `auto-full`.
-pub fn auto_study_id(space: &TuningSpace) -> String {
-    format!("auto-{}", space.name())
-}
 
 /// A frame with its share of a build that serves so many frames, in milliseconds; where its noise was
 /// measured, as many frames as it takes to the error.
@@ -217,12 +208,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_beforehand_is_an_indicator() {
-        let spec = auto_specification(&TuningSpace::paper(), Policy::new()).expect("it is sound");
-        assert_eq!(spec.indicators.indicators().len(), 21);
-        assert_eq!(spec.objective.terms().len(), 1);
-        assert_eq!(frame_cost(FrameTimes::of(64.0, 10.0), 16), 14.0);
-        assert_eq!(auto_study_id(&TuningSpace::paper()), "auto-paper");
+    fn one_study_holds_every_number_of_frames_that_share_a_build() {
+        let of = |frames| {
+            specification(&TuningSpace::paper(), Objective::Auto(frames), Policy::new()).expect("it is sound")
+        };
+        assert_eq!(of(1), of(1024));
+        assert_eq!(of(1).indicators.indicators().len(), 21);
+        assert_eq!(of(1).objective.terms().len(), 1);
+        assert_eq!(Objective::Auto(16).cost(FrameTimes::of(64.0, 10.0)), 14.0);
+        assert_eq!(study_id(Objective::Auto(16), &TuningSpace::paper()), "auto-paper");
     }
 
     #[test]

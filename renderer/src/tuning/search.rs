@@ -15,8 +15,8 @@ use treewright_client::{
 };
 
 use super::objective::{
-    BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, ERROR_MS, Objective, RENDER_CPU_MS, RENDER_DELAY_MS, RENDER_MS,
-    TREND, TRIALS_BEFORE, UNDELAYED_MS, frame_cost,
+    BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, ERROR_MS, FRAME_MS, Objective, RENDER_CPU_MS, RENDER_DELAY_MS,
+    RENDER_MS, TREND, TRIALS_BEFORE, UNDELAYED_MS,
 };
 use super::patience::NextTrial;
 use super::workload::Workload;
@@ -104,7 +104,7 @@ pub struct SearchSetting {
 impl SearchSetting {
     /// What is reported of a trial.
     pub fn measurements(&self, times: Option<FrameTimes>) -> Measurements {
-        measurements(times, self.frames, self.objective.frames_per_build())
+        measurements(times, self.frames, self.objective)
     }
 }
 
@@ -271,7 +271,7 @@ pub(super) fn run_choice(
     match setting.objective {
         Objective::Error => return run_noisy(renderer, choice, setting),
         Objective::Motion => return run_episode(renderer, choice, cap_ms, setting, film),
-        Objective::Render | Objective::Total => {}
+        Objective::Render | Objective::Total | Objective::Auto(_) => {}
     }
     let shares_builds = setting.objective.frames_per_build() >= REUSE_FROM_FRAMES_PER_BUILD;
     let ready = match renderer.make_ready(&choice.build, shares_builds) {
@@ -393,12 +393,11 @@ fn frames_beside(build_ms: f64, frame_ms: f64) -> usize {
     (frames as usize).min(FRAMES_PER_SLOW_BUILD_MAX)
 }
 
-/// The raw measurements of a trial of so many frames, as they are reported, and [`UNDELAYED_MS`] where so
-/// many frames share a build.
-pub fn measurements(times: Option<FrameTimes>, frames: u32, frames_per_build: u32) -> Measurements {
+/// The raw measurements of a trial of so many frames, as they are reported for an objective.
+pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective) -> Measurements {
     match times {
         Some(times) => {
-            let undelayed_ms = frame_cost(times.undelayed(), frames_per_build);
+            let undelayed_ms = objective.cost(times.undelayed());
             let known = [
                 (BUILD_CPU_MS, times.build_cpu_ms),
                 (RENDER_CPU_MS, times.render_cpu_ms),
@@ -415,13 +414,14 @@ pub fn measurements(times: Option<FrameTimes>, frames: u32, frames_per_build: u3
             let reused = times.trials_before.map(|trials| (TRIALS_BEFORE, f64::from(trials)));
             let noise = times.noise.into_iter().flat_map(|noise| {
                 [
-                    (ERROR_MS, frame_cost(times, frames_per_build)),
+                    (ERROR_MS, objective.cost(times)),
                     ("relative_variance", noise.relative_variance),
                     ("relative_variance_error", noise.standard_error),
                 ]
             });
             let trend = times.trend.map(|trend| (TREND, trend));
-            always.into_iter().chain(known).chain(reused).chain(trend).chain(noise).collect()
+            let shared = matches!(objective, Objective::Auto(_)).then(|| (FRAME_MS, objective.cost(times)));
+            always.into_iter().chain(known).chain(reused).chain(trend).chain(noise).chain(shared).collect()
         }
         None => Measurements::new(),
     }

@@ -31,6 +31,8 @@ pub const NATIVE_USED_WELL: &str = "native used well";
 /// Name of the standing of the configuration that is recommended for all scenes, the best known by hand,
 /// where a search in the full space begins.
 pub const BEST_FIXED: &str = "best fixed configuration";
+/// Name of the standing of the configuration that is recommended where a tree serves a thousand frames.
+pub const FOR_STILLS: &str = "best fixed for stills";
 /// Name of the standing of a configuration of the paper's space that was found elsewhere.
 pub const PAPER_TUNED: &str = "tuned in the paper's space";
 /// Name of the standing of what a search found, as long as it is not known to be the best.
@@ -146,6 +148,16 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
     all
 }
 
+/// Where a tree serves some frames, what is recommended for many of them is a rival beside what is recommended
+/// for one, where the search begins.
+pub fn for_stills(objective: Objective, space: &TuningSpace, premises: &Premises) -> Option<Rival> {
+    let is_asked = matches!(objective, Objective::Auto(_)) && space.preset() == Preset::Full;
+    let stills = TuningSpace::new(Preset::Full, &Premises { builds_each_frame: false, ..*premises });
+    let configuration = space.complete(&stills.default_configuration()).ok().filter(|_| is_asked)?;
+    let contender = contender(FOR_STILLS, space, &configuration).ok()?;
+    Some(Rival { contender, configuration: Some(configuration) })
+}
+
 /// Whom light sampling is compared with: Embree's default and the recommended tree, both with the
 /// renderer's own constants, and what is recommended for all scenes.
 fn light_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
@@ -186,7 +198,8 @@ fn own_start(space: &TuningSpace, start: &Start) -> Rival {
 /// Whether somebody who begins at `start` has a rival without any search. Nobody who does not begin at the
 /// recommended configuration is supposed to know it, or how to use native Embree well.
 pub fn is_had(rival: &str, start: &Start) -> bool {
-    *start == Start::Recommended || rival != BEST_FIXED && !rival.starts_with(NATIVE_USED_WELL)
+    *start == Start::Recommended
+        || ![BEST_FIXED, FOR_STILLS].contains(&rival) && !rival.starts_with(NATIVE_USED_WELL)
 }
 
 /// Keeps of native Embree used well the quality with the lowest median, under one name. It is chosen by the

@@ -10,6 +10,7 @@ use treewright_client::{Indicators, Scale};
 use treewright_scene::Scene;
 use treewright_scene::indicators::{IndicatorScale, Indicators as SceneAndCamera, SCHEMA};
 
+use super::reuse::FRAMES_PER_BUILD_MAX;
 use crate::follow::MotionFacts;
 use crate::limits::{BOUNCES_MAX, EPISODE_FRAMES_MAX};
 
@@ -27,6 +28,9 @@ pub const COST_GROWTH: &str = "cost_growth";
 /// Frames of an episode.
 pub const EPISODE_FRAMES: &str = "episode_frames";
 
+/// How many frames share a build (see [`super::reuse`]).
+pub const FRAMES_PER_BUILD: &str = "frames_per_build";
+
 /// What is asked of a frame, beside its scene and camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Workload {
@@ -40,12 +44,15 @@ pub struct Workload {
     pub shadow_rays: bool,
     /// How the scene moves, where that is tuned.
     pub motion: Option<MotionFacts>,
+    /// How many frames share a build, where that differs within a study.
+    pub frames_per_build: Option<u32>,
 }
 
 impl Workload {
     /// For a scene.
     pub fn of(scene: &Scene, width: u32, height: u32, bounces: u32) -> Self {
-        Self { width, height, bounces, shadow_rays: scene.has_sampled_lights(), motion: None }
+        let shadow_rays = scene.has_sampled_lights();
+        Self { width, height, bounces, shadow_rays, motion: None, frames_per_build: None }
     }
 
     /// The state, as the service sees it.
@@ -58,6 +65,9 @@ impl Workload {
             values.insert(MOVING_SHARE.to_owned(), motion.moving_share);
             values.insert(COST_GROWTH.to_owned(), motion.cost_growth);
             values.insert(EPISODE_FRAMES.to_owned(), f64::from(motion.frames));
+        }
+        if let Some(frames) = self.frames_per_build {
+            values.insert(FRAMES_PER_BUILD.to_owned(), f64::from(frames));
         }
         values.into_iter().collect()
     }
@@ -87,6 +97,11 @@ pub fn motion_schema() -> [(&'static str, f64, f64, Scale); 3] {
         (COST_GROWTH, 1.0, 1e4, Scale::Log),
         (EPISODE_FRAMES, 1.0, f64::from(EPISODE_FRAMES_MAX), Scale::Log),
     ]
+}
+
+/// The same of how many frames share a build.
+pub fn reuse_schema() -> (&'static str, f64, f64, Scale) {
+    (FRAMES_PER_BUILD, 1.0, f64::from(FRAMES_PER_BUILD_MAX), Scale::Log)
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use crate::arguments::{
 use crate::episode_arguments::EpisodeArguments;
 use crate::error::CliError;
 use crate::output;
+use crate::reuse_arguments::ReuseArguments;
 use crate::server::ServerArguments;
 use treewright_renderer::tuning::objective::{Objective, study_id};
 use treewright_scene::indicators::SceneIndicators;
@@ -38,6 +39,8 @@ pub(crate) struct Arguments {
 
     #[command(flatten)]
     episode: EpisodeArguments,
+    #[command(flatten)]
+    reuse: ReuseArguments,
 
     /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
@@ -85,6 +88,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let (scene, episode) = (&arguments.scene, arguments.episode);
         workload.motion = episode.prepare(arguments.objective, scene, &recommended, &mut renderer)?;
     }
+    workload.frames_per_build = arguments.reuse.told(arguments.objective);
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
     let answer = match study.best(&state) {
         Ok(best) => Answer {

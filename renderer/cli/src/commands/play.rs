@@ -33,10 +33,7 @@ use treewright_renderer::limits::ITERATIONS_MAX;
 use treewright_renderer::scheduling::{ThreadTimes, of_process};
 use treewright_renderer::space::{Choice, TuningSpace};
 use treewright_renderer::statistics::Summary;
-use treewright_renderer::tuning::objective::{
-    FRAME_MS, FRAMES_PER_BUILD, Objective, auto_specification, auto_study_id, frame_cost, specification,
-    study_id,
-};
+use treewright_renderer::tuning::objective::{Objective, frame_cost, specification, study_id};
 use treewright_renderer::tuning::reuse::Reuse;
 use treewright_renderer::tuning::search::measurements;
 use treewright_renderer::tuning::verdict;
@@ -118,17 +115,13 @@ enum Aim {
 }
 
 impl Aim {
-    fn objective(self) -> Option<Objective> {
+    /// What is minimised, as far as it is known how many frames share a build.
+    fn objective(self, reuse: &Reuse) -> Objective {
         match self {
-            Self::Render => Some(Objective::Render),
-            Self::Total => Some(Objective::Total),
-            Self::Auto => None,
+            Self::Render => Objective::Render,
+            Self::Total => Objective::Total,
+            Self::Auto => Objective::Auto(reuse.frames_per_build()),
         }
-    }
-
-    /// How many frames share a build.
-    fn frames_per_build(self, reuse: &Reuse) -> u32 {
-        self.objective().map_or_else(|| reuse.frames_per_build(), Objective::frames_per_build)
     }
 }
 
@@ -174,23 +167,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let scene = arguments.scene.load()?;
     let renderer = arguments.frame.renderer(&scene)?;
     let threads = arguments.frame.threads;
+    let mut reuse = Reuse::default();
+    let objective = arguments.objective.objective(&reuse);
     // Where it is said how the structure follows, that is not tuned.
     let space = match moves && update.is_none() {
         true => arguments.space.of_moving(&scene, threads)?,
-        // Of what is not known beforehand a cheap build is the safer start.
-        false => arguments.space.of(
-            &scene,
-            arguments.objective.objective().unwrap_or(Objective::Total),
-            threads,
-        )?,
+        false => arguments.space.of(&scene, objective, threads)?,
     };
     let (start, space) = arguments.start.of(&space)?;
-    let (made, specification) = match arguments.objective.objective() {
-        Some(objective) => (study_id(objective, &space), specification(&space, objective, Policy::new())?),
-        None => (auto_study_id(&space), auto_specification(&space, Policy::new())?),
-    };
-    let id = arguments.server.study.clone().unwrap_or_else(|| made + &start.mark(&space));
-    let study = client.study(&id, specification)?;
+    let made = || study_id(objective, &space) + &start.mark(&space);
+    let id = arguments.server.study.clone().unwrap_or_else(made);
+    let study = client.study(&id, specification(&space, objective, Policy::new())?)?;
     if let Some(epsilon) = arguments.epsilon {
         let epsilon = Some(f64::from(epsilon));
         study.set_session_policy(SessionPolicy { epsilon, ..SessionPolicy::default() })?;
@@ -204,12 +191,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let baseline = verdict::baseline_from(&space, &start);
     let mut flight = Flight::new(renderer, space, baseline.choice, update, arguments)?;
     let (path, mut scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
-    let workload = arguments.frame.workload(&scene, arguments.size);
+    let mut workload = arguments.frame.workload(&scene, arguments.size);
     let interrupt = Interrupt::listen();
     let mut tuner = study.prefetching_tuner();
     let mut previous: Option<Finished> = None;
     let mut frames = Vec::new();
-    let (mut reuse, mut time_before) = (Reuse::default(), 0.0);
+    let mut time_before = 0.0;
     for number in 0..arguments.frames {
         let share = number as f32 / (arguments.frames - 1).max(1) as f32;
         let camera_at = arguments.from + (arguments.to - arguments.from) * share;
@@ -224,18 +211,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         }
         flight.moved = moved;
         reuse.frame(moved);
-        let frames_per_build = arguments.objective.frames_per_build(&reuse);
-        let mut indicators = workload.state(&scene_indicators.with_camera(&camera));
-        if arguments.objective == Aim::Auto {
-            indicators.set(FRAMES_PER_BUILD, f64::from(frames_per_build));
-        }
+        let objective = arguments.objective.objective(&reuse);
+        let frames_per_build = objective.frames_per_build();
+        workload.frames_per_build = (arguments.objective == Aim::Auto).then_some(frames_per_build);
+        let indicators = workload.state(&scene_indicators.with_camera(&camera));
         // Where the camera will be is known, and of a scene that moves that it will not have moved far.
         let next_share = (number + 1) as f32 / (arguments.frames - 1).max(1) as f32;
         let next_at = arguments.from + (arguments.to - arguments.from) * next_share.min(1.0);
-        let mut upcoming = workload.state(&scene_indicators.with_camera(&path.sample(next_at)));
-        if arguments.objective == Aim::Auto {
-            upcoming.set(FRAMES_PER_BUILD, f64::from(frames_per_build));
-        }
+        let upcoming = workload.state(&scene_indicators.with_camera(&path.sample(next_at)));
         let begin = Instant::now();
         let suggestion = tuner.next_before(&indicators, &upcoming, previous.take());
         let waiting_ms = milliseconds(begin);
@@ -257,11 +240,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         print(&frame);
         frames.push(frame);
         // What was shown without a new build cannot be reported where builds are part of the objective.
-        let mut measured = measurements(times, 1, frames_per_build);
-        if let Some(times) = times {
-            measured.set(FRAME_MS, frame_cost(times, frames_per_build));
-        }
-        previous = Some(suggestion.finished(measured, outcome)?);
+        previous = Some(suggestion.finished(measurements(times, 1, objective), outcome)?);
         if interrupt.requested() {
             break;
         }

@@ -73,6 +73,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let mut workload = arguments.frame.workload(&scene, arguments.size);
     workload.motion =
         arguments.episode.prepare(arguments.objective, &arguments.scene, &recommended, &mut renderer)?;
+    workload.frames_per_build = arguments.reuse.told(arguments.objective);
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
     let study = open_study(&client, &id, &space, &state, arguments)?;
     println!(
@@ -128,7 +129,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
 
     let premises = arguments.space.premises(&scene, arguments.objective, arguments.frame.threads);
-    let rivals = verdict::rivals(&whole, &premises, &start);
+    let mut rivals = verdict::rivals(&whole, &premises, &start);
+    rivals.extend(verdict::for_stills(arguments.objective, &whole, &premises));
     let spinner = output::spinner("the best few run against the start and native Embree");
     let candidates = with_names(candidates, &space)?;
     let known: Vec<Rival> = rivals

@@ -16,6 +16,7 @@ use crate::arguments::{
 use crate::episode_arguments::EpisodeArguments;
 use crate::error::CliError;
 use crate::narrowing::NarrowingArguments;
+use crate::reuse_arguments::ReuseArguments;
 use crate::server::ServerArguments;
 
 /// Arguments of `tune`.
@@ -65,6 +66,8 @@ pub(crate) struct Arguments {
 
     #[command(flatten)]
     pub(super) episode: EpisodeArguments,
+    #[command(flatten)]
+    pub(super) reuse: ReuseArguments,
 
     /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
@@ -125,6 +128,7 @@ impl Arguments {
             arguments.space.space = Preset::Paper;
             arguments.narrowing.fix.push(Narrowing::fix("compact=false").map_err(CliError::Failed)?);
         }
+        arguments.objective = arguments.reuse.of(arguments.objective);
         arguments.space = arguments.space.judged_by(arguments.objective)?;
         Ok(arguments)
     }

@@ -6,7 +6,7 @@ use crate::output;
 use treewright_renderer::measure::Standing;
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::verdict::{BEST_FIXED, FOUND, NATIVE_USED_WELL};
+use treewright_renderer::tuning::verdict::{BEST_FIXED, FOR_STILLS, FOUND, NATIVE_USED_WELL};
 
 /// Speed-ups whose first trial is told.
 const FACTORS: [f64; 4] = [1.1, 1.2, 1.3, 1.4];
@@ -18,6 +18,7 @@ pub(crate) fn print(results: &TuningResults) {
         Objective::Total => "build + render ms",
         Objective::Error => "ms to an error of 10 %",
         Objective::Motion => "mean frame ms",
+        Objective::Auto(_) => "frame + share of build ms",
     };
     println!("\n{}", output::standings(&results.standings, per_frame));
     println!("{}", verdict(results));
@@ -114,7 +115,8 @@ fn level_with(results: &TuningResults) -> Vec<&str> {
     let winner = results.standing(&results.best);
     let knows_all = results.start_name == BEST_FIXED;
     let others = results.standings.iter().filter(|other| {
-        let is_known = knows_all || other.name != BEST_FIXED && other.name != NATIVE_USED_WELL;
+        let is_known =
+            knows_all || ![BEST_FIXED, FOR_STILLS, NATIVE_USED_WELL].contains(&other.name.as_str());
         other.name != results.best && other.failure.is_none() && is_known
     });
     let is_open = |other: &&Standing| winner.is_some_and(|winner| !winner.gain_over(other).is_gain());

@@ -48,7 +48,7 @@ pub(super) fn headline(results: &TuningResults) -> String {
     let speedup = results.speedup();
     let (what, does) = match results.objective {
         Objective::Render => ("structure", "renders this scene"),
-        Objective::Total => ("structure", "is built and rendered"),
+        Objective::Total | Objective::Auto(_) => ("structure", "is built and rendered"),
         Objective::Error => ("light sampling", "reaches the same error"),
         Objective::Motion => ("way to follow", "keeps up with the motion"),
     };
@@ -261,7 +261,7 @@ pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -
             );
         }
         Objective::Render => "render",
-        Objective::Total => "build and render",
+        Objective::Total | Objective::Auto(_) => "build and render",
         Objective::Motion => "bring the structure along and render",
     };
     format!(
