@@ -14,14 +14,21 @@ pub(crate) struct Progress {
     done: u32,
     first: Option<f64>,
     best: Option<f64>,
+    /// The weight of a metric that alone is maximised.
+    maximised: Option<f64>,
 }
 
 impl Progress {
     pub(crate) fn new(most: Option<u32>, objective: String) -> Self {
-        Self { most, objective, done: 0, first: None, best: None }
+        Self { most, objective, done: 0, first: None, best: None, maximised: None }
     }
 
     /// Another trial is done, with a cost, or with the reason why it has none.
+    /// Shows the measurement that a cost stands for where that alone is maximised: this weight over the cost.
+    pub(crate) fn maximising(self, weight: Option<f64>) -> Self {
+        Self { maximised: weight, ..self }
+    }
+
     pub(crate) fn trial(&mut self, trial: &TrialRecord, result: Result<f64, &str>) {
         self.done += 1;
         if let Ok(cost) = result {
@@ -29,14 +36,15 @@ impl Progress {
             self.best = Some(self.best.map_or(cost, |best| best.min(cost)));
         }
         let of = self.most.map(|most| format!("/{most}")).unwrap_or_default();
+        let value = |cost: f64| self.maximised.map_or(cost, |weight| weight / cost);
         let result = match result {
-            Ok(cost) => format!("{} {}", self.objective, figure(cost)),
+            Ok(cost) => format!("{} {}", self.objective, figure(value(cost))),
             Err(reason) => reason.to_owned(),
         };
-        let best = self.best.map(|best| format!("  best {}", figure(best))).unwrap_or_default();
+        let best = self.best.map(|best| format!("  best {}", figure(value(best)))).unwrap_or_default();
         let gain = match (self.first, self.best) {
             (Some(first), Some(best)) if first > 0.0 && self.done > 1 => {
-                format!(" ({:+.1} %)", 100.0 * (best / first - 1.0))
+                format!(" ({:+.1} %)", 100.0 * (value(best) / value(first) - 1.0))
             }
             _ => String::new(),
         };

@@ -45,14 +45,15 @@ impl std::fmt::Display for MeasurementLimit {
     }
 }
 
-/// 1 to 16 terms with distinct metrics, at most 8 auxiliary metrics that are none of them, and at most 16
-/// limits on distinct measurements.
+/// 1 to 16 terms with distinct metrics, each minimised or maximised, at most 8 auxiliary metrics that are
+/// none of them, and at most 16 limits on distinct measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Stored", into = "Stored")]
 pub struct Objective {
     terms: Vec<ObjectiveTerm>,
     auxiliary: Vec<String>,
     limits: Vec<MeasurementLimit>,
+    maximised: Vec<String>,
 }
 
 /// An objective as it is stored: the list of its terms where there is nothing else.
@@ -65,6 +66,8 @@ enum Stored {
         auxiliary: Vec<String>,
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         limits: Vec<MeasurementLimit>,
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        maximised: Vec<String>,
     },
 }
 
@@ -129,6 +132,22 @@ pub enum ObjectiveError {
         /// As given.
         metric: String,
     },
+    /// A maximised metric is no term, or is listed twice.
+    #[error("{metric:?} is to be maximised; name it once, and as a term of the objective")]
+    Maximised {
+        /// As given.
+        metric: String,
+    },
+    /// A measurement that is maximised is 0, or as good as that.
+    #[error(
+        "measurement {metric:?} is {value}; what is maximised must be above 0, since its reciprocal is the cost"
+    )]
+    MaximisedValue {
+        /// The metric.
+        metric: String,
+        /// As given.
+        value: f64,
+    },
     /// Too many limits.
     #[error("the objective has {count} limits; give at most {MEASUREMENT_LIMITS_MAX}")]
     LimitCount {
@@ -175,7 +194,7 @@ impl Objective {
                 return Err(ObjectiveError::Weight { metric: metric.clone(), weight: *weight });
             }
         }
-        Ok(Objective { terms, auxiliary: Vec::new(), limits: Vec::new() })
+        Ok(Objective { terms, auxiliary: Vec::new(), limits: Vec::new(), maximised: Vec::new() })
     }
 
     /// This objective with metrics that explain costs and are no part of them; see [`Objective::auxiliary`].
@@ -211,6 +230,31 @@ impl Objective {
             }
         }
         Ok(Objective { limits, ..self })
+    }
+
+    /// This objective with metrics of its terms that are to be large. Such a term counts with its weight over
+    /// the measurement: a thousand over frames a second is the milliseconds of a frame.
+    pub fn with_maximised(self, maximised: Vec<String>) -> Result<Self, ObjectiveError> {
+        let mut seen = BTreeSet::new();
+        for metric in &maximised {
+            if !(self.terms.iter().any(|term| term.metric == *metric) && seen.insert(metric)) {
+                return Err(ObjectiveError::Maximised { metric: metric.clone() });
+            }
+        }
+        Ok(Objective { maximised, ..self })
+    }
+
+    /// The metrics that are maximised, in the order in which they were given.
+    pub fn maximised(&self) -> &[String] {
+        &self.maximised
+    }
+
+    /// What a cost stands for where one metric is maximised and nothing else counts: its name and value.
+    pub fn maximum(&self, cost: f64) -> Option<(&str, f64)> {
+        match (self.terms.as_slice(), self.maximised.as_slice()) {
+            ([term], [_]) => Some((&term.metric, term.weight / cost)),
+            _ => None,
+        }
     }
 
     /// What measurements may be, in the order in which it was given.
@@ -259,7 +303,8 @@ impl Objective {
         &self.terms
     }
 
-    /// The weighted sum, in the unit of the metrics: finite, at least 0.
+    /// The weighted sum, in the unit of the metrics: finite, at least 0. What is maximised counts by its
+    /// reciprocal.
     pub fn cost(&self, measurements: &BTreeMap<String, f64>) -> Result<f64, ObjectiveError> {
         let mut cost = 0.0;
         for ObjectiveTerm { metric, weight } in &self.terms {
@@ -269,7 +314,14 @@ impl Objective {
             if !value.is_finite() || value < 0.0 {
                 return Err(ObjectiveError::MetricValue { metric: metric.clone(), value });
             }
-            cost += weight * value;
+            if self.maximised.contains(metric) {
+                if !(weight / value).is_finite() {
+                    return Err(ObjectiveError::MaximisedValue { metric: metric.clone(), value });
+                }
+                cost += weight / value;
+            } else {
+                cost += weight * value;
+            }
         }
         if cost.is_finite() { Ok(cost + 0.0) } else { Err(ObjectiveError::Overflow) }
     }
@@ -281,18 +333,19 @@ impl TryFrom<Stored> for Objective {
     fn try_from(stored: Stored) -> Result<Self, ObjectiveError> {
         match stored {
             Stored::Terms(terms) => Objective::new(terms),
-            Stored::Whole { terms, auxiliary, limits } => {
-                Objective::new(terms)?.with_auxiliary(auxiliary)?.with_limits(limits)
-            }
+            Stored::Whole { terms, auxiliary, limits, maximised } => Objective::new(terms)?
+                .with_auxiliary(auxiliary)?
+                .with_limits(limits)?
+                .with_maximised(maximised),
         }
     }
 }
 
 impl From<Objective> for Stored {
-    fn from(Objective { terms, auxiliary, limits }: Objective) -> Self {
-        match auxiliary.is_empty() && limits.is_empty() {
+    fn from(Objective { terms, auxiliary, limits, maximised }: Objective) -> Self {
+        match auxiliary.is_empty() && limits.is_empty() && maximised.is_empty() {
             true => Stored::Terms(terms),
-            false => Stored::Whole { terms, auxiliary, limits },
+            false => Stored::Whole { terms, auxiliary, limits, maximised },
         }
     }
 }
@@ -324,6 +377,30 @@ mod tests {
                 .to_string()
                 .contains("\"build_ms\" is missing")
         );
+    }
+
+    #[test]
+    fn what_is_maximised_costs_its_reciprocal() {
+        let plain = Objective::new(vec![term("build_ms", 0.5), term("fps", 1000.0)]).expect("valid");
+        for wrong in [vec!["frames"], vec!["fps", "fps"]] {
+            let wrong = wrong.into_iter().map(str::to_owned).collect();
+            assert!(matches!(plain.clone().with_maximised(wrong), Err(ObjectiveError::Maximised { .. })));
+        }
+        let both = plain.clone().with_maximised(vec!["fps".to_owned()]).expect("valid");
+        let measured = |fps: f64| BTreeMap::from([("build_ms".to_owned(), 8.0), ("fps".to_owned(), fps)]);
+        assert_eq!(both.cost(&measured(50.0)), Ok(24.0));
+        assert_eq!(both.cost(&measured(100.0)), Ok(14.0), "more is better");
+        for wrong in [0.0, 1e-320] {
+            let refused = both.cost(&measured(wrong));
+            assert!(matches!(refused, Err(ObjectiveError::MaximisedValue { .. })), "{wrong}: {refused:?}");
+        }
+        assert_eq!(both.maximum(24.0), None, "it is not alone");
+        let one = Objective::new(vec![term("fps", 1000.0)]).expect("valid");
+        assert_eq!(one.maximum(20.0), None, "it is minimised");
+        let one = one.with_maximised(vec!["fps".to_owned()]).expect("valid");
+        assert_eq!(one.maximum(20.0), Some(("fps", 50.0)));
+        let text = serde_json::to_string(&one).expect("plain data");
+        assert_eq!(serde_json::from_str::<Objective>(&text).expect("its own form"), one);
     }
 
     #[test]

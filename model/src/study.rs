@@ -153,6 +153,10 @@ impl StudySpec {
         if let Some(found) = list_difference("limit", mine, theirs, ToString::to_string) {
             return Some(found);
         }
+        let (mine, theirs) = (self.objective.maximised(), other.objective.maximised());
+        if let Some(found) = list_difference("maximised metric", mine, theirs, String::clone) {
+            return Some(found);
+        }
         if self.state_tolerance != other.state_tolerance {
             return Some(format!(
                 "state_tolerance is {} against {}",
@@ -198,6 +202,7 @@ impl StudySpec<PolicySettings> {
             objective: Vec::new(),
             auxiliary: Vec::new(),
             limits: Vec::new(),
+            maximised: Vec::new(),
             state_tolerance: STATE_TOLERANCE_DEFAULT,
             policy: PolicySettings::new(),
             seed: 0,
@@ -228,6 +233,7 @@ pub struct StudyBuilder {
     objective: Vec<ObjectiveTerm>,
     auxiliary: Vec<String>,
     limits: Vec<MeasurementLimit>,
+    maximised: Vec<String>,
     state_tolerance: f64,
     policy: PolicySettings,
     seed: u64,
@@ -255,6 +261,15 @@ impl StudyBuilder {
     pub fn minimise(mut self, metric: &str, weight: f64) -> Self {
         self.objective.push(ObjectiveTerm { metric: metric.to_owned(), weight });
         self
+    }
+
+    /// Adds a metric that is to be large, such as frames a second, requests a second or a share of hits. Its
+    /// reciprocal is the cost: `weight` over the measurement, which must be above 0. With other terms the
+    /// weight brings both to one unit: `fps` with weight 1000 counts in milliseconds.
+    #[must_use]
+    pub fn maximise(mut self, metric: &str, weight: f64) -> Self {
+        self.maximised.push(metric.to_owned());
+        self.minimise(metric, weight)
     }
 
     /// Names a metric that reports may carry beside those that are minimised and that explains a cost, such
@@ -306,7 +321,8 @@ impl StudyBuilder {
             indicators: IndicatorSchema::new(self.indicators)?,
             objective: Objective::new(self.objective)?
                 .with_auxiliary(self.auxiliary)?
-                .with_limits(self.limits)?,
+                .with_limits(self.limits)?
+                .with_maximised(self.maximised)?,
             state_tolerance: self.state_tolerance,
             policy: self.policy,
             seed: self.seed,

@@ -71,6 +71,32 @@ fn where_nothing_is_proven_yet_the_best_run_is_confirmed() {
 }
 
 #[test]
+fn what_is_maximised_is_found_and_told_in_its_own_unit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    // A rate of 90 at level 12, and less on either side.
+    let script = r#"l={level}; d=$(( l > 12 ? l - 12 : 12 - l )); echo "{\"rate\": $(( 90 - 4 * d ))}""#;
+    let call = |extra: &[&str]| {
+        let mut arguments = vec!["--server", daemon.url(), "exec", "rates", "--tune", "level=1..19:6"];
+        arguments.extend(["--metric", "json", "--maximise", "rate"]);
+        arguments.extend(extra.iter().chain(&["--", "sh", "-c", script]));
+        run("treewright", &arguments)
+    };
+    let done = json(&call(&["--trials", "60", "--json"]));
+    assert_eq!(done["best"]["configuration"]["level"], 12, "{done}");
+    assert_eq!(
+        (done["objective"].as_str(), done["best"]["value"].as_f64()),
+        (Some("rate"), Some(90.0)),
+        "{done}"
+    );
+    assert_eq!(done["best"]["default_value"].as_f64(), Some(66.0), "{done}");
+    let told = call(&["--trials", "1"]);
+    assert!(stdout(&told).contains("rate 90, default 66"), "{}", stdout(&told));
+    let file = run("treewright", &["--server", daemon.url(), "study", "show", "rates", "--format", "toml"]);
+    assert!(stdout(&file).contains("maximise = true"), "{}", stdout(&file));
+}
+
+#[test]
 fn a_limit_keeps_the_answer_within_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::start(&folder.path().join("tuning.db"));

@@ -45,6 +45,9 @@ pub(crate) struct Exec {
     /// infeasible. May be repeated
     #[arg(long = "limit", value_name = "METRIC<=NUMBER", requires = "tune", value_parser = LimitEntry::inline)]
     pub(crate) limits: Vec<LimitEntry>,
+    /// Metric to maximise in a new study, such as a rate; its reciprocal is the cost
+    #[arg(long, value_name = "METRIC", requires = "tune", conflicts_with = "minimise")]
+    pub(crate) maximise: Option<String>,
     /// Metric to minimise in a new study
     #[arg(long, value_name = "METRIC", default_value = "wall_ms", requires = "tune")]
     pub(crate) minimise: String,
@@ -94,7 +97,8 @@ impl Exec {
         if self.tune.is_empty() {
             return Ok(None);
         }
-        let objective = vec![TermEntry { metric: self.minimise.clone(), weight: 1.0 }];
+        let metric = self.maximise.as_ref().unwrap_or(&self.minimise).clone();
+        let objective = vec![TermEntry { metric, weight: 1.0, maximise: self.maximise.is_some() }];
         let constraints = self.constraints.iter().cloned().map(ConstraintEntry::Expression).collect();
         let parameters = self.tune.clone();
         let limits = self.limits.clone();

@@ -288,7 +288,10 @@ impl Job<'_> {
         source: WinnerSource,
     ) -> Winner {
         let command = self.template.fill(&configuration);
-        Winner { configuration, cost: costs.0, default_cost: costs.1, command, source }
+        let (cost, default_cost) = costs;
+        let value = |cost: f64| self.spec.objective.maximum(cost).map(|(_, value)| value);
+        let (value, default_value) = (value(cost), default_cost.and_then(value));
+        Winner { configuration, cost, default_cost, value, default_value, command, source }
     }
 }
 
@@ -303,7 +306,8 @@ impl Session<'_> {
     }
 
     fn search(&mut self, exec: &Exec, summary: &mut Summary) -> Result<(), Failure> {
-        let mut progress = Progress::new(exec.trials, summary::objective(self.job.spec));
+        let mut progress = Progress::new(exec.trials, summary::objective(self.job.spec))
+            .maximising(self.job.spec.objective.maximum(1.0).map(|(_, weight)| weight));
         loop {
             if exec.trials.is_some_and(|most| summary.trials >= u64::from(most)) {
                 summary.end = "the requested number of trials is reached";
@@ -523,6 +527,9 @@ fn is_over(trial: &TrialRecord) -> bool {
 
 /// The weight of wall time where nothing else is minimised: then a run that takes too long can be ended.
 fn only_wall_time(spec: &StudySpec) -> Option<f64> {
+    if !spec.objective.maximised().is_empty() {
+        return None;
+    }
     match spec.objective.terms() {
         [term] if term.metric == "wall_ms" => Some(term.weight),
         _ => None,

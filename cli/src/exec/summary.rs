@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use treewright_client::{Configuration, StudySpec};
+use treewright_client::{Configuration, ObjectiveTerm, StudySpec};
 
 use super::pairs::Gain;
 use super::shell_words;
@@ -53,6 +53,11 @@ pub(super) struct Winner {
     /// Of the objective, in its unit.
     pub(super) cost: f64,
     pub(super) default_cost: Option<f64>,
+    /// What these costs stand for where one metric is maximised and nothing else counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) value: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) default_value: Option<f64>,
     pub(super) command: Vec<String>,
     pub(super) source: WinnerSource,
 }
@@ -97,8 +102,8 @@ impl Summary {
         let is_default = best.configuration == *default;
         let who = if is_default { "the default, " } else { "" };
         text += &format!("best: {who}{}\n  {}\n", best.configuration, shell_words(&best.command));
-        text += &format!("{} {}", self.objective, figure(best.cost));
-        if let Some(cost) = best.default_cost.filter(|_| !is_default) {
+        text += &format!("{} {}", self.objective, figure(best.value.unwrap_or(best.cost)));
+        if let Some(cost) = best.default_value.or(best.default_cost).filter(|_| !is_default) {
             text += &format!(", default {}", figure(cost));
         }
         if best.source == WinnerSource::Runs {
@@ -142,13 +147,16 @@ impl Confirmed {
 
 /// What is minimised, in few words.
 pub(super) fn objective(spec: &StudySpec) -> String {
-    let terms = spec.objective.terms();
+    let (terms, maximised) = (spec.objective.terms(), spec.objective.maximised());
     match terms {
-        [term] if term.weight == 1.0 => term.metric.clone(),
+        // Its own value is told, not the cost.
+        [term] if term.weight == 1.0 || !maximised.is_empty() => term.metric.clone(),
         _ => {
-            let terms: Vec<_> =
-                terms.iter().map(|term| format!("{} {}", figure(term.weight), term.metric)).collect();
-            terms.join(" + ")
+            let sign = |metric: &String| if maximised.contains(metric) { "/ " } else { "" };
+            let told = |term: &ObjectiveTerm| {
+                format!("{} {}{}", figure(term.weight), sign(&term.metric), term.metric)
+            };
+            terms.iter().map(told).collect::<Vec<_>>().join(" + ")
         }
     }
 }

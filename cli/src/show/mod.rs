@@ -247,6 +247,10 @@ pub(crate) fn best(best: &Best, spec: &StudySpec) -> String {
         Some(standing) => text += &stands(standing, best),
         None => text += &means(best),
     }
+    let cost = best.standing.as_ref().map_or(best.cost, |standing| standing.cost);
+    if let Some((metric, value)) = spec.objective.maximum(cost) {
+        line(&mut text, &format!("{metric} {} at that cost", figure(value)));
+    }
     line(&mut text, &format!("last measured by {} at {}", best.trial, time(best.last_measure_time)));
     text + &beside_default("best", &best.configuration, spec) + "\n"
 }

@@ -274,6 +274,9 @@ pub(crate) struct TermEntry {
     /// Above 0. Default 1.
     #[serde(default = "one")]
     pub(crate) weight: f64,
+    /// Whether it is to be large, such as a rate: it then counts by its reciprocal.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) maximise: bool,
 }
 
 /// A limit on a measurement, on either side or both.
@@ -390,7 +393,10 @@ impl StudyFile {
                 builder.indicator(&entry.name, entry.min.float()..=entry.max.float(), entry.scale.into());
         }
         for term in &self.objective {
-            builder = builder.minimise(&term.metric, term.weight);
+            builder = match term.maximise {
+                true => builder.maximise(&term.metric, term.weight),
+                false => builder.minimise(&term.metric, term.weight),
+            };
         }
         for metric in &self.auxiliary {
             builder = builder.auxiliary(metric);
@@ -465,7 +471,11 @@ impl StudyFile {
                 .collect(),
             indicators: indicators.collect(),
             objective: terms
-                .map(|term| TermEntry { metric: term.metric.clone(), weight: term.weight })
+                .map(|term| TermEntry {
+                    metric: term.metric.clone(),
+                    weight: term.weight,
+                    maximise: spec.objective.maximised().contains(&term.metric),
+                })
                 .collect(),
             policy: BTreeMap::new(),
         }

@@ -141,7 +141,7 @@ fn parameters_are_written_in_one_word() {
     assert_eq!(domain("journal=off|wal:wal"), ("journal".into(), words, Value::from("wal")));
     assert_eq!(domain("long=bool:false"), ("long".into(), Domain::Boolean, Value::from(false)));
     let steps = ParameterEntry::inline("block=16..256/16:64").expect("a parameter");
-    let terms = vec![TermEntry { metric: "ms".into(), weight: 1.0 }];
+    let terms = vec![TermEntry { metric: "ms".into(), weight: 1.0, maximise: false }];
     let file = StudyFile { parameters: vec![steps.clone()], objective: terms, ..StudyFile::default() };
     let space = file.spec().expect("a study").space;
     assert_eq!(space.constraints()[0].to_string(), "block % 16 == 0");

@@ -139,6 +139,8 @@ void tw_spec_constraint(tw_spec *spec, const char *expression);
 void tw_spec_indicator(tw_spec *spec, const char *name, double min, double max, int32_t scale);
 /* A measurement that is to become small; the objective is the sum of weight times measurement. */
 void tw_spec_minimise(tw_spec *spec, const char *metric, double weight);
+/* A measurement that is to be large, such as a rate, above 0: the cost is its weight over it. */
+void tw_spec_maximise(tw_spec *spec, const char *metric, double weight);
 /* A measurement that explains a cost and is not minimised, such as processor time. */
 void tw_spec_auxiliary(tw_spec *spec, const char *metric);
 /* What a measurement may be; -INFINITY or INFINITY for no limit on that side. What goes beyond is infeasible, and every report

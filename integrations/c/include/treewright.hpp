@@ -227,6 +227,7 @@ class Spec {
   }
   Spec &scene_indicators() { return tw_spec_scene_indicators(handle()), *this; }
   Spec &minimise(const char *metric, double weight = 1) { return tw_spec_minimise(handle(), metric, weight), *this; }
+  Spec &maximise(const char *metric, double weight = 1) { return tw_spec_maximise(handle(), metric, weight), *this; }
   Spec &auxiliary(const char *metric) { return tw_spec_auxiliary(handle(), metric), *this; }
   Spec &limit(const char *metric, double at_least, double at_most) {
     return tw_spec_limit(handle(), metric, at_least, at_most), *this;

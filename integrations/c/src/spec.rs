@@ -14,7 +14,8 @@ pub(crate) struct Spec {
     parameters: Vec<Parameter>,
     constraints: Vec<Constraint>,
     indicators: Vec<Indicator>,
-    terms: Vec<(String, f64)>,
+    /// Each with its weight, and whether it is maximised.
+    terms: Vec<(String, f64, bool)>,
     auxiliary: Vec<String>,
     limits: Vec<(String, f64, f64)>,
     display_name: Option<String>,
@@ -45,8 +46,11 @@ impl Spec {
         for Indicator { name, min, max, scale } in &self.indicators {
             study = study.indicator(name, *min..=*max, *scale);
         }
-        for (metric, weight) in &self.terms {
-            study = study.minimise(metric, *weight);
+        for (metric, weight, maximise) in &self.terms {
+            study = match maximise {
+                true => study.maximise(metric, *weight),
+                false => study.minimise(metric, *weight),
+            };
         }
         for metric in &self.auxiliary {
             study = study.auxiliary(metric);
@@ -275,7 +279,16 @@ pub(crate) extern "C" fn tw_spec_indicator(
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_minimise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
     change(spec, |spec| {
-        spec.terms.push((read(&metric, "a metric's name")?.to_owned(), weight));
+        spec.terms.push((read(&metric, "a metric's name")?.to_owned(), weight, false));
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_maximise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
+    change(spec, |spec| {
+        spec.terms.push((read(&metric, "a metric's name")?.to_owned(), weight, true));
         Ok(())
     });
 }

@@ -144,6 +144,27 @@ static void without_daemon(void) {
   tw_study_free(study);
 }
 
+static void maximised(const tw_client *client) {
+  tw_error *error = NULL;
+  tw_spec *spec = tw_spec_new();
+  tw_spec_integer(spec, "level", 1, 9, 5, TW_LINEAR);
+  tw_spec_maximise(spec, "fps", 1000);
+  tw_study *study = tw_client_study(client, "from-c-maximised", spec, &error);
+  succeed(error);
+  tw_suggestion *suggestion = tw_study_suggest(study, NULL, 0, &error);
+  succeed(error);
+  tw_number result[] = {{"fps", 50}};
+  CHECK(tw_suggestion_report(suggestion, result, 1, &error));
+  CHECK(tw_client_flush(client, 20000, &error));
+  double cost;
+  tw_configuration *found = tw_study_best(study, NULL, 0, &cost, &error);
+  succeed(error);
+  CHECK(cost == 20);
+  tw_configuration_free(found);
+  tw_spec_free(spec);
+  tw_study_free(study);
+}
+
 static void trials(const tw_client *client) {
   tw_error *error = NULL;
   tw_spec *spec = new_spec();
@@ -369,6 +390,7 @@ int main(int count, char **arguments) {
   without_handles();
   mistakes(client);
   without_daemon();
+  maximised(client);
   trials(client);
   threads(client);
   forked(client);

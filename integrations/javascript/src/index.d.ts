@@ -26,7 +26,9 @@ export interface StudySpec {
   /** `[lowest, highest]`, mapped to 0 and 1; with `"log"` by the logarithm. */
   indicators?: Record<string, [number, number] | [number, number, "log"]>;
   /** Weights of measurements; the objective is their weighted sum. */
-  minimise: Record<string, number>;
+  minimise?: Record<string, number>;
+  /** Weights of measurements that are to be large, such as rates: the weight over the measurement is added. */
+  maximise?: Record<string, number>;
   auxiliary?: string[];
   /** What measurements may be; a configuration that goes beyond is infeasible. */
   limits?: Record<string, { atLeast?: number; atMost?: number }>;

@@ -56,7 +56,7 @@ export function specToWire(spec) {
   const indicators = Object.entries(spec.indicators ?? {}).map(([name, [min, max, log]]) => ({
     name, min, max, scale: log === "log" ? "SCALE_LOG" : "SCALE_LINEAR",
   }));
-  const terms = Object.entries(spec.minimise).map(([metric, weight]) => ({ metric, weight }));
+  const terms = Object.entries({ ...spec.minimise, ...spec.maximise }).map(([metric, weight]) => ({ metric, weight }));
   const policy = Object.fromEntries(
     Object.entries(spec.policy ?? {}).map(([name, value]) => [name.replace(/_(.)/g, (_, each) => each.toUpperCase()), value]),
   );
@@ -75,6 +75,7 @@ export function specToWire(spec) {
     objective: {
       terms,
       auxiliary: spec.auxiliary ?? [],
+      maximised: Object.keys(spec.maximise ?? {}),
       limits: Object.entries(spec.limits ?? {}).map(([metric, { atLeast, atMost }]) => ({ metric, atLeast, atMost })),
     },
     stateTolerance: spec.stateTolerance,

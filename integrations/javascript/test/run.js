@@ -58,6 +58,11 @@ async function trials() {
   assert.ok((await study.predict(input)).configuration.leaf >= 1);
   await rejects(study.trialOf({ leaf: 99 }, input), "refused", "leaf");
   await rejects(client.study("bad", { ...spec, minimise: {} }), "refused", "objective");
+  const level = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const rate = await client.study("node-rate", { parameters: level, maximise: { fps: 1000 } });
+  (await rate.suggest({})).report({ fps: 50 });
+  await client.flush(20000);
+  assert.equal((await rate.best({})).cost, 20);
   await rejects(client.study("bad", { ...spec, limits: { ms: {} } }), "refused", "at_most");
   await rejects(client.study("node", { ...spec, limits: { ms: { atMost: 31 } } }), "refused", "limit");
   await rejects(client.study("bad", { ...spec, constraints: ["leef < 3"] }), "refused", "did you mean");

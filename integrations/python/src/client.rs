@@ -108,20 +108,22 @@ impl Client {
     /// Creates the study, or finds the equal one of that id. An absent daemon is no error: it is created when
     /// it is there.
     ///
-    /// ``minimise`` has the weight of each measurement, of which the weighted sum is the objective.
+    /// ``minimise`` has the weight of each measurement, of which the weighted sum is the objective. What is
+    /// to be large, such as a rate, stands in ``maximise``: its weight over the measurement is added.
     /// ``indicators`` describe the input: the lowest and the highest value of each, and ``"log"`` where
     /// factors count; larger and smaller values are taken all the same. ``policy`` is how the daemon decides,
     /// e.g. ``{"epsilon": 0.1}``; see ``Study.policy``. ``limits`` say what measurements may be at least and
     /// at most, e.g. ``{"memory_mb": (None, 2000)}``; a configuration that goes beyond is infeasible.
-    #[pyo3(signature = (id, space, *, minimise, indicators=HashMap::new(), auxiliary=Vec::new(), limits=HashMap::new(),
-        policy=HashMap::new(), display_name=String::new(), state_tolerance=None, seed=0))]
+    #[pyo3(signature = (id, space, *, minimise=HashMap::new(), maximise=HashMap::new(), indicators=HashMap::new(),
+        auxiliary=Vec::new(), limits=HashMap::new(), policy=HashMap::new(), display_name=String::new(), state_tolerance=None, seed=0))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
     fn study(
         &self,
         python: Python<'_>,
         id: &str,
         space: &Space,
-        minimise: &Bound<'_, PyDict>,
+        minimise: HashMap<String, f64>,
+        maximise: HashMap<String, f64>,
         indicators: HashMap<String, Range>,
         auxiliary: Vec<String>,
         limits: HashMap<String, Ends>,
@@ -133,15 +135,19 @@ impl Client {
         let mut indicators: Vec<_> = indicators.into_iter().collect();
         // Dictionaries have no order here, and the order is part of what a study is.
         indicators.sort_by(|a, b| a.0.cmp(&b.0));
-        let mut terms: Vec<(String, f64)> = minimise.extract::<HashMap<_, _>>()?.into_iter().collect();
-        terms.sort_by(|a, b| a.0.cmp(&b.0));
+        let [minimise, maximise] = [minimise, maximise].map(|terms| {
+            let mut terms: Vec<(String, f64)> = terms.into_iter().collect();
+            terms.sort_by(|a, b| a.0.cmp(&b.0));
+            terms
+        });
         let mut limits: Vec<_> = limits.into_iter().collect();
         limits.sort_by(|a, b| a.0.cmp(&b.0));
         let policy =
             policy.into_iter().map(|(field, value)| Ok((field, words(&value)?))).collect::<PyResult<_>>()?;
         let definition = Definition {
             indicators,
-            minimise: terms,
+            minimise,
+            maximise,
             auxiliary,
             limits,
             policy,

@@ -182,6 +182,7 @@ pub(crate) type Ends = (Option<f64>, Option<f64>);
 pub(crate) struct Definition {
     pub(crate) indicators: Vec<(String, Range)>,
     pub(crate) minimise: Vec<(String, f64)>,
+    pub(crate) maximise: Vec<(String, f64)>,
     pub(crate) auxiliary: Vec<String>,
     pub(crate) limits: Vec<(String, Ends)>,
     pub(crate) policy: Vec<(String, String)>,
@@ -210,6 +211,9 @@ impl Definition {
         }
         for (metric, weight) in &self.minimise {
             builder = builder.minimise(metric, *weight);
+        }
+        for (metric, weight) in &self.maximise {
+            builder = builder.maximise(metric, *weight);
         }
         for metric in &self.auxiliary {
             builder = builder.auxiliary(metric);

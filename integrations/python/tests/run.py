@@ -74,6 +74,11 @@ def trials(url: str) -> None:
             assert isinstance(values["low"], int) and isinstance(values["budget"], float)
             trial.report({"ms": values["low"], "mb": 10.0}, extra=1.0)
         assert not trial.is_open
+    rate = client.study("python-rate", treewright.Space().integer("level", 1, 9, default=5), maximise={"fps": 1000.0})
+    with rate.suggest() as trial:
+        trial.report({"fps": 50.0})
+    client.flush(20000)
+    assert rate.best().cost == 20.0, rate.best()
     with study.suggest() as given_back:
         pass
     with study.suggest() as beyond:

@@ -76,6 +76,8 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
             objective: &'a [ObjectiveTerm],
             auxiliary: &'a [String],
             limits: &'a [MeasurementLimit],
+            #[serde(skip_serializing_if = "<[String]>::is_empty")]
+            maximised: &'a [String],
             state_tolerance: f64,
             policy: &'a PolicySettings,
             seed: u64,
@@ -88,6 +90,7 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
             objective: objective.terms(),
             auxiliary: objective.auxiliary(),
             limits: objective.limits(),
+            maximised: objective.maximised(),
             state_tolerance: *state_tolerance,
             policy,
             seed: *seed,

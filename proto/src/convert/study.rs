@@ -34,6 +34,7 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
             terms: spec.objective.terms().iter().map(term).collect(),
             auxiliary: spec.objective.auxiliary().to_vec(),
             limits: spec.objective.limits().iter().map(limit).collect(),
+            maximised: spec.objective.maximised().to_vec(),
         }),
         state_tolerance: Some(spec.state_tolerance),
         policy: Some(policy_to_wire(spec.policy.clone().into())),
@@ -71,6 +72,7 @@ pub fn spec_from_wire(study: v1::Study) -> Result<StudySpec<PolicySettings>, Mal
         objective: Objective::new(terms.collect())
             .and_then(|terms| terms.with_auxiliary(objective.auxiliary))
             .and_then(|terms| terms.with_limits(limits.collect()))
+            .and_then(|terms| terms.with_maximised(objective.maximised))
             .map_err(|error| Malformed::new("study.objective", error))?,
         state_tolerance: study.state_tolerance.unwrap_or(STATE_TOLERANCE_DEFAULT),
         policy: policy_from_wire("study.policy", study.policy.unwrap_or_default())?,

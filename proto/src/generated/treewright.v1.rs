@@ -206,6 +206,7 @@ pub struct Indicator {
 /// The scalar that is minimised: the sum of weight times metric.
 /// Render time alone: one term `render_ms`, weight 1. Build and render: two terms, weight 1 each.
 /// A tree that serves 30 frames: `build_ms` with weight 1/30 and `render_ms` with weight 1.
+/// A rate: one term that is maximised.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Objective {
     /// REQUIRED, 1 to 16, metrics distinct.
@@ -221,6 +222,10 @@ pub struct Objective {
     /// limit as the reason, and the search learns to avoid what is like it. OPTIONAL, at most 16, metrics distinct.
     #[prost(message, repeated, tag = "3")]
     pub limits: ::prost::alloc::vec::Vec<MeasurementLimit>,
+    /// Metrics of terms that are to be large, such as frames a second. Such a term is its weight over the measurement, which
+    /// must be above 0. OPTIONAL, distinct.
+    #[prost(string, repeated, tag = "4")]
+    pub maximised: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
 }
 /// A limit on a measurement, which every report with a cost then has to hold.
 #[derive(Clone, PartialEq, ::prost::Message)]

@@ -232,8 +232,15 @@ pub(in super::super) async fn policy(visitor: &Visitor<'_>, id: &str) -> Result<
         let condition = parameter.active_if.as_ref().map(Condition::to_string).unwrap_or_default();
         (parameter.name.clone(), parameter.default.to_string(), parameter.domain.to_string(), condition)
     });
-    let terms: Vec<String> =
-        spec.objective.terms().iter().map(|term| format!("{} × {}", term.weight, term.metric)).collect();
+    let terms: Vec<String> = spec
+        .objective
+        .terms()
+        .iter()
+        .map(|term| {
+            let sign = if spec.objective.maximised().contains(&term.metric) { "/" } else { "×" };
+            format!("{} {sign} {}", term.weight, term.metric)
+        })
+        .collect();
     let page = PolicyPage {
         frame: visitor.frame,
         head,
