@@ -50,6 +50,7 @@ impl Tuning {
     }
 
     async fn save_where(&self, is_due: impl Fn(Saved, u64) -> bool) {
+        let Ok(_alone) = self.saving.acquire().await else { return };
         for (study, runtime) in self.in_memory() {
             let due = runtime.peek(|live| live.take_due(self.store(), &is_due)).flatten();
             let Some(due) = due else {
@@ -181,6 +182,24 @@ pub(super) mod tests {
         let _last = frames(&tuning, many - 1..many).await;
         tuning.save_checkpoints().await;
         tuning.save_last_checkpoints().await;
+        let checkpoint = store.load("hall").await.expect("loaded").checkpoint;
+        assert_eq!(checkpoint.map(|checkpoint| checkpoint.completion), Some(many));
+    }
+
+    /// At an orderly stop the periodic checkpoints may still be under way.
+    #[tokio::test]
+    async fn who_saves_last_waits_for_who_saves() {
+        let many = limits::LAST_CHECKPOINT_TRIALS;
+        let store = Arc::new(MemoryStore::new());
+        let tuning = Tuning::new(Arc::clone(&store) as _, Arc::new(ManualClock::at(1_000)));
+        tuning.create_study("hall", &spec()).await.expect("created");
+        let _all = frames(&tuning, 0..many).await;
+        let other = tuning.saving.acquire().await.expect("it is never closed");
+        let mut last = std::pin::pin!(tuning.save_last_checkpoints());
+        let early = tokio::time::timeout(std::time::Duration::from_millis(50), &mut last).await;
+        assert!(early.is_err(), "somebody saves");
+        drop(other);
+        last.await;
         let checkpoint = store.load("hall").await.expect("loaded").checkpoint;
         assert_eq!(checkpoint.map(|checkpoint| checkpoint.completion), Some(many));
     }

@@ -44,6 +44,9 @@ pub struct Tuning {
     checkpoint_after: u64,
     /// Permits for plans that are computed at once.
     planning_permits: Arc<Semaphore>,
+    /// One caller at a time saves checkpoints: a slow one must not put an older checkpoint in the place of a
+    /// newer one, by which trials may have been removed.
+    saving: Semaphore,
     runtimes: Mutex<Runtimes>,
 }
 
@@ -70,7 +73,8 @@ impl Tuning {
         let environment =
             Arc::new(Environment { store, clock, metrics: Arc::default(), presence: Arc::default() });
         let (checkpoint_after, planning_permits) = (CHECKPOINT_TRIALS_MIN, planning::permits());
-        Self { environment, checkpoint_after, planning_permits, runtimes: Mutex::default() }
+        let saving = Semaphore::new(1);
+        Self { environment, checkpoint_after, planning_permits, saving, runtimes: Mutex::default() }
     }
 
     /// Counts in `metrics`, instead of in figures that nobody else sees.
