@@ -220,3 +220,56 @@ async fn the_copy_of_a_file_that_cannot_shrink_can() {
     }
     assert_eq!(trials(&place.backup).await, 6);
 }
+
+/// A file of this schema must have its tables; one of an earlier schema is judged by its pages.
+#[tokio::test]
+async fn a_restore_looks_at_what_its_schema_says() {
+    let place = Place::new();
+    store(&place.database, 20).await.close().await;
+    maintenance::back_up(&place.database, &place.backup, false).await.unwrap();
+    let mut other = foreign(&place.backup).await;
+    other.execute("ALTER TABLE visits ADD COLUMN stray TEXT").await.unwrap();
+    other.close().await.unwrap();
+    let error = maintenance::restore(&place.backup, &place.database).await.unwrap_err();
+    assert!(error.to_string().contains("visits"), "{error}");
+    assert_eq!(trials(&place.database).await, 21, "nothing was changed");
+
+    let mut other = foreign(&place.backup).await;
+    other.execute("DELETE FROM _sqlx_migrations WHERE version > 1").await.unwrap();
+    other.close().await.unwrap();
+    let restored = maintenance::restore(&place.backup, &place.database).await.unwrap();
+    assert_eq!(restored.inventory.trials, 21);
+}
+
+/// SQLite leaves an empty log behind where a reader was last. It holds nothing.
+#[tokio::test]
+async fn an_empty_log_beside_a_backup_is_no_daemon() {
+    let place = Place::new();
+    store(&place.database, 4).await.close().await;
+    maintenance::back_up(&place.database, &place.backup, false).await.unwrap();
+    let log = place.backup.with_file_name("backup.db-wal");
+    std::fs::write(&log, "").unwrap();
+    maintenance::restore(&place.backup, &place.database).await.expect("it is a whole backup");
+    std::fs::write(&log, "something").unwrap();
+    let error = maintenance::restore(&place.backup, &place.database).await.unwrap_err();
+    assert!(error.to_string().contains("database in use"), "{error}");
+}
+
+/// A log that stays would be taken for the new file's own, and a database of two names for damaged.
+#[tokio::test]
+async fn a_file_that_cannot_be_put_aside_ends_a_restore_and_nothing_was_changed() {
+    for suffix in ["-wal", "-shm"] {
+        let place = Place::new();
+        store(&place.database, 4).await.close().await;
+        maintenance::back_up(&place.database, &place.backup, false).await.unwrap();
+        let name = format!("studies.db{suffix}");
+        let beside = place.database.with_file_name(&name);
+        std::fs::create_dir(&beside).unwrap();
+        std::fs::write(beside.join("a file"), "").unwrap();
+        let error = maintenance::restore(&place.backup, &place.database).await.unwrap_err();
+        assert!(error.to_string().contains(&name), "{error}");
+        std::fs::remove_dir_all(&beside).unwrap();
+        assert!(!place.names().iter().any(|name| name.contains("before-restore")), "{:?}", place.names());
+        assert_eq!(trials(&place.database).await, 5, "the database is where it was");
+    }
+}

@@ -63,27 +63,41 @@ fn copy(from: &Path, to: &Path) -> Result<(), MaintenanceError> {
     io::copy(&mut source, &mut target).map_err(MaintenanceError::system(to, "written")).map(|_| ())
 }
 
-/// Gives the database and its log further names, and takes the log from beside it.
+/// Gives the database and its log further names, and takes the log from beside it. Where that fails, all is
+/// as before: a database that kept a second name would be refused at the next start.
 fn put_aside(database: &Path) -> Result<PathBuf, MaintenanceError> {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let aside = files::beside(database, &format!(".before-restore-{}", since.as_millis()));
+    let mut made = Vec::new();
+    let done = take_away(database, &aside, &mut made);
+    if done.is_err() {
+        for name in made {
+            let _ = fs::remove_file(name);
+        }
+    }
+    done.map(|()| aside)
+}
+
+/// The same; the names that it has `made` are told.
+fn take_away(database: &Path, aside: &Path, made: &mut Vec<PathBuf>) -> Result<(), MaintenanceError> {
     let log = files::beside(database, "-wal");
-    for (name, other) in [(database, aside.clone()), (&log, files::beside(&aside, "-wal"))] {
-        match fs::hard_link(name, other) {
-            Ok(()) => {}
+    for (name, other) in [(database, aside.to_owned()), (&log, files::beside(aside, "-wal"))] {
+        match fs::hard_link(name, &other) {
+            Ok(()) => made.push(other),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             Err(error) => return Err(MaintenanceError::system(name, "kept under another name")(error)),
         }
     }
     files::sync_folder(database)?;
-    for name in [log, files::beside(database, "-shm")] {
+    // The log last: without it the database lacks what it holds.
+    for name in [files::beside(database, "-shm"), log] {
         match fs::remove_file(&name) {
             Ok(()) => {}
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             Err(error) => return Err(MaintenanceError::system(&name, "removed")(error)),
         }
     }
-    Ok(aside)
+    Ok(())
 }
 
 /// An error about the copy is one about the backup.
