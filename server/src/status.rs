@@ -204,6 +204,19 @@ mod tests {
     }
 
     #[test]
+    fn what_passes_is_worth_another_try_after_a_while() {
+        let wait = |error: &Error| retry_after(error).map(|wait| wait.as_millis());
+        let study = || "hall".to_owned();
+        assert_eq!(wait(&Error::Loading { study: study() }), Some(LOADING_RETRY.as_millis()));
+        assert_eq!(wait(&Error::Reloading { study: study() }), Some(100));
+        assert_eq!(wait(&Error::Busy { what: "requests", limit: 1 }), Some(100));
+        assert_eq!(wait(&Error::Store(StoreError::QueueFull { limit: 1 })), Some(100));
+        assert_eq!(wait(&Error::Store(StoreError::Closed)), Some(1000));
+        assert_eq!(wait(&Error::Quota { what: "studies", limit: 1, retry: None }), None);
+        assert_eq!(wait(&Error::Store(StoreError::StudyNotFound { study: study() })), None);
+    }
+
+    #[test]
     fn what_passes_says_when() {
         let wait = Duration::from_millis(1234);
         let quota = Error::Quota { what: "requests a second", limit: 5, retry: Some(wait) };

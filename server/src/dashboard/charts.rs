@@ -404,6 +404,31 @@ mod tests {
     use super::*;
 
     #[test]
+    fn ticks_are_round_and_within_their_range() {
+        assert_eq!(ticks((0.0, 10.0)), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
+        assert_eq!(ticks((0.3, 1.7)), [0.5, 1.0, 1.5]);
+        assert_eq!(ticks((-30.0, 170.0)), [0.0, 50.0, 100.0, 150.0]);
+        assert_eq!(ticks((7.0, 7.0)), [7.0]);
+        for (low, high) in [(1e-9, 3e-9), (5.0, 5.001), (-1e12, 2e12), (99.0, 101.0)] {
+            let marks = ticks((low, high));
+            assert!((3..=6).contains(&marks.len()), "{marks:?}");
+            assert!(marks.iter().all(|mark| (low..=high).contains(mark)), "{marks:?}");
+        }
+    }
+
+    #[test]
+    fn what_lies_in_a_range_has_its_share() {
+        assert_eq!(
+            [0.0, 2.0, 5.0, 6.0, 9.0].map(|value| share(value, (2.0, 6.0))),
+            [0.0, 0.0, 0.75, 1.0, 1.0]
+        );
+        assert_eq!(share(3.0, (3.0, 3.0)), 0.5);
+        assert_eq!([above_zero(3.0, 1.0), above_zero(0.5, 1.0), above_zero(-2.0, 1.0)], [2.0, 0.0, -3.0]);
+        assert_eq!(most((0..40).map(f64::from)), Some(37.0));
+        assert_eq!(range([3.0, -1.0, 2.0].into_iter()), Some((-1.0, 3.0)));
+    }
+
+    #[test]
     fn what_people_write_is_escaped() {
         let axis = Axis { name: "<b>&\"'".into(), low: "<".into(), high: ">".into() };
         for svg in [

@@ -126,6 +126,42 @@ mod tests {
         assert!(importances(space.parameters(), &again).is_empty(), "repeats are no more configurations");
     }
 
+    /// Each run is predicted by the mean of the others of its group, or of all others where it is alone.
+    #[test]
+    fn an_importance_is_the_share_that_others_of_a_group_predict() {
+        let space = Space::builder().boolean("fast").default(false).integer("size", 1..=100).default(1);
+        let space = space.build().expect("a space");
+        let runs: Vec<Run> = (0..31)
+            .map(|index| {
+                let (fast, size) = (f64::from(u8::from(index % 3 == 0)), f64::from(index) / 31.0);
+                let cost = (1.0 - 0.4 * fast + 0.3 * size + 0.1 * f64::from(index * 7 % 5)).exp();
+                (vec![Some(0.25 + 0.5 * fast).filter(|_| index != 6), Some(size)], cost)
+            })
+            .collect();
+        let mean_but = |of: &[usize], but: usize| {
+            let others: Vec<f64> =
+                of.iter().filter(|one| **one != but).map(|one| runs[*one].1.ln()).collect();
+            (!others.is_empty()).then(|| others.iter().sum::<f64>() / others.len() as f64)
+        };
+        let all: Vec<usize> = (0..runs.len()).collect();
+        for (name, share) in importances(space.parameters(), &runs) {
+            let axis = space.parameters().iter().position(|one| one.name == name).expect("a parameter");
+            let group_of =
+                |run: usize| runs[run].0[axis].map(|place| group(&space.parameters()[axis].domain, place));
+            let (mut off, mut total) = (0.0, 0.0);
+            for run in &all {
+                let group: Vec<usize> =
+                    all.iter().copied().filter(|one| group_of(*one) == group_of(*run)).collect();
+                let plain = mean_but(&all, *run).expect("there are others");
+                total += (runs[*run].1.ln() - plain).powi(2);
+                off += (runs[*run].1.ln() - mean_but(&group, *run).unwrap_or(plain)).powi(2);
+            }
+            let expected = (1.0 - off / total).clamp(0.0, 1.0);
+            assert!((share - expected).abs() < 1e-9, "{name}: {share} for {expected}");
+            assert!(name != "fast" || share > 0.05, "{name}: {share}");
+        }
+    }
+
     #[test]
     fn places_lie_between_the_ends() {
         let space =

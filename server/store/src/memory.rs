@@ -419,3 +419,16 @@ impl Store for MemoryStore {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner).closed = true;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn memory_is_shared_with_no_other_process_and_has_no_size() {
+        let store = MemoryStore::default();
+        assert_eq!(store.replica_key(), None);
+        assert!(store.size().await.is_none());
+        assert!(store.is_held_by("hall", "http://127.0.0.1:1").await, "nobody else could hold it");
+    }
+}

@@ -450,6 +450,32 @@ async fn a_file_shrinks_when_much_was_removed() {
     assert!(std::fs::metadata(&path).unwrap().len() < before as u64 * 4096 / 2);
 }
 
+/// In pieces, each of which looks for the next kind of rows only where none of the one before is left.
+#[tokio::test]
+async fn nothing_of_a_deleted_study_stays_in_the_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let store = SqliteStore::open(&path).await.unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    let fence = store.load("hall").await.unwrap().fence;
+    let trials = (1..=200).map(|number| completed(number, number, Outcome::Ok)).collect();
+    store.commit(&fence, &[change(trials)]).durable().await.unwrap();
+    store.delete_study("hall").await.unwrap();
+    let mut other = foreign(&path).await;
+    let sql = "SELECT (SELECT count(*) FROM trials) + (SELECT count(*) FROM states) + (SELECT count(*) FROM visits) \
+               + (SELECT count(*) FROM checkpoints) + (SELECT count(*) FROM studies)";
+    let begin = std::time::Instant::now();
+    loop {
+        let left: i64 = sqlx::query_scalar(sql).fetch_one(&mut other).await.unwrap();
+        if left == 0 {
+            break;
+        }
+        assert!(begin.elapsed().as_secs() < 60, "{left} rows are left");
+        tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+    }
+    store.close().await;
+}
+
 /// SQLite would go on writing to a file that nobody finds again.
 #[tokio::test]
 async fn a_file_that_is_moved_away_is_not_written_any_more() {

@@ -174,6 +174,39 @@ mod tests {
     use super::*;
 
     #[test]
+    fn every_file_system_that_is_reached_over_a_network_is_known_by_its_number() {
+        let numbers = [
+            0x6969,
+            0x517b,
+            0xfe53_4d42,
+            0xff53_4d42,
+            0x5346_414f,
+            0x6b41_4653,
+            0x7375_7245,
+            0x564c,
+            0x0102_1997,
+            0x00c3_6400,
+            0x0bd0_0bd0,
+            0x0116_1970,
+            0x7461_636f,
+            0x4750_4653,
+            0x1983_0326,
+            0xaad7_aaea,
+            0x7866_6d74,
+            0x786f_4256,
+            0x6573_5546,
+        ];
+        // As 32 bits with a sign they are widened with ones.
+        for number in numbers {
+            assert!(network(number).is_some() && network(number | !0xffff_ffff).is_some(), "{number:#x}");
+        }
+        // ext4, XFS, btrfs, tmpfs, overlayfs.
+        for number in [0xef53, 0x5846_5342, 0x9123_683e, 0x0102_1994, 0x794c_7630] {
+            assert_eq!(network(number), None, "{number:#x}");
+        }
+    }
+
+    #[test]
     fn names_that_are_no_files_are_refused() {
         for name in [
             "file:x.db",
