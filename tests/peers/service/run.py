@@ -46,6 +46,12 @@ def resident_mb(process):
     return int(fields["VmHWM"].split()[0]) / 1024
 
 
+def processor_s(process):
+    """Processor time of a process since its start, in seconds."""
+    fields = pathlib.Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def measure(system, clients, arguments, folder):
     server = None
     is_python = "python" in system
@@ -80,12 +86,16 @@ def measure(system, clients, arguments, folder):
             running.append(start(command))
         for process in running:
             said(process, system)
+        processes = {"server": [server] if server else [], "clients": running}
+        spent_s = {who: -sum(map(processor_s, some)) for who, some in processes.items()}
         begin = time.monotonic()
         for process in running:
             process.stdin.write("go\n")
             process.stdin.flush()
         results = [json.loads(said(process, system)) for process in running]
         wall_s = time.monotonic() - begin
+        for who, some in processes.items():
+            spent_s[who] += sum(map(processor_s, some))
         memory_mb = resident_mb(server) if server else None
     finally:
         for process in running + ([server] if server else []):
@@ -96,6 +106,7 @@ def measure(system, clients, arguments, folder):
     return {
         "system": system, "clients": clients, "trials": len(times), "trials_per_s": len(times) / wall_s,
         "p50_ms": at(0.5), "p99_ms": at(0.99), "most_ms": at(1.0), "server_mb": memory_mb,
+        "server_us": 1e6 * spent_s["server"] / len(times), "clients_us": 1e6 * spent_s["clients"] / len(times),
     }
 
 
@@ -122,12 +133,15 @@ def main():
                     row = measure(system, clients, arguments, pathlib.Path(folder))
                 print(json.dumps(row), file=sys.stderr, flush=True)
                 rows.append(row)
-    print("| system | clients | trials/s | p50 ms | p99 ms | server MB |\n|---|---|---|---|---|---|")
+    print("| system | clients | trials/s | p50 ms | p99 ms | server MB | server, µs of processor a trial | clients |\n|---|---|---|---|---|---|---|---|")
     for key in dict.fromkeys((row["system"], row["clients"]) for row in rows):
         same = [row for row in rows if (row["system"], row["clients"]) == key]
         median = lambda field: statistics.median(row[field] for row in same)
         memory = f"{median('server_mb'):.0f}" if same[0]["server_mb"] else "–"
-        print(f"| {key[0]} | {key[1]} | {median('trials_per_s'):.1f} | {median('p50_ms'):.2f} | {median('p99_ms'):.2f} | {memory} |")
+        print(
+            f"| {key[0]} | {key[1]} | {median('trials_per_s'):.1f} | {median('p50_ms'):.2f} | {median('p99_ms'):.2f} "
+            f"| {memory} | {median('server_us'):.0f} | {median('clients_us'):.0f} |"
+        )
     if arguments.out:
         arguments.out.write_text(json.dumps(rows, indent=1))
 
