@@ -111,7 +111,7 @@ def search(url, scene, row, space, objective, iterations, candidates=()):
             more += ["--candidate", file]
         # The rounds that count are measured later, with everybody.
         run = render("tune", "--server", url, "--scene", scene, "--threads", row.threads, "--size", row.size, "--space", space,
-                     "--objective", objective, "--iterations", iterations, "--rounds", 1, *more)
+                     "--objective", objective, "--iterations", iterations, "--worth", "inf", "--rounds", 1, *more)
     return {"tuned": run["found"], "triangles": run["scene"]["triangles"], "trials": len(run["trials"]),
             "infeasible": sum(trial["cost"] is None for trial in run["trials"]),
             "waiting_ms": run["overhead"]["waiting_ms"]["median"], "share_of_frame": run["overhead"]["share_of_frame"]}

@@ -82,7 +82,7 @@ def search(arguments, folder, seed):
             sys.exit(f"loaded_tuning: {BIN / 'treewrightd'} did not start")
         command = [
             BIN / "treewright-render", "tune", "--server", url, "--scene", arguments.scene, "--objective", arguments.objective,
-            "--iterations", str(arguments.iterations), "--threads", str(arguments.threads), "--size", arguments.size,
+            "--iterations", str(arguments.iterations), "--worth", "inf", "--threads", str(arguments.threads), "--size", arguments.size,
             "--rounds", str(arguments.tune_rounds), "--json", results,
         ]
         done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)

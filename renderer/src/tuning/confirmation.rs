@@ -17,9 +17,9 @@ use crate::frame::Renderer;
 /// Rounds of the configurations that anybody would try; the race has more for those that do well in them.
 const ROUNDS: u32 = 2;
 
-/// A confirmation has as many trials as its search, and at least so many: what is left open then is told, and
-/// measured again beside everybody else anyway.
-const TRIALS_LEAST: u32 = 40;
+/// A confirmation has as many trials as its search, and room for so many, five contenders in ten rounds and a
+/// few more: what is left open then is told, and measured again beside everybody else anyway.
+const TRIALS_LEAST: u32 = 60;
 /// Most trials of a confirmation: five contenders in ten rounds, two in the thirty more that a policy allows
 /// by default, and as much again for frames that the service wants for other reasons.
 const TRIALS_MAX: u32 = 220;

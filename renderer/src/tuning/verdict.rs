@@ -148,8 +148,8 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
     all
 }
 
-/// Where a tree serves some frames, what is recommended for many of them is a rival beside what is recommended
-/// for one, where the search begins.
+/// Where a tree serves some frames, what is recommended for many of them is a rival beside what is
+/// recommended for one, where the search begins.
 pub fn for_stills(objective: Objective, space: &TuningSpace, premises: &Premises) -> Option<Rival> {
     let is_asked = matches!(objective, Objective::Auto(_)) && space.preset() == Preset::Full;
     let stills = TuningSpace::new(Preset::Full, &Premises { builds_each_frame: false, ..*premises });

@@ -49,7 +49,7 @@ pub(crate) struct Arguments {
 
     /// Most trials of the search. Trials that repeat a configuration on a structure that is still there are
     /// cheap. A search ends earlier where more of it does not pay: see --worth. The race of the best few that
-    /// follows has at most as many trials again, or 40; the end tells both.
+    /// follows has at most as many trials again, or 60; the end tells both.
     #[arg(long, value_name = "N", default_value_t = 80, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
     pub(super) iterations: u32,
 
@@ -92,9 +92,9 @@ pub(crate) struct Arguments {
     pub(super) epsilon: f32,
 
     /// Stop a trial once it has cost this many times as much as the best so far; its build is always
-    /// finished. Default: the study's policy.
-    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, value_parser = factor)]
-    pub(super) abort_above: Option<f64>,
+    /// finished. With `inf` every trial runs to its end.
+    #[arg(long, value_name = "FACTOR", default_value = "4", conflicts_with = "paper", allow_negative_numbers = true, value_parser = factor)]
+    pub(super) abort_above: f64,
 
     /// How long to wait for an answer of the daemon, in seconds, before the search goes on with what it has.
     /// A daemon that is slow, or is started again, loses no trial.
@@ -148,7 +148,7 @@ impl Arguments {
         SessionPolicy {
             epsilon: Some(f64::from(self.epsilon)),
             trials_per_state: Some(room),
-            abort_above: self.abort_above,
+            abort_above: Some(self.abort_above).filter(|factor| factor.is_finite() && !self.paper),
             ..SessionPolicy::default()
         }
     }
@@ -169,7 +169,7 @@ fn worth(text: &str) -> Result<f64, String> {
 /// How many times the best a trial may cost.
 fn factor(text: &str) -> Result<f64, String> {
     match text.parse() {
-        Ok(factor) if factor > 1.0 && factor <= 1e6 => Ok(factor),
-        _ => Err("it must be a number above 1 and at most 1000000".to_owned()),
+        Ok(factor) if factor > 1.0 && factor <= 1e6 || factor == f64::INFINITY => Ok(factor),
+        _ => Err("it must be a number above 1 and at most 1000000, or inf".to_owned()),
     }
 }
