@@ -167,11 +167,14 @@ impl Holder {
     /// Ends a reservation. What came about counts as used.
     fn settle(&self, what: Usage, came_about: bool) {
         let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
-        assert_eq!(what.bytes, 0, "bytes are not reserved");
+        debug_assert_eq!(what.bytes, 0, "bytes are not reserved");
         let reserved = &mut used.reserved;
-        assert!(reserved.studies >= what.studies && reserved.trials >= what.trials, "{reserved:?}, {what:?}");
-        reserved.studies -= what.studies;
-        reserved.trials -= what.trials;
+        debug_assert!(
+            reserved.studies >= what.studies && reserved.trials >= what.trials,
+            "{reserved:?}, {what:?}"
+        );
+        reserved.studies = reserved.studies.saturating_sub(what.studies);
+        reserved.trials = reserved.trials.saturating_sub(what.trials);
         if came_about {
             used.turn(day(self.clock.now_ms()));
             used.add(what);
