@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use serde::Serialize;
+use treewright_accel::BuildError;
 use treewright_client::{
     ClientError, Configuration, Finished, FrameSet, FrameSetResult, Indicators, Measurements, Mode, OpenEnum,
     Outcome, Rule, Source, Suggestion,
@@ -276,10 +277,7 @@ pub(super) fn run_choice(
     let shares_builds = setting.objective.frames_per_build() >= REUSE_FROM_FRAMES_PER_BUILD;
     let ready = match renderer.make_ready(&choice.build, shares_builds) {
         Ok(ready) => ready,
-        Err(error) if error.is_infeasible() => {
-            return (Outcome::infeasible(error.to_string()), None);
-        }
-        Err(error) => return (Outcome::failed(error.to_string()), None),
+        Err(error) => return (not_built(&error), None),
     };
     // What a frame may take, so that it and its share of the build stay below the cap.
     let built = setting.objective.cost(FrameTimes::of(ready.build_ms, 0.0));
@@ -332,8 +330,7 @@ fn run_noisy(
 ) -> (Outcome, Option<FrameTimes>) {
     let ready = match renderer.make_ready(&choice.build, true) {
         Ok(ready) => ready,
-        Err(error) if error.is_infeasible() => return (Outcome::infeasible(error.to_string()), None),
-        Err(error) => return (Outcome::failed(error.to_string()), None),
+        Err(error) => return (not_built(&error), None),
     };
     let size = [setting.width, setting.height];
     let measured = renderer.study_view(&setting.view, &choice.render, size).and_then(|learning_ms| {
@@ -376,8 +373,15 @@ fn run_episode(
         // What is over is a lower bound of what the whole would have taken.
         Ok(episode) if episode.is_stopped => (Outcome::aborted(episode.total_ms() / frames), None),
         Ok(episode) => (Outcome::Ok, Some(episode.mean())),
-        Err(error) if error.is_infeasible() => (Outcome::infeasible(error.to_string()), None),
-        Err(error) => (Outcome::failed(error.to_string()), None),
+        Err(error) => (not_built(&error), None),
+    }
+}
+
+/// A build that fails is an outcome like any other.
+fn not_built(error: &BuildError) -> Outcome {
+    match error.is_infeasible() {
+        true => Outcome::infeasible(error.to_string()),
+        false => Outcome::failed(error.to_string()),
     }
 }
 
