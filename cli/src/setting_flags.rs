@@ -30,9 +30,7 @@ fn flag(field: &'static PolicyField) -> Arg {
     } else {
         PossibleValuesParser::new(words.into_iter().map(|word| word.replace('_', "-"))).into()
     };
-    // The first paragraph, without a full stop as in all help here.
-    let about: Vec<&str> = field.about.lines().map(str::trim).take_while(|line| !line.is_empty()).collect();
-    let help = format!("{}; unset: {}", about.join(" ").trim_end_matches('.'), field.unset);
+    let help = format!("{}; unset: {}", field.summary(), field.unset);
     Arg::new(field.name)
         .long(field.name.replace('_', "-"))
         .value_name(field.placeholder)

@@ -102,7 +102,6 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
         ),
         ("/studies/toy/trials", &["INFEASIBLE", "level=", "the default"]),
         ("/studies/toy/trials?filter=cost%20%3C%205&order=cost", &[">3<", ">4<"]),
-        ("/studies/toy/trials?filter=rubbish", &["character 1", "role=\"alert\""]),
         (
             "/studies/toy/trials/1",
             &["The baseline comes first", "<dt>Rule</dt>", "Measurements", "&#60;b&#62;"],
@@ -121,13 +120,16 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
         for header in [
             "content-security-policy: default-src 'none'",
             "x-content-type-options: nosniff",
-            "referrer-policy: no-referrer",
+            "referrer-policy: same-origin",
         ] {
             assert!(answer.head.contains(header), "{path} lacks {header}: {}", answer.head);
         }
         // Nothing that the policy would have the browser refuse.
         assert!(!answer.body.contains(" style=\"") && !answer.body.contains("onclick"), "{path}");
     }
+    let wrong = get(&address, "/studies/toy/trials?filter=rubbish", "");
+    assert_eq!(wrong.status, 400);
+    assert!(wrong.body.contains("character 1") && wrong.body.contains("role=\"alert\""), "{}", wrong.body);
     let few = get(&address, "/studies/toy/trials?filter=cost%20%3C%205", "").body;
     assert_eq!(few.matches("<tr><th scope=\"row\">").count(), 2, "{few}");
     assert_eq!(get(&address, "/studies/atlantis", "").status, 404);
@@ -243,4 +245,69 @@ fn who_shows_no_token_sees_nothing() {
     assert_eq!((seen(&narrow, "/"), seen(&narrow, "/studies/toy")), (200, 403));
     let bearer = get(&address, "/", &format!("Authorization: Bearer {good}\r\n"));
     assert_eq!(bearer.status, 200);
+}
+
+#[test]
+fn a_token_that_may_change_a_study_steers_it_from_its_pages() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let database = folder.path().join("tuning.db");
+    let (daemon, address) = start(folder.path(), &["--tokens"]);
+    let database = database.to_str().expect("text");
+    let reads = token(database, &["--scope", "read"]);
+    let admin = token(database, &["--scope", "admin"]);
+    let shell = |given: &[&str]| {
+        let mut all = vec!["--server", daemon.url(), "--token", &admin];
+        all.extend(given);
+        let output = run("treewright", &all);
+        assert!(output.status.success(), "{}", stderr(&output));
+        stdout(&output)
+    };
+    // The daemon follows the database, where the tokens were just made.
+    let patience = std::time::Instant::now() + Duration::from_secs(30);
+    let looks = || get(&address, "/", &format!("Cookie: treewright_token={admin}\r\n")).status;
+    while looks() != 200 && std::time::Instant::now() < patience {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let file = folder.path().join("toy.toml");
+    let study = "[[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
+                 [[objective]]\nmetric = \"loss\"\n";
+    std::fs::write(&file, study).expect("a file");
+    shell(&["study", "create", file.to_str().expect("text")]);
+    shell(&["--json", "suggest", "toy"]);
+    shell(&["report", "studies/toy/trials/1", "loss=10"]);
+    let send = |token: &str, path: &str, form: &str, origin: &str| {
+        let length = form.len();
+        let head = format!("POST {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n");
+        let who = format!("Cookie: treewright_token={token}\r\nOrigin: {origin}\r\nContent-Length: {length}");
+        ask(&address, &format!("{head}{who}\r\n\r\n{form}"))
+    };
+    let own = format!("http://{address}");
+    let page =
+        |token: &str, path: &str| get(&address, path, &format!("Cookie: treewright_token={token}\r\n")).body;
+    let policy = "/studies/toy/policy";
+    assert!(page(&admin, policy).contains("Freeze: ") && !page(&reads, policy).contains("Freeze: "));
+    // Neither a token that only reads, nor a page of another site, nor a mistake changes anything.
+    let freeze = "field=operation&value=freeze";
+    assert_eq!(send(&reads, policy, freeze, &own).status, 403);
+    assert_eq!(send(&admin, policy, freeze, "http://evil.example").status, 403);
+    assert_eq!(send(&admin, policy, freeze, "null").status, 403);
+    assert_eq!(send("tw1_wrong", policy, freeze, &own).status, 303);
+    assert_eq!(send(&admin, policy, "field=epsilon&value=2", &own).status, 400);
+    assert_eq!(send(&admin, policy, "field=colour&value=", &own).status, 400);
+    assert_eq!(send(&admin, "/studies/toy/trials/99/pin", "", &own).status, 404);
+    assert_eq!(send(&admin, "/studies/toy", "", &own).status, 405);
+    let shown = || shell(&["--json", "policy", "toy"]);
+    assert!(!shown().contains("freeze"), "{}", shown());
+    let frozen = send(&admin, policy, freeze, &own);
+    assert!(frozen.status == 303 && frozen.head.contains("location: /studies/toy/policy"), "{}", frozen.head);
+    assert!(shown().contains("freeze") && page(&admin, policy).contains("Thaw: "), "{}", shown());
+    assert_eq!(send(&admin, policy, "field=operation&value=", &own).status, 303);
+    assert_eq!(send(&admin, policy, "field=epsilon&value=0.5", &own).status, 303);
+    assert_eq!(send(&admin, "/studies/toy/trials/1/pin", "", &own).status, 303);
+    assert!(!shown().contains("freeze") && shown().contains("0.5"), "{}", shown());
+    assert!(
+        page(&admin, policy).contains("Unpin: ") && page(&admin, "/?order=Trials").contains("descending")
+    );
+    assert_eq!(send(&admin, policy, "field=pinned&value=", &own).status, 303);
+    assert!(!page(&admin, policy).contains("Unpin: "));
 }

@@ -55,6 +55,16 @@ pub struct PolicyField {
     pub words: fn() -> Vec<&'static str>,
 }
 
+impl PolicyField {
+    /// The first paragraph of its meaning on one line, without the full stop.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let lines: Vec<&str> =
+            self.about.lines().map(str::trim).take_while(|line| !line.is_empty()).collect();
+        lines.join(" ").trim_end_matches('.').to_owned()
+    }
+}
+
 /// The form in which a field is set.
 pub trait SettingValue: Sized + Clone {
     /// As a program gives it.

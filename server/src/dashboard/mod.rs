@@ -2,15 +2,16 @@
 //!
 //! Pages are made on the server and work without scripts; a small one fetches a page again when an event of
 //! the server says that its study has changed. Everything comes from this port, and the content security
-//! policy allows nothing else. It only reads: pages ask through the handlers of the RPCs, with the caller of
-//! the token that the browser shows, and the database answers readers beside the writer. The data behind a
-//! page has limits, so that a study of many trials opens as fast as one of few.
+//! policy allows nothing else. Pages ask through the handlers of the RPCs, with the caller of the token that
+//! the browser shows, and the database answers readers beside the writer. Only forms of [`steering`] change
+//! anything. The data behind a page has limits, so that a study of many trials opens as fast as one of few.
 
 mod benefit;
 mod charts;
 mod pages;
 mod query;
 mod stats;
+mod steering;
 
 use std::convert::Infallible;
 use std::net::{IpAddr, SocketAddr};
@@ -83,6 +84,7 @@ impl Dashboard {
             (&Method::GET | &Method::HEAD, "/login") => page(StatusCode::OK, pages::login(None)),
             (&Method::POST, "/login") => self.log_in(body, slot).await,
             (&Method::POST, "/logout") => redirect("/login", Some(cookie("", true))),
+            (&Method::POST, _) => self.steer(path, &parts.headers, body, slot).await,
             (&Method::GET | &Method::HEAD, _) => {
                 let query = Query::read(parts.uri.query().unwrap_or_default());
                 self.look(path, &query, &parts.headers, slot).await
@@ -100,13 +102,10 @@ impl Dashboard {
     }
 
     async fn log_in(&self, body: Incoming, slot: &ConnectionSlot) -> Response<Body> {
-        let form = Limited::new(body, limits::DASHBOARD_FORM_BYTES).collect();
-        let body = match tokio::time::timeout(limits::WATCH, form).await {
-            Ok(Ok(body)) => body,
-            Ok(Err(_)) => return text(StatusCode::PAYLOAD_TOO_LARGE, "too much\n".to_owned()),
-            Err(_) => return text(StatusCode::REQUEST_TIMEOUT, "too slow\n".to_owned()),
+        let form = match read_form(body).await {
+            Ok(form) => form,
+            Err(refused) => return refused,
         };
-        let form = Query::read(&String::from_utf8_lossy(&body.to_bytes()));
         let token = form.text("token");
         match self.authorize(Authorization::Bearer(token.trim())).await {
             Ok(_) => {
@@ -155,7 +154,7 @@ impl Dashboard {
         let visitor = Visitor { tuning: &self.tuning, caller: &caller, frame };
         let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
         let made = match *parts.as_slice() {
-            [] => pages::studies(&visitor).await,
+            [] => pages::studies(&visitor, query).await,
             ["compare"] => pages::compare(&visitor, query).await,
             ["events"] => return self.events(caller, None),
             ["studies", id] => pages::study(&visitor, id, query).await,
@@ -163,7 +162,10 @@ impl Dashboard {
             ["studies", id, "map"] => pages::map(&visitor, id, query).await,
             ["studies", id, "parameters"] => pages::parameters(&visitor, id, query).await,
             ["studies", id, "policy"] => pages::policy(&visitor, id).await,
-            ["studies", id, "trials"] => pages::trials(&visitor, id, query).await,
+            ["studies", id, "trials"] => match pages::trials(&visitor, id, query).await {
+                Ok((html, false)) => return page(StatusCode::BAD_REQUEST, Ok(html)),
+                answer => answer.map(|(html, _)| html),
+            },
             ["studies", id, "trials", number] => pages::trial(&visitor, id, number).await,
             _ => {
                 return page(
@@ -174,6 +176,45 @@ impl Dashboard {
         };
         match made {
             Ok(html) => page(StatusCode::OK, Ok(html)),
+            Err(error) => failure(frame, &error),
+        }
+    }
+
+    /// Changes a study, and leads back to a page that shows it.
+    async fn steer(
+        &self,
+        path: &str,
+        headers: &HeaderMap,
+        body: Incoming,
+        slot: &ConnectionSlot,
+    ) -> Response<Body> {
+        let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
+        let (id, pinned) = match *parts.as_slice() {
+            ["studies", id, "policy"] => (id, None),
+            ["studies", id, "trials", number, "pin"] => (id, Some(number)),
+            _ => return text(StatusCode::METHOD_NOT_ALLOWED, "only GET\n".to_owned()),
+        };
+        let frame = PageFrame { has_token: self.access.is_some() };
+        let caller = match self.enter(path, headers).await {
+            Ok(caller) => caller,
+            Err(Error::Unauthenticated(_)) => return redirect("/login", None),
+            Err(error) => return failure(frame, &error),
+        };
+        slot.settle();
+        if !steering::is_own_form(headers) {
+            return failure(frame, &Error::Denied("the form does not come from a page of this dashboard"));
+        }
+        let form = match read_form(body).await {
+            Ok(form) => form,
+            Err(refused) => return refused,
+        };
+        let visitor = Visitor { tuning: &self.tuning, caller: &caller, frame };
+        let changed = match pinned {
+            Some(number) => steering::pin(&visitor, id, number).await,
+            None => steering::set_field(&visitor, id, &form).await,
+        };
+        match changed {
+            Ok(()) => redirect(&format!("/studies/{id}/policy"), None),
             Err(error) => failure(frame, &error),
         }
     }
@@ -223,6 +264,16 @@ impl Dashboard {
     }
 }
 
+/// Reads what a browser sends with a form.
+async fn read_form(body: Incoming) -> Result<Query, Response<Body>> {
+    let form = Limited::new(body, limits::DASHBOARD_FORM_BYTES).collect();
+    match tokio::time::timeout(limits::WATCH, form).await {
+        Ok(Ok(body)) => Ok(Query::read(&String::from_utf8_lossy(&body.to_bytes()))),
+        Ok(Err(_)) => Err(text(StatusCode::PAYLOAD_TOO_LARGE, "too much\n".to_owned())),
+        Err(_) => Err(text(StatusCode::REQUEST_TIMEOUT, "too slow\n".to_owned())),
+    }
+}
+
 /// Whether a request names the machine by its address, or as localhost.
 fn names_this_machine(headers: &HeaderMap) -> bool {
     let Some(host) = headers.get(header::HOST).and_then(|host| host.to_str().ok()) else { return false };
@@ -256,7 +307,8 @@ fn guarded(mut response: Response<Body>) -> Response<Body> {
     for (name, value) in [
         (header::CONTENT_SECURITY_POLICY, POLICY),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::REFERRER_POLICY, "no-referrer"),
+        // Other sites learn nothing, and forms of these pages say where they come from.
+        (header::REFERRER_POLICY, "same-origin"),
         (header::X_FRAME_OPTIONS, "DENY"),
     ] {
         headers.insert(name, HeaderValue::from_static(value));
@@ -289,9 +341,11 @@ fn page(status: StatusCode, html: Result<String, Error>) -> Response<Body> {
     }
 }
 
-fn redirect(to: &'static str, cookie: Option<String>) -> Response<Body> {
+fn redirect(to: &str, cookie: Option<String>) -> Response<Body> {
     let mut response = text(StatusCode::SEE_OTHER, String::new());
-    response.headers_mut().insert(header::LOCATION, HeaderValue::from_static(to));
+    // Ids of studies are letters, digits and hyphens, so this is never refused.
+    let to = HeaderValue::try_from(to).unwrap_or(HeaderValue::from_static("/"));
+    response.headers_mut().insert(header::LOCATION, to);
     // A token that is no header value was refused before.
     if let Some(cookie) = cookie.and_then(|cookie| HeaderValue::try_from(cookie).ok()) {
         response.headers_mut().insert(header::SET_COOKIE, cookie);

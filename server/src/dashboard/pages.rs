@@ -14,8 +14,8 @@ use std::collections::BTreeMap;
 use askama::Template;
 use treewright_proto::v1;
 
-use super::Visitor;
 use super::charts::figure;
+use super::{Query, Visitor};
 use crate::error::Error;
 use crate::rpc;
 
@@ -70,6 +70,8 @@ struct TrialRow {
 #[template(path = "studies.html")]
 struct Studies {
     frame: PageFrame,
+    /// The columns, and whether the rows are ordered by each.
+    columns: Vec<(&'static str, bool)>,
     studies: Vec<StudyRow>,
     is_cut: bool,
 }
@@ -112,24 +114,47 @@ pub(super) fn problem(frame: PageFrame, title: &str, problem: &str) -> Result<St
     render(&Problem { frame, title, problem })
 }
 
+/// Columns of the list of studies by which it can be ordered; all but the first with the largest first.
+const COLUMNS: [&str; 6] = ["Study", "States", "Trials", "Completed", "Open", "Created"];
+
 /// All studies that the visitor may see.
-pub(super) async fn studies(visitor: &Visitor<'_>) -> Result<String, Error> {
+pub(super) async fn studies(visitor: &Visitor<'_>, query: &Query) -> Result<String, Error> {
     let request = v1::ListStudiesRequest { page_size: STUDIES, page_token: String::new() };
     let answer = rpc::studies::list(visitor.tuning, visitor.caller, request).await?;
-    let studies = answer.studies.into_iter().map(|study| {
-        let counts = study.statistics.unwrap_or_default();
-        StudyRow {
-            id: id(&study.name).to_owned(),
-            what: study.display_name,
-            states: counts.states,
-            trials: counts.trials,
-            completed: counts.completed_trials,
-            open: counts.open_trials,
-            created: time(study.create_time),
-        }
-    });
+    let mut found: Vec<StudyRow> = answer
+        .studies
+        .into_iter()
+        .map(|study| {
+            let counts = study.statistics.unwrap_or_default();
+            StudyRow {
+                id: id(&study.name).to_owned(),
+                what: study.display_name,
+                states: counts.states,
+                trials: counts.trials,
+                completed: counts.completed_trials,
+                open: counts.open_trials,
+                created: time(study.create_time),
+            }
+        })
+        .collect();
+    let order = query.text("order");
+    let count: Option<fn(&StudyRow) -> i64> = match order.as_str() {
+        "States" => Some(|row| row.states),
+        "Trials" => Some(|row| row.trials),
+        "Completed" => Some(|row| row.completed),
+        "Open" => Some(|row| row.open),
+        _ => None,
+    };
+    match count {
+        Some(count) => found.sort_by_key(|row| std::cmp::Reverse(count(row))),
+        // Times are written so that their text sorts.
+        None if order == "Created" => found.sort_by(|a, b| b.created.cmp(&a.created)),
+        None => {}
+    }
     let is_cut = !answer.next_page_token.is_empty();
-    render(&Studies { frame: visitor.frame, studies: studies.collect(), is_cut })
+    let by = COLUMNS.into_iter().find(|column| *column == order).unwrap_or(COLUMNS[0]);
+    let columns = COLUMNS.into_iter().map(|column| (column, column == by)).collect();
+    render(&Studies { frame: visitor.frame, columns, studies: found, is_cut })
 }
 
 /// The name without `studies/`.

@@ -116,7 +116,7 @@ async fn visible(
     }
 }
 
-pub(super) async fn update(
+pub(crate) async fn update(
     tuning: &Tuning,
     caller: &Caller,
     request: wire::UpdateStudyRequest,

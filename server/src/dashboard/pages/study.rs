@@ -1,11 +1,13 @@
 //! The overview of a study and its policy.
 
 use askama::Template;
+use treewright_core::policy::Operation;
 use treewright_core::space::Condition;
 use treewright_proto::v1;
 
 use super::super::benefit::{self, Fixed};
 use super::super::charts::{self, CurvePoint, Level, Span, figure};
+use super::super::steering::may_steer;
 use super::super::{Query, Visitor};
 use super::standing::{StateStands, benefits, read_state, roofline};
 use super::{
@@ -65,7 +67,12 @@ struct StateRow {
 struct PolicyPage {
     frame: PageFrame,
     head: Head,
-    policy: Vec<(String, String)>,
+    /// Whether the visitor may change it.
+    may_steer: bool,
+    is_frozen: bool,
+    is_pinned: bool,
+    /// Each field with its value and its meaning.
+    policy: Vec<(&'static str, String, String)>,
     parameters: Vec<(String, String, String, String)>,
     objective: String,
     limits: Vec<String>,
@@ -225,7 +232,7 @@ pub(in super::super) async fn policy(visitor: &Visitor<'_>, id: &str) -> Result<
     let settings = treewright_core::policy::PolicySettings::from(spec.policy.clone());
     let field = |field: &treewright_core::policy::PolicyField| {
         let said = settings.show(field.name).unwrap_or_else(|| field.unset.to_owned());
-        (field.name.to_owned(), said)
+        (field.name, said, field.summary())
     };
     let policy = treewright_core::policy::PolicySettings::FIELDS.iter().map(field).collect();
     let parameters = spec.space.parameters().iter().map(|parameter| {
@@ -243,6 +250,9 @@ pub(in super::super) async fn policy(visitor: &Visitor<'_>, id: &str) -> Result<
         .collect();
     let page = PolicyPage {
         frame: visitor.frame,
+        may_steer: may_steer(visitor.caller),
+        is_frozen: spec.policy.operation == Operation::Freeze,
+        is_pinned: spec.policy.pinned.is_some(),
         head,
         policy,
         parameters: parameters.collect(),

@@ -5,6 +5,7 @@ use treewright_proto::v1;
 
 use super::super::Visitor;
 use super::super::charts::figure;
+use super::super::steering::may_steer;
 use super::{Head, PageFrame, TrialRow, head, machine, render, row, time, value, word};
 use crate::error::Error;
 use crate::rpc;
@@ -16,6 +17,8 @@ type Pairs = Vec<(String, String)>;
 struct Page {
     frame: PageFrame,
     head: Head,
+    /// Whether the visitor may pin its configuration.
+    may_pin: bool,
     row: TrialRow,
     facts: Pairs,
     summary: String,
@@ -56,6 +59,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
     };
     let page = Page {
         frame: visitor.frame,
+        may_pin: may_steer(visitor.caller) && row.outcome == "OK",
         facts: facts.into_iter().flatten().collect(),
         summary: reason.summary.clone(),
         reasons: reasons(&reason),

@@ -24,11 +24,12 @@ struct Page {
     next: Option<String>,
 }
 
+/// The page, and whether its filter and order could be read.
 pub(in super::super) async fn trials(
     visitor: &Visitor<'_>,
     id: &str,
     query: &Query,
-) -> Result<String, Error> {
+) -> Result<(String, bool), Error> {
     let (head, _) = head(visitor, id, "trials").await?;
     let (filter, order) = (query.text("filter"), query.text("order"));
     let request = v1::QueryTrialsRequest {
@@ -47,5 +48,6 @@ pub(in super::super) async fn trials(
     let next = (!page.next_page_token.is_empty())
         .then(|| Query::written(&[("filter", &filter), ("order", &order), ("page", &page.next_page_token)]));
     let rows = page.trials.iter().map(|trial| row(trial, &head.defaults)).collect();
-    render(&Page { frame: visitor.frame, head, filter, order, problem, rows, next })
+    let is_read = problem.is_none();
+    Ok((render(&Page { frame: visitor.frame, head, filter, order, problem, rows, next })?, is_read))
 }
