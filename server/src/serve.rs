@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::net::TcpListener;
+use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
 use tonic::codec::CompressionEncoding;
 use tonic::transport::Server;
@@ -39,6 +40,9 @@ pub enum ServeError {
     /// The server could not be put together, or the listener failed.
     #[error("the server failed: {0}")]
     Server(String),
+    /// A task that writes, sweeps or saves met a defect.
+    #[error("a task of the daemon met a defect, which the log tells; start it again and report this")]
+    Task,
 }
 
 /// How to serve. Made of a [`Duration`] alone it is an open, plain server, which is what most tests want.
@@ -179,13 +183,24 @@ pub async fn run(
         let dashboard = Dashboard { tuning: Arc::clone(&tuning), access: access.clone(), refusals };
         tokio::spawn(connections::pages::serve(listener, dashboard, pages))
     });
-    let sweeper = tokio::spawn(sweep(Arc::clone(&tuning)));
-    let checkpointer = tokio::spawn(save_checkpoints(Arc::clone(&tuning)));
-    let thinner = keep_trials.map(|keep| tokio::spawn(thin_trials(Arc::clone(&tuning), keep)));
-    let follower = access.clone().map(|access| tokio::spawn(async move { access.follow().await }));
+    // None of them ends by itself: one that does has met a defect, and the daemon ends with it.
+    let mut steady = JoinSet::new();
+    steady.spawn(sweep(Arc::clone(&tuning), Arc::clone(&store)));
+    steady.spawn(save_checkpoints(Arc::clone(&tuning)));
+    if let Some(keep) = keep_trials {
+        steady.spawn(thin_trials(Arc::clone(&tuning), keep));
+    }
+    if let Some(access) = access.clone() {
+        steady.spawn(async move { access.follow().await });
+    }
+    let mut has_failed = false;
     let served = tokio::select! {
         served = &mut server => Some(served),
         () = shutdown => None,
+        Some(_) = steady.join_next() => {
+            has_failed = true;
+            None
+        }
     };
     let served = match served {
         Some(served) => served,
@@ -230,16 +245,15 @@ pub async fn run(
     for task in [watching, showing].into_iter().flatten() {
         task.abort();
     }
-    sweeper.abort();
-    checkpointer.abort();
-    if let Some(thinner) = thinner {
-        thinner.abort();
-    }
-    if let (Some(access), Some(follower)) = (access, follower) {
-        follower.abort();
+    steady.shutdown().await;
+    if let Some(access) = access {
         access.close().await;
     }
     store.close().await;
+    if has_failed {
+        tracing::error!("stopped, since a task that never ends has ended; what was acknowledged is stored");
+        return Err(ServeError::Task);
+    }
     tracing::info!("stopped");
     served.map_err(|error| ServeError::Server(error.to_string()))
 }
@@ -250,12 +264,16 @@ async fn set_health(health: &HealthReporter, status: ServingStatus) {
     }
 }
 
-/// Ends leases that have run out, also in studies that nobody asks about.
-async fn sweep(tuning: Arc<Tuning>) {
+/// Ends leases that have run out, also in studies that nobody asks about. Ends where the store can write no
+/// more.
+async fn sweep(tuning: Arc<Tuning>, store: Arc<dyn Store>) {
     let mut ticks = interval(limits::SWEEP_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         ticks.tick().await;
+        if store.has_failed() {
+            return;
+        }
         if let Err(error) = tuning.sweep_leases().await {
             tracing::warn!(%error, "leases could not be swept; trying again");
         }

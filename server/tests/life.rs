@@ -4,6 +4,7 @@ mod common;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use async_trait::async_trait;
 use common::{Client, START_MS, Server, create, done, report, suggest};
@@ -21,6 +22,8 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::{Change, Checkpoint};
 use treewright_proto::v1 as wire;
+use treewright_server::clock::ManualClock;
+use treewright_server::serve;
 use treewright_store::{
     ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage,
     TrialQuery,
@@ -98,6 +101,8 @@ async fn an_open_trial_survives_a_restart() {
 struct Flaky {
     inner: MemoryStore,
     broken: AtomicBool,
+    /// Its writer met a defect.
+    failed: bool,
 }
 
 #[async_trait]
@@ -167,14 +172,28 @@ impl Store for Flaky {
     async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
         self.inner.studies_with_due_leases(now_ms).await
     }
+    fn has_failed(&self) -> bool {
+        self.failed
+    }
     async fn close(&self) {
         self.inner.close().await;
     }
 }
 
 #[tokio::test]
+async fn a_daemon_whose_writer_has_met_a_defect_ends_with_an_error() {
+    let store = Flaky { inner: MemoryStore::new(), broken: AtomicBool::new(true), failed: true };
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let clock = Arc::new(ManualClock::at(START_MS));
+    let (drain, never) = (Duration::from_millis(100), std::future::pending());
+    let served = serve::run(listener, Arc::new(store) as _, clock as _, drain, never);
+    let served = tokio::time::timeout(Duration::from_secs(30), served).await.expect("it ends by itself");
+    assert!(matches!(served, Err(serve::ServeError::Task)), "{served:?}");
+}
+
+#[tokio::test]
 async fn nothing_is_acknowledged_that_could_not_be_stored() {
-    let store = Arc::new(Flaky { inner: MemoryStore::new(), broken: AtomicBool::new(false) });
+    let store = Arc::new(Flaky { inner: MemoryStore::new(), broken: AtomicBool::new(false), failed: false });
     let server = Server::with(Arc::clone(&store) as _, START_MS).await;
     let mut client = server.client().await;
     create(&mut client, "hall").await;

@@ -201,6 +201,12 @@ pub trait Store: Send + Sync + 'static {
     /// The ids of the studies that hold an open trial whose lease ended before `now_ms`.
     async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError>;
 
+    /// Whether a task that writes met a defect, so that nothing can be written until the process is started
+    /// again.
+    fn has_failed(&self) -> bool {
+        false
+    }
+
     /// Finishes what is queued and closes. Later calls answer [`StoreError::Closed`].
     async fn close(&self);
 }

@@ -82,10 +82,16 @@ impl PartialFile {
     }
 
     /// Gives it its name, durably, in the place of what has that name now.
-    pub(super) fn keep_as(mut self, path: &Path) -> Result<(), MaintenanceError> {
+    pub(super) fn keep_as(self, path: &Path) -> Result<(), MaintenanceError> {
+        self.rename(path)?;
+        sync_folder(path)
+    }
+
+    /// Gives it its name, in place of what has that name.
+    pub(super) fn rename(mut self, path: &Path) -> Result<(), MaintenanceError> {
         fs::rename(&self.path, path).map_err(MaintenanceError::system(path, "put in place"))?;
         self.is_kept = true;
-        sync_folder(path)
+        Ok(())
     }
 
     /// Gives it its name, durably, unless something has that name.

@@ -51,7 +51,12 @@ pub async fn restore(from: &Path, database: &Path) -> Result<Restored, Maintenan
     draft.sync()?;
     let inventory = check_closed(draft.path()).await.map_err(|error| about(from, draft.path(), error))?;
     let aside = if database.exists() { Some(put_aside(database)?) } else { None };
-    draft.keep_as(database)?;
+    let placed = draft.rename(database);
+    if let (Err(_), Some(aside)) = (&placed, &aside) {
+        put_back(database, aside);
+    }
+    placed?;
+    files::sync_folder(database)?;
     drop(lock);
     Ok(Restored { inventory, aside })
 }
@@ -76,6 +81,15 @@ fn put_aside(database: &Path) -> Result<PathBuf, MaintenanceError> {
         }
     }
     done.map(|()| aside)
+}
+
+/// Undoes [`put_aside`], where nothing took the database's place: its log is put back first, and only then the
+/// other name goes.
+fn put_back(database: &Path, aside: &Path) {
+    match fs::rename(files::beside(aside, "-wal"), files::beside(database, "-wal")) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {}
+        _ => drop(fs::remove_file(aside)),
+    }
 }
 
 /// The same; the names that it has `made` are told.
@@ -110,6 +124,32 @@ fn about(from: &Path, draft: &Path, error: MaintenanceError) -> MaintenanceError
         other => {
             let text = other.to_string();
             problem(text.replace(&draft.display().to_string(), &from.display().to_string()))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_put_aside_in_vain_is_put_back_with_its_log() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let database = folder.path().join("tuning.db");
+        let log = files::beside(&database, "-wal");
+        for has_log in [true, false] {
+            fs::write(&database, "all").expect("a file");
+            if has_log {
+                fs::write(&log, "the latest").expect("a log");
+            }
+            let aside = put_aside(&database).expect("it is put aside");
+            assert!(aside.exists() && !log.exists());
+            put_back(&database, &aside);
+            assert_eq!(fs::read_to_string(&database).expect("the database"), "all");
+            assert_eq!(fs::read_to_string(&log).ok().as_deref(), has_log.then_some("the latest"));
+            let names = fs::read_dir(folder.path()).expect("a folder").count();
+            assert_eq!(names, if has_log { 2 } else { 1 }, "no other name is left");
+            let _ = fs::remove_file(&log);
         }
     }
 }

@@ -298,6 +298,11 @@ impl Store for PostgresStore {
         studies::with_due_leases(&mut *self.reader().await?, self.shared.me(), now_ms).await
     }
 
+    fn has_failed(&self) -> bool {
+        let open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        open.as_ref().is_some_and(|open| open.writers.iter().any(JoinHandle::is_finished))
+    }
+
     async fn close(&self) {
         let taken = self.open.lock().unwrap_or_else(PoisonError::into_inner).take();
         let Some(OpenPostgres { queues, writers, leave, session, listener }) = taken else {

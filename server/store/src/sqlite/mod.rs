@@ -270,6 +270,11 @@ impl Store for SqliteStore {
         read::studies_with_due_leases(&self.readers, now_ms).await
     }
 
+    fn has_failed(&self) -> bool {
+        let open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        open.as_ref().is_some_and(|open| open.writer.is_finished())
+    }
+
     async fn close(&self) {
         let closing = Arc::clone(&self.closing).lock_owned().await;
         let taken = self.open.lock().unwrap_or_else(PoisonError::into_inner).take();
