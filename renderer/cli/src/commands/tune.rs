@@ -73,7 +73,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let mut workload = arguments.frame.workload(&scene, arguments.size);
     workload.motion =
         arguments.episode.prepare(arguments.objective, &arguments.scene, &recommended, &mut renderer)?;
-    workload.frames_per_build = arguments.reuse.told(arguments.objective);
+    workload.frames_per_build = arguments.objective.frames_asked();
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
     let study = open_study(&client, &id, &space, &state, arguments)?;
     println!(
@@ -342,8 +342,7 @@ fn search(
                 let tried = u32::try_from(insight.tried).unwrap_or(u32::MAX);
                 let progress = Progress { trials, trials_max: iterations, tried, spent };
                 // A state whose search the service takes for finished has no outlook.
-                let gain = insight.expected_gain.filter(|gain| *gain > 0.0);
-                ending = gain.and_then(|gain| Ending::of(progress, gain, arguments.worth()));
+                ending = insight.expected_gain.and_then(|gain| Ending::of(progress, gain, arguments.worth()));
             }
         }
         let best = best.map(|best| format!("best {best:.1} ms"));

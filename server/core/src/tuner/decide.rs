@@ -163,7 +163,8 @@ impl Tuner {
         };
         let epsilon = session.epsilon.unwrap_or(policy.epsilon);
         if policy.weigh_gain && epsilon > 0.0 {
-            let Prospect { gain, frames, exploring_cost, trials } = self.gain().prospect(client_id, state);
+            let Prospect { gain, frames, exploring_cost, trials } =
+                self.gain().prospect(client_id, state, self.room_of(session));
             estimate.expected_gain = Some(gain);
             estimate.expected_frames = Some(frames);
             estimate.exploring_cost = Some(exploring_cost);
@@ -198,7 +199,7 @@ impl Tuner {
             return false;
         }
         match policy.weigh_gain && session.epsilon.unwrap_or(policy.epsilon) > 0.0 {
-            true => self.gain().prospect(&ask.client_id, state).trials > 0,
+            true => self.gain().prospect(&ask.client_id, state, self.room_of(session)).trials > 0,
             false => self.draws(ask, number, Some(state)),
         }
     }

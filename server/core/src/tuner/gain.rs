@@ -38,9 +38,9 @@ impl GainEvidence<'_> {
         epsilon
     }
 
-    /// The expected gain from going on with the search of a state, over this client's frames and all others:
-    /// the next few trials first, see [`exploration_value`](crate::statistics::exploration_value).
-    pub(super) fn prospect(&self, client_id: &str, state: StateId) -> Prospect {
+    /// The expected gain from going on with the search of a state for `room` trials in all, over this client's
+    /// frames and all others: the next few trials first, see [`exploration_value`](crate::statistics::exploration_value).
+    pub(super) fn prospect(&self, client_id: &str, state: StateId, room: usize) -> Prospect {
         let results = self.states.results(state);
         // Configurations of clients' own choice were tried too, and do not count. Those taken back when the
         // machine's speed jumped are no longer tried, but stay searched.
@@ -52,7 +52,7 @@ impl GainEvidence<'_> {
         let progress = SearchProgress {
             gained: self.history.gained(state),
             tried: results.tried(),
-            budget: (self.policy.trials_per_state as usize + beside).saturating_sub(repeated),
+            budget: room.saturating_add(beside).saturating_sub(repeated),
             frames,
             excess: self.history.excess(),
         };

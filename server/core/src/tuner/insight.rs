@@ -5,8 +5,8 @@ pub use crate::trial::OmissionReason;
 use crate::ids::StateId;
 use crate::predict::state_index::OmittedIndicator;
 use crate::standing::Standing;
-use crate::tuner::Tuner;
 use crate::tuner::plan::Planned;
+use crate::tuner::{Exploration, Tuner};
 
 /// The policy's knowledge of a state.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -67,12 +67,15 @@ pub struct Omission {
 impl Tuner {
     /// The insight into a state.
     pub(super) fn insight(&self, state: StateId, planned: &Planned) -> Insight {
-        let (results, gain) = (self.states.results(state), self.gain());
-        let prospect = gain.prospect("", state);
-        let taken = self.searches.taken(state, results, &self.spec.policy);
-        let left = (self.spec.policy.trials_per_state as usize).saturating_sub(taken);
+        let results = self.states.results(state);
+        // A session may want a longer search than the study's operator.
+        let wanted = self.searches.of(state).map_or(0, Exploration::room);
+        let room = wanted.max(self.spec.policy.trials_per_state as usize);
+        let is_finished = self.is_spent_within(room, state);
+        let prospect = self.gain().prospect("", state, room);
+        let left = room.saturating_sub(self.searches.taken(state, results, &self.spec.policy));
         let mut omissions = Vec::new();
-        if self.spec.policy.weigh_gain && !self.is_finished(state) && prospect.trials == 0 {
+        if self.spec.policy.weigh_gain && !is_finished && prospect.trials == 0 {
             let summary = format!(
                 "a gain of {:.1} % over {:.0} frames does not pay for exploring worth {:.1} frames",
                 100.0 * prospect.gain,
@@ -92,7 +95,7 @@ impl Tuner {
             noise: results.noise(),
             outliers: results.outliers(),
             drifts: results.drifts(),
-            prospect: (!self.is_finished(state)).then_some(prospect),
+            prospect: (!is_finished).then_some(prospect),
             omissions,
             standing: self.standing(state, planned),
         }

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::policy::PolicySettings;
 use crate::randomness::standard_normal;
+use crate::session::SessionPolicy;
 
 /// Frames of one client in a state: how many of them explored.
 fn explored(
@@ -44,6 +45,23 @@ fn where_nothing_can_be_gained_exploring_ends_after_few_frames() {
     // Of 300 frames each; octaves end at 8, 16, 32 and 64, and luck wins one or two of them now and then.
     assert!(all.iter().all(|&explored| explored <= 72), "{all:?}");
     assert!(all.iter().sum::<usize>() <= 32 * all.len(), "{all:?}");
+}
+
+#[test]
+fn who_wants_a_longer_search_is_told_what_that_is_expected_to_gain() {
+    let mut tuner = tuner(Policy { trials_per_state: 16, epsilon: 1.0, ..unconfirmed() });
+    let told = |tuner: &Tuner| {
+        let prediction = tuner.predict(&[("x".to_owned(), 0.5), ("y".to_owned(), 0.5)].into(), None);
+        prediction.expect("an answer").insight.expect("a known state").prospect
+    };
+    run(&mut tuner, "a", 0.5, 0.5, 16);
+    assert_eq!(told(&tuner), None, "the study's search is over");
+    let wishes = SessionPolicy { trials_per_state: Some(64), ..SessionPolicy::default() };
+    let asked = Ask { session_policy: wishes, ..ask("b", 0.5, 0.5) };
+    let (trial, _) = tuner.suggest(&asked, 1).expect("a trial");
+    assert_eq!(trial.mode(), Mode::Explore);
+    let prospect = told(&tuner).expect("the longer search has an outlook");
+    assert!(prospect.gain > 0.0, "{prospect:?}");
 }
 
 #[test]
