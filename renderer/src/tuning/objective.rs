@@ -109,6 +109,14 @@ impl Objective {
         }
     }
 
+    /// That number where the user says it; the service is told it as a part of the state.
+    pub fn frames_asked(self) -> Option<u32> {
+        match self {
+            Self::Auto(_) => Some(self.frames_per_build()),
+            Self::Render | Self::Total | Self::Error | Self::Motion => None,
+        }
+    }
+
     /// Whether each frame pays for a build.
     pub fn builds_each_frame(self) -> bool {
         self.frames_per_build() == 1

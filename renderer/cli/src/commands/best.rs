@@ -65,13 +65,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
-    let recommended = arguments.space.judged_by(arguments.objective)?.of(
-        &scene,
-        arguments.objective,
-        arguments.frame.threads,
-    )?;
+    let objective = arguments.reuse.of(arguments.objective)?;
+    let recommended = arguments.space.judged_by(objective)?.of(&scene, objective, arguments.frame.threads)?;
     let (start, space) = arguments.start.of(&recommended)?;
-    let made = || study_id(arguments.objective, &space) + &start.mark(&space);
+    let made = || study_id(objective, &space) + &start.mark(&space);
     let id = arguments.server.study.clone().unwrap_or_else(made);
     let study = match client.existing_study(&id) {
         // Who only asks makes none.
@@ -83,12 +80,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         study => study?,
     };
     let mut workload = arguments.frame.workload(&scene, arguments.size);
-    if arguments.objective == Objective::Motion {
+    if objective == Objective::Motion {
         let mut renderer = arguments.frame.renderer(&scene)?;
         let (scene, episode) = (&arguments.scene, arguments.episode);
-        workload.motion = episode.prepare(arguments.objective, scene, &recommended, &mut renderer)?;
+        workload.motion = episode.prepare(objective, scene, &recommended, &mut renderer)?;
     }
-    workload.frames_per_build = arguments.reuse.told(arguments.objective);
+    workload.frames_per_build = objective.frames_asked();
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
     let answer = match study.best(&state) {
         Ok(best) => Answer {

@@ -19,6 +19,9 @@ use crate::narrowing::NarrowingArguments;
 use crate::reuse_arguments::ReuseArguments;
 use crate::server::ServerArguments;
 
+/// Largest factor of `--abort-above`, which stops nothing that a scene can cost.
+const ABORT_ABOVE_MAX: f64 = 1e6;
+
 /// Arguments of `tune`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
@@ -91,8 +94,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "P", default_value_t = 1.0, value_parser = unit_interval)]
     pub(super) epsilon: f32,
 
-    /// Stop a trial once it has cost this many times as much as the best so far; its build is always
-    /// finished. With `inf` every trial runs to its end.
+    /// Stop a trial once it has cost this many times as much as the best so far, whatever the study's policy
+    /// says; its build is always finished. With `inf` every trial runs to its end.
     #[arg(long, value_name = "FACTOR", default_value = "4", conflicts_with = "paper", allow_negative_numbers = true, value_parser = factor)]
     pub(super) abort_above: f64,
 
@@ -128,7 +131,7 @@ impl Arguments {
             arguments.space.space = Preset::Paper;
             arguments.narrowing.fix.push(Narrowing::fix("compact=false").map_err(CliError::Failed)?);
         }
-        arguments.objective = arguments.reuse.of(arguments.objective);
+        arguments.objective = arguments.reuse.of(arguments.objective)?;
         arguments.space = arguments.space.judged_by(arguments.objective)?;
         Ok(arguments)
     }
@@ -148,7 +151,8 @@ impl Arguments {
         SessionPolicy {
             epsilon: Some(f64::from(self.epsilon)),
             trials_per_state: Some(room),
-            abort_above: Some(self.abort_above).filter(|factor| factor.is_finite() && !self.paper),
+            // Said also where nothing is to be stopped: else the factor of the study's policy would hold.
+            abort_above: (!self.paper).then_some(self.abort_above.min(ABORT_ABOVE_MAX)),
             ..SessionPolicy::default()
         }
     }
@@ -169,7 +173,7 @@ fn worth(text: &str) -> Result<f64, String> {
 /// How many times the best a trial may cost.
 fn factor(text: &str) -> Result<f64, String> {
     match text.parse() {
-        Ok(factor) if factor > 1.0 && factor <= 1e6 || factor == f64::INFINITY => Ok(factor),
+        Ok(factor) if factor > 1.0 && factor <= ABORT_ABOVE_MAX || factor == f64::INFINITY => Ok(factor),
         _ => Err("it must be a number above 1 and at most 1000000, or inf".to_owned()),
     }
 }
