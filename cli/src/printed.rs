@@ -69,10 +69,11 @@ impl fmt::Display for LeftOut {
     }
 }
 
-/// Reads an output for what is minimised by `terms`. `taken` is what was measured from outside; a number that
-/// the program prints under the same name counts in its place.
+/// Reads an output for the metrics of `terms`, which are minimised but for those named in `maximised`. `taken`
+/// is what was measured from outside; a number that the program prints under the same name counts in its
+/// place.
 #[must_use]
-pub fn read(out: &str, terms: &[ObjectiveTerm], taken: &Measurements) -> Printed {
+pub fn read(out: &str, terms: &[ObjectiveTerm], maximised: &[String], taken: &Measurements) -> Printed {
     let found = match last_object(out) {
         Ok(found) => found,
         Err(problem) => return Printed::NoResult(problem),
@@ -94,8 +95,18 @@ pub fn read(out: &str, terms: &[ObjectiveTerm], taken: &Measurements) -> Printed
             Err(problem) => return Printed::NoResult(problem),
         }
     }
-    let costs = terms.iter().map(|term| term.weight * measurements.get(&term.metric).unwrap_or_default());
-    if !costs.sum::<f64>().is_finite() {
+    let mut cost = 0.0;
+    for ObjectiveTerm { metric, weight } in terms {
+        let value = measurements.get(metric).unwrap_or_default();
+        if !maximised.contains(metric) {
+            cost += weight * value;
+        } else if (weight / value).is_finite() {
+            cost += weight / value;
+        } else {
+            return Printed::NoResult(format!("{metric} is {value}, and what is maximised must be above 0"));
+        }
+    }
+    if !cost.is_finite() {
         return Printed::NoResult("what is minimised is too large a number".to_owned());
     }
     further(&found, taken, measurements)

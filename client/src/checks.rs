@@ -44,7 +44,8 @@ pub(crate) fn measurements(measurements: &Measurements) -> Result<(), ClientErro
     Ok(())
 }
 
-/// Checks a result: with [`Outcome::Ok`] every metric of the objective must have been measured.
+/// Checks a result: with [`Outcome::Ok`] every metric of the objective must have been measured, and what is
+/// within all limits must have a cost. The daemon would refuse it later, when nobody looks.
 pub(crate) fn result(
     spec: &StudySpec,
     outcome: &Outcome,
@@ -61,7 +62,7 @@ pub(crate) fn result(
                         "it is part of the objective and missing; measure it, or report another outcome";
                     Err(ClientError::invalid(format!("measurement `{metric}`"), problem))
                 }
-                None => Ok(()),
+                None => has_cost(spec, measured),
             }
         }
         Outcome::Aborted { lower_bound } if !(lower_bound.is_finite() && *lower_bound >= 0.0) => {
@@ -70,6 +71,17 @@ pub(crate) fn result(
         }
         Outcome::Aborted { .. } | Outcome::Infeasible { .. } | Outcome::Failed { .. } => Ok(()),
     }
+}
+
+fn has_cost(spec: &StudySpec, measured: &Measurements) -> Result<(), ClientError> {
+    let numbers = measured.iter().map(|(name, value)| (name.to_owned(), value)).collect();
+    // What is beyond a limit is infeasible, whatever it costs.
+    match spec.objective.beyond(&numbers) {
+        Ok(Some(_)) => Ok(()),
+        Ok(None) => spec.objective.cost(&numbers).map(drop),
+        Err(problem) => Err(problem),
+    }
+    .map_err(|problem| ClientError::invalid("result", problem.to_string()))
 }
 
 #[cfg(test)]
@@ -117,6 +129,16 @@ mod tests {
         assert!(measurements(&Measurements::new().with("Render ms", 1.0)).is_err());
         let many: Measurements = (0..65).map(|index| (format!("m{index}"), 1.0)).collect();
         assert!(measurements(&many).unwrap_err().to_string().contains("64"));
+    }
+
+    #[test]
+    fn a_result_without_a_cost_is_refused_before_it_is_sent() {
+        let space = Space::builder().boolean("compact").default(false).build().unwrap();
+        let spec = StudySpec::builder(space).maximise("rate", 1.0).build().unwrap();
+        let of = |rate: f64| result(&spec, &Outcome::Ok, &Measurements::from([("rate", rate)]));
+        assert!(of(3.0).is_ok());
+        let refused = of(0.0).unwrap_err().to_string();
+        assert!(refused.contains("rate") && refused.contains("above 0"), "{refused}");
     }
 
     #[test]

@@ -273,6 +273,11 @@ impl Core {
         let mut rpc = self.rpc();
         let study = self.admin("CreateStudy", rpc.create_study(request)).await?;
         let record = self.read_study("CreateStudy", study)?;
+        let maximised = spec.objective.maximised();
+        if record.spec.as_ref().is_ok_and(|stored| stored.objective.maximised() != maximised) {
+            let problem = "the daemon knows no maximised metrics and would minimise them; upgrade it";
+            return Err(ClientError::invalid("objective", problem));
+        }
         if !record.policy_differs.is_empty() {
             tracing::warn!(study = name, fields = ?record.policy_differs, "the stored policy differs and stays");
         }

@@ -69,6 +69,13 @@ enum Stored {
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         maximised: Vec<String>,
     },
+    /// With terms under a name that versions do not read which would minimise them all.
+    Directed {
+        directed_terms: Vec<ObjectiveTerm>,
+        auxiliary: Vec<String>,
+        limits: Vec<MeasurementLimit>,
+        maximised: Vec<String>,
+    },
 }
 
 /// Why an objective is refused, or cannot be computed.
@@ -333,19 +340,23 @@ impl TryFrom<Stored> for Objective {
     fn try_from(stored: Stored) -> Result<Self, ObjectiveError> {
         match stored {
             Stored::Terms(terms) => Objective::new(terms),
-            Stored::Whole { terms, auxiliary, limits, maximised } => Objective::new(terms)?
-                .with_auxiliary(auxiliary)?
-                .with_limits(limits)?
-                .with_maximised(maximised),
+            Stored::Whole { terms, auxiliary, limits, maximised }
+            | Stored::Directed { directed_terms: terms, auxiliary, limits, maximised } => {
+                Objective::new(terms)?
+                    .with_auxiliary(auxiliary)?
+                    .with_limits(limits)?
+                    .with_maximised(maximised)
+            }
         }
     }
 }
 
 impl From<Objective> for Stored {
     fn from(Objective { terms, auxiliary, limits, maximised }: Objective) -> Self {
-        match auxiliary.is_empty() && limits.is_empty() && maximised.is_empty() {
-            true => Stored::Terms(terms),
-            false => Stored::Whole { terms, auxiliary, limits, maximised },
+        match (maximised.is_empty(), auxiliary.is_empty() && limits.is_empty()) {
+            (true, true) => Stored::Terms(terms),
+            (true, false) => Stored::Whole { terms, auxiliary, limits, maximised },
+            (false, _) => Stored::Directed { directed_terms: terms, auxiliary, limits, maximised },
         }
     }
 }
@@ -401,6 +412,10 @@ mod tests {
         assert_eq!(one.maximum(20.0), Some(("fps", 50.0)));
         let text = serde_json::to_string(&one).expect("plain data");
         assert_eq!(serde_json::from_str::<Objective>(&text).expect("its own form"), one);
+        // A version that knows no maximum finds no terms, and cannot take it for a minimum.
+        assert!(!text.contains("\"terms\""), "{text}");
+        let older = text.replace("directed_terms", "terms");
+        assert_eq!(serde_json::from_str::<Objective>(&older).expect("an earlier form"), one);
     }
 
     #[test]

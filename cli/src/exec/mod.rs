@@ -104,6 +104,7 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
     let runner = Runner {
         metric: exec.metric,
         terms: &needed,
+        maximised: spec.objective.maximised(),
         accepted: &exec.accept_exit,
         show_output: exec.show_output,
         limit: exec.run_timeout,

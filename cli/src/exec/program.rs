@@ -47,6 +47,8 @@ pub(crate) struct Runner<'a> {
     pub(crate) metric: MetricSource,
     /// What is minimised.
     pub(crate) terms: &'a [ObjectiveTerm],
+    /// Metrics among them that are to be large.
+    pub(crate) maximised: &'a [String],
     /// Exit codes besides 0 with which a run counts.
     pub(crate) accepted: &'a [i32],
     /// Pass on what the program writes.
@@ -181,8 +183,8 @@ impl Runner<'_> {
     fn result(&self, status: ExitStatus, taken: &Measurements, out: &str, said: String) -> Run {
         let is_accepted = status.success() || status.code().is_some_and(|code| self.accepted.contains(&code));
         let printed = match self.metric {
-            MetricSource::Time => printed::read("{}", self.terms, taken),
-            MetricSource::Json => printed::read(out, self.terms, taken),
+            MetricSource::Time => printed::read("{}", self.terms, self.maximised, taken),
+            MetricSource::Json => printed::read(out, self.terms, self.maximised, taken),
         };
         match printed {
             Printed::Infeasible(reason) => Run::Infeasible(reason),
@@ -360,7 +362,9 @@ mod tests {
     fn ended(code: i32, out: &str, said: &str, metric: MetricSource) -> Run {
         let terms = [ObjectiveTerm { metric: "loss".to_owned(), weight: 1.0 }];
         let terms = if metric == MetricSource::Json { &terms[..] } else { &[] };
-        let runner = Runner { metric, terms, accepted: &[4], show_output: false, limit: None, stop: &GO_ON };
+        let (maximised, accepted): (&[String], &[i32]) = (&[], &[4]);
+        let (show_output, limit, stop) = (false, None, &GO_ON);
+        let runner = Runner { metric, terms, maximised, accepted, show_output, limit, stop };
         let taken = Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]);
         runner.result(Fate::status(code << 8), &taken, out, said.to_owned())
     }

@@ -10,7 +10,7 @@ fn terms() -> Vec<ObjectiveTerm> {
 }
 
 fn read_loss(out: &str) -> Printed {
-    read(out, &terms(), &Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]))
+    read(out, &terms(), &[], &Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]))
 }
 
 fn measured(out: &str) -> (Measurements, Vec<LeftOut>) {
@@ -28,6 +28,20 @@ fn no_result(out: &str) -> String {
     match read_loss(out) {
         Printed::NoResult(reason) => reason,
         other => panic!("{out}: {other:?}"),
+    }
+}
+
+#[test]
+fn what_is_maximised_is_above_0_and_never_too_large() {
+    let read_rate = |out: &str| read(out, &terms(), &["loss".to_owned()], &Measurements::new());
+    for good in ["{\"loss\": 1e308}", "{\"loss\": 1e-300}"] {
+        assert!(matches!(read_rate(good), Printed::Measured { .. }), "{good}");
+    }
+    for bad in ["{\"loss\": 0}", "{\"loss\": -0.0}", "{\"loss\": 1e-309}"] {
+        match read_rate(bad) {
+            Printed::NoResult(reason) => assert!(reason.contains("must be above 0"), "{reason}"),
+            other => panic!("{bad}: {other:?}"),
+        }
     }
 }
 

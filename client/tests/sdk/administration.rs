@@ -114,3 +114,15 @@ fn without_a_runtime_the_remedy_is_named() {
     let error = Client::connect("http://127.0.0.1:1", Options::default()).unwrap_err().to_string();
     assert!(error.contains("treewright_client::blocking"), "{error}");
 }
+
+#[tokio::test]
+async fn a_daemon_that_would_minimise_what_is_maximised_is_refused() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let space = Space::builder().boolean("compact").default(false).build().unwrap();
+    let spec = StudySpec::builder(space).maximise("rate", 1.0).build().unwrap();
+    client.study("rates", spec.clone()).await.unwrap();
+    fake.book().older = true;
+    let refused = client.study("more_rates", spec).await.unwrap_err().to_string();
+    assert!(refused.contains("upgrade it"), "{refused}");
+}

@@ -56,7 +56,9 @@ export function specToWire(spec) {
   const indicators = Object.entries(spec.indicators ?? {}).map(([name, [min, max, log]]) => ({
     name, min, max, scale: log === "log" ? "SCALE_LOG" : "SCALE_LINEAR",
   }));
-  const terms = Object.entries({ ...spec.minimise, ...spec.maximise }).map(([metric, weight]) => ({ metric, weight }));
+  // A metric in both stays twice, so that it is refused.
+  const metrics = [...Object.entries(spec.minimise ?? {}), ...Object.entries(spec.maximise ?? {})];
+  const terms = metrics.map(([metric, weight]) => ({ metric, weight }));
   const policy = Object.fromEntries(
     Object.entries(spec.policy ?? {}).map(([name, value]) => [name.replace(/_(.)/g, (_, each) => each.toUpperCase()), value]),
   );

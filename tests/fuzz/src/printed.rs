@@ -12,7 +12,7 @@ pub fn run(bytes: &[u8]) {
     let out = String::from_utf8_lossy(bytes);
     let read = |out: &str| {
         let loss = ObjectiveTerm { metric: "loss".to_owned(), weight: 2.0 };
-        read(out, &[loss], &Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]))
+        read(out, &[loss], &[], &Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]))
     };
     match read(&out) {
         Printed::Measured { measurements, .. } => {
