@@ -33,9 +33,10 @@ pub(crate) use local_data::LocalData;
 
 /// Most lessons that lengths are learnt from: the latest.
 const LESSONS_MAX: usize = 160;
-/// Lessons that are each worth a step; later ones share.
+/// Lessons that are each worth a step; later ones share one: about an eighth of all lessons so far, within
+/// these limits. A step takes as much time as ten trials do otherwise, and lengths change slowly by then.
 const LESSONS_EAGER: u64 = 160;
-const LESSONS_SHARE: u64 = 32;
+const LESSONS_SHARE: [u64; 2] = [32, 512];
 /// Steps that a lesson is worth.
 const STEPS: usize = 2;
 /// The prior of lengths and noise before anything is measured. Lengths have room to differ, which separates
@@ -92,6 +93,13 @@ impl FeatureMap {
         let active = self.layout.canonical(&mut x);
         self.layout.features(&x, &active)
     }
+}
+
+/// How many lessons share a step after so many: a power of two, so that steps are evenly apart.
+fn share(lessons: u64) -> u64 {
+    let [least, most] = LESSONS_SHARE;
+    let eighth = (lessons / 8).max(1);
+    (1 << eighth.ilog2()).clamp(least, most)
 }
 
 /// The predictor. See the head of this module.
@@ -195,7 +203,7 @@ impl Contextual {
         }
         assert!(self.examples.len() <= LESSONS_MAX, "{} lessons", self.examples.len());
         self.lessons += 1;
-        let due = self.lessons <= LESSONS_EAGER || self.lessons.is_multiple_of(LESSONS_SHARE);
+        let due = self.lessons <= LESSONS_EAGER || self.lessons.is_multiple_of(share(self.lessons));
         (due && self.examples.len() >= 4).then(|| HyperparameterUpdate {
             features: Arc::clone(&self.features),
             examples: self.examples.clone(),
@@ -255,5 +263,19 @@ impl Predictor for Contextual {
 
     fn propose(&self, query: &Query<'_>, number: u64) -> Option<Answer> {
         self.proposal(query, number).answer(query.space)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_become_rarer_and_never_too_rare() {
+        let due = |lessons: &u64| lessons.is_multiple_of(share(*lessons));
+        let steps: Vec<u64> = (LESSONS_EAGER + 1..=100_000).filter(due).collect();
+        let apart: Vec<u64> = steps.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        assert!(apart.is_sorted() && apart[0] == 32 && apart.last() == Some(&512), "{apart:?}");
+        assert!(steps[0] <= LESSONS_EAGER + 32, "the first of them comes soon: {}", steps[0]);
     }
 }
