@@ -29,6 +29,12 @@ row! {
 }
 
 impl StudyRow {
+    /// Whether the names rise, and lie behind `after`.
+    pub(crate) fn follow(rows: &[Self], after: &str) -> bool {
+        let names = std::iter::once(after).chain(rows.iter().map(|row| row.name.as_str()));
+        names.is_sorted_by(|before, name| before < name)
+    }
+
     pub(crate) fn into_record(self) -> Result<StudyRecord, StoreError> {
         let last_trial = unsigned(self.last_trial.max(self.named_after))?;
         let record = StudyRecord {
@@ -58,6 +64,11 @@ pub(crate) fn study_not_found(study: &str) -> StoreError {
     StoreError::StudyNotFound { study: study.to_owned() }
 }
 
+/// Whether each number is higher than the one before, and the first one than `after`.
+pub(crate) fn rise_behind(after: u64, numbers: impl Iterator<Item = u64>) -> bool {
+    std::iter::once(after).chain(numbers).is_sorted_by(|before, number| before < number)
+}
+
 /// The rows that a study is loaded from.
 pub(crate) struct StudyRows {
     pub(crate) study: StudyRow,
@@ -79,6 +90,14 @@ impl StudyRows {
             .into_iter()
             .map(|row| row.into_trial()?.check(space).map_err(misfit))
             .collect::<Result<Vec<Trial>, _>>()?;
+        debug_assert!(
+            rise_behind(0, open_trials.iter().map(|trial| trial.number)),
+            "open trials come by rising number, from 1"
+        );
+        debug_assert!(
+            rise_behind(0, self.states.iter().map(|state| state.id)),
+            "states come by rising id, from 1"
+        );
         let snapshot = Snapshot {
             states: self.states,
             visits: self
@@ -106,6 +125,7 @@ pub(crate) fn page(rows: Vec<TrialRow>, query: &TrialQuery) -> Result<TrialPage,
     let size = query.size as usize;
     assert!(size > 0, "a page of nothing never comes to an end");
     let more = rows.len() > size;
+    assert!(rows.len() <= size + 1, "{} rows for a page of {size} and one more", rows.len());
     let trials =
         rows.into_iter().take(size).map(TrialRow::into_trial).collect::<Result<Vec<RawTrial>, _>>()?;
     assert!(trials.len() <= size && (trials.len() == size || !more), "{} on a page of {size}", trials.len());

@@ -75,6 +75,10 @@ pub fn seal(text: &str, question: &[&str]) -> String {
         let _ = write!(token, "{byte:02x}");
     }
     assert_eq!(token.len(), DIGEST_DIGITS + 2 * text.len());
+    debug_assert!(
+        token.len() > limits::TOKEN_CHARACTERS || open(&token, question).as_deref() == Ok(text),
+        "{token} does not stand for {text:?}"
+    );
     token
 }
 

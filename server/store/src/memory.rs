@@ -258,7 +258,8 @@ impl Store for MemoryStore {
             let last = renamed.last_trial();
             renamed.skipped += former.saturating_sub(last);
             renamed.named_after = former.max(last);
-            inner.studies.insert(to.to_owned(), renamed);
+            let earlier = inner.studies.insert(to.to_owned(), renamed);
+            assert!(earlier.is_none(), "a study lost its name {to:?} to another");
         }
         Ok(inner.study(to)?.record(to))
     }
@@ -326,6 +327,8 @@ impl Store for MemoryStore {
     }
 
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
+        // The other stores find a checkpoint by its parts.
+        assert!(!checkpoint.bytes.is_empty(), "a checkpoint of nothing");
         self.lock()?.fenced(fence)?.checkpoint = Some(checkpoint.clone());
         Ok(())
     }

@@ -41,7 +41,7 @@ pub(crate) fn trial_page<D: Dialect>(
     study: i64,
     query: &TrialQuery,
 ) -> Result<(), StoreError> {
-    assert!(query.size > 0, "a page of nothing never comes to an end");
+    assert!((1..=limits::PAGE_SIZE).contains(&query.size), "a page of {} rows", query.size);
     let comparisons = query.filter.comparisons.len();
     assert!(comparisons <= limits::FILTER_COMPARISONS, "a filter of {comparisons} comparisons");
     sql.text("SELECT ").text(columns).text(" FROM trials WHERE study = ").integer(study);
@@ -75,6 +75,7 @@ pub(crate) fn trial_page<D: Dialect>(
 fn push_behind<D: Dialect>(sql: &mut D, query: &TrialQuery, value: Option<f64>, number: i64) {
     let key = &query.order.key;
     assert!(*key != OrderKey::Number, "the numbers have a question of their own");
+    debug_assert!(value.is_none_or(f64::is_finite), "no row lies behind {value:?}");
     sql.text(" AND (");
     if let Some(value) = value {
         push_key(sql, key).text(if query.order.descending { " < " } else { " > " });

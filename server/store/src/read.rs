@@ -61,6 +61,7 @@ macro_rules! reads {
                 .await
                 .map_err(failed)?;
             assert!(rows.len() <= size as usize, "{} studies on a page of {size}", rows.len());
+            debug_assert!(StudyRow::follow(&rows, after.unwrap_or_default()), "studies come by rising name");
             rows.into_iter().map(StudyRow::into_record).collect()
         }
 
@@ -123,6 +124,7 @@ macro_rules! reads {
                 .fetch_all(connection)
                 .await
                 .map_err(failed)?;
+            debug_assert!(!parts.is_empty(), "the checkpoint {completion} was found by its parts");
             Ok(Some(Checkpoint { completion: unsigned(completion)?, bytes: parts.concat() }))
         }
 
@@ -141,7 +143,12 @@ macro_rules! reads {
                 .await
                 .map_err(failed)?;
             assert!(rows.len() <= size as usize, "{} trials in a stretch of {size}", rows.len());
-            rows.into_iter().map(TrialRow::into_trial).collect()
+            let trials: Vec<_> = rows.into_iter().map(TrialRow::into_trial).collect::<Result<_, _>>()?;
+            debug_assert!(
+                assembly::rise_behind(after, trials.iter().map(|trial| trial.completion.unwrap_or(0))),
+                "completed trials come in the order of completion, behind {after}"
+            );
+            Ok(trials)
         }
 
         /// Reads which trials of a stretch of numbers are over.
@@ -161,7 +168,13 @@ macro_rules! reads {
                 .await
                 .map_err(failed)?;
             assert!(rows.len() <= size as usize, "{} trials in a stretch of {size}", rows.len());
-            assembly::closed(rows)
+            let closed = assembly::closed(rows)?;
+            debug_assert!(
+                assembly::rise_behind(after, closed.iter().map(|trial| trial.number))
+                    && closed.last().is_none_or(|last| last.number <= up_to),
+                "closed trials come by rising number, behind {after} and up to {up_to}"
+            );
+            Ok(closed)
         }
 
         pub(super) async fn trial(

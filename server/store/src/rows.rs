@@ -156,6 +156,19 @@ impl TrialRow {
     fn of(trial: &Trial) -> Result<Self, StoreError> {
         let has_result = trial.outcome.is_some() && trial.completion.is_some();
         assert!(has_result || trial.state != TrialState::Completed, "trial {} has no result", trial.number);
+        assert!(
+            trial.state == TrialState::Completed || trial.completion.is_none(),
+            "trial {} is {:?} and has a place among the completed",
+            trial.number,
+            trial.state
+        );
+        assert!(trial.number > 0 && trial.state_id > 0, "trials and states are counted from 1");
+        assert!(
+            trial.cost.is_none_or(f64::is_finite),
+            "trial {} has a cost of {:?}",
+            trial.number,
+            trial.cost
+        );
         let (outcome_reason, outcome_lower_bound) = match &trial.outcome {
             Some(Outcome::Infeasible { reason } | Outcome::Failed { reason }) => (Some(reason.clone()), None),
             Some(Outcome::Aborted { lower_bound }) => (None, Some(*lower_bound)),
@@ -291,11 +304,15 @@ pub(crate) fn specification(spec: &StudySpec) -> Result<(String, String), StoreE
     if let Some(fields) = json.as_object_mut() {
         fields.remove("policy");
     }
-    Ok((json.to_string(), policy(&spec.policy)?))
+    let texts = (json.to_string(), policy(&spec.policy)?);
+    debug_assert_eq!(into_specification(&texts.0, &texts.1).as_ref(), Ok(spec), "it is read as another");
+    Ok(texts)
 }
 
 pub(crate) fn policy(policy: &Policy) -> Result<String, StoreError> {
-    write(policy)
+    let text = write(policy)?;
+    debug_assert_eq!(read("policy", &text), Ok(policy.to_raw()), "it is read as another");
+    Ok(text)
 }
 
 /// Joins the two texts of a study again.

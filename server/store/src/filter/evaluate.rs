@@ -71,5 +71,6 @@ impl Operator {
 
 /// Numbers rise by one from 1 and never come near the end of the signed range.
 fn signed(number: u64) -> i64 {
+    debug_assert!(i64::try_from(number).is_ok(), "{number} is compared as another number");
     i64::try_from(number).unwrap_or(i64::MAX)
 }

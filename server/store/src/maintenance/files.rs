@@ -89,6 +89,7 @@ impl PartialFile {
 
     /// Gives it its name, in place of what has that name.
     pub(super) fn rename(mut self, path: &Path) -> Result<(), MaintenanceError> {
+        debug_assert_eq!(folder(&self.path), folder(path), "only within a folder is one name put at once");
         fs::rename(&self.path, path).map_err(MaintenanceError::system(path, "put in place"))?;
         self.is_kept = true;
         Ok(())

@@ -83,7 +83,10 @@ impl MaintenanceError {
 
     fn unsound(path: &Path, unsound: Unsound) -> Self {
         match unsound {
-            Unsound::Problems(problems) => Self::Damaged { path: path.to_owned(), problems },
+            Unsound::Problems(problems) => {
+                assert!(!problems.is_empty(), "a file is damaged for no reason");
+                Self::Damaged { path: path.to_owned(), problems }
+            }
             Unsound::Unreadable(error) => Self::sqlite(path, &error),
         }
     }

@@ -68,14 +68,18 @@ impl<'r> Batch<'r> {
         let states = || self.states.iter().map(|((study, _), row)| (*study, *row));
         let visits = || self.visits.iter().map(|((study, _), row)| (*study, *row));
         let trials = || self.trials.iter().map(|((study, _), row)| (*study, *row));
+        let is_fenced = |study: i64| self.fences.contains_key(&study);
         let keys: Vec<i64> = self.fences.keys().copied().collect();
         let epochs: Vec<i64> = self.fences.values().copied().collect();
         if self.is_empty() {
             let asking = sqlx::query_scalar(sql::HELD_STUDIES).bind(keys).bind(epochs);
-            let held = asking.fetch_all(connection).await?;
-            assert!(held.len() <= self.fences.len(), "more studies are held than were asked for");
-            return Ok(held.into_iter().collect());
+            return Ok(self.held(asking.fetch_all(connection).await?));
         }
+        debug_assert!(
+            states().map(|(study, _)| study).chain(visits().map(|(study, _)| study)).all(is_fenced)
+                && trials().all(|(study, _)| is_fenced(study)),
+            "a row of a study whose epoch is not asked for is not stored"
+        );
         let held: Vec<i64> = sqlx::query_scalar(sql::BATCH)
             .bind(keys)
             .bind(epochs)
@@ -117,8 +121,14 @@ impl<'r> Batch<'r> {
             .bind(self.forgotten.iter().map(|(_, client_id)| *client_id).collect::<Vec<_>>())
             .fetch_all(connection)
             .await?;
-        assert!(held.len() <= self.fences.len(), "more studies are held than were asked for");
-        Ok(held.into_iter().collect())
+        Ok(self.held(held))
+    }
+
+    /// The keys of studies whose epoch still holds, as they are read.
+    fn held(&self, keys: Vec<i64>) -> HashSet<i64> {
+        assert!(keys.len() <= self.fences.len(), "more studies are held than were asked for");
+        debug_assert!(keys.iter().all(|key| self.fences.contains_key(key)), "{keys:?} were not asked for");
+        keys.into_iter().collect()
     }
 }
 

@@ -43,9 +43,10 @@ pub(super) async fn claim(
             .fetch_optional(&mut *connection)
             .await
             .map_err(failed)?;
-        if let Some(epoch) = claimed {
-            tracing::debug!(study, epoch, "claimed");
-            let fence = Fence::of_epoch(study, key, epoch);
+        if let Some(claimed) = claimed {
+            assert!(claimed > epoch, "the epoch of {study} goes from {epoch} to {claimed}");
+            tracing::debug!(study, epoch = claimed, "claimed");
+            let fence = Fence::of_epoch(study, key, claimed);
             shared.hold(fence.clone());
             return Ok(fence);
         }

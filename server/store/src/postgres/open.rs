@@ -82,6 +82,7 @@ impl PostgresAddress {
 
     /// A pool of at most `connections` connections for questions. None is made yet.
     pub(super) fn pool(&self, connections: u32) -> PgPool {
+        assert!(connections > 0, "a question would wait for a connection for ever");
         PgPoolOptions::new()
             .max_connections(connections)
             .acquire_timeout(limits::POSTGRES_READER_TIMEOUT)

@@ -90,6 +90,7 @@ async fn beat(shared: &SharedState, session: Option<PgConnection>) -> Result<PgC
         // Taken for dead and cleared away, or an old connection still holds the lock at the server.
         sqlx::query(sql::REPLICA_DELETE).bind(me).execute(&mut connection).await?;
         let anew = register(&mut connection, &shared.advertised).await?;
+        debug_assert_ne!(anew, me, "who holds the earlier id would hold its studies");
         tracing::warn!(replica = anew, earlier = me, "registered anew; every study is loaded again");
         shared.become_replica(anew);
     }

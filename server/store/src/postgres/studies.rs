@@ -36,6 +36,7 @@ pub(super) async fn create(
                 .execute(&mut *connection)
                 .await
                 .map_err(failed)?;
+            one_at_most(inserted.rows_affected());
             is_new = inserted.rows_affected() == 1;
             read::study(connection, id).await?
         }
@@ -152,12 +153,15 @@ pub(super) async fn with_due_leases(
     me: i32,
     now_ms: i64,
 ) -> Result<Vec<String>, StoreError> {
-    sqlx::query_scalar(sql::STUDIES_WITH_DUE_LEASES)
+    let due: Vec<String> = sqlx::query_scalar(sql::STUDIES_WITH_DUE_LEASES)
         .bind(now_ms)
         .bind(me)
         .bind(limits::REPLICA_LAPSE.as_secs_f64())
         .bind(i64::from(limits::SWEEP_STUDIES))
         .fetch_all(connection)
         .await
-        .map_err(failed)
+        .map_err(failed)?;
+    // As many that were nobody's, and as many of its own.
+    assert!(due.len() <= 2 * limits::SWEEP_STUDIES as usize, "{} studies in one sweep", due.len());
+    Ok(due)
 }

@@ -4,6 +4,7 @@
 //! any of them, or by the command line, counts everywhere soon. Changes of tokens wait for each other at the
 //! one row of the revision; the database adds up the usage of tokens over all replicas.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -14,7 +15,7 @@ use sqlx::{Connection as _, Executor as _};
 use super::{PostgresAddress, failed as store_error, open};
 use crate::error::OpenError;
 use crate::limits;
-use crate::tokens::rows::{TokenRow, UsageRow, changed, signed, texts};
+use crate::tokens::rows::{TokenRow, UsageRow, changed, records, signed, texts};
 use crate::tokens::{TokenError, TokenRecord, TokenStore, Usage};
 
 const LIST: &str = "SELECT id, name, hash, scope, studies::text AS studies, quota::text AS quota, create_ms, \
@@ -106,7 +107,7 @@ impl TokenStore for PostgresTokens {
     async fn list(&self) -> Result<Vec<TokenRecord>, TokenError> {
         let rows: Vec<TokenRow> =
             sqlx::query_as(LIST).fetch_all(&mut *self.connection().await?).await.map_err(failed)?;
-        rows.into_iter().map(TokenRow::record).collect()
+        records(rows)
     }
 
     async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError> {
@@ -139,6 +140,11 @@ impl TokenStore for PostgresTokens {
     }
 
     async fn add_usage(&self, day: i64, used: &[(String, Usage)]) -> Result<(), TokenError> {
+        debug_assert_eq!(
+            used.iter().map(|(id, _)| id).collect::<BTreeSet<_>>().len(),
+            used.len(),
+            "a statement may touch a row only once"
+        );
         let column =
             |of: fn(&Usage) -> u64| used.iter().map(|(_, used)| signed(of(used))).collect::<Vec<_>>();
         let adding = sqlx::query(ADD_USAGE)

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use sqlx::AssertSqlSafe;
 use sqlx::sqlite::SqliteConnection;
 use treewright_core::study::StudySpec;
+use treewright_core::tuner::StudyCounts;
 
 use super::statements as sql;
 use super::{read, script};
@@ -102,6 +103,7 @@ pub(super) async fn apply(
         }
         WriteCommand::Policy { fence, policy, models_since } => {
             fence.check()?;
+            debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
             let done = sqlx::query(sql::POLICY_UPDATE)
                 .bind(fence.key())
                 .bind(policy)
@@ -126,10 +128,16 @@ pub(super) async fn apply(
         }
         WriteCommand::Commit { fence, rows } => {
             fence.check()?;
+            debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
             script::rows(fence.key(), rows).execute(connection).await.map_err(refused)?;
             Ok(WriteResult::Nothing)
         }
     }
+}
+
+/// Whether a fence that holds is the one that the last load of its study set up.
+pub(super) fn is_in_force(fences: &GroupFences, fence: &Fence) -> bool {
+    fences.get(&fence.key()).is_some_and(|last| last.is_same(fence))
 }
 
 /// Checks the rows of a statement that names one by its key.
@@ -248,7 +256,9 @@ async fn create(
         .await
         .map_err(refused)?;
     one_at_most(inserted.rows_affected());
-    Ok(Created { study: read::study(connection, id).await?, is_new: true })
+    let study = read::study(connection, id).await?;
+    debug_assert_eq!(study.statistics, StudyCounts::default(), "a new study holds rows of another");
+    Ok(Created { study, is_new: true })
 }
 
 /// A constraint that a write breaks is a defect of the writer's; anything else is the database's trouble.

@@ -62,6 +62,7 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     for _ in 0..limits::READERS {
         opened.push(readers.acquire().await.map_err(|error| explain(path, &error))?);
     }
+    debug_assert_eq!(readers.size(), limits::READERS, "all readers are open");
     drop(opened);
     Ok(Opened { lock, writer, readers })
 }

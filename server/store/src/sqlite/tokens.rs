@@ -13,7 +13,7 @@ use tokio::sync::{Mutex, MutexGuard};
 use super::{open, store_error};
 use crate::error::{OpenError, StoreError};
 use crate::limits;
-use crate::tokens::rows::{TokenRow, UsageRow, changed, signed, texts};
+use crate::tokens::rows::{TokenRow, UsageRow, changed, records, signed, texts};
 use crate::tokens::{TokenError, TokenRecord, TokenStore, Usage};
 
 /// Tokens in an SQLite file.
@@ -104,7 +104,7 @@ impl TokenStore for SqliteTokens {
             .fetch_all(self.lock().await.open()?)
             .await
             .map_err(failed)?;
-        rows.into_iter().map(TokenRow::record).collect()
+        records(rows)
     }
 
     async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError> {

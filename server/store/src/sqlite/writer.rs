@@ -153,7 +153,10 @@ async fn write(connection: &mut SqliteConnection, fences: &mut GroupFences, mut 
                 }
                 return;
             }
-            Err(GroupFailure { culprit: Some(index), error }) => group.remove(index).refuse(error),
+            Err(GroupFailure { culprit: Some(index), error }) => {
+                assert!(index < group.len(), "write {index} of {} is refused", group.len());
+                group.remove(index).refuse(error);
+            }
             Err(GroupFailure { culprit: None, error }) => {
                 for job in group {
                     job.refuse(error.clone());
@@ -174,6 +177,11 @@ async fn transaction(
         return Ok(group.iter().map(|_| WriteResult::Nothing).collect());
     }
     if let [WriteJob { command: WriteCommand::Commit { fence, rows }, .. }] = group {
+        debug_assert!(
+            !fence.holds() || commands::is_in_force(fences, fence),
+            "two fences of {} hold",
+            fence.study()
+        );
         return lone_commit(connection, fence, rows).await;
     }
     execute(connection, "BEGIN IMMEDIATE").await.map_err(database_failed)?;

@@ -50,6 +50,8 @@ impl TokenStore for MemoryTokens {
         inner.tokens.push(token.clone());
         inner.tokens.sort_by(|a, b| (a.create_ms, &a.id).cmp(&(b.create_ms, &b.id)));
         assert!(inner.tokens.len() <= limits::TOKENS as usize);
+        let is_before = |a: &TokenRecord, b: &TokenRecord| (a.create_ms, &a.id) < (b.create_ms, &b.id);
+        debug_assert!(inner.tokens.is_sorted_by(is_before), "tokens are listed the oldest first, each once");
         inner.revision += 1;
         Ok(())
     }

@@ -21,7 +21,7 @@ row! {
 
 impl TokenRow {
     /// Reads the row. What cannot be read lets nobody in.
-    pub(crate) fn record(self) -> Result<TokenRecord, TokenError> {
+    fn record(self) -> Result<TokenRecord, TokenError> {
         let json = |error: serde_json::Error| inconsistent(format!("a token cannot be read: {error}"));
         let hash = self.hash.as_slice().try_into();
         Ok(TokenRecord {
@@ -52,6 +52,15 @@ impl From<UsageRow> for Usage {
         let count = |count: i64| count.max(0) as u64;
         Self { studies: count(row.studies), trials: count(row.trials), bytes: count(row.bytes) }
     }
+}
+
+/// Reads all tokens, which come the oldest first.
+pub(crate) fn records(rows: Vec<TokenRow>) -> Result<Vec<TokenRecord>, TokenError> {
+    debug_assert!(
+        rows.is_sorted_by(|a, b| (a.create_ms, &a.id) < (b.create_ms, &b.id)),
+        "tokens come the oldest first, each once"
+    );
+    rows.into_iter().map(TokenRow::record).collect()
 }
 
 /// A count as the tables keep it.
