@@ -49,6 +49,8 @@ impl Admission {
     /// Admits work up to `limits` at once.
     #[must_use]
     pub fn new(limits: AdmissionLimits) -> Self {
+        let can_be_waited_for = |limit: usize| limit > 0 && u32::try_from(limit).is_ok();
+        assert!(can_be_waited_for(limits.requests) && can_be_waited_for(limits.streams), "{limits:?}");
         Self {
             requests: Arc::new(Semaphore::new(limits.requests)),
             streams: Arc::new(Semaphore::new(limits.streams)),

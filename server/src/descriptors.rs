@@ -35,6 +35,7 @@ impl DescriptorShares {
     #[must_use]
     pub fn limits(&self, total: Option<usize>, per_address: Option<usize>) -> ConnectionLimits {
         let total = total.unwrap_or(limits::CONNECTIONS).min(self.connections);
+        assert!(total > 0, "of {} connections none is to be had", self.connections);
         let per_address = per_address.unwrap_or((total / 2).max(1));
         ConnectionLimits::new(total, per_address)
     }

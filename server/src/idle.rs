@@ -21,6 +21,7 @@ pub(crate) async fn idle_for(time: Option<Duration>, metrics: Arc<Metrics>) {
     while since.elapsed() < time {
         ticks.tick().await;
         let now = metrics.answers();
+        assert!(now >= asked, "{asked} answers have become {now}");
         if now != asked {
             (asked, since) = (now, Instant::now());
         }

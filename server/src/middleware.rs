@@ -188,7 +188,8 @@ impl MiddlewareState {
         if let Some(activity) = activity.filter(|_| rule.need != Need::Nothing) {
             activity.settle();
         }
-        request.extensions_mut().insert(caller);
+        let earlier = request.extensions_mut().insert(caller);
+        assert!(earlier.is_none(), "a request passes the middleware twice");
         match tokio::time::timeout(limits::REQUEST, inner.call(request)).await {
             Ok(Ok(response)) => corrected(response),
             Ok(Err(never)) => match never {},

@@ -73,7 +73,13 @@ impl Refusals {
     /// Whether a line may be logged, and how many were left out before it.
     fn take_line(&self, reason: &'static str) -> Option<u64> {
         let mut lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
-        lines.entry(reason).or_default().take(self.begun.elapsed())
+        let taken = lines.entry(reason).or_default().take(self.begun.elapsed());
+        assert!(
+            lines.len() <= status::REASONS.len(),
+            "lines of {} reasons, {reason} among them",
+            lines.len()
+        );
+        taken
     }
 }
 
@@ -95,6 +101,7 @@ impl LineBudget {
     /// Whether a line may be logged at `now`, and how many were left out since the last one.
     fn take(&mut self, now: Duration) -> Option<u64> {
         let period = now.as_secs() / REFUSAL_PERIOD.as_secs();
+        assert!(period >= self.period, "period {period} comes after {}", self.period);
         if period != self.period {
             (self.period, self.logged) = (period, 0);
         }

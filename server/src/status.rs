@@ -159,6 +159,7 @@ pub fn retry_after(error: &Error) -> Option<Duration> {
 impl From<Error> for Status {
     fn from(error: Error) -> Self {
         let (code, message) = (code(&error), error.to_string());
+        assert_ne!(code, Code::Ok, "an error says that all went well: {message}");
         let mut status = match retry_after(&error) {
             None => Status::new(code, message),
             Some(wait) => {

@@ -180,6 +180,11 @@ impl TlsFiles {
     }
 
     fn make(&self, contents: &Contents, number: u64) -> Result<Made, TlsError> {
+        assert_eq!(
+            self.peer_authority.is_some(),
+            contents.peer_authority.is_some(),
+            "replicas would be judged by other authorities"
+        );
         let server = Arc::new(self.config(contents)?);
         let authority = match (&self.peer_authority, &contents.peer_authority) {
             (Some(path), Some(authority)) => {
@@ -206,6 +211,11 @@ impl TlsFiles {
     }
 
     fn config(&self, contents: &Contents) -> Result<ServerConfig, TlsError> {
+        assert_eq!(
+            self.client_authority.is_some(),
+            contents.client_authority.is_some(),
+            "clients would be let in without a certificate"
+        );
         let provider = Arc::new(ring::default_provider());
         let chain = certificates(&self.certificate, &contents.certificate)?;
         let key = PrivateKeyDer::from_pem_slice(&contents.key)

@@ -105,6 +105,7 @@ impl Holder {
     }
 
     pub(super) fn replace(&self, terms: Option<TokenRecord>) {
+        assert!(terms.as_ref().is_none_or(|terms| terms.id == self.id), "{} gets another's terms", self.id);
         *self.terms.write().unwrap_or_else(PoisonError::into_inner) = terms.map(Arc::new);
     }
 
@@ -143,6 +144,7 @@ impl Holder {
         all.add(used.reserved);
         of_today.add(used.reserved);
         let tomorrow = Duration::from_millis(((today + 1) * 86_400_000 - now_ms).max(0) as u64);
+        debug_assert!(tomorrow <= Duration::from_secs(86_400), "the next day begins in {tomorrow:?}");
         for (what, limit, used, more, retry) in [
             ("studies", quota.studies, all.studies, more.studies, None),
             ("trials", quota.trials, all.trials, more.trials, None),

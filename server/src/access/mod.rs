@@ -77,9 +77,11 @@ impl Access {
             return Ok(());
         }
         let records = self.store.list().await?;
+        let stored = records.len();
         self.seen.again();
         let mut known = self.known.write().unwrap_or_else(PoisonError::into_inner);
         known.records = records.into_iter().map(|record| (record.id.clone(), record)).collect();
+        debug_assert_eq!(known.records.len(), stored, "two tokens have one id");
         known.revision = Some(revision);
         for (id, holder) in &known.holders {
             // A token of the same id with another secret is another token.
@@ -88,6 +90,7 @@ impl Access {
         }
         let KnownTokens { records, holders, .. } = &mut *known;
         holders.retain(|id, holder| records.contains_key(id) && holder.stored().is_some());
+        assert!(holders.len() <= records.len(), "{} holders of {} tokens", holders.len(), records.len());
         Ok(())
     }
 

@@ -92,6 +92,7 @@ impl Activity {
     /// Until when something must happen.
     pub(super) fn deadline(&self) -> Instant {
         let state = self.with(|state| *state);
+        debug_assert!(state.last.is_none_or(|last| last >= self.opened), "it was used before it was opened");
         match state.last {
             _ if state.under_way > 0 => Instant::now() + limits::IDLE,
             Some(last) if state.is_known => last + limits::IDLE,

@@ -244,6 +244,7 @@ impl AsyncRead for Connection {
         let before = buffer.filled().len();
         let read = Pin::new(&mut self.transport).poll_read(context, buffer);
         if read.is_ready() {
+            debug_assert!(buffer.filled().len() >= before, "what was read before is gone");
             let more = (buffer.filled().len() - before) as u64;
             self.activity.read(more);
         } else if self.poll_overdue(context).is_ready() {
@@ -262,6 +263,9 @@ impl AsyncWrite for Connection {
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
         let written = Pin::new(&mut self.transport).poll_write(context, bytes);
+        if let Poll::Ready(Ok(count)) = &written {
+            debug_assert!(*count <= bytes.len(), "{count} of {} bytes are written", bytes.len());
+        }
         self.written(context, written)
     }
 

@@ -120,6 +120,8 @@ static USES: AtomicU64 = AtomicU64::new(0);
 
 impl ConnectionSlots {
     pub(crate) fn new(limits: ConnectionLimits) -> Self {
+        assert!((1..=limits.total).contains(&limits.newcomers), "nobody could come in: {limits:?}");
+        assert!(limits.per_address > 0, "nobody could come in from an address: {limits:?}");
         Self { limits, taken: Arc::default(), left: Arc::default() }
     }
 
@@ -246,6 +248,7 @@ impl OpenConnections {
     /// Takes one from the newcomers, if it is one.
     fn settle(&mut self, number: u64, origin: Origin) {
         let was = self.crowds.get_mut(&origin).is_some_and(|crowd| crowd.newcomers.remove(&number));
+        debug_assert!(self.newcomers >= usize::from(was), "{number} is a newcomer and not counted as one");
         self.newcomers -= usize::from(was);
     }
 }

@@ -46,6 +46,7 @@ impl Benefit {
     /// The benefit in one state, from the costs of its frames in units of `unit_s` seconds, within `window_s`
     /// seconds.
     pub(super) fn of(default: DefaultCost, costs: &[f64], unit_s: f64, window_s: f64) -> Self {
+        assert!(!costs.is_empty() && unit_s > 0.0, "{} frames of {unit_s} s", costs.len());
         let frames = costs.len() as f64;
         let a_day = unit_s * DAY_S / window_s.max(1.0);
         let saved = frames * default.mean - costs.iter().sum::<f64>();

@@ -9,6 +9,8 @@ pub(super) use map::{Place, Runner, map, race};
 
 /// Width of wide pictures, in units of their own.
 const WIDTH: f64 = 900.0;
+/// Colours of a scale, from the best to the worst: the classes `c0` to `c4` of the style sheet.
+pub(super) const COLOURS: usize = 5;
 
 /// A trial in a tuning curve.
 pub(super) struct CurvePoint {
@@ -160,6 +162,10 @@ pub(super) fn figure(value: f64) -> String {
 
 /// Costs by trial, the best so far, and what they are held against.
 pub(super) fn curve(points: &[CurvePoint], levels: &[Level]) -> String {
+    debug_assert!(
+        points.is_sorted_by(|a, b| a.number < b.number),
+        "the best so far is of the trials before, which come first"
+    );
     let costs = || points.iter().filter_map(|point| point.cost);
     let (Some(x), Some(all)) = (
         range(points.iter().map(|point| point.number)),
@@ -258,6 +264,7 @@ pub(super) struct Axis {
 /// (best) to 4.
 pub(super) fn parallel(axes: &[Axis], runs: &[(Vec<Option<f64>>, usize)]) -> String {
     assert!(runs.iter().all(|(places, _)| places.len() == axes.len()), "a place for each axis");
+    debug_assert!(runs.iter().all(|(_, class)| *class < COLOURS), "a run has no colour");
     let width = (110.0 * axes.len() as f64).max(WIDTH);
     let step = (width - 140.0) / (axes.len().max(2) - 1) as f64;
     let x = |index: usize| 70.0 + step * index as f64;
@@ -291,6 +298,7 @@ pub(super) fn parallel(axes: &[Axis], runs: &[(Vec<Option<f64>>, usize)]) -> Str
 pub(super) fn slice(axis: &Axis, points: &[(f64, f64)]) -> String {
     let costs = || points.iter().map(|point| point.1);
     let Some((low, high)) = range(costs()) else { return nothing("Never active.") };
+    debug_assert!(points.iter().all(|(place, _)| (0.0..=1.0).contains(place)), "a point is off the axis");
     let y = (low, most(costs()).filter(|most| *most > low).unwrap_or(high));
     let frame = Frame { left: 56.0, top: 18.0, width: 234.0, height: 130.0, x: (0.0, 1.0), y };
     let mut svg = open_sized(300.0, 180.0, &format!("Cost over {}", axis.name));
@@ -329,7 +337,8 @@ pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)]) 
     sorted.sort_by(f64::total_cmp);
     let mut svg = open_sized(640.0, 440.0, &format!("Mean cost over {} and {}", x_axis.name, y_axis.name));
     for (index, mean) in means.iter().enumerate().filter_map(|(index, mean)| mean.map(|mean| (index, mean))) {
-        let class = sorted.partition_point(|other| *other < mean) * 5 / sorted.len();
+        let class = sorted.partition_point(|other| *other < mean) * COLOURS / sorted.len();
+        debug_assert!(class < COLOURS, "a mean of {mean} has no colour");
         let (x, y) =
             (130.0 + 40.0 * (index % CELLS) as f64, 20.0 + 30.0 * (CELLS - 1 - index / CELLS) as f64);
         let words = format!("{} over {} runs", figure(mean), cells[index].1);

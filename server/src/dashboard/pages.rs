@@ -210,7 +210,9 @@ async fn read_trials(
 }
 
 fn number(trial: &v1::Trial) -> u64 {
-    trial.name.rsplit_once('/').and_then(|(_, number)| number.parse().ok()).unwrap_or_default()
+    let number: Option<u64> = trial.name.rsplit_once('/').and_then(|(_, number)| number.parse().ok());
+    debug_assert!(number.is_some(), "{:?} names no trial", trial.name);
+    number.unwrap_or_default()
 }
 
 fn row(trial: &v1::Trial, defaults: &Defaults) -> TrialRow {

@@ -33,7 +33,12 @@ impl Query {
         for (name, value) in pairs.iter().filter(|(_, value)| !value.is_empty()) {
             text.append_pair(name, value);
         }
-        text.finish()
+        let text = text.finish();
+        debug_assert!(
+            pairs.iter().all(|(name, value)| Self::read(&text).text(name) == value.trim()),
+            "{text} is read as something else"
+        );
+        text
     }
 }
 

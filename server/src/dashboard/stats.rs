@@ -71,6 +71,7 @@ pub(super) fn importances(parameters: &[Parameter], runs: &[Run]) -> Vec<(String
     let mut found: Vec<_> =
         parameters.iter().enumerate().map(|(index, one)| (one.name.clone(), predicted(index))).collect();
     found.sort_by(|a, b| b.1.total_cmp(&a.1));
+    debug_assert!(found.iter().all(|(_, share)| (0.0..=1.0).contains(share)), "{found:?} are no shares");
     found
 }
 

@@ -10,6 +10,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::{Registry, Unit};
 
 use super::study::{MODES, StudyFigures};
+use crate::limits::STUDIES_SHOWN;
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct StudyLabel {
@@ -87,6 +88,7 @@ impl StudyFamilies {
 
     /// Shows these studies and no others.
     pub(super) fn show(&self, figures: &[StudyFigures]) {
+        debug_assert!(figures.len() <= usize::from(STUDIES_SHOWN), "{} studies are shown", figures.len());
         for family in [&self.trials, &self.states, &self.open_leases, &self.unsaved_trials] {
             family.clear();
         }

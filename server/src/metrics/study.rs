@@ -46,6 +46,11 @@ impl FrameCounts {
         let mode = MODES.iter().position(|(mode, _)| *mode == trial.mode());
         assert!(mode.is_some(), "{:?} is not among the modes", trial.mode());
         let mode = mode.unwrap_or_default();
+        debug_assert!(
+            cost.is_finite() && trial.complete_ms.is_some(),
+            "trial {} has no result",
+            trial.number
+        );
         self.frames[mode] += 1;
         self.cost[mode] += cost;
         if let Some(best) = tuner.best_cost(trial.state_id) {

@@ -57,6 +57,11 @@ pub(crate) fn check<B>(key: Option<&ReplicaKey>, request: &mut Request<B>) {
     } else {
         request.headers_mut().remove(FORWARDED);
     }
+    assert_eq!(
+        request.headers().contains_key(FORWARDED),
+        request.extensions().get::<Counted>().is_some(),
+        "a request keeps the mark and is not from a replica, or the other way"
+    );
 }
 
 impl std::fmt::Debug for ReplicaKey {

@@ -81,13 +81,14 @@ pub async fn find_answer<S: Seeking>(request: &S, was_forwarded: bool) -> Result
         let study = match fate {
             None => return Ok(answer),
             Some(Redirect::ToReplica { .. }) if was_forwarded => return Ok(answer),
-            Some(Redirect::ToReplica { study, address }) => match request.there(&study, &address).await? {
-                Some(theirs) => return Ok(theirs),
-                None => {
-                    request.doubt(&study);
-                    study
+            Some(Redirect::ToReplica { study, address }) => {
+                assert!(!was_forwarded, "a request for {study} goes round in a circle");
+                if let Some(theirs) = request.there(&study, &address).await? {
+                    return Ok(theirs);
                 }
-            },
+                request.doubt(&study);
+                study
+            }
             Some(Redirect::Retry { study }) => study,
         };
         if !patience.wait().await {

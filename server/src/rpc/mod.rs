@@ -77,6 +77,7 @@ impl Service {
         let answer = async {
             let caller = self.caller(&request)?;
             let is_counted = request.extensions().get::<Counted>().is_some();
+            assert!(!is_counted || self.peers.is_some(), "a replica that there is none of counted a request");
             let request = request.into_inner();
             if !is_counted {
                 caller.spend_request(request.encoded_len())?;

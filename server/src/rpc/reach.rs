@@ -38,9 +38,12 @@ pub(super) async fn trial(
 /// # Errors
 /// [`Error::Denied`], and those of [`Tuning::find`].
 pub(super) async fn find(tuning: &Tuning, caller: &Caller, name: StudyName) -> Result<StudyName, Error> {
-    let asked = name.id.clone();
+    let (asked, uid) = (name.id.clone(), name.uid);
     match tuning.find(name).await {
-        Ok(found) => caller.reach(&found.id).map(|()| found),
+        Ok(found) => {
+            assert_eq!(found.uid, uid, "study {} is not the one that was asked for", found.id);
+            caller.reach(&found.id).map(|()| found)
+        }
         Err(error) => caller.reach(&asked).and(Err(error)),
     }
 }

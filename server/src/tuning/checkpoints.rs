@@ -26,6 +26,8 @@ struct DueCheckpoint {
 impl Live {
     fn take_due(&mut self, store: &dyn Store, is_due: impl Fn(Saved, u64) -> bool) -> Option<DueCheckpoint> {
         let completed = self.tuner.statistics().completed_trials;
+        let Saved { completion: tried, stored, .. } = self.saved;
+        debug_assert!(stored <= tried && tried <= completed, "{stored} of {tried} of {completed} are saved");
         if !is_due(self.saved, completed) {
             return None;
         }
@@ -75,6 +77,7 @@ impl Tuning {
         let saved = Saved { completion, stored: completion, bytes };
         runtime.peek(|live| {
             if live.fence().is_same(&fence) {
+                assert!(live.saved.stored <= completion, "an older checkpoint takes a newer one's place");
                 live.saved = saved;
             }
         });

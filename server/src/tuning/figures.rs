@@ -20,7 +20,9 @@ impl Tuning {
 impl Live {
     fn figures(&self, study: String, now_ms: i64) -> StudyFigures {
         let mut statistics = self.tuner.statistics();
-        statistics.trials = statistics.trials.saturating_sub(self.identity.skipped);
+        let skipped = self.identity.skipped;
+        debug_assert!(skipped <= statistics.trials, "{skipped} of {} are another's", statistics.trials);
+        statistics.trials = statistics.trials.saturating_sub(skipped);
         let errors = self.tuner.predictor_errors().into_iter();
         StudyFigures {
             study,

@@ -120,6 +120,7 @@ impl Tuning {
                 let suggested = live.suggest(&suggest, Prepared::default(), now_ms).map(|answer| {
                     answer.map(|(trial, change)| {
                         note(&suggest, &trial, &change);
+                        assert_ne!(trial.number, completed.number, "what was just measured is handed out");
                         changes.push(change);
                         trial
                     })
@@ -182,6 +183,10 @@ impl Tuning {
                                 report.outcome.clone(),
                                 now_ms,
                             )?;
+                            assert_eq!(
+                                (completed.number, completed.state),
+                                (report.trial.number, TrialState::Completed)
+                            );
                             live.closed_changes += 1;
                             Ok::<_, Error>(queue(
                                 live,
@@ -232,7 +237,12 @@ impl Live {
     ) -> Result<Result<(Trial, Change), TunerError>, Preparation> {
         let Suggest { ask, wanted, .. } = suggest;
         let ask = &ask.at(now_ms);
+        assert!(
+            suggest.ask.origin.is_none() || wanted.is_some(),
+            "what is not decided yet was measured elsewhere"
+        );
         if let Some(wanted) = wanted {
+            debug_assert!(prepared.plan.is_none(), "a wish needs no plan");
             return Ok(self.tuner.suggest_wanted(ask, wanted.clone(), now_ms));
         }
         if let Some(plan) = prepared.plan {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use treewright_core::ids::StudyUid;
 use treewright_core::limits::CHECKPOINT_BYTES_PER_TRIAL;
 use treewright_core::space::Space;
-use treewright_core::trial::{RawTrial, Trial};
+use treewright_core::trial::{RawTrial, Trial, TrialState};
 use treewright_core::tuner::{RestoreError, Restoring, Tuner};
 use treewright_store::{Fence, Loaded, Store, StoreError};
 
@@ -62,6 +62,10 @@ pub(super) async fn load(store: &dyn Store, study: &str, now_ms: i64) -> Result<
 async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Error> {
     let Loaded { fence, study: record, snapshot, mut open_trials, checkpoint } = loaded;
     let study = fence.study().to_owned();
+    debug_assert!(
+        open_trials.iter().all(|trial| trial.state == TrialState::Open),
+        "only these are under lease"
+    );
     // A lease that was given before the clock was set back must not last until that time comes again.
     for trial in &mut open_trials {
         let lease_ms = trial.lease_expire_ms.saturating_sub(trial.create_ms);
@@ -81,6 +85,7 @@ async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Er
     if let Some(reason) = restoring.passed_over() {
         tracing::info!(study, reason, "the checkpoint is passed over; all trials are read");
     }
+    debug_assert!(restoring.after() <= known, "{} of {known} are learnt", restoring.after());
     let saved = Saved { completion: restoring.after(), stored: restoring.after(), bytes };
     loop {
         let mut trials = store.completed_trials(&fence, restoring.after(), limits::TRIALS_PER_READ).await?;
@@ -119,7 +124,6 @@ fn check(trials: Vec<RawTrial>, space: &Space) -> Result<Vec<Trial>, Error> {
 mod tests {
     use treewright_core::policy::Policy;
     use treewright_core::study::StudySpec;
-    use treewright_core::trial::TrialState;
     use treewright_store::MemoryStore;
 
     use super::super::Tuning;

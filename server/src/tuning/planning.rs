@@ -133,6 +133,7 @@ impl Tuning {
     /// Computes the updates that reports have deferred, if there is a processor for it in time; it is no loss
     /// if not. Its caller holds `updating`: two at once would compute the same.
     async fn update_models(&self, runtime: &Runtime) {
+        debug_assert!(runtime.updating.try_lock().is_err(), "two compute the same updates");
         let deferred =
             |live: &mut Live| Some((live.tuner.deferred_updates()?, Arc::clone(live.tuner.spec())));
         let Some(permit) = self.planning_permit().await else {

@@ -34,6 +34,7 @@ impl Live {
     /// Whether trials may have become superfluous since the last look: there is a newer checkpoint.
     fn take_thinning(&mut self, keep: u64, models: u64) -> Option<DueRemoval> {
         let stored = self.saved.stored;
+        debug_assert!(self.thinned <= stored, "trials behind {stored} were removed, up to {}", self.thinned);
         let counts = self.tuner.statistics();
         let number = counts.trials.saturating_sub(keep);
         if stored <= self.thinned || number == 0 {
@@ -94,6 +95,7 @@ impl Tuning {
             let Some(last) = closed.last() else {
                 return Ok((removed, stayed));
             };
+            assert!(after < last.number && last.number <= number, "{} follows {after}", last.number);
             after = last.number;
             let gone: Vec<u64> =
                 closed.iter().filter(|trial| may_go(trial)).map(|trial| trial.number).collect();

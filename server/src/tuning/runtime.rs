@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 use tokio::sync::Notify;
 use tokio::task::AbortHandle;
 use tokio::time::timeout;
+use treewright_core::trial::TrialState;
 use treewright_core::tuner::{Change, Tuner};
 use treewright_store::{Fence, Receipt, Store};
 
@@ -112,6 +113,10 @@ pub(super) struct Live {
 impl Live {
     /// Queues what the tuner decided. Must be called under the lock under which it was decided.
     pub(super) fn commit(&mut self, store: &dyn Store, changes: &[Change]) -> Receipt {
+        debug_assert!(!self.is_stale, "what a stale tuner decides is not to be stored");
+        let (handed_out, mut all) =
+            (self.tuner.statistics().trials, changes.iter().flat_map(|one| &one.trials));
+        debug_assert!(all.all(|trial| trial.number <= handed_out), "a trial was stored and not handed out");
         self.metrics.decided(changes);
         self.tally.add(&self.tuner, changes);
         store.commit(&self.fence, changes)
@@ -125,6 +130,7 @@ impl Live {
         let change = self.tuner.expire(now_ms);
         let next_ms = self.tuner.next_expiry_ms();
         debug_assert!(next_ms.is_none_or(|next_ms| next_ms >= now_ms), "{next_ms:?} is over at {now_ms}");
+        debug_assert!(change.trials.iter().all(|trial| trial.state != TrialState::Open), "a lease goes on");
         self.metrics.expired(change.trials.len());
         for trial in &change.trials {
             tracing::info!(
@@ -240,6 +246,7 @@ fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
     tuner.defer_updates();
     tuner.pardon_leases(back_since(runtime.environment.clock.now_ms()));
     let completed = tuner.statistics().completed_trials;
+    debug_assert!(saved.completion <= completed, "{} of {completed} are saved", saved.completion);
     tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");
     let metrics = Arc::clone(&runtime.environment.metrics);
     let (tally, planned_searches) = (FrameCounts::default(), PlannedSearches::default());

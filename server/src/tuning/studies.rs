@@ -15,6 +15,7 @@ impl Tuning {
     /// As the wire contract names them.
     pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<Created, Error> {
         let created = self.store().create_study(id, spec, self.now_ms()).await?;
+        assert_eq!(created.study.id, id, "another study was created");
         if created.is_new {
             tracing::info!(
                 study = id,
@@ -54,6 +55,7 @@ impl Tuning {
     /// As the wire contract names them.
     pub async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, Error> {
         let renamed = self.store().rename_study(study, to).await?;
+        assert_eq!(renamed.id, to, "study {study} has got another name");
         self.forget(study);
         tracing::info!(study, to, "study renamed");
         Ok(renamed)
@@ -64,7 +66,9 @@ impl Tuning {
     /// # Errors
     /// When there is none, or the store cannot be read.
     pub async fn get_study(&self, study: &str) -> Result<StudyRecord, Error> {
-        Ok(self.store().get_study(study).await?)
+        let record = self.store().get_study(study).await?;
+        assert_eq!(record.id, study, "another study was read");
+        Ok(record)
     }
 
     /// Reads studies by rising id, behind `after`.
@@ -86,6 +90,11 @@ impl Tuning {
                 let policy = update.apply(&spec.policy, &spec.space)?;
                 let policy_set = live.tuner.set_policy(policy.clone());
                 live.is_stale = policy_set.map_err(|error| Error::invalid("study", error))?;
+                debug_assert_eq!(
+                    live.tuner.spec().policy,
+                    policy,
+                    "one policy decides and another is stored"
+                );
                 Ok::<_, Error>(store.update_policy(live.fence(), &policy, live.tuner.models_since()))
             })
             .await??;

@@ -95,7 +95,7 @@ impl Tuning {
     /// Reads a trial that is not open, once everything before is stored.
     pub(super) async fn closed_trial(&self, name: &TrialName, before: Receipt) -> Result<RawTrial, Error> {
         self.metrics().durable(before).await?;
-        Ok(self.store().get_trial(&name.study.id, name.number).await?)
+        self.get_trial(name).await
     }
 
     /// Reads a trial.
@@ -103,7 +103,9 @@ impl Tuning {
     /// # Errors
     /// When there is none, or the store cannot be read.
     pub async fn get_trial(&self, name: &TrialName) -> Result<RawTrial, Error> {
-        Ok(self.store().get_trial(&name.study.id, name.number).await?)
+        let trial = self.store().get_trial(&name.study.id, name.number).await?;
+        assert_eq!(trial.number, name.number, "another trial was read");
+        Ok(trial)
     }
 
     /// Reads a page of trials.
@@ -160,6 +162,8 @@ impl Tuning {
                     },
                 };
                 let best = live.tuner.best_planned(indicators, fingerprint, plan);
+                let is_measured = |best: &Best| best.cost.is_finite() && best.measurements > 0;
+                debug_assert!(best.iter().flatten().all(is_measured), "{best:?} was never measured");
                 Ok(best.map(|best| (best, live.commit(store, &[]))))
             })
             .await??;

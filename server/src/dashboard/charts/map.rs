@@ -1,6 +1,6 @@
 //! Maps of states and races of studies.
 
-use super::{Axis, Frame, WIDTH, above_zero, escape, figure, nothing, open, open_sized, put, range};
+use super::{Axis, COLOURS, Frame, WIDTH, above_zero, escape, figure, nothing, open, open_sized, put, range};
 
 /// A state on a map.
 pub(in super::super) struct Place {
@@ -40,7 +40,8 @@ pub(in super::super) fn map(x_axis: &Axis, y_axis: &Axis, places: &[Place]) -> S
         put(&mut svg, format_args!(r#"<text x="{x}" y="{y}" text-anchor="{anchor}">{words}</text>"#));
     }
     for (index, place) in places.iter().enumerate() {
-        let class = ranks.partition_point(|other| *other < place.rank) * 5 / ranks.len();
+        let class = ranks.partition_point(|other| *other < place.rank) * COLOURS / ranks.len();
+        debug_assert!(class < COLOURS, "a rank of {} has no colour", place.rank);
         let (x, y) = (frame.x(place.x), frame.y(place.y));
         let (link, words) = (escape(&place.link), escape(&place.words));
         let state = place.state;
@@ -88,6 +89,10 @@ pub(in super::super) fn race(runners: &[Runner]) -> String {
             (runner.name.as_str(), so_far.collect())
         })
         .collect();
+    debug_assert!(
+        best.iter().all(|(_, line)| line.is_sorted_by(|before, now| before >= now)),
+        "the best so far becomes worse"
+    );
     let all = best.iter().flat_map(|(_, line)| line.iter().copied()).filter(|ratio| ratio.is_finite());
     let Some((low, _)) = range(all) else { return nothing("Nothing can be compared yet.") };
     let longest = best.iter().map(|(_, line)| line.len()).max().unwrap_or(1);
