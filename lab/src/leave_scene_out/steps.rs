@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use treewright_client::blocking::{Client, Study};
-use treewright_client::{Options, Policy, SessionPolicy};
+use treewright_client::{Indicators, Options, Policy, SessionPolicy};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::server::machine;
@@ -31,7 +31,7 @@ use super::suite::Context;
 pub(crate) const CHECKPOINTS: [u32; 5] = [1, 8, 16, 32, 60];
 
 /// How long a question may take.
-const DEADLINE: Duration = Duration::from_secs(10);
+pub(crate) const DEADLINE: Duration = Duration::from_secs(10);
 
 /// Of pictures.
 const SEED: u64 = 1;
@@ -128,7 +128,8 @@ impl Stage {
         Ok(Some(self.rounds(all, objective, rounds)))
     }
 
-    fn rounds(&mut self, rivals: Vec<Rival>, objective: Objective, rounds: u32) -> RecordedRounds {
+    /// Rivals in interleaved rounds.
+    pub(crate) fn rounds(&mut self, rivals: Vec<Rival>, objective: Objective, rounds: u32) -> RecordedRounds {
         let conditions = Conditions {
             view: self.view(),
             width: self.context.size.width,
@@ -163,14 +164,23 @@ impl Stage {
     ) -> Result<RecordedSearch, CliError> {
         let daemon = Daemon::start()?;
         let threads = u32::try_from(self.context.threads).unwrap_or(u32::MAX);
-        let options = Options::new().deadline(DEADLINE).fingerprint(machine().threads(threads));
-        let client = Client::connect(&daemon.url, options)?;
-        let space = Arc::new(self.space(objective));
-        let study =
-            client.study(&study_id(objective, &space), specification(&space, objective, Policy::new())?)?;
+        let options = Options::new().fingerprint(machine().threads(threads));
+        let (client, study) = join(&daemon, objective, &self.space(objective), options)?;
         if others {
             self.teach(book, objective, &client, &study)?;
         }
+        self.explore(&client, &study, objective, iterations)
+    }
+
+    /// The first answer of a study to this scene, and a search there that explores in every frame.
+    pub(crate) fn explore(
+        &mut self,
+        client: &Client,
+        study: &Study,
+        objective: Objective,
+        iterations: u32,
+    ) -> Result<RecordedSearch, CliError> {
+        let space = Arc::new(self.space(objective));
         let camera = self.renderer.scene().cameras[0];
         let state = self.workload.state(&SceneIndicators::of(self.renderer.scene()).with_camera(&camera));
         let first_answer = study.predict(&state)?.configuration;
@@ -243,8 +253,7 @@ impl Stage {
                 continue;
             };
             for trial in &search.trials {
-                let suggestion = study.trial_of(&search.state, &trial.configuration)?;
-                suggestion.report(measurements(trial.times, 1, objective), trial.outcome.clone())?;
+                tell(study, &search.state, trial, objective)?;
             }
             // Then what ran beside all others there, frame by frame in the order in which it ran.
             if let Some(rounds) = book.rounds.get(&key(CANDIDATES, objective, scene, &context)) {
@@ -257,6 +266,29 @@ impl Stage {
         client.flush(DEADLINE)?;
         Ok(())
     }
+}
+
+/// A client of a daemon, and the study of an objective and a space there, which it creates.
+pub(crate) fn join(
+    daemon: &Daemon,
+    objective: Objective,
+    space: &TuningSpace,
+    options: Options,
+) -> Result<(Client, Study), CliError> {
+    let client = Client::connect(&daemon.url, options.deadline(DEADLINE))?;
+    let study = client.study(&study_id(objective, space), specification(space, objective, Policy::new())?)?;
+    Ok((client, study))
+}
+
+/// Reports a recorded trial, as its client would have.
+pub(crate) fn tell(
+    study: &Study,
+    state: &Indicators,
+    trial: &RecordedTrial,
+    objective: Objective,
+) -> Result<(), CliError> {
+    let suggestion = study.trial_of(state, &trial.configuration)?;
+    Ok(suggestion.report(measurements(trial.times, 1, objective), trial.outcome.clone())?)
 }
 
 /// The space of an objective on so many threads: one for all scenes of the suite, so that each can teach the
@@ -309,7 +341,7 @@ mod tests {
         assert!(stage.finals(&book, objective, 1).expect("it is sound").is_none(), "there was no search");
         let answer = stage.space(objective).default_configuration();
         let search = RecordedSearch {
-            state: treewright_client::Indicators::new(),
+            state: Indicators::new(),
             trials: Vec::new(),
             first_answer: answer.clone(),
             answers: BTreeMap::from([(8, answer.clone())]),

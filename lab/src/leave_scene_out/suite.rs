@@ -55,6 +55,18 @@ impl Entry {
     }
 }
 
+/// As it is read.
+impl fmt::Display for Entry {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, path, detail, seed, .. } = self;
+        write!(formatter, "{name}={path}")?;
+        if path.starts_with("builtin:") {
+            write!(formatter, ":{detail}")?;
+        }
+        seed.map_or(Ok(()), |seed| write!(formatter, ":{seed}"))
+    }
+}
+
 /// `NAME=PATH`, or `NAME=builtin:SCENE:DETAIL:SEED`.
 impl FromStr for Entry {
     type Err = String;
@@ -115,6 +127,9 @@ mod tests {
         assert_eq!(entry("a=b/c.glb").map(|entry| entry.path), Ok("b/c.glb".to_owned()));
         let city = entry("c=builtin:city:0.1:5").expect("it is sound");
         assert_eq!((city.path.as_str(), city.detail, city.seed), ("builtin:city", 0.1, Some(5)));
+        for text in ["a=b/c.glb", "c=builtin:city:0.1", "c=builtin:city:0.1:5"] {
+            assert_eq!(entry(text).map(|entry| entry.to_string()).as_deref(), Ok(text));
+        }
         for wrong in ["a", "=b", "a b=c", "a=", "a=builtin:city:x", "a=builtin:city:1:y"] {
             assert!(entry(wrong).is_err(), "{wrong}");
         }
