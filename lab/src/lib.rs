@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `converge` | error against run time: whose picture is good enough first |
 //! | `ablation` | a winner taken apart, one value at a time |
+//! | `fleet` | what a machine gains from its own measurements, its group's and the fleet's |
 //! | `leave_scene_out` | what the service is worth on scenes it has never seen |
 //! | `evaluation` | the paper's section 7: searches along camera paths are recorded, predictors judged by the record |
 //! | `simulated` | what the studies of the examples are made of |
@@ -16,5 +17,6 @@ pub mod ablation;
 pub mod commands;
 pub mod converge;
 pub(crate) mod evaluation;
+pub(crate) mod fleet;
 pub(crate) mod leave_scene_out;
 pub mod simulated;

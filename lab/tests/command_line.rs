@@ -117,10 +117,41 @@ fn comparisons_that_cannot_be_made_are_refused() {
 }
 
 #[test]
+fn a_fleet_is_reported_from_its_record() {
+    let folder = folder();
+    let path = folder.path();
+    let machine = r#"{"isa":"sse2","threads":1,"size":[8,6]}"#;
+    let ran = |name: &str, ms: u32| {
+        format!(
+            r#"{{"name":"{name}","configuration":null,"build_ms":[0],"render_ms":[{ms}],"failure":null}}"#
+        )
+    };
+    let conditions = format!(
+        r#"{{"conditions":{{"version":"1","processor":{{"cpu_model":"a","isa":"","threads":0,"software":{{}}}},"machines":[{machine}],"scenes":["hall=builtin:hall:1"],"frames":24,"first_frames":8,"rounds":1}}}}"#
+    );
+    let answers = format!(
+        r#"{{"answers":{{"machine":{machine},"scene":"hall","measured":{{"contenders":[{},{}],"disturbed":true}}}}}}"#,
+        ran("recommended", 8),
+        ran("Node after 0", 4)
+    );
+    std::fs::write(path.join("f.jsonl"), format!("{conditions}\n{answers}\n")).expect("it can be written");
+    let told = succeeds(path, "fleet --report f.jsonl");
+    for words in ["1 measurements beside", "group sse2", "over own search", "2.000"] {
+        assert!(told.contains(words), "{words:?} is missing: {told}");
+    }
+    let json: serde_json::Value =
+        serde_json::from_str(&succeeds(path, "fleet --report f.jsonl --json")).expect("it is JSON");
+    assert_eq!(json["rows"].as_array().map(Vec::len), Some(2 * 9));
+    assert_eq!(json["rows"][1]["over_recommended"]["estimate"], 2.0);
+    fails("fleet --report missing.jsonl", FAILED, &["missing.jsonl"]);
+    fails("fleet --record a.jsonl --only hall", USAGE, &["name two"]);
+}
+
+#[test]
 fn help_shows_examples_and_exit_codes() {
     let help = succeeds(folder().path(), "--help");
     assert!(help.contains("Examples:") && help.contains("Exit codes:"));
-    for command in ["leave-out", "ablate", "converge", "verify"] {
+    for command in ["leave-out", "ablate", "converge", "fleet", "verify"] {
         assert!(help.contains(command), "{command}");
         succeeds(folder().path(), &format!("{command} --help"));
     }

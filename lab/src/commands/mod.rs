@@ -7,6 +7,7 @@ mod converge_output;
 mod evaluate;
 mod evaluate_parameters;
 mod evaluate_setup;
+mod fleet;
 mod leave_out;
 mod leave_scene_out;
 mod verify;
@@ -24,6 +25,7 @@ Examples:
   treewright-lab verify --scene bmw.ply --rays 10000
   treewright-lab leave-out --scene builtin:model
   treewright-lab leave-scene-out --book scenes.json
+  treewright-lab fleet --record fleet.jsonl
   treewright-lab ablate --scene builtin:city --config-file best.json --report ablation.html
   treewright-lab evaluate record --record paper.jsonl --only gallery,voxels --cameras 20
   treewright-lab evaluate verify --record paper.jsonl --only gallery,voxels
@@ -56,6 +58,9 @@ enum Command {
     LeaveOut(leave_out::Arguments),
     /// Measure the service on scenes it has never seen.
     LeaveSceneOut(leave_scene_out::Arguments),
+    /// Measure what a machine gains from its own measurements, from its group's, and from the fleet's.
+    #[command(long_about = fleet::LONG_ABOUT, after_help = fleet::EXAMPLES)]
+    Fleet(Box<fleet::Arguments>),
     /// Compare error over time: which picture is good enough first, builds and tuning included.
     Converge(Box<converge::Arguments>),
     /// Repeat the paper's evaluation: record searches along camera paths, then judge predictors by the
@@ -81,6 +86,7 @@ fn run(command: &Command) -> Result<(), CliError> {
     match command {
         Command::LeaveOut(arguments) => leave_out::run(arguments),
         Command::LeaveSceneOut(arguments) => leave_scene_out::run(arguments),
+        Command::Fleet(arguments) => fleet::run(arguments),
         Command::Converge(arguments) => converge::run(arguments),
         Command::Evaluate(command) => evaluate::run(command),
         Command::Report(arguments) => verify_answers::judge(arguments, true),
@@ -104,5 +110,14 @@ mod tests {
     #[test]
     fn the_command_line_is_sound() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn the_help_of_fleet_teaches_and_keeps_what_the_program_calls_itself_with() {
+        let mut cli = Cli::command();
+        let fleet = cli.find_subcommand_mut("fleet").expect("it is a command");
+        let help = fleet.render_long_help().to_string();
+        assert!(help.contains("Each scene is then unseen once") && help.contains("--report fleet.jsonl"));
+        assert!(!help.contains("--node"));
     }
 }

@@ -1,0 +1,173 @@
+//! The table: how fast the answers of each predictor are. Nothing is measured here.
+
+use std::collections::BTreeSet;
+
+use serde::Serialize;
+use treewright_renderer::statistics::Ratio;
+use treewright_renderer::tuning::verdict::NATIVE_DEFAULT;
+
+use super::machines::Level;
+use super::measure::{OWN_SEARCH, RECOMMENDED, answer_name, frame_ms};
+use super::record::{At, Record};
+use crate::converge::bootstrap::{Interval, interval};
+use crate::leave_scene_out::book::RecordedRounds;
+
+/// Speed-ups of an answer, as geometric means over all machines and unseen scenes. Machines in the same scene
+/// are not independent, so intervals are drawn by resampling scenes.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Row {
+    /// The group whose machines were asked; absent for all of the fleet.
+    pub(crate) group: Option<String>,
+    /// Whose measurements the predictor knows; absent for the machine's own search in the scene itself.
+    pub(crate) knows: Option<Level>,
+    /// Frames in the scene before the answer.
+    pub(crate) frames: u32,
+    /// How many answers ran; others could not be built.
+    pub(crate) answers: usize,
+    /// Over the renderer's recommended configuration.
+    pub(crate) over_recommended: Option<Interval>,
+    /// Over native Embree's default.
+    pub(crate) over_native: Option<Interval>,
+    /// Over the predictor that knows less, after as many frames: what the node gains from itself, from its
+    /// group, and from the fleet. Absent for a predictor that knows nothing.
+    pub(crate) over_less: Option<Interval>,
+    /// Over what the machine's own search found in the scene.
+    pub(crate) over_search: Option<Interval>,
+}
+
+/// All rows: of the fleet, then group by group.
+pub(crate) fn rows(record: &Record) -> Vec<Row> {
+    let groups: BTreeSet<&str> =
+        record.conditions.machines.iter().map(|machine| machine.isa.as_str()).collect();
+    std::iter::once(None)
+        .chain(groups.into_iter().map(Some))
+        .flat_map(|group| rows_of(record, group))
+        .collect()
+}
+
+/// The rows of a group, or of all machines.
+fn rows_of(record: &Record, group: Option<&str>) -> Vec<Row> {
+    let is_asked = |one: &&At<RecordedRounds>| group.is_none_or(|group| one.machine.isa == group);
+    let asked: Vec<&At<RecordedRounds>> = record.answers.iter().filter(is_asked).collect();
+    let row = |knows, frames, name: &str, less: Option<String>| {
+        let answers = asked.iter().filter(|one| !frame_ms(&one.measured, name).is_empty()).count();
+        Row {
+            group: group.map(str::to_owned),
+            knows,
+            frames,
+            answers,
+            over_recommended: speedup(&asked, name, RECOMMENDED),
+            over_native: speedup(&asked, name, NATIVE_DEFAULT),
+            over_less: less.and_then(|less| speedup(&asked, name, &less)),
+            over_search: speedup(&asked, name, OWN_SEARCH),
+        }
+    };
+    let mut rows = Vec::new();
+    for frames in [0, record.conditions.first_frames] {
+        let mut less = None;
+        for level in Level::ALL {
+            let name = answer_name(level, frames);
+            rows.push(row(Some(level), frames, &name, less.replace(name.clone())));
+        }
+    }
+    rows.push(row(None, record.conditions.frames, OWN_SEARCH, None));
+    rows
+}
+
+/// The geometric mean of the speed of `name` over `other`: of each machine and scene the median of the ratios
+/// within rounds. `None` where they never ran together.
+fn speedup(asked: &[&At<RecordedRounds>], name: &str, other: &str) -> Option<Interval> {
+    let scenes: BTreeSet<&str> = asked.iter().map(|one| one.scene.as_str()).collect();
+    let of_scene = |scene: &str| -> Vec<f64> {
+        let here = asked.iter().filter(|one| one.scene == scene);
+        let ratio = |one: &&At<RecordedRounds>| {
+            let ratio = Ratio::of(&frame_ms(&one.measured, other), &frame_ms(&one.measured, name));
+            (ratio.count > 0).then(|| ratio.median.ln())
+        };
+        here.filter_map(ratio).collect()
+    };
+    let logarithms: Vec<Vec<f64>> = scenes.into_iter().map(of_scene).filter(|all| !all.is_empty()).collect();
+    interval(logarithms.len(), |drawn| {
+        let all = || drawn.iter().flat_map(|&scene| &logarithms[scene]);
+        let count = all().count();
+        (count > 0).then(|| (all().sum::<f64>() / count as f64).exp())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fleet::record::tests::conditions;
+    use crate::leave_scene_out::book::RecordedContender;
+
+    /// Builds are too short to count.
+    fn contender(name: &str, render_ms: f64) -> RecordedContender {
+        let failure = (render_ms == 0.0).then(|| "too deep".to_owned());
+        let (name, build_ms) = (name.to_owned(), vec![0.0]);
+        RecordedContender { name, configuration: None, build_ms, render_ms: vec![render_ms; 3], failure }
+    }
+
+    /// Two machines, each a group, in three scenes: `avx2` gains from the fleet alone, and one answer of
+    /// `sse2` cannot be built.
+    fn record() -> Record {
+        let conditions = conditions();
+        let mut answers = Vec::new();
+        for scene in ["city", "hall", "sea"] {
+            for machine in &conditions.machines {
+                let (node, fleet) = if machine.isa == "sse2" { (8.0, 8.0) } else { (16.0, 4.0) };
+                let failing = if machine.isa == "sse2" && scene == "sea" { 0.0 } else { fleet };
+                let contenders = vec![
+                    contender(NATIVE_DEFAULT, 32.0),
+                    contender(RECOMMENDED, 16.0),
+                    contender(OWN_SEARCH, 4.0),
+                    contender("Nothing after 0", 16.0),
+                    contender("Node after 0", node),
+                    contender("Group after 0", node),
+                    contender("Fleet after 0", failing),
+                ];
+                let measured = RecordedRounds { contenders, disturbed: false };
+                answers.push(At::of(machine, scene, measured));
+            }
+        }
+        Record { conditions, searches: Vec::new(), answers }
+    }
+
+    /// As a power of two, in halves: all ratios of this record are such.
+    fn halvings(interval: Option<Interval>) -> Option<f64> {
+        interval.map(|found| (found.estimate.log2() * 2.0).round() / 2.0)
+    }
+
+    #[test]
+    fn each_level_is_compared_with_defaults_with_less_and_with_a_search() {
+        let rows = rows(&record());
+        assert_eq!(rows.len(), 3 * 9, "the fleet and two groups");
+        let find = |group: Option<&str>, knows: Level| {
+            let is =
+                |row: &&Row| row.group.as_deref() == group && row.knows == Some(knows) && row.frames == 0;
+            rows.iter().find(is).expect("there is a row").clone()
+        };
+        let nothing = find(None, Level::Nothing);
+        assert_eq!((halvings(nothing.over_recommended), nothing.over_less), (Some(0.0), None));
+        let node = find(None, Level::Node);
+        let over = [node.over_recommended, node.over_native, node.over_search].map(halvings);
+        assert_eq!(over, [Some(0.5), Some(1.5), Some(-1.5)]);
+        let range = node.over_less.and_then(|found| found.range).expect("three scenes");
+        assert!(range.iter().all(|end| (end - 2.0_f64.sqrt()).abs() < 1e-9), "{range:?}");
+        assert_eq!(halvings(find(None, Level::Group).over_less), Some(0.0));
+        let avx2 = find(Some("avx2"), Level::Fleet);
+        assert_eq!(
+            (halvings(avx2.over_less), halvings(avx2.over_search), avx2.answers),
+            (Some(2.0), Some(0.0), 3)
+        );
+        let sse2 = find(Some("sse2"), Level::Fleet);
+        assert_eq!((halvings(sse2.over_less), sse2.answers), (Some(0.0), 2));
+        let own = rows.iter().find(|row| row.knows.is_none()).expect("a search stands beside them");
+        assert_eq!((halvings(own.over_native), own.frames), (Some(3.0), 24));
+    }
+
+    #[test]
+    fn what_was_not_measured_has_no_figure() {
+        let rows = rows(&Record { answers: Vec::new(), ..record() });
+        assert!(rows.iter().all(|row| row.answers == 0 && row.over_recommended.is_none()));
+    }
+}

@@ -1,0 +1,123 @@
+//! Searches of emulated machines, and what each predictor answers to a scene that none of them has seen.
+//! Everything here runs in a process that is kept to the machine's instruction set.
+
+use std::collections::BTreeMap;
+
+use treewright_client::Options;
+use treewright_client::blocking::{Client, Study};
+use treewright_render_cli::error::CliError;
+use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::verdict::{self, NATIVE_DEFAULT, Rival};
+
+use super::machines::{Level, Machine};
+use super::record::{At, Conditions, Record};
+use crate::leave_scene_out::book::{RecordedRounds, RecordedSearch};
+use crate::leave_scene_out::daemon::Daemon;
+use crate::leave_scene_out::steps::{DEADLINE, Stage, join, space, tell};
+
+/// What is minimised: frames that share a build, as in the paper's section 7.1.2.
+const OBJECTIVE: Objective = Objective::Render;
+/// The name of the renderer's recommended configuration in rounds.
+pub(crate) const RECOMMENDED: &str = "recommended";
+/// The name of what a search of the machine itself found in the scene.
+pub(crate) const OWN_SEARCH: &str = "own search";
+
+/// The name of what a predictor answers after so many frames.
+pub(crate) fn answer_name(level: Level, frames: u32) -> String {
+    format!("{level:?} after {frames}")
+}
+
+/// Frame times with their share of the build, by the name of an answer.
+pub(crate) fn frame_ms(rounds: &RecordedRounds, name: &str) -> Vec<f64> {
+    let named = rounds.contenders.iter().find(|one| one.name == name);
+    named.map(|one| one.frame_ms(OBJECTIVE.frames_per_build())).unwrap_or_default()
+}
+
+/// A machine of a fleet that measures.
+#[derive(Debug)]
+pub(crate) struct Node<'a> {
+    pub(crate) machine: &'a Machine,
+    pub(crate) conditions: &'a Conditions,
+}
+
+impl Node<'_> {
+    fn join(&self, daemon: &Daemon, machine: &Machine) -> Result<(Client, Study), CliError> {
+        let fingerprint = machine.fingerprint(&self.conditions.processor);
+        let options = Options::new().client_id(machine.to_string()).fingerprint(fingerprint);
+        join(daemon, OBJECTIVE, &space(OBJECTIVE, machine.context().threads), options)
+    }
+
+    /// A search by a daemon that knows nothing.
+    pub(crate) fn search(&self, stage: &mut Stage) -> Result<RecordedSearch, CliError> {
+        self.search_knowing(stage, &[], self.conditions.frames)
+    }
+
+    /// A search of so many frames by a daemon that knows these searches.
+    fn search_knowing(
+        &self,
+        stage: &mut Stage,
+        known: &[&At<RecordedSearch>],
+        frames: u32,
+    ) -> Result<RecordedSearch, CliError> {
+        let daemon = Daemon::start()?;
+        self.teach(&daemon, known)?;
+        let (client, study) = self.join(&daemon, self.machine)?;
+        stage.explore(&client, &study, OBJECTIVE, frames)
+    }
+
+    /// Reports recorded searches as if their machines worked side by side: the first trial of each, then the
+    /// second, and so on.
+    fn teach(&self, daemon: &Daemon, known: &[&At<RecordedSearch>]) -> Result<(), CliError> {
+        let mut joined = BTreeMap::new();
+        for one in known {
+            let name = one.machine.to_string();
+            if !joined.contains_key(&name) {
+                joined.insert(name, self.join(daemon, &one.machine)?);
+            }
+        }
+        let longest = known.iter().map(|one| one.measured.trials.len()).max().unwrap_or(0);
+        for number in 0..longest {
+            for one in known {
+                let Some(trial) = one.measured.trials.get(number) else { continue };
+                let (_, study) = &joined[&one.machine.to_string()];
+                tell(study, &one.measured.state, trial, OBJECTIVE)?;
+            }
+        }
+        for (client, _) in joined.values() {
+            client.flush(DEADLINE)?;
+        }
+        Ok(())
+    }
+
+    /// The answers of all predictors that know the other scenes, before and after the first frames, beside
+    /// the renderer's defaults and what the machine's own search found here, in interleaved rounds.
+    pub(crate) fn examine(
+        &self,
+        stage: &mut Stage,
+        scene: &str,
+        record: &Record,
+    ) -> Result<RecordedRounds, CliError> {
+        let Conditions { first_frames, rounds, .. } = *self.conditions;
+        let space = space(OBJECTIVE, self.machine.context().threads);
+        let mut named = vec![(RECOMMENDED.to_owned(), space.default_configuration())];
+        for level in Level::ALL {
+            let known = record.searches.iter().filter(|one| one.scene != scene);
+            let known: Vec<_> = known.filter(|one| level.knows(self.machine, &one.machine)).collect();
+            let found = self.search_knowing(stage, &known, first_frames)?;
+            named.push((answer_name(level, 0), found.first_answer));
+            let frozen = found.answers.into_iter().next_back();
+            named.extend(frozen.map(|(frames, answer)| (answer_name(level, frames), answer)));
+        }
+        let own = record.searches.iter().find(|one| one.is_of(self.machine, scene));
+        let found = own.and_then(|own| own.measured.answers.values().next_back());
+        named.extend(found.map(|found| (OWN_SEARCH.to_owned(), found.clone())));
+        let natives = verdict::natives().into_iter().filter(|one| one.name == NATIVE_DEFAULT);
+        let mut rivals: Vec<Rival> =
+            natives.map(|contender| Rival { contender, configuration: None }).collect();
+        for (name, configuration) in named {
+            let contender = verdict::contender(&name, &space, &configuration)?;
+            rivals.push(Rival { contender, configuration: Some(configuration) });
+        }
+        Ok(stage.rounds(rivals, OBJECTIVE, rounds))
+    }
+}

@@ -1,0 +1,168 @@
+//! What was measured, as JSON Lines: a first line that says under which conditions, then a line a search or
+//! examination.
+//!
+//! Lines are only added. One that a killed run left unfinished is cut off before more are added, and its work
+//! done again.
+
+use std::fs::OpenOptions;
+use std::io::Write as _;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use treewright_client::Fingerprint;
+use treewright_render_cli::error::CliError;
+
+use super::machines::Machine;
+use crate::leave_scene_out::book::{RecordedRounds, RecordedSearch};
+
+/// Under which conditions everything in a record was measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Conditions {
+    /// The program's.
+    pub(crate) version: String,
+    /// On which all machines are emulated.
+    pub(crate) processor: Fingerprint,
+    pub(crate) machines: Vec<Machine>,
+    /// Each as `NAME=PATH` or `NAME=builtin:SCENE:DETAIL:SEED`.
+    pub(crate) scenes: Vec<String>,
+    /// Trials of a search in a scene that becomes known.
+    pub(crate) frames: u32,
+    /// Trials in an unseen scene before the answer is frozen.
+    pub(crate) first_frames: u32,
+    /// How often answers are measured.
+    pub(crate) rounds: u32,
+}
+
+/// What a machine measured in a scene.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct At<T> {
+    pub(crate) machine: Machine,
+    pub(crate) scene: String,
+    pub(crate) measured: T,
+}
+
+impl<T> At<T> {
+    pub(crate) fn of(machine: &Machine, scene: &str, measured: T) -> Self {
+        Self { machine: machine.clone(), scene: scene.to_owned(), measured }
+    }
+
+    pub(crate) fn is_of(&self, machine: &Machine, scene: &str) -> bool {
+        self.machine == *machine && self.scene == scene
+    }
+}
+
+/// A line of the file.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Line {
+    Conditions(Conditions),
+    /// By a daemon that knows nothing else.
+    Search(At<RecordedSearch>),
+    /// The answers of all predictors to a scene that none of them has seen, in interleaved rounds.
+    Answers(At<RecordedRounds>),
+}
+
+/// All lines.
+#[derive(Clone, Debug)]
+pub(crate) struct Record {
+    pub(crate) conditions: Conditions,
+    pub(crate) searches: Vec<At<RecordedSearch>>,
+    pub(crate) answers: Vec<At<RecordedRounds>>,
+}
+
+impl Record {
+    /// Reads a record. A last line without an end does not count.
+    pub(crate) fn read(path: &Path) -> Result<Self, CliError> {
+        let text = std::fs::read_to_string(path).map_err(|error| wrong(path, &error.to_string()))?;
+        let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
+        let mut lines = whole.lines().enumerate().map(|(number, line)| {
+            serde_json::from_str(line).map_err(|error| wrong(path, &format!("line {}: {error}", number + 1)))
+        });
+        let Some(Line::Conditions(conditions)) = lines.next().transpose()? else {
+            return Err(wrong(path, "its first line says no conditions"));
+        };
+        let mut record = Self { conditions, searches: Vec::new(), answers: Vec::new() };
+        for line in lines {
+            match line? {
+                Line::Search(search) => record.searches.push(search),
+                Line::Answers(answers) => record.answers.push(answers),
+                Line::Conditions(_) => return Err(wrong(path, "it says its conditions twice")),
+            }
+        }
+        Ok(record)
+    }
+
+    /// Begins a record, or goes on with one that was begun under the same conditions.
+    pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
+        if !path.exists() {
+            add(path, &Line::Conditions(conditions.clone()))?;
+        }
+        let record = Self::read(path)?;
+        if record.conditions == *conditions {
+            return Ok(record);
+        }
+        let path = path.display();
+        Err(CliError::Usage(format!("{path} was begun under other conditions; use another file")))
+    }
+}
+
+/// Adds a line, in place of one that was left unfinished; it is on the disk when this returns.
+pub(crate) fn add(path: &Path, line: &Line) -> Result<(), CliError> {
+    let failed = |error: String| CliError::Failed(format!("{} cannot be written: {error}", path.display()));
+    let mut text = serde_json::to_vec(line).map_err(|error| failed(error.to_string()))?;
+    text.push(b'\n');
+    let write = || {
+        let mut file = OpenOptions::new().append(true).create(true).open(path)?;
+        let there = std::fs::read(path)?;
+        file.set_len(there.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end as u64 + 1))?;
+        file.write_all(&text)?;
+        file.sync_data()
+    };
+    write().map_err(|error: std::io::Error| failed(error.to_string()))
+}
+
+fn wrong(path: &Path, cause: &str) -> CliError {
+    CliError::Failed(format!("{} is no record of a fleet: {cause}", path.display()))
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// Of two machines, each a group of its own.
+    pub(crate) fn conditions() -> Conditions {
+        let size = "32x24".parse().expect("it is a size");
+        Conditions {
+            version: "1".to_owned(),
+            processor: Fingerprint::default(),
+            machines: Machine::all(&["sse2".to_owned(), "avx2".to_owned()], &[1], &[size]),
+            scenes: Vec::new(),
+            frames: 24,
+            first_frames: 8,
+            rounds: 3,
+        }
+    }
+
+    #[test]
+    fn records_are_gone_on_with_under_the_same_conditions_only() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("fleet.jsonl");
+        let conditions = conditions();
+        Record::open(&path, &conditions).expect("it is begun");
+        let rounds = RecordedRounds { contenders: Vec::new(), disturbed: false };
+        let at = At::of(&conditions.machines[0], "hall", rounds);
+        let line = Line::Answers(at);
+        add(&path, &line).expect("it can be written");
+        let mut killed = std::fs::read(&path).expect("it is there");
+        killed.extend_from_slice(b"{\"answers\":{\"mach");
+        std::fs::write(&path, killed).expect("it can be written");
+        let count = || Record::open(&path, &conditions).expect("it is a record").answers.len();
+        assert_eq!(count(), 1, "half a line does not count");
+        add(&path, &line).expect("it can be written");
+        assert_eq!(count(), 2, "and gives way to the next");
+        let other = Conditions { rounds: 99, ..conditions.clone() };
+        assert!(matches!(Record::open(&path, &other), Err(CliError::Usage(_))));
+        std::fs::write(&path, "{}\n").expect("it can be written");
+        assert!(matches!(Record::read(&path), Err(CliError::Failed(_))));
+    }
+}
