@@ -2,6 +2,7 @@
 //! Everything here runs in a process that is kept to the machine's instruction set.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 use treewright_client::Options;
 use treewright_client::blocking::{Client, Study};
@@ -70,9 +71,8 @@ impl Node<'_> {
     fn teach(&self, daemon: &Daemon, known: &[&At<RecordedSearch>]) -> Result<(), CliError> {
         let mut joined = BTreeMap::new();
         for one in known {
-            let name = one.machine.to_string();
-            if !joined.contains_key(&name) {
-                joined.insert(name, self.join(daemon, &one.machine)?);
+            if let Entry::Vacant(vacant) = joined.entry(one.machine.to_string()) {
+                vacant.insert(self.join(daemon, &one.machine)?);
             }
         }
         let longest = known.iter().map(|one| one.measured.trials.len()).max().unwrap_or(0);
