@@ -15,6 +15,7 @@
 
 pub mod assignment;
 pub mod configuration;
+pub mod cost_view;
 pub mod decision;
 pub mod fnv;
 pub mod ids;

@@ -4,10 +4,12 @@
 //! is one term `render_ms`; build and render together are two (paper sections 3.3 and 7).
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::cost_view::CostView;
 use crate::limits::{AUXILIARY_METRICS_MAX, MEASUREMENT_LIMITS_MAX, OBJECTIVE_TERMS_MAX};
 use crate::names::{NAME_RULE, is_name};
 
@@ -33,8 +35,8 @@ pub struct MeasurementLimit {
     pub at_most: Option<f64>,
 }
 
-impl std::fmt::Display for MeasurementLimit {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl fmt::Display for MeasurementLimit {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { metric, at_least, at_most } = self;
         match (at_least, at_most) {
             (Some(low), Some(high)) => write!(formatter, "{low} <= {metric} <= {high}"),
@@ -256,11 +258,11 @@ impl Objective {
         &self.maximised
     }
 
-    /// What a cost stands for where one metric is maximised and nothing else counts: its name and value.
-    pub fn maximum(&self, cost: f64) -> Option<(&str, f64)> {
+    /// How costs are told: by the metric where one is maximised and nothing else counts.
+    pub fn view(&self) -> CostView {
         match (self.terms.as_slice(), self.maximised.as_slice()) {
-            ([term], [_]) => Some((&term.metric, term.weight / cost)),
-            _ => None,
+            ([term], [_]) => CostView::maximising(&term.metric, term.weight),
+            _ => CostView::default(),
         }
     }
 
@@ -331,6 +333,22 @@ impl Objective {
             }
         }
         if cost.is_finite() { Ok(cost + 0.0) } else { Err(ObjectiveError::Overflow) }
+    }
+}
+
+/// `minimises 0.5 × build_ms + 1000 / fps`, or `maximises fps` where nothing else counts.
+impl fmt::Display for Objective {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let view = self.view();
+        if view.is_maximised() {
+            return write!(formatter, "maximises {}", view.name());
+        }
+        for (index, ObjectiveTerm { metric, weight }) in self.terms.iter().enumerate() {
+            let before = if index == 0 { "minimises" } else { " +" };
+            let sign = if self.maximised.contains(metric) { '/' } else { '×' };
+            write!(formatter, "{before} {weight} {sign} {metric}")?;
+        }
+        Ok(())
     }
 }
 
@@ -405,11 +423,12 @@ mod tests {
             let refused = both.cost(&measured(wrong));
             assert!(matches!(refused, Err(ObjectiveError::MaximisedValue { .. })), "{wrong}: {refused:?}");
         }
-        assert_eq!(both.maximum(24.0), None, "it is not alone");
+        assert_eq!(both.view(), CostView::default(), "it is not alone");
+        assert_eq!(both.to_string(), "minimises 0.5 × build_ms + 1000 / fps");
         let one = Objective::new(vec![term("fps", 1000.0)]).expect("valid");
-        assert_eq!(one.maximum(20.0), None, "it is minimised");
+        assert_eq!(one.view(), CostView::default(), "it is minimised");
         let one = one.with_maximised(vec!["fps".to_owned()]).expect("valid");
-        assert_eq!(one.maximum(20.0), Some(("fps", 50.0)));
+        assert_eq!((one.to_string().as_str(), one.view().value(20.0)), ("maximises fps", 50.0));
         let text = serde_json::to_string(&one).expect("plain data");
         assert_eq!(serde_json::from_str::<Objective>(&text).expect("its own form"), one);
         // A version that knows no maximum finds no terms, and cannot take it for a minimum.

@@ -8,6 +8,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::cost_view::CostView;
 use crate::words::words;
 
 /// The probability, by the paired rounds of a confirmation alone, of being better that counts as a proof.
@@ -87,6 +88,15 @@ pub struct Gain {
     pub high: Option<f64>,
     /// The probability that it is cheaper at all, where it is known.
     pub probability_better: Option<f64>,
+}
+
+impl Gain {
+    /// The gain as a study's view tells it: of what is maximised, the share by which it is above the other.
+    #[must_use]
+    pub fn by(self, view: &CostView) -> Self {
+        let [low, high] = [self.low, self.high].map(|end| end.map(|end| view.share(end)));
+        Self { share: view.share(self.share), low, high, ..self }
+    }
 }
 
 /// In percent with its interval, as in `12.3 % [10.1, 14.6]`; `?` stands for an end of which nothing is
@@ -187,8 +197,14 @@ impl Standing {
         }
     }
 
-    /// The verdict with its probability, as a sentence for people, without its full stop.
+    /// The verdict with its probability, as a sentence for people, without its full stop. Gains are shares of
+    /// the cost.
     pub fn sentence(&self) -> String {
+        self.sentence_by(&CostView::default())
+    }
+
+    /// [`Standing::sentence`] with gains as a study's view tells them.
+    pub fn sentence_by(&self, view: &CostView) -> String {
         let Confirmation { rounds, rounds_max, measurements, gain, .. } = self.confirmation;
         let verdict = self.verdict();
         let mut text = verdict.in_words().to_owned();
@@ -206,10 +222,10 @@ impl Standing {
         }
         match (verdict, told, self.gain_at_most) {
             (StandingVerdict::Proven | StandingVerdict::Likely, Some(gain), _) => {
-                text += &format!(", by {gain}")
+                text += &format!(", by {}", gain.by(view));
             }
             (StandingVerdict::NothingBetter | StandingVerdict::NothingToWin, _, Some(most)) => {
-                text += &format!(": at most {:.1} % with 95 %", 100.0 * most);
+                text += &format!(": at most {:.1} % with 95 %", 100.0 * view.share(most));
             }
             _ => {}
         }
@@ -316,6 +332,9 @@ mod tests {
         );
         let racing = said(ConfirmationStage::Racing, 0.5, None);
         assert!(racing.contains("is open; confirmation goes on, 4 of at most 10 rounds"), "{racing}");
+        let rate = standing(ConfirmationStage::Better, 0.999, Some(0.995));
+        let rate = rate.sentence_by(&CostView::maximising("fps", 1.0));
+        assert!(rate.ends_with("by 14.0 % [11.2, 17.1]"), "shares of the default's rate: {rate}");
         let jumped = Standing { disturbances: 2, ..standing(ConfirmationStage::Searching, 0.5, None) };
         assert!(jumped.sentence().ends_with("jumped 2 times meanwhile"));
     }

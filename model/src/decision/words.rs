@@ -148,9 +148,10 @@ fn of_point(point: &ExploredPoint) -> String {
         ExploredPoint::Search { measurements, .. } => {
             format!("Another replicate, after {measurements} measurements.")
         }
-        ExploredPoint::Proposal(Predicted { expected: (cost, deviation), .. }) => format!(
-            "Nothing was measured in this state; by what is known of others this may do better than the rest: \
-             {cost:.4} ± {deviation:.4}."
+        ExploredPoint::Proposal(Predicted { expected, .. }) => format!(
+            "Nothing was measured in this state; by what is known of others this may do better than the rest, if its \
+             cost is predicted well{}.",
+            uncertainty(*expected)
         ),
         ExploredPoint::ByMachines(by) => of_machines(by),
         ExploredPoint::Confirming { round, rounds_max } => format!(
@@ -209,16 +210,23 @@ fn of_exploit(exploit: &Exploit) -> String {
 }
 
 fn of_predictor(predicted: &Predicted) -> String {
-    let Predicted { predictor, expected: (cost, deviation), neighbours } = predicted;
+    let Predicted { predictor, expected, neighbours } = predicted;
     match (predictor, neighbours.first()) {
         (PredictorMethod::NearestNeighbour, Some(Neighbour { state_id, distance, .. })) => format!(
             "Not measured here: the answer of state {state_id}, the nearest known one, at distance {distance:.4}."
         ),
         _ => format!(
-            "Predicted, not measured here: the model learnt from all trials expects {cost:.4} ± {deviation:.4} of it, \
-             so much less than of what was measured that it is worth its risk."
+            "Predicted, not measured here: the model learnt from all trials expects so much less cost of it{} than of \
+             what was measured that it is worth its risk.",
+            uncertainty(*expected)
         ),
     }
+}
+
+/// The deviation of an expected cost as a share of it: what is expected stands beside these words, in the
+/// unit that the study is told in.
+fn uncertainty((cost, deviation): (f64, f64)) -> String {
+    if cost > 0.0 { format!(" (± {:.1} %)", 100.0 * deviation / cost) } else { String::new() }
 }
 
 fn of_machines(by: &ByMachines) -> String {
