@@ -2,7 +2,7 @@
 
 use std::io::{IsTerminal as _, Write as _};
 
-use treewright_client::TrialRecord;
+use treewright_client::{CostView, TrialRecord};
 
 use crate::show::figure;
 
@@ -14,21 +14,15 @@ pub(crate) struct Progress {
     done: u32,
     first: Option<f64>,
     best: Option<f64>,
-    /// The weight of a metric that alone is maximised.
-    maximised: Option<f64>,
+    view: CostView,
 }
 
 impl Progress {
-    pub(crate) fn new(most: Option<u32>, objective: String) -> Self {
-        Self { most, objective, done: 0, first: None, best: None, maximised: None }
+    pub(crate) fn new(most: Option<u32>, objective: String, view: CostView) -> Self {
+        Self { most, objective, done: 0, first: None, best: None, view }
     }
 
     /// Another trial is done, with a cost, or with the reason why it has none.
-    /// Shows the measurement that a cost stands for where that alone is maximised: this weight over the cost.
-    pub(crate) fn maximising(self, weight: Option<f64>) -> Self {
-        Self { maximised: weight, ..self }
-    }
-
     pub(crate) fn trial(&mut self, trial: &TrialRecord, result: Result<f64, &str>) {
         self.done += 1;
         if let Ok(cost) = result {
@@ -36,7 +30,7 @@ impl Progress {
             self.best = Some(self.best.map_or(cost, |best| best.min(cost)));
         }
         let of = self.most.map(|most| format!("/{most}")).unwrap_or_default();
-        let value = |cost: f64| self.maximised.map_or(cost, |weight| weight / cost);
+        let value = |cost: f64| self.view.value(cost);
         let result = match result {
             Ok(cost) => format!("{} {}", self.objective, figure(value(cost))),
             Err(reason) => reason.to_owned(),

@@ -21,7 +21,8 @@ Examples:
 pub(crate) const EXPORT_HELP: &str = "\
 JSON Lines contain everything: the first line is the study, as written by `study show --format json`, \
 and each further line is a trial. Parquet contains the same as a table with typed columns. CSV has a \
-column for each parameter, indicator and measurement, but no machines. Every trial carries its origin, \
+column for each parameter, indicator and measurement, but no machines; of a study that maximises one metric \
+the column `value` stands in place of `cost`. Every trial carries its origin, \
 SITE/studies/ID@UID/trials/NUMBER, by whose identity UID an import recognises it.
 
 Examples:

@@ -4,7 +4,9 @@
 use std::collections::BTreeMap;
 use std::time::SystemTime;
 
-use treewright_client::{Configuration, Domain, Fingerprint, Outcome, StudySpec, TrialRecord, Value};
+use treewright_client::{
+    Configuration, CostView, Domain, Fingerprint, Outcome, StudySpec, TrialRecord, Value,
+};
 
 use super::{CarriedTrial, client_id, origin};
 use crate::show;
@@ -74,7 +76,7 @@ impl TrialColumn {
 
 /// The columns of a table of these trials.
 pub(super) fn columns(spec: &StudySpec, trials: &[TrialRecord], site: &str) -> Vec<TrialColumn> {
-    let mut columns = fixed(site.to_owned());
+    let mut columns = fixed(site.to_owned(), spec.objective.view());
     columns.extend(spec.space.parameters().iter().map(|parameter| {
         let name = parameter.name.clone();
         TrialColumn::new(format!("{CONFIGURATION}{name}"), kind(&parameter.domain), move |trial| {
@@ -100,8 +102,9 @@ pub(super) fn columns(spec: &StudySpec, trials: &[TrialRecord], site: &str) -> V
     columns
 }
 
-/// The columns of every study.
-fn fixed(site: String) -> Vec<TrialColumn> {
+/// The columns of every study. Where one metric is maximised and nothing else counts, its `value` stands in
+/// the place of the `cost`.
+fn fixed(site: String, view: CostView) -> Vec<TrialColumn> {
     let outcome = |trial: &TrialRecord| show::outcome_parts(trial.outcome.as_ref());
     let text = |text: String| (!text.is_empty()).then_some(TrialCell::Text(text));
     vec![
@@ -113,7 +116,9 @@ fn fixed(site: String) -> Vec<TrialColumn> {
         TrialColumn::new("outcome", Kind::Text, move |trial| text(outcome(trial).0)),
         TrialColumn::new("reason", Kind::Text, move |trial| text(outcome(trial).1)),
         TrialColumn::new("lower_bound", Kind::Number, move |trial| outcome(trial).2.map(TrialCell::Number)),
-        TrialColumn::new("cost", Kind::Number, |trial| trial.cost.map(TrialCell::Number)),
+        TrialColumn::new(if view.is_maximised() { "value" } else { "cost" }, Kind::Number, move |trial| {
+            trial.cost.map(|cost| TrialCell::Number(view.value(cost)))
+        }),
         TrialColumn::new("state_id", Kind::Integer, |trial| Some(TrialCell::Integer(trial.state_id))),
         TrialColumn::new("client_id", Kind::Text, move |trial| text(client_id(trial).to_owned())),
         TrialColumn::new("complete_time", Kind::Time, |trial| trial.complete_time.map(TrialCell::Time)),

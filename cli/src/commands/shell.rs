@@ -10,6 +10,7 @@ use crate::failure::Failure;
 use crate::files;
 use crate::output::either;
 use crate::progress;
+use crate::show;
 
 pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<String, Failure> {
     let study = client.get_study(&ask.study)?;
@@ -67,7 +68,13 @@ pub(super) fn report(client: &Client, report: &Report, json: bool) -> Result<Str
     let measured: Measurements = report.measurements.iter().cloned().collect();
     let (trial, duplicate) = client.tell(&report.trial, &measured, &outcome)?;
     either(json, &trial, || {
-        let cost = trial.cost.map(|cost| format!(", cost {}", crate::show::figure(cost))).unwrap_or_default();
+        // A token that may only report reads no study.
+        let study = trial.name.split('/').nth(1).and_then(|study| client.get_study(study).ok());
+        let told = trial.cost.zip(study).map(|(cost, study)| {
+            let view = show::view(&study);
+            format!(", {} {}", view.name(), show::figure(view.value(cost)))
+        });
+        let cost = told.unwrap_or_default();
         let known = if duplicate { " (already reported before; unchanged)" } else { "" };
         format!("reported {}{known}{cost}", trial.name)
     })

@@ -1,5 +1,6 @@
 //! What is known: trials, the best, predictions, explanations.
 
+use serde::Serialize;
 use treewright_client::blocking::Client;
 use treewright_client::{Best, Indicators, StudyRecord, TrialQuery, TrialRecord};
 
@@ -32,7 +33,8 @@ pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String
     let trials = read(&which.study)?;
     match which.format {
         TrialFormat::Table if !json => {
-            either(false, &trials, || show::trials(&trials, limit, which.order_by.is_empty()))
+            let view = show::view(&client.get_study(&which.study)?);
+            Ok(show::trials(&trials, limit, which.order_by.is_empty(), &view))
         }
         _ => either(true, &trials, String::new),
     }
@@ -78,9 +80,23 @@ fn best_in(client: &Client, study: &str, state: i64) -> Result<Best, Failure> {
         .ok_or_else(|| Failure::Data(format!("nothing measured in state {state} of {study}")))
 }
 
+/// The best with what its costs stand for where one metric is maximised and nothing else counts.
+#[derive(Serialize)]
+struct BestAsJson<'a> {
+    #[serde(flatten)]
+    best: &'a Best,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    value: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    default_value: Option<f64>,
+}
+
 fn show_best(best: &Best, study: &StudyRecord, json: bool) -> Result<String, Failure> {
     if json {
-        return either(json, best, String::new);
+        let view = show::view(study);
+        let (value, default_value) =
+            (view.maximum(best.cost), best.default_cost.and_then(|cost| view.maximum(cost)));
+        return either(json, &BestAsJson { best, value, default_value }, String::new);
     }
     Ok(show::best(best, study.spec()?))
 }
@@ -99,8 +115,15 @@ pub(super) fn explain(client: &Client, state: &State, json: bool) -> Result<Stri
         // With or without `studies/`, as studies are named everywhere here.
         let name = format!("studies/{}", state.study.trim_start_matches("studies/"));
         let trial = client.trial(&name)?;
-        return either(json, &trial, || show::trial(&trial));
+        if json {
+            return either(json, &trial, String::new);
+        }
+        let study = trial.name.split('/').nth(1).unwrap_or_default();
+        return Ok(show::trial(&trial, &show::view(&client.get_study(study)?)));
     }
     let prediction = client.predict(&state.study, &indicators(client, state)?)?;
-    either(json, &prediction, || show::explanation(&prediction))
+    if json {
+        return either(json, &prediction, String::new);
+    }
+    Ok(show::explanation(&prediction, &show::view(&client.get_study(&state.study)?)))
 }

@@ -110,7 +110,7 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
         limit: exec.run_timeout,
         stop: &stop,
     };
-    check_metrics(&runner)?;
+    check_metrics(&runner, &spec)?;
     announce(&spec, &study);
     let mut session_policy = SessionPolicy { epsilon: Some(1.0), ..SessionPolicy::default() };
     let room = study.policy.trials_per_state.unwrap_or_default();
@@ -179,14 +179,18 @@ fn needed(spec: &StudySpec) -> Vec<ObjectiveTerm> {
 }
 
 /// Whether all that is minimised or limited can be measured at all.
-fn check_metrics(runner: &Runner) -> Result<(), Failure> {
+fn check_metrics(runner: &Runner, spec: &StudySpec) -> Result<(), Failure> {
     let is_taken = |metric: &str| metric == "wall_ms" || metric == "cpu_ms";
     match runner.terms.iter().find(|term| !is_taken(&term.metric)) {
         Some(term) if runner.metric == MetricSource::Time => Err(Failure::Usage(format!(
             "the study {1} {0}, but only cpu_ms, wall_ms are measured; with --metric json, the program can print \
              it: {{\"{0}\": 1.5}}",
             term.metric,
-            if term.weight > 0.0 { "minimises" } else { "limits" },
+            match spec.objective.maximised().contains(&term.metric) {
+                true => "maximises",
+                false if term.weight > 0.0 => "minimises",
+                false => "limits",
+            }
         ))),
         _ => Ok(()),
     }
@@ -290,8 +294,8 @@ impl Job<'_> {
     ) -> Winner {
         let command = self.template.fill(&configuration);
         let (cost, default_cost) = costs;
-        let value = |cost: f64| self.spec.objective.maximum(cost).map(|(_, value)| value);
-        let (value, default_value) = (value(cost), default_cost.and_then(value));
+        let view = self.spec.objective.view();
+        let (value, default_value) = (view.maximum(cost), default_cost.and_then(|cost| view.maximum(cost)));
         Winner { configuration, cost, default_cost, value, default_value, command, source }
     }
 }
@@ -307,8 +311,8 @@ impl Session<'_> {
     }
 
     fn search(&mut self, exec: &Exec, summary: &mut Summary) -> Result<(), Failure> {
-        let mut progress = Progress::new(exec.trials, summary::objective(self.job.spec))
-            .maximising(self.job.spec.objective.maximum(1.0).map(|(_, weight)| weight));
+        let spec = self.job.spec;
+        let mut progress = Progress::new(exec.trials, summary::objective(spec), spec.objective.view());
         loop {
             if exec.trials.is_some_and(|most| summary.trials >= u64::from(most)) {
                 summary.end = "the requested number of trials is reached";

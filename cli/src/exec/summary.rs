@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use treewright_client::{Configuration, ObjectiveTerm, StudySpec};
+use treewright_client::{Configuration, CostView, ObjectiveTerm, StudySpec};
 
 use super::pairs::Gain;
 use super::shell_words;
@@ -34,6 +34,8 @@ pub(super) struct Summary {
     pub(super) best: Option<Winner>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) confirmation: Option<Confirmed>,
+    #[serde(skip)]
+    view: CostView,
 }
 
 /// What ran against the default in pairs, and what came out.
@@ -87,6 +89,7 @@ impl Summary {
             error: None,
             best: None,
             confirmation: None,
+            view: spec.objective.view(),
         }
     }
 
@@ -106,12 +109,15 @@ impl Summary {
         if let Some(cost) = best.default_value.or(best.default_cost).filter(|_| !is_default) {
             text += &format!(", default {}", figure(cost));
         }
+        if self.view.is_maximised() {
+            text += "; higher is better";
+        }
         if best.source == WinnerSource::Runs {
             text += " (by this call's runs alone, because the daemon cannot be asked)";
         }
         text.push('\n');
         if let Some(confirmed) = &self.confirmation {
-            text += &confirmed.words(best.configuration == confirmed.configuration);
+            text += &confirmed.words(best.configuration == confirmed.configuration, &self.view);
         }
         text
     }
@@ -119,12 +125,13 @@ impl Summary {
 
 impl Confirmed {
     /// `is_best`: it is what is recommended.
-    fn words(&self, is_best: bool) -> String {
-        let percent = |share: f64| format!("{:.1}", 100.0 * share);
+    fn words(&self, is_best: bool, view: &CostView) -> String {
+        let percent = |share: f64| format!("{:.1}", 100.0 * view.share(share));
         let Gain { pairs, gain, low, high, confidence, .. } = self.gain;
         let found = format!(
-            "{} % below the default, {} to {} % ({:.0} % interval of the median)",
+            "{} % {} the default, {} to {} % ({:.0} % interval of the median)",
             percent(gain),
+            view.better_side(),
             percent(low),
             percent(high),
             100.0 * confidence

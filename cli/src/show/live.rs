@@ -3,7 +3,7 @@
 use std::time::SystemTime;
 
 use serde::Serialize;
-use treewright_client::{Best, Configuration, StudyRecord, TrialRecord};
+use treewright_client::{Best, Configuration, CostView, StudyRecord, StudySpec, TrialRecord};
 
 use super::{figure, line, table};
 
@@ -22,15 +22,15 @@ pub(crate) struct Glance {
     pub(crate) trials_per_s: Option<f64>,
 }
 
-/// By how much the best of a state is below its default, with its 95 % interval; empty where the default was
-/// not measured.
-fn gain(best: &Best) -> String {
+/// By how much the best of a state is better than its default, with its 95 % interval; empty where the
+/// default was not measured.
+fn gain(best: &Best, view: &CostView) -> String {
     match best.standing {
-        Some(standing) => standing.gain.map(|gain| gain.to_string()).unwrap_or_default(),
+        Some(standing) => standing.gain.map(|gain| gain.by(view).to_string()).unwrap_or_default(),
         None => {
             let default = best.default_cost.filter(|default| *default > 0.0);
-            default
-                .map_or_else(String::new, |default| format!("{:.1} %", 100.0 * (1.0 - best.cost / default)))
+            let gain = |default: f64| 100.0 * view.share(1.0 - best.cost / default);
+            default.map_or_else(String::new, |default| format!("{:.1} %", gain(default)))
         }
     }
 }
@@ -40,7 +40,7 @@ pub(crate) fn best_of_states(found: &[Best], study: &StudyRecord) -> String {
     if found.is_empty() {
         return "nothing measured yet\n".to_owned();
     }
-    let mut text = rows(found, study);
+    let mut text = rows(found, study.spec().ok());
     let states = study.statistics.states;
     if (found.len() as i64) < states {
         line(&mut text, &format!("{} of {states} states; use --state NUMBER to see others", found.len()));
@@ -51,10 +51,12 @@ pub(crate) fn best_of_states(found: &[Best], study: &StudyRecord) -> String {
 /// Longest configuration that stands in the table, in characters; longer ones follow it.
 const SHORT: usize = 30;
 
-fn rows(found: &[Best], study: &StudyRecord) -> String {
-    let others: Vec<String> = found.iter().map(|best| beside_default(&best.configuration, study)).collect();
+pub(super) fn rows(found: &[Best], spec: Option<&StudySpec>) -> String {
+    let others: Vec<String> = found.iter().map(|best| beside_default(&best.configuration, spec)).collect();
     let is_short = others.iter().all(|words| words.chars().count() <= SHORT);
-    let mut header = vec!["state", "cost", "below the default", "status", "runs"];
+    let view = spec.map(|spec| spec.objective.view()).unwrap_or_default();
+    let (title, gains) = (view.title(), format!("{} the default", view.better_side()));
+    let mut header = vec!["state", &title, &gains, "status", "runs"];
     header.extend(is_short.then_some("changed from the default"));
     let mut table = table(&header, &[0, 1, 2, 4]);
     let mut jumps = 0;
@@ -63,8 +65,8 @@ fn rows(found: &[Best], study: &StudyRecord) -> String {
         jumps += best.standing.map_or(0, |standing| standing.disturbances);
         let mut row = vec![
             best.state_id.to_string(),
-            figure(cost),
-            gain(best),
+            figure(view.value(cost)),
+            gain(best, &view),
             best.standing.map(|standing| standing.in_short().to_owned()).unwrap_or_default(),
             best.measurements.to_string(),
         ];
@@ -85,8 +87,8 @@ fn rows(found: &[Best], study: &StudyRecord) -> String {
 }
 
 /// The values of a configuration that differ from the default; all where the study cannot be read.
-fn beside_default(configuration: &Configuration, study: &StudyRecord) -> String {
-    let Ok(spec) = study.spec() else { return configuration.to_string() };
+fn beside_default(configuration: &Configuration, spec: Option<&StudySpec>) -> String {
+    let Some(spec) = spec else { return configuration.to_string() };
     let parameters = spec.space.parameters().iter();
     let others = parameters.filter_map(|parameter| {
         let value = configuration.get(&parameter.name).filter(|value| **value != parameter.default)?;
@@ -129,7 +131,7 @@ pub(crate) fn glance(glance: &Glance, now: SystemTime) -> String {
     );
     if !glance.best.is_empty() {
         text.push('\n');
-        text += &rows(&glance.best, study);
+        text += &rows(&glance.best, study.spec().ok());
         if (glance.best.len() as i64) < counts.states {
             line(&mut text, &format!("first {} of {} states", glance.best.len(), counts.states));
         }
@@ -146,7 +148,7 @@ pub(crate) fn glance(glance: &Glance, now: SystemTime) -> String {
                 trial.number().map_or_else(|| trial.name.clone(), |number| number.to_string()),
                 trial.state_id.to_string(),
                 left.as_secs().to_string(),
-                beside_default(&trial.configuration, study),
+                beside_default(&trial.configuration, study.spec().ok()),
             ]);
         }
         line(&mut text, &leases.trim_fmt());

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, presets};
 use treewright_client::{
-    Best, Configuration, OpenEnum, Outcome, Policy, Prediction, Scale, Standing, StandingVerdict,
+    Best, Configuration, CostView, OpenEnum, Outcome, Policy, Prediction, Scale, Standing, StandingVerdict,
     StudyRecord, StudySpec, TrialRecord,
 };
 
@@ -28,6 +28,11 @@ fn table(header: &[&str], figures: &[usize]) -> Table {
         }
     }
     table
+}
+
+/// How a study's costs are told: as costs where what it minimises cannot be read.
+pub(crate) fn view(study: &StudyRecord) -> CostView {
+    study.spec().map(|spec| spec.objective.view()).unwrap_or_default()
 }
 
 pub(crate) fn studies(studies: &[StudyRecord]) -> String {
@@ -66,8 +71,9 @@ pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
         };
         let better = count(&[StandingVerdict::Proven]);
         let nothing = count(&[StandingVerdict::NothingBetter, StandingVerdict::NothingToWin]);
+        let view = view(study);
         let mut gains: Vec<f64> =
-            standings.iter().filter_map(|standing| Some(100.0 * standing.gain?.share)).collect();
+            standings.iter().filter_map(|standing| Some(100.0 * view.share(standing.gain?.share))).collect();
         gains.sort_by(f64::total_cmp);
         table.add_row([
             study.id().to_owned(),
@@ -134,13 +140,7 @@ fn specification(spec: &StudySpec) -> String {
         line(&mut text, &indicators.trim_fmt());
         line(&mut text, &format!("states are the same within {}", figure(spec.state_tolerance)));
     }
-    let terms: Vec<_> = spec
-        .objective
-        .terms()
-        .iter()
-        .map(|term| format!("{} × {}", figure(term.weight), term.metric))
-        .collect();
-    line(&mut text, &format!("minimises {}", terms.join(" + ")));
+    line(&mut text, &spec.objective.to_string());
     text
 }
 
@@ -153,15 +153,16 @@ pub(crate) fn policy(policy: &Policy) -> String {
     table.trim_fmt()
 }
 
-pub(crate) fn trials(trials: &[TrialRecord], limit: usize, is_by_number: bool) -> String {
+pub(crate) fn trials(trials: &[TrialRecord], limit: usize, is_by_number: bool, view: &CostView) -> String {
     if trials.is_empty() {
         return "no such trials".to_owned();
     }
-    let mut table = table(&["trial", "state", "mode", "outcome", "cost", "configuration"], &[0, 1, 4]);
+    let header = ["trial", "state", "mode", "outcome", &view.title(), "configuration"];
+    let mut table = table(&header, &[0, 1, 4]);
     for trial in trials {
         // Of a completed trial the outcome says more than that it is complete.
         let ended = match &trial.outcome {
-            Some(ended) => outcome(ended),
+            Some(ended) => outcome(ended, view),
             None => trial.state.to_string(),
         };
         table.add_row([
@@ -169,7 +170,7 @@ pub(crate) fn trials(trials: &[TrialRecord], limit: usize, is_by_number: bool) -
             trial.state_id.to_string(),
             trial.mode.to_string(),
             ended + if trial.late { " (late)" } else { "" },
-            trial.cost.map_or_else(String::new, figure),
+            trial.cost.map_or_else(String::new, |cost| figure(view.value(cost))),
             trial.configuration.to_string(),
         ]);
     }
@@ -185,7 +186,7 @@ pub(crate) fn trials(trials: &[TrialRecord], limit: usize, is_by_number: bool) -
 }
 
 /// One trial with its reason.
-pub(crate) fn trial(trial: &TrialRecord) -> String {
+pub(crate) fn trial(trial: &TrialRecord, view: &CostView) -> String {
     let mut text = String::new();
     line(&mut text, &format!("{}  {} {}", trial.name, trial.mode, trial.state));
     line(&mut text, &format!("of {} in state {}", trial.client_id, trial.state_id));
@@ -198,12 +199,13 @@ pub(crate) fn trial(trial: &TrialRecord) -> String {
     }
     if let Some(ended) = &trial.outcome {
         let measured = trial.measurements.iter().map(|(name, value)| format!("{name}={}", figure(value)));
-        line(&mut text, &format!("{} {}", outcome(ended), pairs(measured.collect())));
+        line(&mut text, &format!("{} {}", outcome(ended, view), pairs(measured.collect())));
     }
     if let Some(cost) = trial.cost {
+        let told = |cost: f64| figure(view.value(cost));
         let predicted =
-            trial.predicted_cost.map(|cost| format!(", predicted {}", figure(cost))).unwrap_or_default();
-        line(&mut text, &format!("cost {}{predicted}", figure(cost)));
+            trial.predicted_cost.map(|cost| format!(", predicted {}", told(cost))).unwrap_or_default();
+        line(&mut text, &format!("{} {}{predicted}", view.name(), told(cost)));
     }
     let reason = &trial.reason;
     let step = if reason.step.is_empty() { String::new() } else { format!(" ({})", reason.step) };
@@ -242,29 +244,27 @@ pub(crate) fn outcome_parts(outcome: Option<&OpenEnum<Outcome>>) -> (String, Str
 }
 
 pub(crate) fn best(best: &Best, spec: &StudySpec) -> String {
-    let mut text = String::new();
-    match &best.standing {
-        Some(standing) => text += &stands(standing, best),
-        None => text += &means(best),
-    }
-    let cost = best.standing.as_ref().map_or(best.cost, |standing| standing.cost);
-    if let Some((metric, value)) = spec.objective.maximum(cost) {
-        line(&mut text, &format!("{metric} {} at that cost", figure(value)));
-    }
+    let view = spec.objective.view();
+    let mut text = match &best.standing {
+        Some(standing) => stands(standing, best, &view),
+        None => means(best, &view),
+    };
     line(&mut text, &format!("last measured by {} at {}", best.trial, time(best.last_measure_time)));
     text + &beside_default("best", &best.configuration, spec) + "\n"
 }
 
 /// The standing of the best: costs and gains are estimates with 95 % intervals.
-fn stands(standing: &Standing, best: &Best) -> String {
+fn stands(standing: &Standing, best: &Best, view: &CostView) -> String {
     let mut text = String::new();
+    let (low, high) = view.interval(standing.cost_low, standing.cost_high);
     line(
         &mut text,
         &format!(
-            "cost {} [{}, {}] in state {}, {} measurement(s)",
-            figure(standing.cost),
-            figure(standing.cost_low),
-            figure(standing.cost_high),
+            "{} {} [{}, {}] in state {}, {} measurement(s)",
+            view.title(),
+            figure(view.value(standing.cost)),
+            figure(low),
+            figure(high),
             best.state_id,
             best.measurements
         ),
@@ -275,20 +275,22 @@ fn stands(standing: &Standing, best: &Best) -> String {
             .probability_better
             .map(|chance| format!(", better with probability {chance:.2}"))
             .unwrap_or_default();
-        line(&mut text, &format!("{gain} below the default (95 % interval){chance}"));
+        let (gain, side) = (gain.by(view), view.better_side());
+        line(&mut text, &format!("{gain} {side} the default (95 % interval){chance}"));
     }
-    line(&mut text, &standing.sentence());
+    line(&mut text, &standing.sentence_by(view));
     text
 }
 
 /// Means of what was measured, from a daemon that does not tell what is proven.
-fn means(best: &Best) -> String {
+fn means(best: &Best, view: &CostView) -> String {
     let mut text = String::new();
     line(
         &mut text,
         &format!(
-            "cost {} over {} measurement(s) in state {}",
-            figure(best.cost),
+            "{} {} over {} measurement(s) in state {}",
+            view.title(),
+            figure(view.value(best.cost)),
             best.measurements,
             best.state_id
         ),
@@ -296,23 +298,27 @@ fn means(best: &Best) -> String {
     if let Some(default) = best.default_cost
         && default > 0.0
     {
-        let gain = 100.0 * (1.0 - best.cost / default);
-        line(&mut text, &format!("default {}, so the best is {gain:.1} % below it", figure(default)));
+        let gain = 100.0 * view.share(1.0 - best.cost / default);
+        let (default, side) = (figure(view.value(default)), view.better_side());
+        line(&mut text, &format!("default {default}, so the best is {gain:.1} % {side} it"));
     }
     text
 }
 
 pub(crate) fn prediction(prediction: &Prediction, spec: &StudySpec) -> String {
     let mut text = String::new();
-    let cost = prediction.predicted_cost.map_or_else(|| "unknown".to_owned(), figure);
-    line(&mut text, &format!("mode {}, predicted cost {cost}", prediction.mode));
+    let view = spec.objective.view();
+    let told = |cost: f64| figure(view.value(cost));
+    let cost = prediction.predicted_cost.map_or_else(|| "unknown".to_owned(), told);
+    line(&mut text, &format!("mode {}, predicted {} {cost}", prediction.mode, view.title()));
     if !prediction.reason.summary.is_empty() {
         line(&mut text, &prediction.reason.summary);
     }
     if !prediction.reason.neighbours.is_empty() {
-        let mut neighbours = table(&["near state", "distance", "best cost there"], &[0, 1, 2]);
+        let header = ["near state", "distance", &format!("best {} there", view.name())];
+        let mut neighbours = table(&header, &[0, 1, 2]);
         for near in &prediction.reason.neighbours {
-            neighbours.add_row([near.state_id.to_string(), figure(near.distance), figure(near.best_cost)]);
+            neighbours.add_row([near.state_id.to_string(), figure(near.distance), told(near.best_cost)]);
         }
         line(&mut text, &neighbours.trim_fmt());
     }
@@ -320,7 +326,7 @@ pub(crate) fn prediction(prediction: &Prediction, spec: &StudySpec) -> String {
 }
 
 /// Why a state is answered as it is.
-pub(crate) fn explanation(prediction: &Prediction) -> String {
+pub(crate) fn explanation(prediction: &Prediction, view: &CostView) -> String {
     let mut text = String::new();
     let source = if prediction.reason.source.is_empty() { "?" } else { &prediction.reason.source };
     line(&mut text, &format!("answer: {}", prediction.configuration));
@@ -342,7 +348,7 @@ pub(crate) fn explanation(prediction: &Prediction) -> String {
     );
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     if let Some(standing) = &state.standing {
-        line(&mut text, &standing.sentence());
+        line(&mut text, &standing.sentence_by(view));
     }
     if let Some(noise) = state.noise {
         line(&mut text, &format!("repeated measurements differ by {}", percent(noise)));
@@ -354,7 +360,7 @@ pub(crate) fn explanation(prediction: &Prediction) -> String {
             &mut text,
             &format!(
                 "exploring on is expected to gain {} in each of {frames:.0} frames, and to cost as much as {cost:.1} frames",
-                percent(gain)
+                percent(view.share(gain))
             ),
         );
     }
@@ -385,12 +391,14 @@ fn beside_default(name: &str, configuration: &Configuration, spec: &StudySpec) -
     table.trim_fmt()
 }
 
-fn outcome(outcome: &OpenEnum<Outcome>) -> String {
+fn outcome(outcome: &OpenEnum<Outcome>, view: &CostView) -> String {
     let OpenEnum::Known(outcome) = outcome else { return "unrecognised".to_owned() };
     match outcome {
         Outcome::Ok => "OK".to_owned(),
         Outcome::Infeasible { reason } => format!("INFEASIBLE: {reason}"),
-        Outcome::Aborted { lower_bound } => format!("ABORTED: at least {}", figure(*lower_bound)),
+        Outcome::Aborted { lower_bound } => {
+            format!("ABORTED: {} {}", view.bound(), figure(view.value(*lower_bound)))
+        }
         Outcome::Failed { reason } => format!("FAILED: {reason}"),
     }
 }
@@ -430,7 +438,66 @@ fn line(text: &mut String, more: &str) {
 
 #[cfg(test)]
 mod tests {
+    use treewright_client::{Confirmation, ConfirmationStage, Gain, SpaceBuilder};
+
     use super::*;
+
+    /// A study that maximises a rate, and the best of it: 50 frames a second, where the default has 40.
+    fn best_rate() -> (StudySpec, Best) {
+        let space = SpaceBuilder::new().integer("level", 1..=9).default(3).build().expect("sound");
+        let spec = StudySpec::builder(space).maximise("fps", 1000.0).build().expect("sound");
+        let gain = Gain { share: 0.2, low: Some(0.0), high: Some(0.5), probability_better: None };
+        let confirmation = Confirmation {
+            stage: ConfirmationStage::Searching,
+            rounds: 0,
+            rounds_max: 0,
+            measurements: 0,
+            gain: None,
+        };
+        let standing = Standing {
+            cost: 20.0,
+            cost_low: 12.5,
+            cost_high: 25.0,
+            gain: Some(gain),
+            nothing_better: false,
+            confirmation,
+            disturbances: 0,
+            gain_at_most: None,
+        };
+        let best = Best {
+            configuration: Configuration::new().with("level", 5),
+            cost: 20.0,
+            default_cost: Some(25.0),
+            measurements: 4,
+            state_id: 1,
+            trial: "studies/rates/trials/7".into(),
+            last_measure_time: None,
+            standing: Some(standing),
+        };
+        (spec, best)
+    }
+
+    #[test]
+    fn what_is_maximised_is_told_by_its_value_and_direction() {
+        let (spec, known) = best_rate();
+        let told = best(&known, &spec);
+        assert!(
+            told.starts_with("fps (higher is better) 50 [40, 80] in state 1, 4 measurement(s)"),
+            "{told}"
+        );
+        assert!(told.contains("25.0 % [0.0, 100.0] above the default (95 % interval)"), "{told}");
+        let told = best(&Best { standing: None, ..known.clone() }, &spec);
+        assert!(told.contains("fps (higher is better) 50 over 4"), "{told}");
+        assert!(told.contains("default 40, so the best is 25.0 % above it"), "{told}");
+        let rows = live::rows(&[known], Some(&spec));
+        for word in ["fps (higher is better)", "above the default", " 50 ", "25.0 % [0.0, 100.0]"] {
+            assert!(rows.contains(word), "{word} is not in {rows}");
+        }
+        assert!(specification(&spec).contains("maximises fps"));
+        let bound = OpenEnum::Known(Outcome::aborted(25.0));
+        assert_eq!(outcome(&bound, &spec.objective.view()), "ABORTED: at most 40");
+        assert_eq!(outcome(&bound, &CostView::default()), "ABORTED: at least 25");
+    }
 
     #[test]
     fn figures_are_short() {
