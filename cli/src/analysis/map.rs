@@ -14,6 +14,8 @@ const CELLS: usize = 16;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Map {
     pub(crate) metric: String,
+    /// The study maximises it.
+    pub(crate) higher_is_better: bool,
     /// Across, then up.
     pub(crate) parameters: [String; 2],
     /// Lower ends of the cells along both axes; the last number is the highest value.
@@ -27,7 +29,7 @@ pub(crate) struct Cell {
     /// Across and up, from 0.
     pub(crate) at: [usize; 2],
     pub(crate) trials: usize,
-    /// Median of the cost relative to its state.
+    /// Median of the measurement relative to its state.
     pub(crate) relative: f64,
 }
 
@@ -51,7 +53,8 @@ pub(super) fn of(table: &Table, pair: &(String, String), metric: &Measured) -> O
         Cell { at, trials: values.len(), relative: quantile(&values, 0.5) }
     });
     let parameters = columns.map(|column| column.name.clone());
-    Some(Map { metric: metric.name.clone(), parameters, cells: cells.collect(), edges })
+    let (name, higher_is_better) = (metric.name.clone(), metric.higher_is_better);
+    Some(Map { metric: name, higher_is_better, parameters, cells: cells.collect(), edges })
 }
 
 fn edges(column: &Column) -> Vec<f64> {

@@ -7,7 +7,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | `table` | trials as columns of numbers, costs relative to their state |
+//! | `table` | trials as columns of numbers, measurements relative to their state |
 //! | `dependence` | correlation, rank correlation, mutual information |
 //! | `variance` | variance-based sensitivity, alone and in pairs |
 //! | `narrow` | ranges and fixed values that keep what is good |
@@ -51,7 +51,7 @@ pub(crate) struct Analysis {
     pub(crate) trials: usize,
     /// Those that cannot be run.
     pub(crate) infeasible: usize,
-    /// States, within which costs are compared.
+    /// States, within which measurements are compared.
     pub(crate) states: usize,
     /// Different configurations, those of each state counted.
     pub(crate) configurations: usize,
@@ -79,6 +79,8 @@ pub(crate) struct Condition {
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Metric {
     pub(crate) name: String,
+    /// The study maximises it.
+    pub(crate) higher_is_better: bool,
     /// Median in its own unit.
     pub(crate) median: f64,
     /// Of the values relative to their state's geometric mean.
@@ -157,7 +159,8 @@ impl Analysis {
             page::headline(self)
         );
         for metric in self.conditions.first().iter().flat_map(|all| &all.metrics) {
-            text += &format!("\n{:24} {:>6} {:>6} {:>6} {:>7}\n", metric.name, "r", "rank", "bits", "share");
+            let title = titled(&metric.name, metric.higher_is_better);
+            text += &format!("\n{title:24} {:>6} {:>6} {:>6} {:>7}\n", "r", "rank", "bits", "share");
             for one in &metric.parameters {
                 let r = |of: Option<dependence::Correlation>| {
                     of.map_or("-".to_owned(), |of| format!("{:.2}", of.r))
@@ -173,15 +176,21 @@ impl Analysis {
             }
         }
         for narrowed in self.objectives.iter().filter(|one| !one.narrowed.is_empty()) {
-            let narrow::Narrowed { metric, arguments, whole, part, .. } = narrowed;
+            let narrow::Narrowed { metric, arguments, whole, part, higher_is_better, .. } = narrowed;
+            let (wish, worse) = if *higher_is_better { ("more", "below") } else { ("less", "above") };
             text += &format!(
-                "\nfor less {metric}: {arguments}\n  one in ten trials above {:.2} instead of {:.2} times the mean, the worst {:.2} \
-                 instead of {:.2}\n",
+                "\nfor {wish} {metric}: {arguments}\n  one in ten trials {worse} {:.2} instead of {:.2} times the mean, the \
+                 worst {:.2} instead of {:.2}\n",
                 part.dear, whole.dear, part.worst, whole.worst
             );
         }
         text
     }
+}
+
+/// A measurement's name, with its direction where that is not the usual one.
+fn titled(name: &str, higher_is_better: bool) -> String {
+    format!("{name}{}", if higher_is_better { " (higher is better)" } else { "" })
 }
 
 fn condition(filter: String, table: &Table) -> Condition {
@@ -203,6 +212,7 @@ fn condition(filter: String, table: &Table) -> Condition {
         });
         Metric {
             name: metric.name.clone(),
+            higher_is_better: metric.higher_is_better,
             median: metric.median,
             relative_quartiles: metric.quartiles(),
             pairs: variance::pairs(table, metric, &parameters),

@@ -5,6 +5,8 @@
 //! nearly all of the best agree. The gain is measured on the other half of the trials, on which nothing was
 //! chosen.
 
+use std::cmp::Ordering;
+
 use serde::Serialize;
 
 use super::table::{Column, Measured, Table, quantile};
@@ -20,11 +22,13 @@ const WORTH: f64 = 0.75;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Narrowed {
     pub(crate) metric: String,
+    /// The study maximises it.
+    pub(crate) higher_is_better: bool,
     /// Parameters with what is left of them.
     pub(crate) narrowed: Vec<Held>,
     /// All of it for a command line: `--range …` and `--fix …`.
     pub(crate) arguments: String,
-    /// The costs of trials on which it was not chosen: of all, and of those that fit.
+    /// The values of trials on which it was not chosen: of all, and of those that fit.
     pub(crate) whole: Spread,
     pub(crate) part: Spread,
 }
@@ -46,23 +50,28 @@ pub(crate) struct Held {
     pub(crate) keeps_all: f64,
 }
 
-/// Costs relative to the geometric mean of their state.
+/// Values relative to the geometric mean of their state.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Spread {
     pub(crate) trials: usize,
     pub(crate) best: f64,
     pub(crate) median: f64,
-    /// Which one trial in ten exceeds.
+    /// Than which one trial in ten is worse.
     pub(crate) dear: f64,
     pub(crate) worst: f64,
 }
 
 impl Spread {
-    fn of(mut values: Vec<f64>) -> Self {
-        values.sort_by(f64::total_cmp);
+    fn of(mut values: Vec<f64>, higher_is_better: bool) -> Self {
+        values.sort_by(|a, b| from_best(*a, *b, higher_is_better));
         let [best, median, dear, worst] = [0.0, 0.5, 0.9, 1.0].map(|share| quantile(&values, share));
         Self { trials: values.len(), best, median, dear, worst }
     }
+}
+
+fn from_best(a: f64, b: f64, higher_is_better: bool) -> Ordering {
+    let rising = a.total_cmp(&b);
+    if higher_is_better { rising.reverse() } else { rising }
 }
 
 /// A parameter's run of bins.
@@ -86,7 +95,8 @@ pub(super) fn narrow(table: &Table, metric: &Measured) -> Narrowed {
         (0..metric.relative.len()).filter(own).filter_map(|trial| Some((trial, metric.relative[trial]?)))
     };
     let mut chosen_on: Vec<(usize, f64)> = measured(0).collect();
-    chosen_on.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+    let higher_is_better = metric.higher_is_better;
+    chosen_on.sort_by(|a, b| from_best(a.1, b.1, higher_is_better).then(a.0.cmp(&b.0)));
     let best = ((chosen_on.len() as f64 * BEST).ceil() as usize).max(1).min(chosen_on.len());
     let all: Vec<usize> = chosen_on.iter().map(|(trial, _)| *trial).collect();
     let (mut narrowed, mut runs) = (Vec::new(), Vec::new());
@@ -103,9 +113,10 @@ pub(super) fn narrow(table: &Table, metric: &Measured) -> Narrowed {
         .map(|held: &Held| format!("{} {}", if held.fixed { "--fix" } else { "--range" }, held.argument));
     Narrowed {
         metric: metric.name.clone(),
+        higher_is_better,
         arguments: words.collect::<Vec<_>>().join(" "),
-        whole: Spread::of(told.iter().map(|(_, cost)| *cost).collect()),
-        part: Spread::of(inside.map(|(_, cost)| *cost).collect()),
+        whole: Spread::of(told.iter().map(|(_, value)| *value).collect(), higher_is_better),
+        part: Spread::of(inside.map(|(_, value)| *value).collect(), higher_is_better),
         narrowed,
     }
 }

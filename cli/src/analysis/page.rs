@@ -7,7 +7,7 @@ use super::dependence::Correlation;
 use super::map::Map;
 use super::narrow::{Narrowed, Spread};
 use super::table::rounded;
-use super::{Analysis, CONFIGURATIONS_PER_PARAMETER, Condition, Influence, Metric};
+use super::{Analysis, CONFIGURATIONS_PER_PARAMETER, Condition, Influence, Metric, titled};
 
 const STYLE: &str = "\
 :root{color-scheme:light dark;--paper:#fbfaf7;--card:#fff;--ink:#1d1f24;--soft:#5c616b;--line:#dcdad4;--more:#b4552d;--less:#2167b0}\
@@ -32,7 +32,7 @@ pub(crate) fn html(analysis: &Analysis) -> String {
          <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
          <title>{study}: what its parameters do</title><style>{STYLE}</style></head><body><main>\n\
          <h1>{study}: what its parameters do</h1>\n<p>{}</p>\n<p class=\"soft\">{trials} trials in {states} state(s); {infeasible} infeasible ones left out. \
-         {} Every cost is divided by the geometric mean of its state.</p>\n",
+         {} Every measurement is divided by the geometric mean of its state.</p>\n",
         escaped(&headline(analysis)),
         if *random {
             "Configurations were drawn at random, so parameters do not depend on each other."
@@ -45,7 +45,7 @@ pub(crate) fn html(analysis: &Analysis) -> String {
         narrowed(&mut page, objective);
     }
     if !analysis.maps.is_empty() {
-        page += "<h2>Maps</h2><p class=\"soft\">Median cost of each pair of values, divided by the mean of its state.</p><div class=\"grid\">";
+        page += "<h2>Maps</h2><p class=\"soft\">Median for each pair of values, divided by the mean of its state.</p><div class=\"grid\">";
         for map in &analysis.maps {
             page += &drawn(map);
         }
@@ -54,9 +54,9 @@ pub(crate) fn html(analysis: &Analysis) -> String {
     for condition in &analysis.conditions {
         section(&mut page, condition);
     }
-    page += "<h2>How to read this</h2><p>Pearson's r and Spearman's rank correlation range from −1 (higher values cost less) to 1 (higher values cost more). \
-             Bars show r, and are pale where its 95 % interval contains 0. Mutual information, in bits, measures any kind of \
-             dependence. The share is the part of the variance of log(cost) that a parameter explains on its own, in \
+    page += "<h2>How to read this</h2><p>Pearson's r and Spearman's rank correlation range from −1 (higher values mean less of the measurement) to 1 (higher values mean more). \
+             Bars show r, red where higher values are worse, and are pale where its 95 % interval contains 0. Mutual information, in bits, measures any kind of \
+             dependence. The share is the part of the variance of its logarithm that a parameter explains on its own, in \
              configurations that were left out of the estimate; for pairs, the part beyond that of both alone. Only trials in \
              which a parameter is active count; with fewer than 20 configurations there is no share.</p>\n</main></body></html>\n";
     page
@@ -110,9 +110,9 @@ fn card(page: &mut String, metric: &Metric) {
         page,
         "<div class=\"card\"><h3>{}</h3><p class=\"soft\">median {}, middle 50 % between {low:.2} and {high:.2} times the mean of its state</p>{}\
          <table><tr><th></th><th>r</th><th>rank</th><th>bits</th><th>share</th></tr>",
-        escaped(&metric.name),
+        escaped(&titled(&metric.name, metric.higher_is_better)),
         rounded(metric.median),
-        bars(&metric.parameters)
+        bars(&metric.parameters, metric.higher_is_better)
     );
     for one in &metric.parameters {
         let r = |of: &Option<Correlation>| of.map_or("–".to_owned(), |of| format!("{:.2}", of.r));
@@ -141,7 +141,7 @@ fn card(page: &mut String, metric: &Metric) {
 }
 
 /// Correlations as bars from the middle.
-fn bars(parameters: &[Influence]) -> String {
+fn bars(parameters: &[Influence], higher_is_better: bool) -> String {
     const ROW: usize = 18;
     let ordered: Vec<(&Influence, Correlation)> =
         parameters.iter().filter_map(|one| Some((one, one.correlation?))).collect();
@@ -173,7 +173,7 @@ fn bars(parameters: &[Influence]) -> String {
             escaped(&one.parameter),
             y + 3,
             (to - from).max(0.5),
-            if correlation.r < 0.0 { "less" } else { "more" },
+            if (correlation.r < 0.0) == higher_is_better { "more" } else { "less" },
             if correlation.is_there() { "1" } else { "0.35" },
             at(correlation.interval[0]),
             y + 8,
@@ -184,8 +184,9 @@ fn bars(parameters: &[Influence]) -> String {
 }
 
 fn narrowed(page: &mut String, narrowed: &Narrowed) {
-    let Narrowed { metric, narrowed, arguments, whole, part } = narrowed;
-    let _ = write!(page, "<h2>Recommended ranges for {}</h2>", escaped(metric));
+    let Narrowed { metric, higher_is_better, narrowed, arguments, whole, part } = narrowed;
+    let _ = write!(page, "<h2>Recommended ranges for {}</h2>", escaped(&titled(metric, *higher_is_better)));
+    let worse = if *higher_is_better { "below" } else { "above" };
     if narrowed.is_empty() {
         *page += "<p>None: the best trials are spread over the whole range of every parameter.</p>\n";
         return;
@@ -193,7 +194,7 @@ fn narrowed(page: &mut String, narrowed: &Narrowed) {
     let _ = write!(
         page,
         "<p>Search with <code>{}</code>.</p><p class=\"soft\">Effect on trials that were not used to choose this:</p>\
-         <div class=\"card\"><table><tr><th></th><th>trials</th><th>best</th><th>median</th><th>1 in 10 above</th><th>worst</th></tr>",
+         <div class=\"card\"><table><tr><th></th><th>trials</th><th>best</th><th>median</th><th>1 in 10 {worse}</th><th>worst</th></tr>",
         escaped(arguments)
     );
     for (name, Spread { trials, best, median, dear, worst }) in [("whole space", whole), ("this part", part)]
@@ -216,18 +217,19 @@ fn narrowed(page: &mut String, narrowed: &Narrowed) {
     *page += "</table></div>\n";
 }
 
-/// A map as coloured cells, from the least to the most of its values.
+/// A map as coloured cells, from the best to the worst of its values.
 fn drawn(map: &Map) -> String {
     let [across, up] = [map.edges[0].len() - 1, map.edges[1].len() - 1];
     let (low, high) = map.cells.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), cell| {
         (low.min(cell.relative), high.max(cell.relative))
     });
+    let (best, worst) = if map.higher_is_better { (high, low) } else { (low, high) };
     let (width, height) = (270.0 / across as f64, 200.0 / up as f64);
     let mut svg = String::from(
         "<svg viewBox=\"0 0 340 262\" role=\"img\" aria-label=\"Map\" font-size=\"11\" fill=\"var(--ink)\">",
     );
     for cell in &map.cells {
-        let share = if high > low { (cell.relative - low) / (high - low) } else { 0.5 };
+        let share = if high > low { (cell.relative - best) / (worst - best) } else { 0.5 };
         let _ = write!(
             svg,
             "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"color-mix(in srgb,var(--more) {:.0}%,var(--less))\">\
@@ -253,11 +255,11 @@ fn drawn(map: &Map) -> String {
     let _ = write!(
         svg,
         "<text x=\"180\" y=\"238\" text-anchor=\"middle\">x: {}, y: {}</text>\
-         <text x=\"180\" y=\"255\" text-anchor=\"middle\">from {low:.2} (blue) to {high:.2} (red)</text></svg>",
+         <text x=\"180\" y=\"255\" text-anchor=\"middle\">from {best:.2} (blue) to {worst:.2} (red)</text></svg>",
         escaped(x),
         escaped(y)
     );
-    format!("<div class=\"card\"><h3>{}</h3>{svg}</div>", escaped(&map.metric))
+    format!("<div class=\"card\"><h3>{}</h3>{svg}</div>", escaped(&titled(&map.metric, map.higher_is_better)))
 }
 
 fn escaped(text: &str) -> String {

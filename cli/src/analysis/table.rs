@@ -114,6 +114,8 @@ pub(super) struct Measured {
     pub(super) relative: Vec<Option<f64>>,
     /// Of all trials, in the measurement's own unit.
     pub(super) median: f64,
+    /// The study maximises it.
+    pub(super) higher_is_better: bool,
 }
 
 impl Measured {
@@ -157,7 +159,7 @@ impl Table {
         let names = if metrics.is_empty() { usual(&measured) } else { metrics.to_vec() };
         Self {
             parameters: spec.space.parameters().iter().map(|one| Column::of(one, &measured)).collect(),
-            metrics: names.into_iter().map(|name| relative(name, &measured)).collect(),
+            metrics: names.into_iter().map(|name| relative(name, spec, &measured)).collect(),
             infeasible: trials.iter().filter(|trial| ended(trial, false)).count(),
             random: measured.iter().all(|trial| trial.measurements.get("sample").is_some()),
             state_ids: measured.iter().map(|trial| trial.state_id).collect(),
@@ -219,16 +221,16 @@ fn usual(trials: &[&TrialRecord]) -> Vec<String> {
     names
 }
 
-/// A measurement, or a sum of some, by its name.
-fn value(trial: &TrialRecord, name: &str) -> Option<f64> {
-    if name == "cost" {
-        return trial.cost;
-    }
-    name.split('+').map(|term| trial.measurements.get(term.trim())).sum()
-}
-
-fn relative(name: String, trials: &[&TrialRecord]) -> Measured {
-    let raw: Vec<Option<f64>> = trials.iter().map(|trial| value(trial, &name)).collect();
+/// A measurement, or a sum of some, by its name. `cost` is what the study tells in its place.
+fn relative(name: String, spec: &StudySpec, trials: &[&TrialRecord]) -> Measured {
+    let view = spec.objective.view();
+    let is_cost = name == "cost";
+    let value = |trial: &&TrialRecord| match is_cost {
+        true => trial.cost.map(|cost| view.value(cost)),
+        false => name.split('+').map(|term| trial.measurements.get(term.trim())).sum(),
+    };
+    let raw: Vec<Option<f64>> = trials.iter().map(value).collect();
+    let name = if is_cost { view.name().to_owned() } else { name };
     let mut by_state: BTreeMap<i64, Vec<f64>> = BTreeMap::new();
     for (trial, value) in trials.iter().zip(&raw) {
         by_state.entry(trial.state_id).or_default().extend(value);
@@ -247,5 +249,10 @@ fn relative(name: String, trials: &[&TrialRecord]) -> Measured {
         let mean = means.get(&trial.state_id).copied().filter(|mean| *mean > 0.0)?;
         Some((*value)? / mean)
     };
-    Measured { name, relative: trials.iter().zip(&raw).map(over).collect(), median: quantile(&all, 0.5) }
+    Measured {
+        higher_is_better: spec.objective.maximised().contains(&name),
+        name,
+        relative: trials.iter().zip(&raw).map(over).collect(),
+        median: quantile(&all, 0.5),
+    }
 }

@@ -94,6 +94,42 @@ fn analysed(trials: &[TrialRecord]) -> Analysis {
     analyse(&spec(), &request, trials, &[])
 }
 
+/// The same trials of a study that maximises a rate, which is a thousand over their milliseconds.
+fn rates() -> Analysis {
+    let space = spec().space;
+    let spec = StudySpec::builder(space).maximise("rate", 1.0).build().expect("sound");
+    let mut trials = trials();
+    for trial in &mut trials {
+        let rate = 1000.0 / trial.cost.expect("it was measured");
+        trial.measurements = Measurements::new().with("rate", rate).with("sample", 1.0);
+        trial.cost = Some(1.0 / rate);
+    }
+    let maps = vec![("steep".into(), "bowl".into())];
+    let request = Request { study: "toy".into(), metrics: vec!["cost".into()], maps };
+    analyse(&spec, &request, &trials, &[])
+}
+
+#[test]
+fn what_is_maximised_is_told_by_its_value_and_held_to_where_it_is_high() {
+    let (times, rates) = (analysed(&trials()), rates());
+    let metric = &rates.conditions[0].metrics[0];
+    assert_eq!((metric.name.as_str(), metric.higher_is_better), ("rate", true));
+    assert!((25.0..1000.0).contains(&metric.median), "{} is no rate of 1 to 40 ms", metric.median);
+    assert!(influence(&rates, "steep").correlation.expect("it has an order").r < -0.5);
+    let narrowed = &rates.objectives[0];
+    assert_eq!(narrowed.arguments, times.objectives[0].arguments, "the same trials are the best");
+    assert!(narrowed.whole.best > narrowed.whole.median && narrowed.whole.median > narrowed.whole.dear);
+    assert!(narrowed.part.worst > narrowed.whole.worst && narrowed.part.median > narrowed.whole.median);
+    let words = rates.words();
+    assert!(words.contains("rate (higher is better)") && words.contains("for more rate"), "{words}");
+    let page = html(&rates);
+    assert!(page.contains("1 in 10 below") && !page.contains("1 in 10 above"));
+    let map = &rates.maps[0];
+    let values = || map.cells.iter().map(|cell| cell.relative);
+    let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max));
+    assert!(page.contains(&format!("from {high:.2} (blue) to {low:.2} (red)")), "the best is blue");
+}
+
 fn influence<'a>(analysis: &'a Analysis, name: &str) -> &'a Influence {
     let all = &analysis.conditions[0].metrics[0].parameters;
     all.iter().find(|one| one.parameter == name).expect("it varies")
