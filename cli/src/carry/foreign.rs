@@ -1,7 +1,7 @@
 //! What a study of another tuner becomes here.
 
 use serde_json::{Value as Json, json};
-use treewright_client::Value;
+use treewright_client::{StudySpec, Value};
 
 use super::CarriedTrial;
 use crate::study_file::StudyFile;
@@ -18,9 +18,23 @@ pub(crate) struct Foreign {
     pub(crate) trials: Vec<CarriedTrial>,
     /// Trials without a finite value.
     pub(crate) without_value: u64,
+    /// Its one objective is to be large.
+    pub(crate) is_maximised: bool,
 }
 
 impl Foreign {
+    /// The name of a study's first metric, which its trials are to measure. The error says that what is
+    /// better there would be worse here.
+    pub(crate) fn metric_in(&self, spec: &StudySpec) -> Result<String, String> {
+        let Some(term) = spec.objective.terms().first() else { return Ok(METRIC.to_owned()) };
+        let metric = term.metric.clone();
+        match (self.is_maximised, spec.objective.maximised().contains(&metric)) {
+            (true, false) => Err(format!("the file's study maximises, and this one minimises {metric}")),
+            (false, true) => Err(format!("the file's study minimises, and this one maximises {metric}")),
+            _ => Ok(metric),
+        }
+    }
+
     /// Calls the measurement as the study's first metric is called.
     pub(crate) fn with_metric(mut self, metric: &str) -> Self {
         for trial in &mut self.trials {

@@ -2,7 +2,7 @@
 //! 12): distributions become parameters, complete trials become measurements.
 //!
 //! Missing values are made up visibly: the values of the first complete trial are the defaults, and its one
-//! objective is the metric of the study. A study that maximises is refused: costs are at least 0 here.
+//! objective is the metric of the study, minimised or maximised as there.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -36,19 +36,7 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
     let options = SqliteConnectOptions::new().filename(path).read_only(true);
     let mut database = options.connect().await.map_err(no_database)?;
     let id = study_id(&mut database, name).await.map_err(no_database)??;
-    let directions =
-        sqlx::query("SELECT direction FROM study_directions WHERE study_id = ? ORDER BY objective")
-            .bind(id)
-            .fetch_all(&mut database)
-            .await
-            .map_err(no_database)?;
-    let directions: Result<Vec<String>, _> = directions.iter().map(|row| row.try_get(0)).collect();
-    let directions = directions.map_err(no_database)?;
-    match directions.as_slice() {
-        [one] if one == "MINIMIZE" => {}
-        [_] => return Err(format!("{name} maximises, and costs are minimised here: store a cost instead")),
-        many => return Err(format!("{name} has {} objectives, and only one can be taken over", many.len())),
-    }
+    let is_maximised = is_maximised(&mut database, id, name).await.map_err(no_database)??;
     let rows = sqlx::query(
         "SELECT t.number, p.param_name, p.param_value, p.distribution_json FROM trials t \
          JOIN trial_params p ON p.trial_id = t.trial_id \
@@ -83,8 +71,8 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
     .await
     .map_err(no_database)?;
     let first = assigned.values().next().cloned().unwrap_or_default();
-    let study = study_file(&parameters, &first)?;
-    let mut read = Foreign { study, trials: Vec::new(), without_value: 0 };
+    let study = study_file(&parameters, &first, is_maximised)?;
+    let mut read = Foreign { study, trials: Vec::new(), without_value: 0, is_maximised };
     for row in values {
         let number: i64 = row.try_get(0).map_err(no_database)?;
         let value: Option<f64> = row.try_get(1).map_err(no_database)?;
@@ -105,6 +93,25 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
         });
     }
     Ok(read)
+}
+
+/// The direction of a study of one objective.
+async fn is_maximised(
+    database: &mut SqliteConnection,
+    id: i64,
+    name: &str,
+) -> Result<Result<bool, String>, sqlx::Error> {
+    let rows = sqlx::query("SELECT direction FROM study_directions WHERE study_id = ? ORDER BY objective")
+        .bind(id)
+        .fetch_all(database)
+        .await?;
+    let directions: Result<Vec<String>, _> = rows.iter().map(|row| row.try_get(0)).collect();
+    Ok(match directions?.as_slice() {
+        [one] if one == "MINIMIZE" => Ok(false),
+        [one] if one == "MAXIMIZE" => Ok(true),
+        [_] => Err(format!("{name} does not say whether it minimises or maximises")),
+        many => Err(format!("{name} has {} objectives, and only one can be taken over", many.len())),
+    })
 }
 
 async fn study_id(database: &mut SqliteConnection, name: &str) -> Result<Result<i64, String>, sqlx::Error> {
@@ -227,7 +234,11 @@ fn value_of(choice: &Json, choices: &[Json]) -> Value {
     }
 }
 
-fn study_file(parameters: &[(String, Distribution)], first: &Configuration) -> Result<StudyFile, String> {
+fn study_file(
+    parameters: &[(String, Distribution)],
+    first: &Configuration,
+    is_maximised: bool,
+) -> Result<StudyFile, String> {
     let entry = |(name, distribution): &(String, Distribution)| {
         let default = first.get(name).cloned();
         default.or_else(|| distribution.lowest()).map(|default| distribution.entry(name, &default))
@@ -236,7 +247,8 @@ fn study_file(parameters: &[(String, Distribution)], first: &Configuration) -> R
     if entries.is_empty() {
         return Err("no trial is complete, so that nothing is known of its parameters".into());
     }
-    let file = json!({ "parameters": entries, "objective": [{ "metric": METRIC }] });
+    let objective = json!([{ "metric": METRIC, "maximise": is_maximised }]);
+    let file = json!({ "parameters": entries, "objective": objective });
     serde_json::from_value(file).map_err(|error| error.to_string())
 }
 
@@ -269,7 +281,8 @@ pub(super) mod tests {
         "INSERT INTO studies VALUES (1, 'mine'), (2, 'up')",
         "INSERT INTO study_directions VALUES (1, 'MINIMIZE', 1, 0), (2, 'MAXIMIZE', 2, 0)",
         "INSERT INTO trials VALUES (1, 0, 1, 'COMPLETE', NULL, NULL), (2, 1, 1, 'FAIL', NULL, NULL), \
-         (3, 2, 1, 'COMPLETE', NULL, NULL), (4, 3, 1, 'COMPLETE', NULL, NULL)",
+         (3, 2, 1, 'COMPLETE', NULL, NULL), (4, 3, 1, 'COMPLETE', NULL, NULL), \
+         (5, 0, 2, 'COMPLETE', NULL, NULL)",
         r#"INSERT INTO trial_params VALUES
          (1, 1, 'Depth', 7, '{"name": "IntDistribution", "attributes": {"log": false, "step": 1, "low": 1, "high": 20}}'),
          (2, 1, 'lr', 0.5, '{"name": "FloatDistribution", "attributes": {"step": null, "low": 0.001, "high": 1.0, "log": true}}'),
@@ -277,8 +290,10 @@ pub(super) mod tests {
          (4, 3, 'Depth', 9, '{"name": "IntDistribution", "attributes": {"log": false, "step": 1, "low": 1, "high": 20}}'),
          (5, 3, 'lr', 0.25, '{"name": "FloatDistribution", "attributes": {"step": null, "low": 0.001, "high": 1.0, "log": true}}'),
          (6, 3, 'kind', 0, '{"name": "CategoricalDistribution", "attributes": {"choices": ["sgd", "adam"]}}'),
-         (7, 4, 'Depth', 9, '{"name": "IntDistribution", "attributes": {"log": false, "step": 1, "low": 1, "high": 20}}')"#,
-        "INSERT INTO trial_values VALUES (1, 1, 0, 3.5, 'FINITE'), (2, 3, 0, 2.5, 'FINITE'), (3, 4, 0, NULL, 'INF_POS')",
+         (7, 4, 'Depth', 9, '{"name": "IntDistribution", "attributes": {"log": false, "step": 1, "low": 1, "high": 20}}'),
+         (8, 5, 'Depth', 3, '{"name": "IntDistribution", "attributes": {"log": false, "step": 1, "low": 1, "high": 20}}')"#,
+        "INSERT INTO trial_values VALUES (1, 1, 0, 3.5, 'FINITE'), (2, 3, 0, 2.5, 'FINITE'), (3, 4, 0, NULL, 'INF_POS'), \
+         (4, 5, 0, 0.9, 'FINITE')",
     ];
 
     /// A database of two studies, of which one can be read.
@@ -310,12 +325,26 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn a_study_that_maximises_does_so_here() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = database(folder.path());
+        let up = read(&path, "up").expect("a study");
+        let spec = up.study.spec().expect("a specification");
+        assert_eq!(spec.objective.to_string(), "maximises value");
+        assert_eq!(up.trials[0].measurements[METRIC], 0.9, "as it was measured");
+        assert_eq!(up.metric_in(&spec), Ok(METRIC.to_owned()));
+        let down = read(&path, "mine").expect("a study");
+        assert!(down.metric_in(&spec).expect_err("other directions").contains("this one maximises value"));
+        let spec = down.study.spec().expect("a specification");
+        assert!(up.metric_in(&spec).expect_err("other directions").contains("this one minimises value"));
+    }
+
+    #[test]
     fn what_cannot_be_taken_over_is_named() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = database(folder.path());
         let problem = |name: &str| read(&path, name).expect_err("cannot be read").to_string();
         assert!(problem("other").contains("there is mine, up"));
-        assert!(problem("up").contains("maximises"));
         std::fs::write(&path, "no database").expect("a file");
         assert!(problem("mine").contains("no database of Optuna"));
     }

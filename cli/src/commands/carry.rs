@@ -163,8 +163,7 @@ fn from_other(client: &Client, import: &Import, read: Foreign) -> Result<Tally, 
     let id = import.study.clone().unwrap_or_default();
     let file = read.study.clone();
     let add = |study: &StudyRecord| {
-        let term = study.spec()?.objective.terms().first();
-        let metric = term.map(|term| term.metric.clone()).unwrap_or_default();
+        let metric = read.metric_in(study.spec()?).map_err(Failure::Data)?;
         let trials = read.with_metric(&metric).trials;
         let importer = Importer::new(client, study, &site(import), &import.indicators, import.dry_run)?;
         importer.run(trials.into_iter().map(Ok))

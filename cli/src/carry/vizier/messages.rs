@@ -6,6 +6,7 @@ use prost::Message;
 pub(super) const SUCCEEDED: i32 = 4;
 pub(super) const INFEASIBLE: i32 = 5;
 /// `MetricSpec.GoalType`.
+pub(super) const MAXIMIZE: i32 = 1;
 pub(super) const MINIMIZE: i32 = 2;
 /// `ParameterSpec.ScaleType`.
 pub(super) const LOG: i32 = 2;

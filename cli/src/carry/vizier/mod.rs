@@ -3,8 +3,8 @@
 //! that mean something here.
 //!
 //! Succeeded trials become measurements and infeasible ones findings. Missing values are made up visibly: the
-//! values of the first trial are the defaults where the specification names none. A study that maximises is
-//! refused, because costs are at least 0 here, and so is one whose parameters depend on others.
+//! values of the first trial are the defaults where the specification names none. The metric is minimised or
+//! maximised as there. A study whose parameters depend on others is refused.
 
 mod messages;
 
@@ -17,7 +17,9 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteRow};
 use sqlx::{ConnectOptions as _, Row as _};
 use treewright_client::{Configuration, Outcome, Value};
 
-use self::messages::{INFEASIBLE, LOG, MINIMIZE, ParameterSpec, SUCCEEDED, Study, StudySpec, Trial};
+use self::messages::{
+    INFEASIBLE, LOG, MAXIMIZE, MINIMIZE, ParameterSpec, SUCCEEDED, Study, StudySpec, Trial,
+};
 use super::CarriedTrial;
 use super::foreign::{Foreign, METRIC, json_of, our_name};
 use crate::failure::Failure;
@@ -97,9 +99,9 @@ impl StoredStudy {
 }
 
 fn translate(name: &str, spec: &StudySpec, trials: &[Trial]) -> Result<Foreign, String> {
-    let metric = match spec.metrics.as_slice() {
-        [one] if one.goal == MINIMIZE => one.id.as_str(),
-        [_] => return Err(format!("{name} maximises, and costs are minimised here: store a cost instead")),
+    let (metric, is_maximised) = match spec.metrics.as_slice() {
+        [one] if [MINIMIZE, MAXIMIZE].contains(&one.goal) => (one.id.as_str(), one.goal == MAXIMIZE),
+        [_] => return Err(format!("{name} does not say whether it minimises or maximises")),
         many => return Err(format!("{name} has {} metrics, and only one can be taken over", many.len())),
     };
     if let Some(parent) = spec.parameters.iter().find(|parameter| !parameter.children.is_empty()) {
@@ -118,9 +120,10 @@ fn translate(name: &str, spec: &StudySpec, trials: &[Trial]) -> Result<Foreign, 
     let entries = entries.filter(|entries| !entries.is_empty());
     let entries = entries.ok_or_else(|| format!("{name} has a parameter of an unknown kind, or none"))?;
     let our_metric = if metric.is_empty() { METRIC.to_owned() } else { our_name(metric) };
-    let file = json!({ "parameters": entries, "objective": [{ "metric": our_metric }] });
+    let objective = json!([{ "metric": our_metric, "maximise": is_maximised }]);
+    let file = json!({ "parameters": entries, "objective": objective });
     let study = serde_json::from_value(file).map_err(|error| error.to_string())?;
-    let mut foreign = Foreign { study, trials: Vec::new(), without_value: 0 };
+    let mut foreign = Foreign { study, trials: Vec::new(), without_value: 0, is_maximised };
     for (trial, configuration) in trials.iter().zip(configurations) {
         let value = trial.measurement.iter().flat_map(|of| &of.metrics).find(|one| one.id == metric);
         let value = value.map(|one| one.value).filter(|value| value.is_finite());

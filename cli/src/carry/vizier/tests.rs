@@ -125,10 +125,10 @@ fn a_study_of_vizier_becomes_one_of_ours() {
 fn what_cannot_be_taken_over_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("vizier.db");
-    database(&path, spec(1), &[]);
+    database(&path, spec(0), &[]);
     let problem = |name: &str| read(&path, name).expect_err("cannot be read").to_string();
     assert!(problem("other").contains("there is owners/me/studies/mine"));
-    assert!(problem("mine").contains("maximises"));
+    assert!(problem("mine").contains("does not say whether"));
     let mut nested = spec(MINIMIZE);
     nested.parameters[2].children.push(Child {});
     assert!(translate("x", &nested, &[]).expect_err("refused").contains("depend on kind"));
@@ -213,7 +213,6 @@ fn what_vizier_wrote_and_cannot_be_taken_over_is_named() {
     written(&path);
     for (name, problem) in [
         ("builds", "builds is ambiguous: say which of owners/ann/studies/builds, owners/bob/studies/builds"),
-        ("upside", "maximises"),
         ("two", "has 2 metrics"),
         ("nested", "has parameters that depend on builder"),
     ] {
@@ -221,4 +220,7 @@ fn what_vizier_wrote_and_cannot_be_taken_over_is_named() {
         assert!(error.contains(problem), "{error}");
     }
     assert!(read(&path, "owners/bob/studies/builds").expect("a study").trials.is_empty());
+    let upside = read(&path, "upside").expect("a study that maximises");
+    let spec = upside.study.spec().expect("a specification");
+    assert_eq!((spec.objective.to_string().as_str(), upside.is_maximised), ("maximises render_ms", true));
 }
