@@ -146,6 +146,52 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
 }
 
 #[test]
+fn what_is_maximised_is_shown_in_its_own_unit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (daemon, address) = start(folder.path(), &[]);
+    let study = "[[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
+                 [[objective]]\nmetric = \"fps\"\nmaximise = true\n[policy]\nepsilon = 1\n";
+    let file = folder.path().join("toy.toml");
+    std::fs::write(&file, study).expect("a file");
+    let made =
+        run("treewright", &["--server", daemon.url(), "study", "create", file.to_str().expect("text")]);
+    assert!(made.status.success(), "{}", stderr(&made));
+    measure(daemon.url(), &["fps=50", "fps=80", "fps=40"]);
+    for (path, words) in [
+        (
+            "/studies/toy",
+            &[
+                "fps (higher is better) in state 1",
+                "Above the default [95 %]",
+                "fps (higher is better)</text>",
+            ][..],
+        ),
+        ("/studies/toy/trials", &["fps (higher is better)</th>", ">80<", "measurement.fps desc"]),
+        ("/studies/toy/trials/2", &["<dt>fps (higher is better)</dt><dd>80</dd>"]),
+        ("/studies/toy/parameters", &["fps (higher is better)</text>"]),
+        ("/studies/toy/policy", &["The study maximises fps"]),
+        ("/compare?study=toy", &["toy: 0.625 (fps 1.600 times the default’s)"]),
+    ] {
+        let answer = get(&address, path, "");
+        assert_eq!(answer.status, 200, "{path}: {}", answer.body);
+        for word in words {
+            assert!(answer.body.contains(word), "{path} lacks {word}: {}", answer.body);
+        }
+        assert!(!answer.body.contains("0.0125"), "{path} tells a cost: {}", answer.body);
+    }
+    let told =
+        |command: &[&str]| stdout(&run("treewright", &[&["--server", daemon.url()][..], command].concat()));
+    assert!(told(&["trials", "toy"]).contains("fps (higher is better)"));
+    assert!(
+        told(&["trials", "toy", "--format", "csv"]).lines().next().is_some_and(|head| head.contains("value"))
+    );
+    assert!(told(&["best", "toy"]).starts_with("fps (higher is better)"));
+    assert!(told(&["explain", "toy/trials/2"]).contains("fps 80"));
+    let best: serde_json::Value = serde_json::from_str(&told(&["--json", "best", "toy"])).expect("JSON");
+    assert_eq!(best["default_value"], 50.0, "{best}");
+}
+
+#[test]
 fn what_changes_is_told() {
     let folder = tempfile::tempdir().expect("a folder");
     let (daemon, address) = start(folder.path(), &[]);

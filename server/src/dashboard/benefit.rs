@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::ops::AddAssign;
 
 use treewright_core::standing::Standing;
+use treewright_proto::v1;
 
 /// Seconds of a day.
 pub(super) const DAY_S: f64 = 86_400.0;
@@ -84,13 +85,15 @@ impl AddAssign for Benefit {
     }
 }
 
-/// One unit of an objective in seconds, by the ends of its metrics' names; `None` where it is no time.
-pub(super) fn unit_s<'a>(metrics: impl Iterator<Item = &'a str>) -> Option<f64> {
+/// One unit of an objective in seconds, by the ends of its metrics' names; `None` where it is no time, as
+/// where something is maximised.
+pub(super) fn unit_s(objective: Option<&v1::Objective>) -> Option<f64> {
+    let objective = objective.filter(|objective| objective.maximised.is_empty())?;
     let unit = |name: &str| {
         let units = [("_ns", 1e-9), ("_us", 1e-6), ("_ms", 1e-3), ("_s", 1.0)];
         units.iter().find(|(end, _)| name.ends_with(end)).map(|(_, seconds)| *seconds)
     };
-    let units: Option<Vec<f64>> = metrics.map(unit).collect();
+    let units: Option<Vec<f64>> = objective.terms.iter().map(|term| unit(&term.metric)).collect();
     let units = units?;
     let first = *units.first()?;
     units.iter().all(|unit| *unit == first).then_some(first)
@@ -167,11 +170,17 @@ mod tests {
 
     #[test]
     fn only_times_are_seconds() {
-        assert_eq!(unit_s(["build_ms", "render_ms"].into_iter()), Some(1e-3));
-        assert_eq!(unit_s(["wall_s"].into_iter()), Some(1.0));
-        assert_eq!(unit_s(["build_ms", "loss"].into_iter()), None);
-        assert_eq!(unit_s(["build_ms", "render_s"].into_iter()), None);
-        assert_eq!(unit_s(std::iter::empty()), None);
+        let objective = |metrics: &[&str]| {
+            let term = |metric: &&str| v1::ObjectiveTerm { metric: (*metric).to_owned(), weight: 1.0 };
+            v1::Objective { terms: metrics.iter().map(term).collect(), ..v1::Objective::default() }
+        };
+        assert_eq!(unit_s(Some(&objective(&["build_ms", "render_ms"]))), Some(1e-3));
+        assert_eq!(unit_s(Some(&objective(&["wall_s"]))), Some(1.0));
+        assert_eq!(unit_s(Some(&objective(&["build_ms", "loss"]))), None);
+        assert_eq!(unit_s(Some(&objective(&["build_ms", "render_s"]))), None);
+        assert_eq!(unit_s(None), None);
+        let rate = v1::Objective { maximised: vec!["rays_per_s".into()], ..objective(&["rays_per_s"]) };
+        assert_eq!(unit_s(Some(&rate)), None, "rays a second are no seconds");
     }
 
     #[test]

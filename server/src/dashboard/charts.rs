@@ -6,6 +6,7 @@ mod map;
 use std::fmt::Write as _;
 
 pub(super) use map::{Place, Runner, map, race};
+use treewright_core::cost_view::CostView;
 
 /// Width of wide pictures, in units of their own.
 const WIDTH: f64 = 900.0;
@@ -160,20 +161,24 @@ pub(super) fn figure(value: f64) -> String {
     }
 }
 
-/// Costs by trial, the best so far, and what they are held against.
-pub(super) fn curve(points: &[CurvePoint], levels: &[Level]) -> String {
+/// Costs by trial, the best so far, and what they are held against, as a study tells them.
+pub(super) fn curve(points: &[CurvePoint], levels: &[Level], view: &CostView) -> String {
     debug_assert!(
         points.is_sorted_by(|a, b| a.number < b.number),
         "the best so far is of the trials before, which come first"
     );
-    let costs = || points.iter().filter_map(|point| point.cost);
-    let (Some(x), Some(all)) = (
-        range(points.iter().map(|point| point.number)),
-        range(costs().chain(levels.iter().map(|level| level.cost))),
-    ) else {
+    let values = || points.iter().filter_map(|point| point.cost).map(|cost| view.value(cost));
+    let of_levels = || levels.iter().map(|level| view.value(level.cost));
+    let (Some(x), Some(all)) =
+        (range(points.iter().map(|point| point.number)), range(values().chain(of_levels())))
+    else {
         return nothing("Nothing has been measured yet.");
     };
-    let high = levels.iter().map(|level| level.cost).fold(most(costs()).unwrap_or(all.0), f64::max);
+    let high = match view.is_maximised() {
+        // What is bad lies near 0 and flattens nothing.
+        true => all.1,
+        false => of_levels().fold(most(values()).unwrap_or(all.0), f64::max),
+    };
     let room = 0.06 * (high - all.0).max(1e-3 * high.abs());
     let frame = Frame {
         left: 70.0,
@@ -184,12 +189,13 @@ pub(super) fn curve(points: &[CurvePoint], levels: &[Level]) -> String {
         y: (above_zero(all.0, room), high + room),
     };
     let mut svg = open(330.0, "Tuning curve");
-    frame.axes(&mut svg, "trial", "cost");
+    frame.axes(&mut svg, "trial", &view.title());
+    let y = |cost: f64| frame.y(view.value(cost));
     for point in points {
         let at_x = frame.x(point.number);
         match point.cost {
             Some(cost) => {
-                let (at_y, class) = (frame.y(cost), point.class);
+                let (at_y, class) = (y(cost), point.class);
                 put(
                     &mut svg,
                     format_args!(r#"<circle class="point {class}" cx="{at_x:.1}" cy="{at_y:.1}" r="3"/>"#),
@@ -207,8 +213,7 @@ pub(super) fn curve(points: &[CurvePoint], levels: &[Level]) -> String {
         }
     }
     for (index, level) in levels.iter().enumerate() {
-        let (y, right, class, name) =
-            (frame.y(level.cost), frame.left + frame.width, level.class, level.name);
+        let (y, right, class, name) = (y(level.cost), frame.left + frame.width, level.class, level.name);
         put(&mut svg, format_args!(r#"<path class="{class}" d="M70 {y:.1}H{right}"/>"#));
         // Side by side, since two may lie upon each other.
         let (x, y) = (right - 4.0 - 90.0 * index as f64, y - 4.0);
@@ -219,7 +224,7 @@ pub(super) fn curve(points: &[CurvePoint], levels: &[Level]) -> String {
     for (number, cost) in points.iter().filter_map(|point| Some((point.number, point.cost?))) {
         if cost < best {
             best = cost;
-            let (x, y) = (frame.x(number), frame.y(cost));
+            let (x, y) = (frame.x(number), y(cost));
             let (to, then) = if path.is_empty() { ("M", " ") } else { ("H", "V") };
             put(&mut path, format_args!("{to}{x:.1}{then}{y:.1}"));
         }
@@ -294,34 +299,35 @@ pub(super) fn parallel(axes: &[Axis], runs: &[(Vec<Option<f64>>, usize)]) -> Str
     svg + "</svg>"
 }
 
-/// Costs over one parameter's places.
-pub(super) fn slice(axis: &Axis, points: &[(f64, f64)]) -> String {
-    let costs = || points.iter().map(|point| point.1);
-    let Some((low, high)) = range(costs()) else { return nothing("Never active.") };
+/// Costs over one parameter's places, as a study tells them.
+pub(super) fn slice(axis: &Axis, points: &[(f64, f64)], view: &CostView) -> String {
+    let values = || points.iter().map(|point| view.value(point.1));
+    let Some((low, high)) = range(values()) else { return nothing("Never active.") };
     debug_assert!(points.iter().all(|(place, _)| (0.0..=1.0).contains(place)), "a point is off the axis");
-    let y = (low, most(costs()).filter(|most| *most > low).unwrap_or(high));
+    let shown = most(values()).filter(|most| *most > low && !view.is_maximised());
+    let y = (low, shown.unwrap_or(high));
     let frame = Frame { left: 56.0, top: 18.0, width: 234.0, height: 130.0, x: (0.0, 1.0), y };
-    let mut svg = open_sized(300.0, 180.0, &format!("Cost over {}", axis.name));
+    let mut svg = open_sized(300.0, 180.0, &format!("{} over {}", view.heading(), axis.name));
     put(&mut svg, format_args!(r#"<rect class="axis" x="56" y="18" width="234" height="130"/>"#));
     for (x, y, anchor, words) in [
         (50.0, 28.0, "end", figure(y.1)),
         (50.0, 148.0, "end", figure(y.0)),
         (56.0, 164.0, "start", axis.low.clone()),
         (290.0, 164.0, "end", axis.high.clone()),
-        (56.0, 12.0, "start", "cost".to_owned()),
+        (56.0, 12.0, "start", view.title()),
     ] {
         let words = escape(&words);
         put(&mut svg, format_args!(r#"<text x="{x}" y="{y}" text-anchor="{anchor}">{words}</text>"#));
     }
     for (place, cost) in points {
-        let (x, y) = (frame.x(*place), frame.y(*cost));
+        let (x, y) = (frame.x(*place), frame.y(view.value(*cost)));
         put(&mut svg, format_args!(r#"<circle class="point explore" cx="{x:.1}" cy="{y:.1}" r="2.5"/>"#));
     }
     svg + "</svg>"
 }
 
-/// Mean costs in a square of cells; places of both axes are 0 to 1.
-pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)]) -> String {
+/// Mean costs in a square of cells, as a study tells them; places of both axes are 0 to 1.
+pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)], view: &CostView) -> String {
     const CELLS: usize = 12;
     let mut cells = vec![(0.0, 0_u32); CELLS * CELLS];
     let place = |share: f64| ((share * CELLS as f64) as usize).min(CELLS - 1);
@@ -335,13 +341,14 @@ pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)]) 
         cells.iter().map(|(sum, count)| (*count > 0).then(|| sum / f64::from(*count))).collect();
     let mut sorted: Vec<f64> = means.iter().flatten().copied().collect();
     sorted.sort_by(f64::total_cmp);
-    let mut svg = open_sized(640.0, 440.0, &format!("Mean cost over {} and {}", x_axis.name, y_axis.name));
+    let mut svg =
+        open_sized(640.0, 440.0, &format!("Mean {} over {} and {}", view.title(), x_axis.name, y_axis.name));
     for (index, mean) in means.iter().enumerate().filter_map(|(index, mean)| mean.map(|mean| (index, mean))) {
         let class = sorted.partition_point(|other| *other < mean) * COLOURS / sorted.len();
         debug_assert!(class < COLOURS, "a mean of {mean} has no colour");
         let (x, y) =
             (130.0 + 40.0 * (index % CELLS) as f64, 20.0 + 30.0 * (CELLS - 1 - index / CELLS) as f64);
-        let words = format!("{} over {} runs", figure(mean), cells[index].1);
+        let words = format!("{} over {} runs", figure(view.value(mean)), cells[index].1);
         put(
             &mut svg,
             format_args!(
@@ -410,7 +417,37 @@ pub(super) fn timeline(spans: &[Span]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use treewright_core::objective::{Objective, ObjectiveTerm};
+
     use super::*;
+
+    /// Of a study that maximises frames a second, with costs in milliseconds.
+    pub(super) fn rate() -> CostView {
+        let term = ObjectiveTerm { metric: "fps".into(), weight: 1000.0 };
+        let objective = Objective::new(vec![term]).expect("valid").with_maximised(vec!["fps".into()]);
+        objective.expect("a term").view()
+    }
+
+    #[test]
+    fn what_is_maximised_is_drawn_by_its_value_and_the_best_is_on_top() {
+        let point = |number: f64, cost| CurvePoint { number, cost: Some(cost), class: "explore" };
+        let points = [point(1.0, 20.0), point(2.0, 40.0), point(3.0, 10.0)];
+        let level = Level { cost: 20.0, name: "default", class: "base" };
+        let svg = curve(&points, &[level], &rate());
+        assert!(svg.contains("fps (higher is better)") && svg.contains(">100</text>"), "{svg}");
+        let heights: Vec<f64> =
+            svg.split(" cy=\"").skip(1).filter_map(|rest| rest.split('"').next()?.parse().ok()).collect();
+        assert!(heights[2] < heights[0] && heights[0] < heights[1], "10 ms are 100 fps: {heights:?}");
+        let best = svg.split("class=\"best\" d=\"").nth(1).expect("the best so far");
+        assert_eq!(best.split('"').next().expect("a path").matches('V').count(), 1, "40 ms is no better");
+        let axis = || Axis { name: "x".into(), low: "0".into(), high: "1".into() };
+        let svg = slice(&axis(), &[(0.0, 20.0), (1.0, 10.0)], &rate());
+        assert!(svg.contains("fps (higher is better)") && svg.contains(">100<") && svg.contains(">50<"));
+        let svg = contour(&axis(), &axis(), &[(0.0, 0.0, 20.0), (1.0, 1.0, 10.0)], &rate());
+        assert!(svg.contains("Mean fps (higher is better)"), "{svg}");
+        let best = svg.split("<rect").find(|rect| rect.contains("100 over 1 runs")).expect("the best cell");
+        assert!(best.contains("class=\"c0\""), "{best}");
+    }
 
     #[test]
     fn ticks_are_round_and_within_their_range() {
@@ -454,13 +491,13 @@ mod tests {
         let point = |number: f64, cost| CurvePoint { number, cost, class: "explore" };
         let points = [point(1.0, Some(10.0)), point(2.0, None), point(3.0, Some(4.0)), point(4.0, Some(6.0))];
         let level = |cost, name| Level { cost, name, class: "base" };
-        let svg = curve(&points, &[level(10.0, "default"), level(3.0, "roofline")]);
+        let svg = curve(&points, &[level(10.0, "default"), level(3.0, "roofline")], &CostView::default());
         assert!(svg.contains(">roofline<"));
         assert_eq!(svg.matches("<circle").count(), 3);
         assert_eq!(svg.matches("class=\"bad\"").count(), 1);
         assert_eq!(svg.matches("class=\"best\"").count(), 1);
-        assert!(curve(&[], &[]).contains("Nothing"));
-        assert!(!curve(&[point(1.0, Some(5.0))], &[]).contains("NaN"));
+        assert!(curve(&[], &[], &CostView::default()).contains("Nothing"));
+        assert!(!curve(&[point(1.0, Some(5.0))], &[], &CostView::default()).contains("NaN"));
     }
 
     #[test]

@@ -12,6 +12,7 @@ mod trials;
 use std::collections::BTreeMap;
 
 use askama::Template;
+use treewright_core::cost_view::CostView;
 use treewright_proto::v1;
 
 use super::charts::figure;
@@ -44,6 +45,8 @@ struct Head {
     what: String,
     tab: &'static str,
     defaults: Defaults,
+    /// How its costs are told.
+    view: CostView,
     /// The query that the links of tabs carry along.
     query: String,
     states: i64,
@@ -171,6 +174,7 @@ async fn head(visitor: &Visitor<'_>, id: &str, tab: &'static str) -> Result<(Hea
         what: study.display_name.clone(),
         tab,
         defaults: Defaults::of(&study),
+        view: visitor.tuning.get_study(id).await?.spec.objective.view(),
         query: String::new(),
         states: counts.states,
         trials: counts.trials,
@@ -215,30 +219,32 @@ fn number(trial: &v1::Trial) -> u64 {
     number.unwrap_or_default()
 }
 
-fn row(trial: &v1::Trial, defaults: &Defaults) -> TrialRow {
-    let (outcome, reason) = outcome(trial);
+fn row(trial: &v1::Trial, head: &Head) -> TrialRow {
+    let (outcome, reason) = outcome(trial, &head.view);
     TrialRow {
         number: number(trial),
         state: trial.state_id,
         mode: word(trial.mode().as_str_name(), "MODE_"),
         outcome,
         reason,
-        cost: trial.cost.map(figure).unwrap_or_default(),
+        cost: trial.cost.map(|cost| figure(head.view.value(cost))).unwrap_or_default(),
         client: trial.client_id.clone(),
         begun: time(trial.create_time),
         until: time(trial.lease_expire_time),
-        configuration: defaults.beside(trial.configuration.as_ref()),
+        configuration: head.defaults.beside(trial.configuration.as_ref()),
     }
 }
 
 /// How it ended, or where it stands; and why.
-fn outcome(trial: &v1::Trial) -> (String, String) {
+fn outcome(trial: &v1::Trial, view: &CostView) -> (String, String) {
     use v1::outcome::Kind;
     match trial.outcome.as_ref().and_then(|outcome| outcome.kind.as_ref()) {
         Some(Kind::Ok(_)) => ("OK".to_owned(), String::new()),
         Some(Kind::Infeasible(bad)) => ("INFEASIBLE".to_owned(), bad.reason.clone()),
         Some(Kind::Failed(bad)) => ("FAILED".to_owned(), bad.reason.clone()),
-        Some(Kind::Aborted(bad)) => ("ABORTED".to_owned(), format!("at least {}", figure(bad.lower_bound))),
+        Some(Kind::Aborted(bad)) => {
+            ("ABORTED".to_owned(), format!("{} {}", view.bound(), figure(view.value(bad.lower_bound))))
+        }
         None => (word(trial.state().as_str_name(), "TRIAL_STATE_"), String::new()),
     }
 }

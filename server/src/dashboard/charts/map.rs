@@ -1,5 +1,7 @@
 //! Maps of states and races of studies.
 
+use treewright_core::cost_view::CostView;
+
 use super::{Axis, COLOURS, Frame, WIDTH, above_zero, escape, figure, nothing, open, open_sized, put, range};
 
 /// A state on a map.
@@ -74,6 +76,8 @@ pub(in super::super) struct Runner {
     pub(in super::super) name: String,
     /// Cost over its default's, in the order of the trials.
     pub(in super::super) ratios: Vec<f64>,
+    /// How its costs are told.
+    pub(in super::super) view: CostView,
 }
 
 /// How the best so far came down in several studies, each beside its own default, which is 1.
@@ -123,10 +127,18 @@ pub(in super::super) fn race(runners: &[Runner]) -> String {
         let (class, y) = ([0, 4, 2, 3, 1][index % 5], 330.0 + 20.0 * index as f64);
         put(&mut svg, format_args!(r#"<path class="run runner c{class}" d="{path}"/>"#));
         put(&mut svg, format_args!(r#"<path class="run runner c{class}" d="M70 {:.1}h28"/>"#, y - 4.0));
-        let reached = line.last().map(|ratio| figure(*ratio)).unwrap_or_default();
+        let reached = line.last().map(|ratio| reached(*ratio, &runners[index].view)).unwrap_or_default();
         put(&mut svg, format_args!(r#"<text x="106" y="{y}">{}: {reached}</text>"#, escape(name)));
     }
     svg + "</svg>"
+}
+
+/// The ratio that a study came to; of what is maximised the best value over the default's, too.
+fn reached(ratio: f64, view: &CostView) -> String {
+    match view.is_maximised() {
+        true => format!("{} ({} {} times the default’s)", figure(ratio), view.name(), figure(1.0 / ratio)),
+        false => figure(ratio),
+    }
 }
 
 #[cfg(test)]
@@ -152,9 +164,17 @@ mod tests {
 
     #[test]
     fn a_race_shows_the_best_so_far() {
-        let runner = |name: &str, ratios: &[f64]| Runner { name: name.into(), ratios: ratios.to_vec() };
-        let svg = race(&[runner("a", &[1.0, 0.5, 0.7]), runner("<b>", &[])]);
+        let runner = |name: &str, ratios: &[f64], view: &CostView| Runner {
+            name: name.into(),
+            ratios: ratios.to_vec(),
+            view: view.clone(),
+        };
+        let times = CostView::default();
+        let svg = race(&[runner("a", &[1.0, 0.5, 0.7], &times), runner("<b>", &[], &times)]);
         assert!(svg.contains("a: 0.500") && !svg.contains("<b>") && !svg.contains("NaN"), "{svg}");
+        let rate = super::super::tests::rate();
+        let svg = race(&[runner("a", &[1.0, 0.5, 0.7], &rate)]);
+        assert!(svg.contains("a: 0.500 (fps 2 times the default’s)"), "{svg}");
         assert!(race(&[]).contains("Nothing"));
     }
 }

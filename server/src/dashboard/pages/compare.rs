@@ -56,7 +56,8 @@ pub(in super::super) async fn compare(visitor: &Visitor<'_>, query: &Query) -> R
             states.extend(read_state(visitor, id, number).await?);
         }
         rows.push(row(visitor, &head, &study, &states, &latest));
-        runners.push(Runner { name: id.clone(), ratios: ratios(&states, &latest) });
+        let ratios = ratios(&states, &latest);
+        runners.push(Runner { name: id.clone(), ratios, view: head.view.clone() });
         spaces.push(names(&study));
     }
     assert_eq!((rows.len(), runners.len(), spaces.len()), (ids.len(), ids.len(), ids.len()));
@@ -86,8 +87,7 @@ fn row(
     let gains = states.iter().filter_map(|one| Some(one.standing?.gain?.share));
     let (low, high) =
         gains.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), gain| (low.min(gain), high.max(gain)));
-    let terms = study.objective.iter().flat_map(|objective| &objective.terms);
-    let unit_s = benefit::unit_s(terms.map(|term| term.metric.as_str()));
+    let unit_s = benefit::unit_s(study.objective.as_ref());
     let mut saved = benefit::Benefit::default();
     for one in benefits(states, latest, latest.len() == TRIALS, unit_s, visitor.tuning.now_ms()).values() {
         saved += *one;
@@ -99,7 +99,10 @@ fn row(
         better: count(&[StandingVerdict::Proven]),
         nothing: count(&[StandingVerdict::NothingBetter, StandingVerdict::NothingToWin]),
         gains: match low.is_finite() {
-            true => format!("{:.1} to {:.1} %", 100.0 * low, 100.0 * high),
+            true => {
+                let [low, high] = [low, high].map(|share| 100.0 * head.view.share(share));
+                format!("{low:.1} to {high:.1} % {}", head.view.better_side())
+            }
             false => String::new(),
         },
         saved: if saved.is_empty() { String::new() } else { saved.words() },

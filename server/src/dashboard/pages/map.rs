@@ -45,7 +45,8 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
         position.unwrap_or(otherwise)
     };
     let (x, y) = (named("x", first), named("y", second));
-    let shows: Vec<String> = ["gain".to_owned(), "cost".to_owned()]
+    let view = &head.view;
+    let shows: Vec<String> = ["gain".to_owned(), view.name().to_owned()]
         .into_iter()
         .chain(parameters.iter().map(|parameter| parameter.name.clone()))
         .collect();
@@ -60,10 +61,13 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
             let value = treewright_proto::convert::value_from_wire("value", value.clone()).ok()?;
             Some((stats::place(parameter, &value), words))
         }
-        ("cost", None) => {
-            of.standing.map(|standing| (standing.cost, format!("cost {}", figure(standing.cost))))
-        }
-        _ => of.standing?.gain.map(|gain| (-gain.share, format!("{gain} below the default"))),
+        (name, None) if name == view.name() => of.standing.map(|standing| {
+            (standing.cost, format!("{} {}", view.title(), figure(view.value(standing.cost))))
+        }),
+        _ => of
+            .standing?
+            .gain
+            .map(|gain| (-gain.share, format!("{} {} the default", gain.by(view), view.better_side()))),
     };
     let at =
         |of: &StateStands, index: usize| indicators.get(index).map_or(0.5, |one| position(one, &of.trial));

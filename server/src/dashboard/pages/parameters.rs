@@ -1,6 +1,7 @@
 //! Effects of parameters on the cost in one state: importances, parallel coordinates, slices, contour.
 
 use askama::Template;
+use treewright_core::cost_view::CostView;
 use treewright_core::space::Parameter;
 use treewright_proto::convert::configuration_from_wire;
 use treewright_proto::v1;
@@ -63,20 +64,21 @@ pub(in super::super) async fn parameters(
     let shown = shown(all, &importances);
     let axes = contour_axes(all, &shown, query);
     let name = |pick: fn(&(usize, usize)) -> usize| axes.as_ref().map(|axes| all[pick(axes)].name.clone());
+    let view = head.view.clone();
     let page = Page {
         frame: visitor.frame,
         head,
         names: all.iter().map(|parameter| parameter.name.clone()).collect(),
         x: name(|axes| axes.0).unwrap_or_default(),
         y: name(|axes| axes.1).unwrap_or_default(),
-        leaf_sizes: leaf_sizes(all).map(|axes| contour(all, axes, &runs)).unwrap_or_default(),
+        leaf_sizes: leaf_sizes(all).map(|axes| contour(all, axes, &runs, &view)).unwrap_or_default(),
         state_text: state.map(|state| state.to_string()).unwrap_or_default(),
         note,
         has_trials: !runs.is_empty(),
         importances: charts::bars(&importances[..importances.len().min(PARAMETERS)]),
         parallel: parallel(all, &shown[..shown.len().min(AXES)], &runs),
-        slices: shown.iter().map(|&index| slice(&all[index], index, &runs)).collect(),
-        contour: axes.map(|axes| contour(all, axes, &runs)).unwrap_or_default(),
+        slices: shown.iter().map(|&index| slice(&all[index], index, &runs, &view)).collect(),
+        contour: axes.map(|axes| contour(all, axes, &runs, &view)).unwrap_or_default(),
     };
     render(&page)
 }
@@ -113,9 +115,9 @@ fn parallel(all: &[Parameter], shown: &[usize], runs: &[Run]) -> String {
     charts::parallel(&axes, &lines)
 }
 
-fn slice(parameter: &Parameter, index: usize, runs: &[Run]) -> (String, String) {
+fn slice(parameter: &Parameter, index: usize, runs: &[Run], view: &CostView) -> (String, String) {
     let points: Vec<_> = runs.iter().filter_map(|(places, cost)| Some((places[index]?, *cost))).collect();
-    (parameter.name.clone(), charts::slice(&stats::axis(parameter), &points))
+    (parameter.name.clone(), charts::slice(&stats::axis(parameter), &points, view))
 }
 
 /// The axes of the contour: those asked for, else the two that explain most; `None` with a single parameter.
@@ -134,8 +136,8 @@ fn leaf_sizes(all: &[Parameter]) -> Option<(usize, usize)> {
     named("min_leaf_size").zip(named("max_leaf_size"))
 }
 
-fn contour(all: &[Parameter], (x, y): (usize, usize), runs: &[Run]) -> String {
+fn contour(all: &[Parameter], (x, y): (usize, usize), runs: &[Run], view: &CostView) -> String {
     let points: Vec<_> =
         runs.iter().filter_map(|(places, cost)| Some((places[x]?, places[y]?, *cost))).collect();
-    charts::contour(&stats::axis(&all[x]), &stats::axis(&all[y]), &points)
+    charts::contour(&stats::axis(&all[x]), &stats::axis(&all[y]), &points, view)
 }

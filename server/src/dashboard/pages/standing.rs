@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use treewright_core::cost_view::CostView;
 use treewright_core::standing::Standing;
 use treewright_proto::convert::standing_from_wire;
 use treewright_proto::v1;
@@ -27,9 +28,9 @@ pub(super) struct StateStands {
 
 impl StateStands {
     /// Over the default, with its interval; empty where that was not measured, or is itself the answer.
-    pub(super) fn gain(&self) -> String {
+    pub(super) fn gain(&self, view: &CostView) -> String {
         let gain = self.standing.and_then(|standing| standing.gain).filter(|gain| gain.share != 0.0);
-        gain.map(|gain| gain.to_string()).unwrap_or_default()
+        gain.map(|gain| gain.by(view).to_string()).unwrap_or_default()
     }
 }
 

@@ -1,6 +1,7 @@
 //! The overview of a study and its policy.
 
 use askama::Template;
+use treewright_core::cost_view::CostView;
 use treewright_core::policy::Operation;
 use treewright_core::space::Condition;
 use treewright_proto::v1;
@@ -98,8 +99,7 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         }
         _ => latest.clone(),
     };
-    let metrics = study.objective.iter().flat_map(|objective| &objective.terms);
-    let unit_s = benefit::unit_s(metrics.map(|term| term.metric.as_str()));
+    let unit_s = benefit::unit_s(study.objective.as_ref());
     let saved = benefits(&states, &latest, latest.len() == TRIALS, unit_s, visitor.tuning.now_ms());
     let chosen = states.iter().find(|one| Some(one.state) == state);
     let fixed = fixed(&states, &latest, &head.defaults);
@@ -118,19 +118,19 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
     saved.values().for_each(|one| total += *one);
     let page = Page {
         frame: visitor.frame,
-        best: chosen.and_then(card),
-        curve: charts::curve(&points(&in_state), &levels),
+        best: chosen.and_then(|chosen| card(chosen, &head.view)),
+        curve: charts::curve(&points(&in_state), &levels, &head.view),
         curve_note,
         timeline: charts::timeline(&spans(&latest)),
         is_cut: head.states > STATES,
-        leases: leases.iter().map(|trial| row(trial, &head.defaults)).collect(),
-        failures: failures.map(|trial| row(trial, &head.defaults)).collect(),
+        leases: leases.iter().map(|trial| row(trial, &head)).collect(),
+        failures: failures.map(|trial| row(trial, &head)).collect(),
         saved: (!total.is_empty()).then(|| total.words()),
         states: states
             .iter()
             .map(|one| {
                 let saved = saved.get(&one.state).map(benefit::Benefit::words).unwrap_or_default();
-                state_row(one, Some(one.state) == state, saved, &head.defaults)
+                state_row(one, Some(one.state) == state, saved, &head)
             })
             .collect(),
         head,
@@ -164,29 +164,30 @@ async fn levels(visitor: &Visitor<'_>, id: &str, chosen: &StateStands, fixed: Op
     .collect()
 }
 
-fn card(chosen: &StateStands) -> Option<BestCard> {
+fn card(chosen: &StateStands, view: &CostView) -> Option<BestCard> {
     let standing = chosen.standing?;
+    let (low, high) = view.interval(standing.cost_low, standing.cost_high);
     Some(BestCard {
-        cost: figure(standing.cost),
-        interval: format!("{} to {}", figure(standing.cost_low), figure(standing.cost_high)),
-        gain: chosen.gain(),
-        verdict: standing.sentence(),
+        cost: figure(view.value(standing.cost)),
+        interval: format!("{} to {}", figure(low), figure(high)),
+        gain: chosen.gain(view),
+        verdict: standing.sentence_by(view),
         state: chosen.state,
     })
 }
 
-fn state_row(of: &StateStands, is_shown: bool, saved: String, beside: &Defaults) -> StateRow {
+fn state_row(of: &StateStands, is_shown: bool, saved: String, head: &Head) -> StateRow {
     let best = of.best.as_ref();
     StateRow {
         state: of.state,
         is_shown,
-        cost: of.standing.map(|standing| figure(standing.cost)).unwrap_or_default(),
-        gain: of.gain(),
+        cost: of.standing.map(|standing| figure(head.view.value(standing.cost))).unwrap_or_default(),
+        gain: of.gain(&head.view),
         stands: of.standing.map(|standing| standing.in_short()).unwrap_or_default(),
         saved,
         runs: best.map(|best| best.measurements.to_string()).unwrap_or_default(),
         machine: machine(of.trial.fingerprint.as_ref()),
-        configuration: beside.beside(best.and_then(|best| best.configuration.as_ref())),
+        configuration: head.defaults.beside(best.and_then(|best| best.configuration.as_ref())),
     }
 }
 
@@ -239,15 +240,6 @@ pub(in super::super) async fn policy(visitor: &Visitor<'_>, id: &str) -> Result<
         let condition = parameter.active_if.as_ref().map(Condition::to_string).unwrap_or_default();
         (parameter.name.clone(), parameter.default.to_string(), parameter.domain.to_string(), condition)
     });
-    let terms: Vec<String> = spec
-        .objective
-        .terms()
-        .iter()
-        .map(|term| {
-            let sign = if spec.objective.maximised().contains(&term.metric) { "/" } else { "×" };
-            format!("{} {sign} {}", term.weight, term.metric)
-        })
-        .collect();
     let page = PolicyPage {
         frame: visitor.frame,
         may_steer: may_steer(visitor.caller),
@@ -256,7 +248,7 @@ pub(in super::super) async fn policy(visitor: &Visitor<'_>, id: &str) -> Result<
         head,
         policy,
         parameters: parameters.collect(),
-        objective: terms.join(" + "),
+        objective: spec.objective.to_string(),
         limits: spec.objective.limits().iter().map(ToString::to_string).collect(),
     };
     render(&page)

@@ -1,6 +1,7 @@
 //! One trial with its reason.
 
 use askama::Template;
+use treewright_core::cost_view::CostView;
 use treewright_proto::v1;
 
 use super::super::Visitor;
@@ -33,16 +34,19 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
     let request = v1::GetTrialRequest { name: format!("studies/{id}/trials/{number}") };
     let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
     let reason = trial.reason.clone().unwrap_or_default();
-    let row = row(&trial, &head.defaults);
+    let row = row(&trial, &head);
+    let view = head.view.clone();
+    let told = |cost: Option<f64>| cost.map(|cost| figure(view.value(cost))).unwrap_or_default();
+    let (name, stop) = (view.name(), if view.is_maximised() { "below" } else { "above" });
     let given = |name: &str, value: String| (!value.is_empty()).then(|| (name.to_owned(), value));
     let facts = [
         given("State", row.state.to_string()),
         given("Mode", row.mode.clone()),
         given("Outcome", row.outcome.clone()),
         given("Reason for the outcome", row.reason.clone()),
-        given("Cost", row.cost.clone()),
-        given("Predicted cost", trial.predicted_cost.map(figure).unwrap_or_default()),
-        given("Stop above cost", trial.abort_above.map(figure).unwrap_or_default()),
+        given(&view.heading(), row.cost.clone()),
+        given(&format!("Predicted {name}"), told(trial.predicted_cost)),
+        given(&format!("Stop {stop} {name}"), told(trial.abort_above)),
         given("Client", row.client.clone()),
         given("Machine", machine(trial.fingerprint.as_ref())),
         given("Started", row.begun.clone()),
@@ -51,7 +55,8 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
         given("Imported from", trial.origin.clone()),
     ];
     let neighbours = reason.neighbours.iter();
-    let neighbours = neighbours.map(|near| (near.state_id, figure(near.distance), figure(near.best_cost)));
+    let neighbours =
+        neighbours.map(|near| (near.state_id, figure(near.distance), told(Some(near.best_cost))));
     let sorted = |values: Vec<(String, f64)>| {
         let mut values: Pairs = values.into_iter().map(|(name, value)| (name, figure(value))).collect();
         values.sort_unstable();
@@ -62,7 +67,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
         may_pin: may_steer(visitor.caller) && row.outcome == "OK",
         facts: facts.into_iter().flatten().collect(),
         summary: reason.summary.clone(),
-        reasons: reasons(&reason),
+        reasons: reasons(&reason, &view),
         neighbours: neighbours.collect(),
         configuration: beside_default(&trial, &study),
         tables: vec![
@@ -76,7 +81,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
 }
 
 /// The figures that the policy weighed.
-fn reasons(reason: &v1::Reason) -> Pairs {
+fn reasons(reason: &v1::Reason, view: &CostView) -> Pairs {
     let told = reason.explanation.clone().unwrap_or_default();
     let given = |name: &str, value: Option<f64>| value.map(|value| (name.to_owned(), figure(value)));
     let text = |name: &str, value: &str| (!value.is_empty()).then(|| (name.to_owned(), value.to_owned()));
@@ -88,8 +93,8 @@ fn reasons(reason: &v1::Reason) -> Pairs {
         given("Probability of exploring", told.epsilon),
         given("Budget left", told.budget_left),
         given("Budget reserved", told.set_aside),
-        given("Reference cost", told.reference_cost),
-        given("Expected gain (share)", told.expected_gain),
+        given(&format!("Reference {}", view.name()), told.reference_cost.map(|cost| view.value(cost))),
+        given("Expected gain (share)", told.expected_gain.map(|share| view.share(share))),
         given("Expected frames", told.expected_frames),
         given("Cost of exploring (frames)", told.exploring_cost),
         text("Held parameters", &told.held.join(", ")),

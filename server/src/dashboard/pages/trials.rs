@@ -47,7 +47,7 @@ pub(in super::super) async fn trials(
     };
     let next = (!page.next_page_token.is_empty())
         .then(|| Query::written(&[("filter", &filter), ("order", &order), ("page", &page.next_page_token)]));
-    let rows = page.trials.iter().map(|trial| row(trial, &head.defaults)).collect();
+    let rows = page.trials.iter().map(|trial| row(trial, &head)).collect();
     let is_read = problem.is_none();
     Ok((render(&Page { frame: visitor.frame, head, filter, order, problem, rows, next })?, is_read))
 }
