@@ -172,6 +172,8 @@ async fn samples() -> BTreeSet<String> {
     let mut client = server.client().await;
     let mut study = common::study();
     study.policy.get_or_insert_default().predictor = wire::PredictorMethod::Auto as i32;
+    // The figures of what is maximised, too.
+    study.objective.get_or_insert_default().maximised = vec!["render_ms".to_owned()];
     let creation = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study) };
     client.create_study(creation).await.expect("created");
     for cost in [3.0, 2.0, 1.0] {

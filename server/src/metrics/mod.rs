@@ -539,29 +539,31 @@ mod tests {
                 study: (*study).to_owned(),
                 statistics: StudyCounts { trials: 7, ..StudyCounts::default() },
                 tally: FrameCounts {
-                    frames: [1, 2, 3, 0],
                     cost: [1.0, 5.5, 2.0, 0.0],
+                    reached: [0.0, 90.0, 60.0, 0.0],
                     ..FrameCounts::default()
                 },
+                maximised: (*study == "attic").then(|| "fps".to_owned()),
                 errors: vec![("contextual", 0.25)],
                 unsaved_trials: 2,
                 model_age_ms: Some(1500),
             };
-            let studies = studies.iter().map(figures).collect();
-            metrics.text(&Moment { studies, ..Moment::default() }).unwrap()
+            let moment = Moment { studies: studies.iter().map(figures).collect(), ..Moment::default() };
+            metrics.text(&moment).unwrap()
         };
         for _ in 0..2 {
             let text = shown(&["hall", "attic"]);
             for line in [
                 "treewright_study_trials{study=\"hall\"} 7",
                 "treewright_study_cost_total{study=\"attic\",mode=\"explore\"} 5.5",
+                "treewright_study_maximised_total{study=\"attic\",mode=\"explore\",metric=\"fps\"} 90.0",
                 "treewright_study_model_error{study=\"hall\",predictor=\"contextual\"} 0.25",
                 "treewright_study_model_age_seconds{study=\"hall\"} 1.5",
             ] {
                 assert!(text.contains(line), "{line} is not in\n{text}");
             }
         }
-        assert!(!shown(&["hall"]).contains("attic"));
+        assert!(!["attic", "metric="].iter().any(|word| shown(&["hall"]).contains(word)), "it minimises");
     }
 
     #[tokio::test(start_paused = true)]

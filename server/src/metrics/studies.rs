@@ -24,6 +24,13 @@ struct ModeLabel {
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct MaximisedLabel {
+    study: String,
+    mode: &'static str,
+    metric: String,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct PredictorLabel {
     study: String,
     predictor: &'static str,
@@ -42,6 +49,7 @@ pub(super) struct StudyFamilies {
     frames: Family<ModeLabel, Counter>,
     cost: Family<ModeLabel, FloatCounter>,
     regret: Family<ModeLabel, FloatCounter>,
+    maximised: Family<MaximisedLabel, FloatCounter>,
     model_error: Family<PredictorLabel, FloatGauge>,
     model_age: Family<StudyLabel, FloatGauge>,
     unsaved_trials: Family<StudyLabel, Gauge>,
@@ -62,7 +70,17 @@ impl StudyFamilies {
             "Reported frames with a cost, since the study came into memory",
             self.frames.clone(),
         );
-        r.register("study_cost", "What these frames cost, in units of the objective", self.cost.clone());
+        r.register(
+            "study_cost",
+            "What these frames cost, in units of the objective, for shares of it; of what is maximised, the sum of \
+             reciprocals",
+            self.cost.clone(),
+        );
+        r.register(
+            "study_maximised",
+            "What these frames reached of the metric that a study maximises, in its own unit; higher is better",
+            self.maximised.clone(),
+        );
         r.register(
             "study_regret",
             "What these frames cost above the best known of their state at that time",
@@ -95,12 +113,15 @@ impl StudyFamilies {
         for family in [&self.cost, &self.regret] {
             family.clear();
         }
+        self.maximised.clear();
         self.expired_leases.clear();
         self.frames.clear();
         self.model_error.clear();
         self.model_age.clear();
         let count = |count: u64| i64::try_from(count).unwrap_or(i64::MAX);
-        for StudyFigures { study, statistics, tally, errors, unsaved_trials, model_age_ms } in figures {
+        for figures in figures {
+            let StudyFigures { study, statistics, tally, maximised, errors, unsaved_trials, model_age_ms } =
+                figures;
             let label = StudyLabel { study: study.clone() };
             self.trials.get_or_create(&label).set(count(statistics.trials));
             self.states.get_or_create(&label).set(count(statistics.states));
@@ -115,6 +136,10 @@ impl StudyFamilies {
                 self.frames.get_or_create(&label).inc_by(tally.frames[place]);
                 self.cost.get_or_create(&label).inc_by(tally.cost[place]);
                 self.regret.get_or_create(&label).inc_by(tally.regret[place]);
+                if let Some(metric) = maximised {
+                    let label = MaximisedLabel { study: study.clone(), mode, metric: metric.clone() };
+                    self.maximised.get_or_create(&label).inc_by(tally.reached[place]);
+                }
             }
             for (predictor, error) in errors {
                 let label = PredictorLabel { study: study.clone(), predictor };

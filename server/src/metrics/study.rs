@@ -1,6 +1,7 @@
 //! The figures of one study: what its frames cost, how much of that is regret, how wrong its models are and
 //! how old.
 
+use treewright_core::cost_view::CostView;
 use treewright_core::trial::{Mode, Trial, TrialState};
 use treewright_core::tuner::{Change, StudyCounts, Tuner};
 
@@ -20,6 +21,8 @@ pub(crate) struct FrameCounts {
     pub(crate) cost: [f64; MODES.len()],
     /// Their cost above the best configuration known of their state at that time.
     pub(crate) regret: [f64; MODES.len()],
+    /// The sums of what they reached of a metric that is maximised and counts alone; else 0.
+    pub(crate) reached: [f64; MODES.len()],
     /// Leases that ran out.
     pub(crate) expired: u64,
     /// When the models last learnt, by the daemon's clock.
@@ -29,16 +32,17 @@ pub(crate) struct FrameCounts {
 impl FrameCounts {
     /// Counts what a tuner has just decided.
     pub(crate) fn add(&mut self, tuner: &Tuner, changes: &[Change]) {
+        let view = tuner.spec().objective.view();
         for trial in changes.iter().flat_map(|change| &change.trials) {
             match trial.state {
-                TrialState::Completed => self.complete(tuner, trial),
+                TrialState::Completed => self.complete(tuner, trial, &view),
                 TrialState::Expired => self.expired += 1,
                 TrialState::Open | TrialState::Abandoned => {}
             }
         }
     }
 
-    fn complete(&mut self, tuner: &Tuner, trial: &Trial) {
+    fn complete(&mut self, tuner: &Tuner, trial: &Trial, view: &CostView) {
         self.learnt_ms = trial.complete_ms.max(self.learnt_ms);
         let Some(cost) = trial.cost else {
             return;
@@ -53,6 +57,7 @@ impl FrameCounts {
         );
         self.frames[mode] += 1;
         self.cost[mode] += cost;
+        self.reached[mode] += view.maximum(cost).unwrap_or(0.0);
         if let Some(best) = tuner.best_cost(trial.state_id) {
             self.regret[mode] += (cost - best).max(0.0);
         }
@@ -68,6 +73,8 @@ pub(crate) struct StudyFigures {
     pub(crate) statistics: StudyCounts,
     /// Counts since it came into memory.
     pub(crate) tally: FrameCounts,
+    /// The metric that is maximised and counts alone.
+    pub(crate) maximised: Option<String>,
     /// Mean relative error of each predictor, as the absolute logarithm, on trials it had not learnt.
     pub(crate) errors: Vec<(&'static str, f64)>,
     /// Completed trials that the last checkpoint does not cover: they would be learnt again at a start.

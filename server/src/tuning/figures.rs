@@ -23,11 +23,13 @@ impl Live {
         let skipped = self.identity.skipped;
         debug_assert!(skipped <= statistics.trials, "{skipped} of {} are another's", statistics.trials);
         statistics.trials = statistics.trials.saturating_sub(skipped);
+        let view = self.tuner.spec().objective.view();
         let errors = self.tuner.predictor_errors().into_iter();
         StudyFigures {
             study,
             statistics,
             tally: self.tally,
+            maximised: view.is_maximised().then(|| view.name().to_owned()),
             errors: errors.map(|(method, error)| (method.name(), error.mean)).collect(),
             unsaved_trials: statistics.completed_trials.saturating_sub(self.saved.completion),
             model_age_ms: self.tally.learnt_ms.map(|learnt_ms| (now_ms - learnt_ms).max(0)),
