@@ -3,17 +3,17 @@
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use treewright_client::{Configuration, Gain, Standing, Word as _};
+use treewright_client::{Configuration, CostView, Gain, Standing, Word as _};
 
 use crate::convert::shown;
 
 /// The best that is known: `configuration, cost = study.best()`, or by name, with what is proven of it.
 #[pyclass(module = "treewright", frozen)]
-pub(crate) struct Best(treewright_client::Best);
+pub(crate) struct Best(treewright_client::Best, CostView);
 
 impl Best {
-    pub(crate) fn new(best: treewright_client::Best) -> Self {
-        Self(best)
+    pub(crate) fn new(best: treewright_client::Best, view: CostView) -> Self {
+        Self(best, view)
     }
 
     fn standing(&self) -> Option<&Standing> {
@@ -56,6 +56,24 @@ impl Best {
         self.0.default_cost
     }
 
+    /// What the cost stands for: the metric where one is maximised and nothing else counts, else the cost.
+    #[getter]
+    fn value(&self) -> f64 {
+        self.1.value(self.0.cost)
+    }
+
+    /// The 95 % interval of the value, the lower end first; None where there is no cost_interval.
+    #[getter]
+    fn value_interval(&self) -> Option<(f64, f64)> {
+        self.cost_interval().map(|(low, high)| self.1.interval(low, high))
+    }
+
+    /// What default_cost stands for.
+    #[getter]
+    fn default_value(&self) -> Option<f64> {
+        self.0.default_cost.map(|cost| self.1.value(cost))
+    }
+
     /// The share by which the cost is estimated to lie below the default's; None where that was not measured.
     #[getter(gain)]
     fn gain_share(&self) -> Option<f64> {
@@ -89,7 +107,7 @@ impl Best {
     /// What is proven, as a sentence.
     #[getter]
     fn verdict(&self) -> Option<String> {
-        self.standing().map(Standing::sentence)
+        self.standing().map(|known| known.sentence_by(&self.1))
     }
 
     /// How many measurements the cost rests on.
@@ -117,8 +135,8 @@ impl Best {
     }
 
     fn __repr__(&self) -> String {
-        let interval = self.cost_interval();
+        let interval = self.value_interval();
         let interval = interval.map_or_else(String::new, |(low, high)| format!(" [{low}, {high}]"));
-        format!("<Best {} at {}{interval}>", self.configuration(), self.0.cost)
+        format!("<Best {} at {} {}{interval}>", self.configuration(), self.1.title(), self.value())
     }
 }

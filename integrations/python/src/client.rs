@@ -236,6 +236,23 @@ impl Study {
         terms.iter().map(|term| (term.metric.clone(), term.weight)).collect()
     }
 
+    /// The study's objective of measurements, which is minimised. Raises Invalid where one is missing, or is
+    /// not what it may be.
+    fn cost(&self, measured: Numbers) -> PyResult<f64> {
+        self.0.spec().objective.cost(&measured).map_err(|error| Invalid::new_err(error.to_string()))
+    }
+
+    /// What a cost stands for: the metric where one is maximised and nothing else counts, else the cost.
+    fn value(&self, cost: f64) -> f64 {
+        self.0.spec().objective.view().value(cost)
+    }
+
+    /// The name of such values: "cost", or the metric and that higher is better.
+    #[getter]
+    fn value_title(&self) -> String {
+        self.0.spec().objective.view().title()
+    }
+
     /// Waits until every report of its client is acknowledged. Raises Unreachable when some are not.
     #[pyo3(signature = (deadline_ms=5000.0))]
     fn flush(&self, python: Python<'_>, deadline_ms: f64) -> PyResult<()> {
@@ -331,7 +348,8 @@ impl Study {
     #[pyo3(signature = (indicators=None))]
     fn best(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Best> {
         let numbers = crate::convert::indicators(indicators);
-        python.detach(|| self.0.best(&numbers)).map(Best::new).map_err(raised)
+        let best = python.detach(|| self.0.best(&numbers)).map_err(raised)?;
+        Ok(Best::new(best, self.0.spec().objective.view()))
     }
 
     /// The stored trials that match, e.g. ``state = COMPLETED AND cost < 12.5``; by number, or by ``cost`` or

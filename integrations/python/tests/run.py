@@ -78,7 +78,9 @@ def trials(url: str) -> None:
     with rate.suggest() as trial:
         trial.report({"fps": 50.0})
     client.flush(20000)
-    assert rate.best().cost == 20.0, rate.best()
+    best = rate.best()
+    assert best.cost == 20.0 and best.value == 50.0 and "fps (higher is better) 50" in repr(best), best
+    assert rate.cost({"fps": 50.0}) == 20.0 and rate.value(20.0) == 50.0 and study.value_title == "cost", rate.value_title
     with study.suggest() as given_back:
         pass
     with study.suggest() as beyond:

@@ -46,9 +46,8 @@ class Space:
         self, name: str, min: float, max: float, *, default: float, log: bool = False, active_if: Optional[Condition] = None
     ) -> Space: ...
     def boolean(self, name: str, *, default: bool, active_if: Optional[Condition] = None) -> Space: ...
-    def choice(
-        self, name: str, values: Sequence[Value], *, default: Value, active_if: Optional[Condition] = None
-    ) -> Space: ...
+    def choice(self, name: str, values: Sequence[Value], *, default: Value, active_if: Optional[Condition] = None) -> Space:
+        """One of up to 64 words, which have no order, or numbers, which are searched in their order."""
     def less_or_equal(self, lesser: str, greater: str) -> Space: ...
     def constraint(self, expression: str) -> Space: ...
     def __len__(self) -> int: ...
@@ -104,6 +103,13 @@ class Study:
     @property
     def metrics(self) -> dict[str, float]:
         """The measurements that a report has to hold, each with its weight."""
+    def cost(self, measured: Mapping[str, float]) -> float:
+        """The study's objective of measurements, which is minimised. Raises Invalid where one is missing."""
+    def value(self, cost: float) -> float:
+        """What a cost stands for: the metric where one is maximised and nothing else counts, else the cost."""
+    @property
+    def value_title(self) -> str:
+        """The name of such values: "cost", or the metric and that higher is better."""
     def flush(self, deadline_ms: float = 5000.0) -> None: ...
     def policy(self) -> dict[str, str]:
         """Each field as it is written; those that are left to themselves are not there."""
@@ -136,6 +142,13 @@ class Best:
     def cost_interval(self) -> Optional[tuple[float, float]]: ...
     @property
     def default_cost(self) -> Optional[float]: ...
+    @property
+    def value(self) -> float:
+        """What the cost stands for: the metric where one is maximised and nothing else counts, else the cost."""
+    @property
+    def value_interval(self) -> Optional[tuple[float, float]]: ...
+    @property
+    def default_value(self) -> Optional[float]: ...
     @property
     def gain(self) -> Optional[float]: ...
     @property

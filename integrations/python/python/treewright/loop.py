@@ -62,12 +62,12 @@ def tune(
                 suggestion.failed(repr(problem))
             else:
                 suggestion.report(measured)
-                cost = sum(weight * measured[name] for name, weight in weights.items())
+                cost = study.cost({name: measured[name] for name in weights})
         if cost is not None:
             least = cost if least is None else min(cost, least)
         if bar is not None:
             bar.update()
-            bar.set_postfix(least=least)
+            bar.set_postfix(best=None if least is None else study.value(least))
         enough = [each(Ran(number, suggestion, measured, cost)) is True for each in callbacks]
         number += 1
         if any(enough) or (seconds is not None and time.monotonic() - begin >= seconds):

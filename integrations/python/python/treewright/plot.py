@@ -29,7 +29,8 @@ def _by_state(study: Study) -> "dict[int, list[dict[str, Any]]]":
 
 
 def best_so_far(study: Study, *, state: Optional[int] = None, ax: Any = None) -> Any:
-    """The cost of each trial, the least so far as a line, and the trials that lowered it as larger points.
+    """The cost of each trial, the least so far as a line, and the trials that lowered it as larger points. Of a study that maximises
+    one metric and nothing else it is that metric, and the line is the highest so far.
 
     ``state`` is the number of the state, ``state_id`` of its trials; by default the one with most trials."""
     states, ax = _by_state(study), _axes(ax)
@@ -41,9 +42,10 @@ def best_so_far(study: Study, *, state: Optional[int] = None, ax: Any = None) ->
     for cost in costs:
         least.append(min(cost, least[-1]) if least else cost)
     lowered = [place for place in range(len(costs)) if place == 0 or least[place] < least[place - 1]]
-    ax.plot(numbers, costs, ".", color="0.6", label="trial")
-    ax.step(numbers, least, where="post", label="best so far")
-    ax.plot([numbers[place] for place in lowered], [costs[place] for place in lowered], "o", label="incumbent")
+    values, best = [study.value(cost) for cost in costs], [study.value(cost) for cost in least]
+    ax.plot(numbers, values, ".", color="0.6", label="trial")
+    ax.step(numbers, best, where="post", label="best so far")
+    ax.plot([numbers[place] for place in lowered], [values[place] for place in lowered], "o", label="incumbent")
     title = study.name if len(states) < 2 else f"{study.name}, state {state}"
     ax.set(xlabel="trial", ylabel=_unit(study), title=title)
     if trials:
@@ -52,20 +54,21 @@ def best_so_far(study: Study, *, state: Optional[int] = None, ax: Any = None) ->
 
 
 def slice(study: Study, parameter: str, *, ax: Any = None) -> Any:
-    """The cost of each trial over the value that it gave one parameter, as a multiple of the least of its state."""
+    """The cost of each trial over the value that it gave one parameter, as a multiple of the least of its state; of a study that
+    maximises one metric and nothing else that metric, as a multiple of the highest."""
     values, costs = [], []
     for trials in _by_state(study).values():
         least = min(trial["cost"] for trial in trials)
         here = [trial for trial in trials if parameter in trial["configuration"] and least > 0]
         values += [trial["configuration"][parameter] for trial in here]
-        costs += [trial["cost"] / least for trial in here]
+        costs += [study.value(trial["cost"]) / study.value(least) for trial in here]
     if not values:
         raise ValueError(f"no measured trial of {study.name} has a parameter {parameter}")
     ax = _axes(ax)
     # Words, and what else has no order, side by side.
     ordered = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
     ax.plot(values if ordered else [str(value) for value in values], costs, ".")
-    ax.set(xlabel=parameter, ylabel="cost, least of the state = 1", title=study.name)
+    ax.set(xlabel=parameter, ylabel=f"{study.value_title}, best of the state = 1", title=study.name)
     return ax
 
 
@@ -87,5 +90,7 @@ def importances(analysis: Union[str, Mapping[str, Any]], *, ax: Any = None) -> A
 
 
 def _unit(study: Study) -> str:
+    if study.value_title != "cost":
+        return study.value_title
     terms = [name if weight == 1 else f"{weight:g} {name}" for name, weight in study.metrics.items()]
     return " + ".join(terms)
