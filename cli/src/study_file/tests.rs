@@ -139,6 +139,8 @@ fn parameters_are_written_in_one_word() {
     assert_eq!(domain("ratio=1..64.0:2:log"), ("ratio".into(), float, Value::Float(2.0)));
     let words = Domain::Categorical { values: vec!["off".into(), "wal".into()] };
     assert_eq!(domain("journal=off|wal:wal"), ("journal".into(), words, Value::from("wal")));
+    let sizes = Domain::Categorical { values: [16, 32, 64, 128].map(Value::Integer).to_vec() };
+    assert_eq!(domain("tile=16|32|64|128:64"), ("tile".into(), sizes, Value::Integer(64)));
     assert_eq!(domain("long=bool:false"), ("long".into(), Domain::Boolean, Value::from(false)));
     let steps = ParameterEntry::inline("block=16..256/16:64").expect("a parameter");
     let terms = vec![TermEntry { metric: "ms".into(), weight: 1.0, maximise: false }];

@@ -124,9 +124,10 @@ void tw_spec_free(tw_spec *spec);
 void tw_spec_integer(tw_spec *spec, const char *name, int64_t min, int64_t max, int64_t default_value, int32_t scale);
 void tw_spec_float(tw_spec *spec, const char *name, double min, double max, double default_value, int32_t scale);
 void tw_spec_boolean(tw_spec *spec, const char *name, bool default_value);
-/* One of 1 to 64 words, or numbers, that have no order. */
+/* One of 1 to 64 words, which have no order, or numbers, which are searched in the order of their sizes. */
 void tw_spec_choice(tw_spec *spec, const char *name, const char *const *values, size_t count, const char *default_value);
 void tw_spec_choice_number(tw_spec *spec, const char *name, const double *values, size_t count, double default_value);
+void tw_spec_choice_integer(tw_spec *spec, const char *name, const int64_t *values, size_t count, int64_t default_value);
 /* The last parameter exists only while an earlier one has this value, written as text; again for further values. */
 void tw_spec_active_if(tw_spec *spec, const char *parameter, const char *value);
 /* Every configuration has lesser <= greater. */

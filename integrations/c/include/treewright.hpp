@@ -214,6 +214,12 @@ class Spec {
   Spec &choice(const char *name, std::initializer_list<const char *> values, const char *initial) {
     return tw_spec_choice(handle(), name, values.begin(), values.size(), initial), *this;
   }
+  Spec &choice_number(const char *name, std::initializer_list<double> values, double initial) {
+    return tw_spec_choice_number(handle(), name, values.begin(), values.size(), initial), *this;
+  }
+  Spec &choice_integer(const char *name, std::initializer_list<int64_t> values, int64_t initial) {
+    return tw_spec_choice_integer(handle(), name, values.begin(), values.size(), initial), *this;
+  }
   Spec &active_if(const char *parameter, const char *value) {
     return tw_spec_active_if(handle(), parameter, value), *this;
   }

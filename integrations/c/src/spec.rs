@@ -77,6 +77,22 @@ impl Spec {
         self.parameters.push(Parameter { name: name.to_owned(), domain, default, active_if: None });
     }
 
+    /// A parameter whose values are a list of numbers of one kind.
+    fn numbers<T: Copy + Into<Value>>(
+        &mut self,
+        name: &Text,
+        values: &Array<T>,
+        count: usize,
+        default: T,
+    ) -> Result<(), String> {
+        let name = read(name, "a parameter's name")?;
+        let numbers =
+            values.read(count, "the list of choices").map_err(|_| format!("{name} has no choices"))?;
+        let values = numbers.iter().map(|&number| number.into()).collect();
+        self.parameter(name, Domain::Categorical { values }, default.into());
+        Ok(())
+    }
+
     /// A value of a parameter as people write it.
     fn value_of(&self, parameter: &str, text: &str) -> Result<Value, String> {
         let found = self.parameters.iter().find(|one| one.name == parameter);
@@ -198,14 +214,19 @@ pub(crate) extern "C" fn tw_spec_choice_number(
     count: usize,
     default: f64,
 ) {
-    change(spec, |spec| {
-        let name = read(&name, "a parameter's name")?;
-        let numbers =
-            values.read(count, "the list of choices").map_err(|_| format!("{name} has no choices"))?;
-        let values = numbers.iter().map(|number| Value::Float(*number)).collect();
-        spec.parameter(name, Domain::Categorical { values }, Value::Float(default));
-        Ok(())
-    });
+    change(spec, |spec| spec.numbers(&name, &values, count, default));
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_choice_integer(
+    spec: Option<&mut Spec>,
+    name: Text,
+    values: Array<i64>,
+    count: usize,
+    default: i64,
+) {
+    change(spec, |spec| spec.numbers(&name, &values, count, default));
 }
 
 /// See the header.

@@ -36,6 +36,7 @@ static void succeed(tw_error *error) {
 static tw_spec *new_spec(void) {
   static const char *const splits[] = {"sah", "median"};
   static const double budgets[] = {1.2, 2.0};
+  static const int64_t tiles[] = {16, 32, 64, 128};
   tw_spec *spec = tw_spec_new();
   tw_spec_display_name(spec, "a study from C");
   tw_spec_integer(spec, "leaf", 1, 32, 8, TW_LOG);
@@ -46,6 +47,7 @@ static tw_spec *new_spec(void) {
   tw_spec_float(spec, "cost", 0.5, 4, 1, TW_LINEAR);
   tw_spec_active_if(spec, "split", "sah");
   tw_spec_choice_number(spec, "budget", budgets, 2, 1.2);
+  tw_spec_choice_integer(spec, "tile", tiles, 4, 64);
   tw_spec_constraint(spec, "leaf % 5 != 4 or compact and leaf < 10");
   tw_spec_indicator(spec, "triangles", 0, 1e8, TW_LOG);
   tw_spec_minimise(spec, "render_ms", 1);
@@ -57,12 +59,13 @@ static tw_spec *new_spec(void) {
 
 /* A frame whose time depends on the configuration alone. */
 static double render(const tw_configuration *configuration) {
-  int64_t leaf = 0, block = 0;
+  int64_t leaf = 0, block = 0, tile = 0;
   bool compact = true;
   tw_error *error = NULL;
   CHECK(tw_configuration_integer(configuration, "leaf", &leaf, &error));
   CHECK(tw_configuration_boolean(configuration, "compact", &compact, &error));
   CHECK(tw_configuration_integer(configuration, "block", &block, &error) && block % 16 == 8);
+  CHECK(tw_configuration_integer(configuration, "tile", &tile, &error) && tile >= 16 && tile <= 128 && 128 % tile == 0);
   CHECK(leaf >= 1 && leaf <= 32 && (leaf % 5 != 4 || (compact && leaf < 10)));
   return 5 + fabs((double)leaf - 3) + (compact ? 2 : 0);
 }

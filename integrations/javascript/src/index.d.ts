@@ -15,7 +15,7 @@ export type Parameter = { name: string; activeIf?: Condition } & (
   | { type: "integer"; min: number; max: number; log?: boolean; default: number; /** From `min` on. */ step?: number }
   | { type: "float"; min: number; max: number; log?: boolean; default: number }
   | { type: "boolean"; default: boolean }
-  | { type: "choice"; values: string[] | number[]; default: string | number }
+  | { type: "choice"; /** Numbers are searched in the order of their sizes; words have none. */ values: string[] | number[]; default: string | number }
 );
 
 export interface StudySpec {

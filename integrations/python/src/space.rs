@@ -137,7 +137,7 @@ impl Space {
         Self::add(this, name, Domain::Boolean, Value::Boolean(default), active_if)
     }
 
-    /// One of up to 64 words, or numbers, that have no order.
+    /// One of up to 64 words, which have no order, or numbers, which are searched in their order.
     #[pyo3(signature = (name, values, *, default, active_if=None))]
     fn choice<'py>(
         this: PyRef<'py, Self>,

@@ -74,7 +74,8 @@ pub enum Domain {
         /// Spread over the unit interval.
         scale: Scale,
     },
-    /// One of 1 to 64 distinct values of one kind (integers, floats or text), without an order of its own.
+    /// One of 1 to 64 distinct values of one kind: integers or floats, which are ordered by size whatever
+    /// lies between them, or text, which has no order.
     Categorical {
         /// The choices.
         values: Vec<Value>,

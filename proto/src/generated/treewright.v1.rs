@@ -123,7 +123,8 @@ pub struct FloatDomain {
     #[prost(enumeration = "Scale", tag = "3")]
     pub scale: i32,
 }
-/// One of a list of values of the same kind, without an order of its own.
+/// One of a list of values of the same kind. Numbers are searched in the order of their sizes, whatever lies
+/// between them: of 16, 32, 64 and 128, 32 and 128 are next to 64. Text has no order.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct CategoricalDomain {
     /// REQUIRED, 1 to 64, distinct, of one kind (integers, floats or text).

@@ -147,6 +147,44 @@ fn plateaus_and_infeasible_regions_do_not_stall_the_simplex() {
     assert!(simplex < 56.0, "simplex {simplex}");
 }
 
+/// The trials until a search has met the best of 16 values beside 16 others, where more is better, from the
+/// lowest.
+fn trials_to_the_highest(seed: u64, value: fn(i64) -> Value) -> f64 {
+    let choice = |name: &str| Parameter {
+        name: name.into(),
+        domain: Domain::Categorical { values: (0..16).map(|power| value(1 << power)).collect() },
+        default: value(1),
+        active_if: None,
+    };
+    let space = Space::new(vec![choice("block"), choice("tile")], Vec::new()).expect("a valid space");
+    let (start, layout) = (space.encode(&space.default_configuration()), Layout::of(&space));
+    let setup = SearchSetup { seed, state_id: 1, start, budget: 80, levels: levels(&space), layout };
+    let mut search = AnySearch::new(SearchMethod::Model, setup);
+    let mut known = BTreeMap::new();
+    while known.len() < 80 {
+        let point = search.ask().expect("nothing is out");
+        // Both list their values from the lowest on.
+        let cell = |axis: usize| (16.0 * point.x[axis]).floor().min(15.0);
+        let cost = 40.0 - cell(0) - cell(1);
+        let fresh = known.insert(space.decode(&point.x), cost).is_none();
+        if cost == 10.0 {
+            break;
+        }
+        search.tell(point.id, Feedback { verdict: Verdict::Cost(cost), fresh });
+    }
+    known.len() as f64
+}
+
+#[test]
+fn listed_numbers_are_searched_in_their_order() {
+    let trials = |value: fn(i64) -> Value| {
+        median(&mut (0..11).map(|seed| trials_to_the_highest(seed, value)).collect::<Vec<_>>())
+    };
+    let numbers = trials(Value::Integer);
+    let words = trials(|number: i64| Value::Text(number.to_string()));
+    assert!(1.3 * numbers < words, "{numbers} trials with numbers, {words} with words");
+}
+
 #[test]
 fn a_search_that_only_meets_infeasible_points_looks_everywhere() {
     let setup = SearchSetup {

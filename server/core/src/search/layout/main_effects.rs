@@ -60,7 +60,7 @@ pub struct MainEffects {
 fn interpolation(layout: &Layout, axis: usize, x: f64) -> (usize, f64) {
     match layout.cells(axis) {
         0 | CELLS_MAX.. => {
-            let at = x.clamp(0.0, 1.0) * (KNOTS - 1) as f64;
+            let at = layout.by_size(axis, x).clamp(0.0, 1.0) * (KNOTS - 1) as f64;
             let first = (at as usize).min(KNOTS - 2);
             assert!(first + 1 < KNOTS, "knot {first} has another behind it");
             (first, at - first as f64)

@@ -220,6 +220,17 @@ impl Layout {
         }
     }
 
+    /// The place of the value at a canonical coordinate among all by size, 0 to 1; the coordinate itself
+    /// where there is no other order.
+    pub(super) fn by_size(&self, axis: usize, x: f64) -> f64 {
+        match &self.axes[axis].kind {
+            AxisKind::Choice { levels, ranks } if !ranks.is_empty() => {
+                (f64::from(ranks[cell(x, *levels) as usize]) + 0.5) / f64::from(*levels)
+            }
+            _ => x,
+        }
+    }
+
     /// Which axes count at a point whose parents are canonical.
     pub(crate) fn active(&self, x: &[f64]) -> Vec<bool> {
         assert_eq!(x.len(), self.axes.len(), "a coordinate for every axis");
@@ -281,11 +292,8 @@ impl Layout {
     pub(crate) fn features(&self, x: &[f64], active: &[bool]) -> Vec<f64> {
         let feature = |index: usize| match &self.axes[index].kind {
             _ if !active[index] => INACTIVE,
-            AxisKind::Number(_) => x[index],
             AxisKind::Choice { levels, ranks } if ranks.is_empty() => f64::from(cell(x[index], *levels)),
-            AxisKind::Choice { levels, ranks } => {
-                (f64::from(ranks[cell(x[index], *levels) as usize]) + 0.5) / f64::from(*levels)
-            }
+            _ => self.by_size(index, x[index]),
         };
         let cell_of = |(index, axis): (usize, &LayoutAxis)| match &axis.kind {
             _ if !axis.is_seen_twice() => None,
@@ -474,6 +482,28 @@ mod tests {
             assert_eq!(layout.canonical(&mut x), [true, true]);
             assert_eq!(x.to_vec(), space.encode(&configuration));
         }
+    }
+
+    #[test]
+    fn listed_numbers_have_neighbours() {
+        let sizes = (0..16).rev().map(|power| Value::Integer(1 << power)).collect();
+        let parameter = Parameter {
+            name: "block".into(),
+            domain: Domain::Categorical { values: sizes },
+            default: Value::Integer(64),
+            active_if: None,
+        };
+        let space = Space::new(vec![parameter], Vec::new()).expect("a valid space");
+        let layout = Layout::of(&space);
+        let mut random = crate::randomness::stream(1, crate::randomness::Purpose::Unseen, 1, 0);
+        let start = space.encode(&space.default_configuration())[0];
+        let mut near = 0;
+        for _ in 0..1000 {
+            let moved = layout.moved(0, start, 0.05, &mut random);
+            let size = space.decode(&[moved]).integer("block").expect("a size");
+            near += u32::from([32, 128].contains(&size));
+        }
+        assert!(near > 750, "{near} of 1000 moves from 64 go to 32 or 128");
     }
 
     #[test]
