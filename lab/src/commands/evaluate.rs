@@ -124,7 +124,7 @@ fn record(arguments: &RecordArguments) -> Result<(), CliError> {
         let entry = &entries[one.stage];
         let stage = match &mut stages[one.stage] {
             Some(stage) => stage,
-            empty => empty.insert(Stage::new(&entry.name, &entry.load()?, &space, &conditions)?),
+            empty => empty.insert(Stage::new(&entry.name, &entry.load()?, &space, &open.record)?),
         };
         let go_on = || !interrupt.requested();
         let line = match one.search {

@@ -18,7 +18,7 @@ use treewright_scene::Scene;
 use super::evaluate_setup::{ConditionArguments, Progress, space, strip_path};
 use crate::evaluation::measure::Stage;
 use crate::evaluation::parts::{PARTS, Part, pair};
-use crate::evaluation::record::{Conditions, GroupKind, Line, OpenRecord, Pair, PartSearch, Versus};
+use crate::evaluation::record::{GroupKind, Line, OpenRecord, Pair, PartSearch, Versus};
 
 /// Needles of the cylinder, two triangles each: as many as in the built-in scene of that name.
 const NEEDLES: usize = 3_000;
@@ -89,14 +89,14 @@ enum Task {
 /// Measures what is missing.
 pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
     let entries = arguments.under.scenes.entries()?;
-    let (conditions, mut open) = arguments.under.open()?;
+    let (conditions, open) = arguments.under.open()?;
     let whole = Arc::new(space(&conditions));
-    let bench = Bench { arguments, conditions, whole };
+    let mut bench = Bench { arguments, open, whole };
     let tasks = tasks(arguments);
     // Task by task over all scenes: whenever a run stops, all scenes are equally far.
     let mut missing: Vec<(usize, Task)> =
         tasks.iter().flat_map(|task| (0..entries.len()).map(move |scene| (scene, *task))).collect();
-    missing.retain(|(scene, task)| !is_there(&open, &entries[*scene].name, *task, arguments.objective));
+    missing.retain(|(scene, task)| !is_there(&bench.open, &entries[*scene].name, *task, arguments.objective));
     eprintln!("{} measurements are missing in {}", missing.len(), arguments.under.record.display());
     let (interrupt, mut progress) =
         (Interrupt::listen(), Progress::new(missing.len(), arguments.under.seconds));
@@ -116,7 +116,7 @@ pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
             Task::Part(part, run) => bench.search(name, scene, part, run, go_on)?,
             Task::Pair(versus) => bench.compare(name, scene, versus, go_on)?,
         };
-        open.add(line.ok_or(CliError::Interrupted)?)?;
+        bench.open.add(line.ok_or(CliError::Interrupted)?)?;
         progress.step(&format!("{name}: {}", told(task)));
     }
     let Some(folder) = &arguments.pictures else { return Ok(()) };
@@ -172,7 +172,7 @@ fn told(task: Task) -> String {
 /// What all measurements share.
 struct Bench<'a> {
     arguments: &'a ParametersArguments,
-    conditions: Conditions,
+    open: OpenRecord,
     whole: Arc<TuningSpace>,
 }
 
@@ -186,8 +186,8 @@ impl Bench<'_> {
         go_on: impl FnMut() -> bool,
     ) -> Result<Option<Line>, CliError> {
         let space = Arc::new(part.space(&self.whole)?);
-        let mut stage = Stage::new(name, scene, &space, &self.conditions)?;
-        stage.set_seed(self.conditions.seed.wrapping_add(u64::from(run)));
+        let mut stage = Stage::new(name, scene, &space, &self.open.record)?;
+        stage.set_seed(self.open.record.conditions.seed.wrapping_add(u64::from(run)));
         let found = stage.search(CAMERA, self.arguments.objective, SearchMethod::NelderMead, go_on)?;
         Ok(found.map(|search| Line::Part(PartSearch { part: part.name.to_owned(), run, search })))
     }
@@ -199,7 +199,7 @@ impl Bench<'_> {
         versus: Versus,
         go_on: impl FnMut() -> bool,
     ) -> Result<Option<Line>, CliError> {
-        let mut stage = Stage::new(name, scene, &self.whole, &self.conditions)?;
+        let mut stage = Stage::new(name, scene, &self.whole, &self.open.record)?;
         match versus {
             Versus::Height(height) => stage.resize([height * 4 / 3, height]),
             Versus::Needles { angle, angles } => {
@@ -217,7 +217,7 @@ impl Bench<'_> {
         scene: &Arc<Scene>,
         mut go_on: impl FnMut() -> bool,
     ) -> Result<Vec<u8>, CliError> {
-        let mut stage = Stage::new(name, scene, &self.whole, &self.conditions)?;
+        let mut stage = Stage::new(name, scene, &self.whole, &self.open.record)?;
         stage.resize(PICTURE_SIZE);
         let [width, height] = PICTURE_SIZE;
         let angles = self.arguments.angles;

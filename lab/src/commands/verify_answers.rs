@@ -168,9 +168,8 @@ fn complete(record: &Record, objectives: &[Objective]) -> BTreeSet<Place> {
 /// Measures what is answered and was not measured at its place.
 pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
     let examined = Examined::new(&arguments.folds)?;
-    let conditions = &examined.record.conditions;
     let entries = arguments.scenes.entries()?;
-    let mut open = OpenRecord::open(&arguments.folds.record, conditions)?;
+    let mut open = OpenRecord::open(&arguments.folds.record, &examined.record.conditions)?;
     let mut missing: BTreeMap<&str, Vec<(&Place, Vec<Configuration>)>> = BTreeMap::new();
     for (place, answers) in examined.wanted() {
         let mut all: Vec<Configuration> = answers.into_iter().cloned().collect();
@@ -194,7 +193,7 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
                 "the record has a scene {scene}; say where it is with --scene {scene}=PATH"
             ))
         })?;
-        let mut stage = Stage::new(scene, &entry.load()?, &space, conditions)?;
+        let mut stage = Stage::new(scene, &entry.load()?, &space, &open.record)?;
         for (place, configurations) in places {
             if progress.is_over() {
                 eprintln!("the time is up; the same command goes on from here");

@@ -71,13 +71,15 @@ fn camera_numbers(camera: &Camera, aspect: f32) -> [f32; 10] {
     [a, b, c, d, e, f, g, h, i, 2.0 * camera.half_height(aspect).atan().to_degrees()]
 }
 
-fn scene_hash(scene: &Scene) -> String {
+fn numbers(hash: &mut Sha256, vector: Vec3) {
+    for number in vector.to_array() {
+        hash.update(number.to_le_bytes());
+    }
+}
+
+/// Vertices, triangles and instances.
+fn geometry(scene: &Scene) -> Sha256 {
     let mut hash = Sha256::new();
-    let numbers = |hash: &mut Sha256, vector: Vec3| {
-        for number in vector.to_array() {
-            hash.update(number.to_le_bytes());
-        }
-    };
     for &position in scene.triangles.positions() {
         numbers(&mut hash, position.into());
     }
@@ -92,6 +94,20 @@ fn scene_hash(scene: &Scene) -> String {
             hash.update(format!("{instance:?}"));
         }
     }
+    hash
+}
+
+fn hexadecimal(hash: Sha256) -> String {
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// SHA-256 of the geometry alone, in hexadecimal digits: vertices, triangles, instances.
+pub(crate) fn geometry_hash(scene: &Scene) -> String {
+    hexadecimal(geometry(scene))
+}
+
+fn scene_hash(scene: &Scene) -> String {
+    let mut hash = geometry(scene);
     for &normal in &scene.normals {
         numbers(&mut hash, normal);
     }
@@ -111,7 +127,7 @@ fn scene_hash(scene: &Scene) -> String {
     for &pixel in scene.environment.iter().flat_map(|environment| environment.pixels()) {
         numbers(&mut hash, pixel);
     }
-    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    hexadecimal(hash)
 }
 
 #[cfg(test)]

@@ -20,7 +20,10 @@ use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
 use treewright_scene::{Camera, Scene};
 
-use super::record::{Clock, Conditions, Group, GroupKind, Iteration, Member, Place, Search};
+use super::record::{
+    Clock, Conditions, Group, GroupKind, Iteration, Member, Place, Provenance, Record, Search,
+};
+use crate::converge::reference_key::geometry_hash;
 
 /// Seed of the rays: the same for everybody.
 const RAYS_SEED: u64 = 1;
@@ -35,18 +38,22 @@ pub(crate) struct Stage {
     scene: SceneIndicators,
     workload: Workload,
     conditions: Conditions,
+    provenance: Provenance,
     film: Film,
 }
 
 impl Stage {
     /// Sets a scene up. Cameras stand in the middle of equal parts of the path, so that none comes twice
-    /// where a path ends where it began.
+    /// where a path ends where it began. Refuses a scene that is not the record's of that name.
     pub(crate) fn new(
         name: &str,
         scene: &Arc<Scene>,
         space: &Arc<TuningSpace>,
-        conditions: &Conditions,
+        record: &Record,
     ) -> Result<Self, CliError> {
+        let scene_hash = geometry_hash(scene);
+        record.admit(name, &scene_hash)?;
+        let conditions = &record.conditions;
         let [width, height] = conditions.size;
         let path = CameraPath::of(scene);
         let moment = |camera: u32| (camera as f32 + 0.5) / conditions.cameras as f32;
@@ -58,6 +65,7 @@ impl Stage {
             scene: SceneIndicators::of(scene),
             workload: Workload::of(scene, width, height, conditions.bounces),
             conditions: conditions.clone(),
+            provenance: Provenance { scene_hash, program: env!("CARGO_PKG_VERSION").to_owned() },
             film: Film::new(width, height),
         })
     }
@@ -157,6 +165,7 @@ impl Stage {
             state: setting.indicators.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
             iterations,
             other_cores: watch.end(self.renderer.threads(), &frame_ms).other_cores,
+            provenance: Some(self.provenance.clone()),
         }))
     }
 
@@ -217,7 +226,8 @@ impl Stage {
         }
         let frame_ms: Vec<f64> = members.iter().flat_map(|member| render_ms(&member.rounds)).collect();
         let other_cores = watch.end(self.renderer.threads(), &frame_ms).other_cores;
-        Some(Group { kind, place: self.place(camera), members, other_cores })
+        let provenance = Some(self.provenance.clone());
+        Some(Group { kind, place: self.place(camera), members, other_cores, provenance })
     }
 }
 

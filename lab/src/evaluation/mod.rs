@@ -35,3 +35,5 @@ pub(crate) mod progress;
 pub(crate) mod progress_figures;
 pub(crate) mod record;
 pub(crate) mod summary;
+#[cfg(test)]
+mod testing;

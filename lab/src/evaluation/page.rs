@@ -92,6 +92,10 @@ impl Told<'_> {
                 "The machine had other work: {median:.1} cores at the median of all searches. {clock}"
             ));
         }
+        if self.record.programs.len() > 1 {
+            let versions: Vec<&str> = self.record.programs.iter().map(String::as_str).collect();
+            all.push(format!("Versions {} of the program measured parts of this.", versions.join(", ")));
+        }
         all
     }
 

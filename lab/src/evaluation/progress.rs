@@ -101,6 +101,7 @@ mod tests {
             state: BTreeMap::new(),
             iterations: render_ms.iter().map(iteration).collect(),
             other_cores: None,
+            provenance: None,
         }
     }
 

@@ -2,9 +2,10 @@
 //! group or pair.
 //!
 //! Lines are only added, each flushed to the disk before the next measurement begins. A line that a killed
-//! run left unfinished is cut off when the file is opened for more, and its work done again.
+//! run left unfinished is cut off when the file is opened for more, and its work done again. Each line tells
+//! the hash of its scene and the version of the program; a second scene under one name is refused.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -85,6 +86,15 @@ pub(crate) struct Place {
     pub(crate) camera: u32,
 }
 
+/// What something was measured of, and by which program.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Provenance {
+    /// SHA-256 of the scene's geometry as it was loaded, in hexadecimal digits.
+    pub(crate) scene_hash: String,
+    /// Version of this program.
+    pub(crate) program: String,
+}
+
 /// One iteration of a search.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Iteration {
@@ -109,6 +119,9 @@ pub(crate) struct Search {
     /// Cores that other programs used meanwhile, where the system tells.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) other_cores: Option<f64>,
+    /// Absent in records of version 2 and before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) provenance: Option<Provenance>,
 }
 
 /// What a group is for.
@@ -143,6 +156,9 @@ pub(crate) struct Group {
     /// Cores that other programs used meanwhile, where the system tells.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) other_cores: Option<f64>,
+    /// Absent in records of version 2 and before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) provenance: Option<Provenance>,
 }
 
 /// A search over a few parameters, the others at their recommended values (paper, section 4.2). Its
@@ -189,6 +205,21 @@ pub(crate) enum Line {
     Pair(Pair),
 }
 
+impl Line {
+    /// Where it was measured; nothing for conditions.
+    fn measured(&self) -> Option<(&Place, Option<&Provenance>)> {
+        match self {
+            Self::Conditions(_) => None,
+            Self::Search(search) | Self::Part(PartSearch { search, .. }) => {
+                Some((&search.place, search.provenance.as_ref()))
+            }
+            Self::Group(group) | Self::Pair(Pair { group, .. }) => {
+                Some((&group.place, group.provenance.as_ref()))
+            }
+        }
+    }
+}
+
 /// Everything in a file.
 #[derive(Clone, Debug)]
 pub(crate) struct Record {
@@ -199,16 +230,22 @@ pub(crate) struct Record {
     pub(crate) parts: Vec<PartSearch>,
     /// The latest of each scene.
     pub(crate) pairs: BTreeMap<(String, Versus), Group>,
+    /// The hash of each scene's geometry, where a line tells it.
+    pub(crate) scenes: BTreeMap<String, String>,
+    /// Versions of this program that measured.
+    pub(crate) programs: BTreeSet<String>,
 }
 
 impl Record {
-    fn new(conditions: Conditions) -> Self {
+    pub(crate) fn new(conditions: Conditions) -> Self {
         Self {
             conditions,
             searches: Vec::new(),
             groups: BTreeMap::new(),
             parts: Vec::new(),
             pairs: BTreeMap::new(),
+            scenes: BTreeMap::new(),
+            programs: BTreeSet::new(),
         }
     }
 
@@ -224,7 +261,32 @@ impl Record {
             .any(|one| one.objective == objective.name() && one.method == method && one.place == *place)
     }
 
-    fn take(&mut self, line: Line) {
+    /// Refuses a scene under the name of one that has another geometry.
+    pub(crate) fn admit(&self, scene: &str, hash: &str) -> Result<(), CliError> {
+        match self.scenes.get(scene).filter(|known| *known != hash) {
+            None => Ok(()),
+            Some(known) => {
+                let short = |hash: &str| hash.chars().take(12).collect::<String>();
+                Err(CliError::Usage(format!(
+                    "another scene was measured under the name {scene} (geometry {}, this one has {}); \
+                     give this one another name, or use another file",
+                    short(known),
+                    short(hash)
+                )))
+            }
+        }
+    }
+
+    fn check(&self, line: &Line) -> Result<(), CliError> {
+        let Some((place, Some(provenance))) = line.measured() else { return Ok(()) };
+        self.admit(&place.scene, &provenance.scene_hash)
+    }
+
+    pub(crate) fn take(&mut self, line: Line) {
+        if let Some((place, Some(Provenance { scene_hash, program }))) = line.measured() {
+            self.scenes.insert(place.scene.clone(), scene_hash.clone());
+            self.programs.insert(program.clone());
+        }
         match line {
             Line::Conditions(_) => {}
             Line::Search(search) => self.searches.push(search),
@@ -277,8 +339,9 @@ impl OpenRecord {
         Ok(Self { path: path.to_owned(), file, record })
     }
 
-    /// Adds a line; it is on the disk when this returns.
+    /// Adds a line; it is on the disk when this returns. One of another scene is refused.
     pub(crate) fn add(&mut self, line: Line) -> Result<(), CliError> {
+        self.record.check(&line)?;
         self.write(&line)?;
         self.record.take(line);
         Ok(())
@@ -315,8 +378,9 @@ fn read(path: &Path) -> Result<(Record, u64), CliError> {
     }
     let mut record = Record::new(conditions);
     for (number, line) in lines.enumerate() {
-        let line = serde_json::from_slice(line)
-            .map_err(|error| wrong(path, &format!("line {}: {error}", number + 2)))?;
+        let failed = |error: String| wrong(path, &format!("line {}: {error}", number + 2));
+        let line = serde_json::from_slice(line).map_err(|error| failed(error.to_string()))?;
+        record.check(&line).map_err(|error| failed(error.to_string()))?;
         record.take(line);
     }
     Ok((record, whole as u64))
@@ -334,22 +398,8 @@ fn words(conditions: &Conditions) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::conditions;
     use super::*;
-
-    fn conditions(iterations: u32) -> Conditions {
-        Conditions {
-            version: VERSION,
-            machine: Fingerprint::default(),
-            threads: 2,
-            size: [160, 120],
-            bounces: 3,
-            clock: Clock::Cpu,
-            iterations,
-            cameras: 4,
-            seed: 1,
-            space: "paper".to_owned(),
-        }
-    }
 
     fn group(camera: u32) -> Line {
         let member = Member {
@@ -358,7 +408,46 @@ mod tests {
             failure: None,
         };
         let place = Place { scene: "hall".to_owned(), camera };
-        Line::Group(Group { kind: GroupKind::Fixed, place, members: vec![member], other_cores: None })
+        Line::Group(Group {
+            kind: GroupKind::Fixed,
+            place,
+            members: vec![member],
+            other_cores: None,
+            provenance: None,
+        })
+    }
+
+    fn of(camera: u32, hash: Option<&str>) -> Line {
+        let provenance =
+            hash.map(|hash| Provenance { scene_hash: hash.to_owned(), program: "7.8.9".to_owned() });
+        let Line::Group(group) = group(camera) else { unreachable!("it is a group") };
+        Line::Group(Group { provenance, ..group })
+    }
+
+    #[test]
+    fn another_scene_under_the_same_name_is_refused_when_written_and_when_read() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join("record.jsonl");
+        let mut open = OpenRecord::open(&path, &conditions(80)).expect("it is begun");
+        // An older line says nothing of its scene.
+        for hash in [None, Some("aaaaaaaaaaaaaaaa"), Some("aaaaaaaaaaaaaaaa")] {
+            open.add(of(open.record.groups.len() as u32, hash)).expect("it is the same scene");
+        }
+        let told = open.add(of(3, Some("bbbbbbbbbbbbbbbb"))).expect_err("another scene").to_string();
+        for word in ["hall", "aaaaaaaaaaaa,", "bbbbbbbbbbbb)", "another name"] {
+            assert!(told.contains(word), "{word} in {told}");
+        }
+        let read = Record::read(&path).expect("nothing of another scene was written");
+        assert_eq!((read.groups.len(), &read.programs), (3, &BTreeSet::from(["7.8.9".to_owned()])));
+        assert!(read.admit("hall", "bbbbbbbbbbbbbbbb").is_err());
+        read.admit("barn", "bbbbbbbbbbbbbbbb").expect("a scene that is new");
+        // Two records in one file.
+        let mut text = std::fs::read_to_string(&path).expect("it is there");
+        text +=
+            &format!("{}\n", serde_json::to_string(&of(4, Some("cccccccccccccccc"))).expect("it is text"));
+        std::fs::write(&path, text).expect("it can be written");
+        let told = Record::read(&path).expect_err("two scenes").to_string();
+        assert!(told.contains("line 5") && told.contains("under the name hall"), "{told}");
     }
 
     #[test]

@@ -1,0 +1,62 @@
+//! Small made-up records for tests.
+
+use std::collections::BTreeMap;
+
+use treewright_client::{Configuration, Fingerprint, Outcome};
+use treewright_renderer::frame::FrameTimes;
+
+use super::record::{Clock, Conditions, Group, GroupKind, Iteration, Member, Place, Search};
+
+pub(crate) fn conditions(iterations: u32) -> Conditions {
+    Conditions {
+        version: Conditions::VERSION,
+        machine: Fingerprint::default(),
+        threads: 2,
+        size: [160, 120],
+        bounces: 3,
+        clock: Clock::Wall,
+        iterations,
+        cameras: 4,
+        seed: 1,
+        space: "paper".to_owned(),
+    }
+}
+
+pub(crate) fn place(scene: &str) -> Place {
+    Place { scene: scene.to_owned(), camera: 0 }
+}
+
+/// Some configuration, told from others by its number.
+pub(crate) fn numbered(number: i64) -> Configuration {
+    Configuration::new().with("quality", number)
+}
+
+/// A search for render time: configurations with their milliseconds, none where they could not be built.
+pub(crate) fn search(scene: &str, tried: &[(Configuration, Option<f64>)]) -> Search {
+    let iteration = |(configuration, ms): &(Configuration, Option<f64>)| Iteration {
+        configuration: configuration.clone(),
+        step: "initial".to_owned(),
+        outcome: Outcome::Ok,
+        times: ms.map(|ms| FrameTimes::of(500.0, ms)),
+    };
+    Search {
+        objective: "render".to_owned(),
+        method: "nelder_mead".to_owned(),
+        place: place(scene),
+        state: BTreeMap::new(),
+        iterations: tried.iter().map(iteration).collect(),
+        other_cores: None,
+        provenance: None,
+    }
+}
+
+/// Configurations with their milliseconds in each round.
+pub(crate) fn group(kind: GroupKind, scene: &str, measured: &[(Configuration, &[f64])]) -> Group {
+    let member = |(configuration, rounds): &(Configuration, &[f64])| Member {
+        configuration: configuration.clone(),
+        rounds: rounds.iter().map(|ms| FrameTimes::of(500.0, *ms)).collect(),
+        failure: None,
+    };
+    let members = measured.iter().map(member).collect();
+    Group { kind, place: place(scene), members, other_cores: None, provenance: None }
+}
