@@ -13,7 +13,7 @@ use treewright_renderer::tuning::objective::Objective;
 
 use super::evaluate_parameters as parameters;
 pub(super) use super::evaluate_parameters::ParametersArguments;
-use super::evaluate_setup::{ConditionArguments, Progress, add_best, space};
+use super::evaluate_setup::{ConditionArguments, Progress, add_found, space};
 use super::verify_answers as verify;
 pub(super) use super::verify_answers::{JudgeArguments, VerifyArguments};
 use crate::evaluation::fixed;
@@ -133,7 +133,7 @@ fn record(arguments: &RecordArguments) -> Result<(), CliError> {
             }
             None => {
                 let mut all = fixed.clone();
-                add_best(&open, &stage.place(one.camera), &mut all);
+                add_found(&open.record, &stage.place(one.camera), &[], &mut all);
                 stage.group(GroupKind::Fixed, one.camera, &all, arguments.rounds, go_on).map(Line::Group)
             }
         };

@@ -13,8 +13,8 @@ use treewright_renderer::limits::{BOUNCES_MAX, ITERATIONS_MAX, THREADS_MAX};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
 
-use crate::evaluation::measure::best;
-use crate::evaluation::record::{Clock, Conditions, OpenRecord, Place};
+use crate::evaluation::measure::best_within;
+use crate::evaluation::record::{Clock, Conditions, OpenRecord, Place, Record};
 use crate::leave_scene_out::suite::Entry;
 
 /// Scenes of this program that stand in for those of the paper that cannot be had, in about their sizes.
@@ -136,14 +136,17 @@ pub(super) fn space(conditions: &Conditions) -> TuningSpace {
     TuningSpace::new(preset, &premises)
 }
 
-/// Adds what each search at a place found, unless it is there.
-pub(super) fn add_best(open: &OpenRecord, place: &Place, all: &mut Vec<Configuration>) {
-    let clock = open.record.conditions.clock;
-    for search in open.record.searches.iter().filter(|search| search.place == *place) {
+/// Adds what each search at a place had found after so many trials, and in the end, unless it is there.
+pub(super) fn add_found(record: &Record, place: &Place, after: &[usize], all: &mut Vec<Configuration>) {
+    let clock = record.conditions.clock;
+    for search in record.searches.iter().filter(|search| search.place == *place) {
         let objective = Objective::ALL.into_iter().find(|objective| objective.name() == search.objective);
-        let found = objective.and_then(|objective| best(search, objective, clock));
-        if let Some((found, _)) = found.filter(|(found, _)| !all.contains(&found.configuration)) {
-            all.push(found.configuration.clone());
+        let Some(objective) = objective else { continue };
+        for trials in after.iter().copied().chain([usize::MAX]) {
+            let found = best_within(search, trials, objective, clock);
+            if let Some((found, _)) = found.filter(|(found, _)| !all.contains(&found.configuration)) {
+                all.push(found.configuration.clone());
+            }
         }
     }
 }

@@ -15,11 +15,11 @@ use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 
-use super::evaluate_setup::{Progress, SceneArguments, add_best, space, strip_path};
+use super::evaluate_setup::{Progress, SceneArguments, add_found, space, strip_path};
 use crate::evaluation::answers::{Answers, School};
 use crate::evaluation::folds::{Fold, folds};
-use crate::evaluation::judge::{Verdict, judge as judged};
-use crate::evaluation::measure::Stage;
+use crate::evaluation::judge::{Verdict, best_fixed, judge as judged};
+use crate::evaluation::measure::{MILESTONES, Stage};
 use crate::evaluation::page::{Told, html, markdown, tables};
 use crate::evaluation::part_page::Strips;
 use crate::evaluation::record::{Clock, GroupKind, Line, OpenRecord, Place, Record, Search};
@@ -132,15 +132,30 @@ impl Examined {
         Ok(Self { record, space, complete, objectives, by_objective })
     }
 
-    /// What has to be measured at each place.
-    fn wanted(&self) -> BTreeMap<&Place, BTreeSet<&Configuration>> {
-        let mut wanted: BTreeMap<&Place, BTreeSet<&Configuration>> = BTreeMap::new();
-        for (_, answers) in self.by_objective.iter().flatten() {
-            for ((place, _), answer) in answers {
-                wanted.entry(place).or_default().insert(answer);
+    /// What has to be measured at each place in the same rounds: the default, the best fixed configurations,
+    /// what was answered, and what the searches had found after so many trials.
+    fn wanted(&self) -> BTreeMap<&Place, Vec<Configuration>> {
+        let mut answers: BTreeMap<&Place, BTreeSet<Configuration>> = BTreeMap::new();
+        let clock = self.record.conditions.clock;
+        for (objective, answered) in self.objectives.iter().zip(&self.by_objective) {
+            for (fold, own) in answered {
+                let fixed = best_fixed(&self.record, *objective, clock, &fold.teach);
+                for place in &fold.examine {
+                    answers.entry(place).or_default().extend(fixed.clone());
+                }
+                for ((place, _), answer) in own {
+                    answers.entry(place).or_default().insert(answer.clone());
+                }
             }
         }
-        wanted
+        let default = self.space.default_configuration();
+        let places = self.complete.iter().map(|place| {
+            let mut all = vec![default.clone()];
+            all.extend(answers.remove(place).unwrap_or_default().into_iter().filter(|one| *one != default));
+            add_found(&self.record, place, &MILESTONES, &mut all);
+            (place, all)
+        });
+        places.collect()
     }
 }
 
@@ -165,25 +180,21 @@ fn complete(record: &Record, objectives: &[Objective]) -> BTreeSet<Place> {
         .collect()
 }
 
-/// Measures what is answered and was not measured at its place.
+/// Measures again what is compared at a place and was not measured there in the same rounds.
 pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
     let examined = Examined::new(&arguments.folds)?;
     let entries = arguments.scenes.entries()?;
     let mut open = OpenRecord::open(&arguments.folds.record, &examined.record.conditions)?;
     let mut missing: BTreeMap<&str, Vec<(&Place, Vec<Configuration>)>> = BTreeMap::new();
-    for (place, answers) in examined.wanted() {
-        let mut all: Vec<Configuration> = answers.into_iter().cloned().collect();
-        add_best(&open, place, &mut all);
+    for (place, mut all) in examined.wanted() {
+        add_found(&open.record, place, &[], &mut all);
         let group = open.record.groups.get(&(GroupKind::Answers, place.clone()));
-        let is_there = |one: &Configuration| {
-            group.is_some_and(|group| group.members.iter().any(|member| member.configuration == *one))
-        };
-        if !all.iter().all(is_there) {
+        if !all.iter().all(|one| group.is_some_and(|group| group.member(one).is_some())) {
             missing.entry(&place.scene).or_default().push((place, all));
         }
     }
     let count = missing.values().map(Vec::len).sum();
-    eprintln!("answers at {count} cameras are not measured yet");
+    eprintln!("what is compared at {count} cameras is not measured in the same rounds yet");
     let (interrupt, mut progress) = (Interrupt::listen(), Progress::new(count, arguments.seconds));
     let space = Arc::new(examined.space.clone());
     for (scene, places) in missing {

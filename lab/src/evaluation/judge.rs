@@ -5,18 +5,19 @@
 //! and 16), the best fixed configuration by the cameras that teach, and the recommended default. A search's
 //! best of eighty measurements is partly luck; so it was measured again in the same rounds as the answers,
 //! and that is what counts here. The single measurement, which is the paper's roofline, stands beside it.
+//! Those rounds also hold the default, the best fixed configurations and what a search had found on its way;
+//! in older records the first two are held against the roofline in other rounds.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 use treewright_client::Configuration;
 use treewright_render_cli::error::CliError;
-use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
 
 use super::answers::Answers;
 use super::folds::{Fold, Split};
-use super::measure::best;
+use super::measure::{MILESTONES, best, best_within};
 use super::record::{Clock, Group, GroupKind, Place, Record, Search};
 
 /// Break-even points beyond this many iterations are counted and not drawn, as in the paper.
@@ -92,6 +93,18 @@ pub(crate) struct Verdict {
     pub(crate) search_over_fixed: Vec<f64>,
     /// Answers that cannot be run at the camera they were given for.
     pub(crate) infeasible: usize,
+    /// How many answers of an entrant were not measured. Such an entrant has no rows.
+    pub(crate) unmeasured: BTreeMap<String, usize>,
+    /// Cameras where default, best fixed configuration and what the search had found at each milestone were
+    /// measured in the same rounds as the answers.
+    pub(crate) same_rounds: usize,
+}
+
+impl Verdict {
+    /// Whether everybody was measured in the same rounds everywhere.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.same_rounds == self.grounds.len()
+    }
 }
 
 /// Judges the answers to one objective.
@@ -105,53 +118,40 @@ pub(crate) fn judge(
     let view = View { record, objective, clock };
     let grounds: BTreeMap<&Place, Ground> =
         searches.iter().filter_map(|(place, search)| Some((place, view.ground(search)?))).collect();
-    let (mut rows, mut infeasible) = (Vec::new(), 0);
-    let mut search_over_fixed = Vec::new();
+    let (mut rows, mut infeasible, mut unmeasured) = (Vec::new(), 0, BTreeMap::<String, usize>::new());
+    let (mut search_over_fixed, mut fixed_at) = (Vec::new(), BTreeMap::new());
     for (number, (fold, answers)) in folds.iter().enumerate() {
         let fixed = view.best_fixed(&fold.teach);
         if fold.split == Split::Scene {
             for place in &fold.examine {
                 let found = grounds.get(place).map(|_| searches[place]);
-                search_over_fixed.extend(found.and_then(|search| view.over_fixed(search, fixed.as_ref())));
+                search_over_fixed.extend(found.and_then(|search| view.over_found(search, fixed.as_ref()?)));
+                fixed_at.insert(place, fixed.clone());
             }
         }
         for ((place, entrant), answer) in answers {
             let Some(ground) = grounds.get(place) else { continue };
             let group = view.group(GroupKind::Answers, place)?;
             let Some(predicted_ms) = view.cost_in(group, answer) else {
-                if group.members.iter().any(|member| member.configuration == *answer) {
-                    infeasible += 1;
-                    continue;
+                match group.member(answer) {
+                    Some(_) => infeasible += 1,
+                    None => *unmeasured.entry(entrant.clone()).or_default() += 1,
                 }
-                return Err(CliError::Failed(format!(
-                    "what {entrant} answers at camera {} of {} was not measured; run `evaluate verify` first",
-                    place.camera, place.scene
-                )));
+                continue;
             };
-            let best_ms = view.best_cost(place, group).unwrap_or(predicted_ms);
-            let frames = ground.measured as f64;
-            let search_ms = ground.search_mean_ms * frames;
-            let bound_ms = best_ms.min(predicted_ms);
-            let in_fixed =
-                |other: Option<f64>| other.map_or(f64::NAN, |other| other * best_ms / predicted_ms);
-            rows.push(Row {
-                split: fold.split,
-                fold: number,
-                entrant: entrant.clone(),
-                place: place.clone(),
-                answer: answer.to_string(),
-                predicted_ms,
-                over_search: ground.search_mean_ms / predicted_ms,
-                of_roofline: best_ms / predicted_ms,
-                of_roofline_once: ground.roofline_once_ms / predicted_ms,
-                over_default: ground.search_over_default * best_ms / predicted_ms,
-                over_fixed: in_fixed(view.over_fixed(searches[place], fixed.as_ref())),
-                break_even: break_even(&ground.curve_ms, best_ms, predicted_ms),
-                search_overhead_ms: (search_ms - frames * bound_ms).max(0.0),
-                prediction_overhead_ms: frames * (predicted_ms - bound_ms),
-            });
+            let row = view.row(ground, group, fixed.as_ref(), predicted_ms);
+            let (entrant, answer) = (entrant.clone(), answer.to_string());
+            rows.push(Row { split: fold.split, fold: number, entrant, answer, ..row });
         }
     }
+    // Who is judged by a part of the cameras is not comparable.
+    rows.retain(|row| !unmeasured.contains_key(&row.entrant));
+    if rows.is_empty() && !unmeasured.is_empty() {
+        return Err(CliError::Failed("no answer was measured; run `evaluate verify` first".to_owned()));
+    }
+    let is_same =
+        |place: &&Place| view.is_same(searches[*place], fixed_at.get(*place).and_then(Option::as_ref));
+    let same_rounds = grounds.keys().copied().filter(is_same).count();
     let all: Vec<Place> = searches.keys().cloned().collect();
     let fixed = view.best_fixed(&all).map(|fixed| fixed.to_string());
     Ok(Verdict {
@@ -161,7 +161,19 @@ pub(crate) fn judge(
         fixed,
         search_over_fixed,
         infeasible,
+        unmeasured,
+        same_rounds,
     })
+}
+
+/// The fixed configuration with the least geometric mean over the default, by some places.
+pub(crate) fn best_fixed(
+    record: &Record,
+    objective: Objective,
+    clock: Clock,
+    places: &[Place],
+) -> Option<Configuration> {
+    View { record, objective, clock }.best_fixed(places)
 }
 
 /// A record by one objective and clock.
@@ -183,11 +195,32 @@ impl View<'_> {
 
     /// Median over the rounds; `None` for who is not there or cannot be run.
     fn cost_in(&self, group: &Group, configuration: &Configuration) -> Option<f64> {
-        let member = group.members.iter().find(|member| member.configuration == *configuration)?;
-        let costs: Option<Vec<f64>> =
-            member.rounds.iter().map(|times| self.clock.cost(self.objective, times)).collect();
-        let costs = costs.filter(|costs| !costs.is_empty() && member.failure.is_none())?;
-        Some(Summary::of(&costs).median)
+        group.cost(configuration, self.objective, self.clock)
+    }
+
+    /// What an answer is worth that took so long; whose it is comes later.
+    fn row(&self, ground: &Ground, group: &Group, fixed: Option<&Configuration>, predicted_ms: f64) -> Row {
+        let best_ms = self.best_cost(&ground.place, group).unwrap_or(predicted_ms);
+        let frames = ground.measured as f64;
+        let search_ms = ground.search_mean_ms * frames;
+        let bound_ms = best_ms.min(predicted_ms);
+        let over_fixed = || self.over_found(self.search(&ground.place)?, fixed?);
+        Row {
+            split: Split::Random,
+            fold: 0,
+            entrant: String::new(),
+            place: ground.place.clone(),
+            answer: String::new(),
+            predicted_ms,
+            over_search: ground.search_mean_ms / predicted_ms,
+            of_roofline: best_ms / predicted_ms,
+            of_roofline_once: ground.roofline_once_ms / predicted_ms,
+            over_default: ground.search_over_default * best_ms / predicted_ms,
+            over_fixed: over_fixed().map_or(f64::NAN, |other| other * best_ms / predicted_ms),
+            break_even: break_even(&ground.curve_ms, best_ms, predicted_ms),
+            search_overhead_ms: (search_ms - frames * bound_ms).max(0.0),
+            prediction_overhead_ms: frames * (predicted_ms - bound_ms),
+        }
     }
 
     fn search(&self, place: &Place) -> Option<&Search> {
@@ -204,9 +237,11 @@ impl View<'_> {
     fn ground(&self, search: &Search) -> Option<Ground> {
         let (found, once) = best(search, self.objective, self.clock)?;
         let fixed = self.record.groups.get(&(GroupKind::Fixed, search.place.clone()))?;
-        let again = self.cost_in(fixed, &found.configuration)?;
+        let answers = self.record.groups.get(&(GroupKind::Answers, search.place.clone()));
+        let again = answers.and_then(|group| self.cost_in(group, &found.configuration));
+        let again = again.or_else(|| self.cost_in(fixed, &found.configuration))?;
         // The default is the first of the group.
-        let default = self.cost_in(fixed, &fixed.members.first()?.configuration)?;
+        let search_over_default = self.over_found(search, &fixed.members.first()?.configuration)?;
         let curve_ms: Vec<Option<f64>> = search
             .iterations
             .iter()
@@ -220,12 +255,11 @@ impl View<'_> {
             failed: curve_ms.len() - measured,
             roofline_once_ms: once,
             roofline_ms: again,
-            search_over_default: default / again,
+            search_over_default,
             curve_ms,
         })
     }
 
-    /// The fixed configuration with the least geometric mean over the default, by these places.
     fn best_fixed(&self, places: &[Place]) -> Option<Configuration> {
         let mut sums: BTreeMap<&Configuration, (f64, usize)> = BTreeMap::new();
         let mut groups = 0;
@@ -249,11 +283,29 @@ impl View<'_> {
         best.map(|(configuration, _)| configuration.clone())
     }
 
-    /// How many times faster what a search found is than a fixed configuration, in the same rounds.
-    fn over_fixed(&self, search: &Search, fixed: Option<&Configuration>) -> Option<f64> {
-        let group = self.record.groups.get(&(GroupKind::Fixed, search.place.clone()))?;
+    /// How many times faster what a search found is than another configuration, in the same rounds: those of
+    /// the answers where they hold both, else those of the fixed configurations.
+    fn over_found(&self, search: &Search, other: &Configuration) -> Option<f64> {
         let (found, _) = best(search, self.objective, self.clock)?;
-        Some(self.cost_in(group, fixed?)? / self.cost_in(group, &found.configuration)?)
+        [GroupKind::Answers, GroupKind::Fixed].into_iter().find_map(|kind| {
+            let group = self.record.groups.get(&(kind, search.place.clone()))?;
+            Some(self.cost_in(group, other)? / self.cost_in(group, &found.configuration)?)
+        })
+    }
+
+    /// Whether the rounds of the answers hold everybody who is compared at a search's place.
+    fn is_same(&self, search: &Search, fixed: Option<&Configuration>) -> bool {
+        let group = |kind| self.record.groups.get(&(kind, search.place.clone()));
+        let Some(answers) = group(GroupKind::Answers) else { return false };
+        let default = group(GroupKind::Fixed).and_then(|group| group.members.first());
+        let so_far = MILESTONES
+            .into_iter()
+            .chain([usize::MAX])
+            .filter_map(|trials| best_within(search, trials, self.objective, self.record.conditions.clock));
+        let mut all = so_far.map(|(found, _)| &found.configuration);
+        all.all(|one| answers.member(one).is_some())
+            && default.is_some_and(|one| answers.member(&one.configuration).is_some())
+            && fixed.is_none_or(|one| answers.member(one).is_some())
     }
 }
 

@@ -242,11 +242,25 @@ fn reason(outcome: &Outcome) -> String {
     }
 }
 
+/// Trials of a search after which the best so far is measured again.
+pub(crate) const MILESTONES: [usize; 5] = [5, 10, 20, 40, 80];
+
 /// The iteration that did best by a clock, as the paper's roofline has it.
 pub(crate) fn best(search: &Search, objective: Objective, clock: Clock) -> Option<(&Iteration, f64)> {
+    best_within(search, usize::MAX, objective, clock)
+}
+
+/// The best of so many first iterations.
+pub(crate) fn best_within(
+    search: &Search,
+    trials: usize,
+    objective: Objective,
+    clock: Clock,
+) -> Option<(&Iteration, f64)> {
     let costs = search
         .iterations
         .iter()
+        .take(trials)
         .filter_map(|iteration| Some((iteration, clock.cost(objective, iteration.times.as_ref()?)?)));
     costs.min_by(|a, b| a.1.total_cmp(&b.1))
 }

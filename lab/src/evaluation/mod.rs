@@ -15,7 +15,7 @@
 //! | `fixed` | configurations by hand, the best of which is the fixed one |
 //! | `judge` | each answer against the search, its best, the default and the best fixed configuration |
 //! | `summary` | over all cameras: means, intervals, shares |
-//! | `progress` | how far searches have come after so many iterations and so much time |
+//! | `progress` | how far searches have come after so many trials and so much time, measured again |
 //! | `plot` | axes and curves |
 //! | `figures`, `part_figures`, `progress_figures` | the paper's figures, as SVG |
 //! | `page`, `part_page` | the report in words, tables and figures |

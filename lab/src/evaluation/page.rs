@@ -96,6 +96,14 @@ impl Told<'_> {
             let versions: Vec<&str> = self.record.programs.iter().map(String::as_str).collect();
             all.push(format!("Versions {} of the program measured parts of this.", versions.join(", ")));
         }
+        for verdict in self.verdicts.iter().filter(|verdict| !verdict.unmeasured.is_empty()) {
+            let names: Vec<&str> = verdict.unmeasured.keys().map(String::as_str).collect();
+            all.push(format!(
+                "Left out for {} time, because some of their answers were not measured: {}. `evaluate verify` measures them.",
+                verdict.objective.name(),
+                names.join("; ")
+            ));
+        }
         all
     }
 
@@ -190,7 +198,8 @@ pub(crate) fn html(told: &Told<'_>) -> String {
     // A figure and its unit stay on one line.
     page = page.replace(" %", "\u{a0}%");
     page + "<h2>How to read this</h2><p>The roofline is the best configuration that the search found at a camera, measured again in the \
-            same rounds as the answers; the best of many single measurements is partly luck, and stands beside it as the paper has it. Overhead is \
+            same rounds as the answers, the default and the best fixed configuration; the best of many single measurements is partly luck, and stands \
+            beside it as the paper has it. Overhead is \
             the time of as many frames as the search had iterations, less their time with the best known configuration. The search has broken even \
             once its iterations, and frames with its best from then on, have taken less time than frames with the prediction. \
             Boxes go from quartile to quartile, whiskers from the 5th to the 95th percentile; beyond the axis they end at its edge.</p>\

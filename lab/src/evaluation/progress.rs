@@ -1,120 +1,235 @@
-//! Error of the tuner against iterations and run time: how far above the roofline the best configuration so
-//! far costs, by the median over all cameras; and what the paper's two predictors answer before the first
-//! iteration.
+//! Error of the tuner against run time: what the best configuration so far costs after so many trials, over
+//! the cost of the roofline, beside whoever answers without a search.
 //!
-//! The best so far is told by single measurements, as a search sees them, and so is what it is held against:
-//! the least of all iterations. Both hold luck, so that the curve ends at 1 by definition; its shape is what
-//! it says.
+//! All costs are of the same interleaved rounds: what a search had found at each milestone was measured again
+//! there, as were the roofline, the default, the best fixed configuration and the predictors' answers. The
+//! least of so many single measurements, which the search itself goes by, is partly luck and has no place
+//! here. Where a record lacks those rounds there is no cost.
 
 use serde::Serialize;
 use treewright_renderer::statistics::quantile;
-
-use super::record::{Clock, Iteration, Search};
-use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::tuning::objective::Objective;
 
-/// Quartiles over cameras at one moment of the searches.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+use super::folds::Split;
+use super::judge::Verdict;
+use super::measure::{MILESTONES, best_within};
+use super::record::{Clock, GroupKind, Record, Search};
+use super::summary::{Mean, mean, mean_of};
+
+/// Whose cost it is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Moment {
-    /// Iterations, or seconds of building and rendering.
-    pub(crate) at: f64,
-    /// Cost of the best so far over that of the best of all: lower quartile, median, upper quartile.
-    pub(crate) quartiles: [f64; 3],
-    /// Cameras that have a best so far.
+    /// A predictor, a fixed configuration, or `search`.
+    pub(crate) who: String,
+    /// Trials before; 0 for who needs none.
+    pub(crate) trials: usize,
+    /// Building and rendering before, in seconds: the median of the cameras.
+    pub(crate) seconds: f64,
+    /// Cost over that of the roofline; absent where it was not measured in the same rounds.
+    pub(crate) cost: Option<Mean>,
+    /// Cameras behind that.
     pub(crate) cameras: usize,
 }
 
-/// One search: after each iteration the seconds spent, and the best so far over the best of all.
-fn curve(search: &Search, objective: Objective, clock: Clock) -> Option<Vec<[f64; 2]>> {
-    let cost = |times: &FrameTimes| clock.cost(objective, times);
-    let all = search.iterations.iter().filter_map(|one| cost(one.times.as_ref()?));
-    let least = all.min_by(f64::total_cmp)?;
-    let (mut spent_s, mut best) = (0.0, f64::INFINITY);
-    let step = |one: &Iteration| {
-        if let Some(times) = &one.times {
-            spent_s += (times.build_ms + times.render_ms) / 1000.0;
-            best = best.min(cost(times).unwrap_or(f64::INFINITY));
+/// What searches, and the recommended default, are called.
+pub(crate) const SEARCH: &str = "search";
+pub(crate) const DEFAULT: &str = "default";
+
+/// Who answers without a search: the default, the best fixed configuration of the other scenes, and these
+/// predictors in scenes that they know.
+pub(crate) fn without_search(verdict: &Verdict, predictors: &[&str]) -> Vec<Moment> {
+    let at_once = |who: &str, cost: Option<Mean>, cameras| Moment {
+        who: who.to_owned(),
+        trials: 0,
+        seconds: 0.0,
+        cost,
+        cameras,
+    };
+    let fixed = |who: &str, ratios: &[f64]| {
+        let is_known = verdict.is_whole() && !ratios.is_empty();
+        at_once(who, is_known.then(|| mean_of(ratios)), if is_known { ratios.len() } else { 0 })
+    };
+    let over_default: Vec<f64> = verdict.grounds.iter().map(|ground| ground.search_over_default).collect();
+    let mut all =
+        vec![fixed(DEFAULT, &over_default), fixed("best fixed configuration", &verdict.search_over_fixed)];
+    for name in predictors {
+        let own = verdict.rows.iter().filter(|row| row.split == Split::Random && row.entrant == *name);
+        let own: Vec<_> = own.collect();
+        let mut places: Vec<_> = own.iter().map(|row| &row.place).collect();
+        places.sort_unstable();
+        places.dedup();
+        if !own.is_empty() {
+            all.push(at_once(name, Some(mean(&own, |row| 1.0 / row.of_roofline)), places.len()));
         }
-        [spent_s, best / least]
-    };
-    Some(search.iterations.iter().map(step).collect())
-}
-
-fn moment(at: f64, mut ratios: Vec<f64>) -> Option<Moment> {
-    ratios.retain(|ratio| ratio.is_finite());
-    ratios.sort_by(f64::total_cmp);
-    let quartiles = [0.25, 0.5, 0.75].map(|share| quantile(&ratios, share));
-    (!ratios.is_empty()).then_some(Moment { at, quartiles, cameras: ratios.len() })
-}
-
-/// After each iteration.
-pub(crate) fn over_iterations(searches: &[&Search], objective: Objective, clock: Clock) -> Vec<Moment> {
-    let curves: Vec<_> = searches.iter().filter_map(|search| curve(search, objective, clock)).collect();
-    let longest = curves.iter().map(Vec::len).max().unwrap_or(0);
-    let at = |number: usize| {
-        moment((number + 1) as f64, curves.iter().filter_map(|curve| Some(curve.get(number)?[1])).collect())
-    };
-    (0..longest).filter_map(at).collect()
-}
-
-/// After so many seconds of building and rendering, in even factors; a search that has ended stays where it
-/// is.
-pub(crate) fn over_seconds(searches: &[&Search], objective: Objective, clock: Clock) -> Vec<Moment> {
-    const MOMENTS: usize = 60;
-    let curves: Vec<_> = searches.iter().filter_map(|search| curve(search, objective, clock)).collect();
-    let first = curves.iter().filter_map(|curve| curve.iter().find(|[s, _]| *s > 0.0).map(|[s, _]| *s));
-    let first_s = first.fold(0.0_f64, f64::max);
-    let last_s = curves.iter().filter_map(|curve| Some(curve.last()?[0])).fold(0.0_f64, f64::max);
-    if first_s <= 0.0 || last_s <= first_s {
-        return Vec::new();
     }
-    let at = |number: usize| {
-        let at_s = first_s * (last_s / first_s).powf(number as f64 / (MOMENTS - 1) as f64);
-        let so_far = |curve: &Vec<[f64; 2]>| {
-            curve.iter().take_while(|[s, _]| *s <= at_s * (1.0 + 1e-12)).last().map(|[_, ratio]| *ratio)
+    all
+}
+
+/// Searches after each milestone, and at their end.
+pub(crate) fn of_searches(record: &Record, verdict: &Verdict, clock: Clock) -> Vec<Moment> {
+    let judged = |search: &&Search| verdict.grounds.iter().any(|ground| ground.place == search.place);
+    let own = record.searches.iter().filter(|search| search.objective == verdict.objective.name());
+    let searches: Vec<&Search> = own.filter(judged).collect();
+    let longest = searches.iter().map(|search| search.iterations.len()).max().unwrap_or(0);
+    let milestones = MILESTONES.into_iter().filter(|trials| *trials < longest).chain([longest]);
+    let at = |trials: usize| {
+        let mut seconds: Vec<f64> = searches.iter().map(|search| spent_s(search, trials)).collect();
+        seconds.sort_by(f64::total_cmp);
+        let ratios: Vec<f64> = match verdict.is_whole() {
+            true => searches
+                .iter()
+                .filter_map(|search| ratio(record, search, trials, verdict.objective, clock))
+                .collect(),
+            false => Vec::new(),
         };
-        moment(at_s, curves.iter().filter_map(so_far).collect())
+        Moment {
+            who: SEARCH.to_owned(),
+            trials,
+            seconds: quantile(&seconds, 0.5),
+            cost: (!ratios.is_empty()).then(|| mean_of(&ratios)),
+            cameras: ratios.len(),
+        }
     };
-    (0..MOMENTS).filter_map(at).collect()
+    milestones.filter(|trials| *trials > 0).map(at).collect()
+}
+
+/// Seconds of building and rendering of so many first iterations.
+fn spent_s(search: &Search, trials: usize) -> f64 {
+    let times = search.iterations.iter().take(trials).filter_map(|one| one.times.as_ref());
+    times.map(|times| times.build_ms + times.render_ms).sum::<f64>() / 1000.0
+}
+
+/// Cost of the best of so many first iterations over that of the best of all, both measured again in the
+/// rounds of the answers.
+fn ratio(record: &Record, search: &Search, trials: usize, objective: Objective, clock: Clock) -> Option<f64> {
+    let group = record.groups.get(&(GroupKind::Answers, search.place.clone()))?;
+    let again = |trials| {
+        // What a search had found it told by its own clock.
+        let (found, _) = best_within(search, trials, objective, record.conditions.clock)?;
+        group.cost(&found.configuration, objective, clock)
+    };
+    Some(again(trials)? / again(usize::MAX)?)
+}
+
+/// When the searches have come below a cost: the first of their moments.
+pub(crate) fn reached(moments: &[Moment], cost: f64) -> Option<&Moment> {
+    moments.iter().find(|moment| moment.cost.is_some_and(|own| own.mean <= cost))
 }
 
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
 
-    use treewright_client::{Configuration, Outcome};
+    use treewright_client::Configuration;
 
+    use super::super::answers::Answers;
+    use super::super::folds::Fold;
+    use super::super::judge::judge;
+    use super::super::record::{Line, Place};
+    use super::super::testing::{conditions, group, numbered, place, search};
     use super::*;
-    use crate::evaluation::record::Place;
 
-    fn search(render_ms: &[Option<f64>]) -> Search {
-        let iteration = |ms: &Option<f64>| Iteration {
-            configuration: Configuration::new(),
-            step: "initial".to_owned(),
-            outcome: Outcome::Ok,
-            times: ms.map(|ms| FrameTimes::of(500.0, ms)),
-        };
-        Search {
-            objective: "render".to_owned(),
-            method: "nelder_mead".to_owned(),
-            place: Place { scene: "hall".to_owned(), camera: 0 },
-            state: BTreeMap::new(),
-            iterations: render_ms.iter().map(iteration).collect(),
-            other_cores: None,
-            provenance: None,
+    const SCENES: [&str; 3] = ["attic", "barn", "cellar"];
+
+    /// Searches of twelve trials, each luckier than the one before. Measured again what they had found took
+    /// 120 ms after five trials, 110 ms after ten and 100 ms in the end, each end a configuration of its own.
+    fn record(is_whole: bool) -> Record {
+        let mut record = Record::new(conditions(12));
+        for (number, scene) in SCENES.into_iter().enumerate() {
+            let end = numbered(20 + number as i64);
+            let tried = (1..=12).map(|trial| match trial {
+                12 => (end.clone(), Some(10.0)),
+                3 => (numbered(3), None),
+                _ => (numbered(trial), Some(300.0 - 20.0 * trial as f64)),
+            });
+            record.take(Line::Search(search(scene, &tried.collect::<Vec<_>>())));
+            let fixed = [(numbered(1), &[160.0][..]), (numbered(2), &[140.0]), (end.clone(), &[100.0])];
+            record.take(Line::Group(group(GroupKind::Fixed, scene, &fixed)));
+            let mut again = vec![
+                (numbered(1), &[150.0, 149.0, 170.0][..]),
+                (numbered(2), &[130.0]),
+                (numbered(5), &[120.0, 90.0, 500.0]),
+                (end, &[100.0]),
+            ];
+            if is_whole || number > 0 {
+                again.push((numbered(10), &[110.0]));
+            }
+            record.take(Line::Group(group(GroupKind::Answers, scene, &again)));
         }
+        record
+    }
+
+    /// Each scene left out once, and all of them in a random split; everybody answers the same.
+    fn verdict(record: &Record, answers: &[(&str, Configuration)]) -> Verdict {
+        let all: Vec<Place> = SCENES.map(place).to_vec();
+        let answered = |places: &[Place]| -> Answers {
+            let one = |place: &Place| {
+                let own = |(name, answer): &(&str, Configuration)| {
+                    ((place.clone(), (*name).to_owned()), answer.clone())
+                };
+                answers.iter().map(own).collect::<Vec<_>>()
+            };
+            places.iter().flat_map(one).collect()
+        };
+        let mut folds =
+            vec![(Fold { split: Split::Random, teach: all.clone(), examine: all.clone() }, answered(&all))];
+        for left_out in &all {
+            let teach = all.iter().filter(|place| *place != left_out).cloned().collect();
+            let fold = Fold { split: Split::Scene, teach, examine: vec![left_out.clone()] };
+            folds.push((fold, answered(&[left_out.clone()])));
+        }
+        let searches: BTreeMap<Place, &Search> =
+            record.searches.iter().map(|search| (search.place.clone(), search)).collect();
+        judge(record, Objective::Render, Clock::Wall, &searches, &folds).expect("it is judged")
+    }
+
+    fn told(moments: &[Moment]) -> Vec<(String, usize, Option<f64>)> {
+        let cost = |moment: &Moment| moment.cost.map(|cost| (cost.mean * 1e6).round() / 1e6);
+        moments.iter().map(|moment| (moment.who.clone(), moment.trials, cost(moment))).collect()
     }
 
     #[test]
-    fn the_best_so_far_falls_to_the_roofline_and_failures_cost_nothing() {
-        let (a, b) = (search(&[Some(500.0), None, Some(1000.0), Some(250.0)]), search(&[Some(100.0); 4]));
-        let moments = over_iterations(&[&a, &b], Objective::Render, Clock::Wall);
-        let medians: Vec<f64> = moments.iter().map(|moment| moment.quartiles[1]).collect();
-        assert_eq!(medians, [1.5, 1.5, 1.5, 1.0]);
-        let moments = over_seconds(&[&a], Objective::Render, Clock::Wall);
-        assert_eq!(moments.first().map(|moment| (moment.at, moment.quartiles[1])), Some((1.0, 2.0)));
-        let last = moments.last().expect("there are some");
-        assert!((last.at - 3.25).abs() < 1e-9 && last.quartiles[1] == 1.0, "{last:?}");
-        assert!(over_seconds(&[], Objective::Render, Clock::Wall).is_empty());
+    fn everybody_is_held_against_the_roofline_in_the_same_rounds() {
+        let record = record(true);
+        let verdict = verdict(&record, &[("nearest_neighbour", numbered(5))]);
+        let searched = of_searches(&record, &verdict, Clock::Wall);
+        let search = |trials, cost| (SEARCH.to_owned(), trials, Some(cost));
+        assert_eq!(told(&searched), [search(5, 1.2), search(10, 1.1), search(12, 1.0)]);
+        // Four of the first five could be built: half a second each, and 280, 260, 220 and 200 ms.
+        assert!((searched[0].seconds - 2.96).abs() < 1e-9 && searched[0].cameras == 3, "{searched:?}");
+        let beside = without_search(&verdict, &["nearest_neighbour", "auto"]);
+        let at_once = |who: &str, cost| (who.to_owned(), 0, Some(cost));
+        assert_eq!(
+            told(&beside),
+            [
+                at_once(DEFAULT, 1.5),
+                at_once("best fixed configuration", 1.3),
+                at_once("nearest_neighbour", 1.2)
+            ]
+        );
+        let cost = beside[0].cost.expect("it was measured");
+        assert_eq!(cost.interval.map(|ends| ends.map(|end| (end * 1e6).round() / 1e6)), Some([1.5; 2]));
+        assert_eq!(reached(&searched, 1.2).map(|moment| moment.trials), Some(5));
+        assert_eq!(reached(&searched, 1.15).map(|moment| moment.trials), Some(10));
+        assert_eq!(reached(&searched, 0.9), None);
+    }
+
+    #[test]
+    fn where_one_camera_lacks_a_milestone_no_other_rounds_stand_in() {
+        let record = record(false);
+        let verdict = verdict(&record, &[("nearest_neighbour", numbered(5))]);
+        assert_eq!((verdict.same_rounds, verdict.grounds.len()), (2, 3));
+        let costs = |moments: &[Moment]| moments.iter().map(|one| one.cost.is_some()).collect::<Vec<_>>();
+        assert_eq!(costs(&of_searches(&record, &verdict, Clock::Wall)), [false; 3]);
+        assert_eq!(costs(&without_search(&verdict, &["nearest_neighbour"])), [false, false, true]);
+    }
+
+    #[test]
+    fn who_gave_an_answer_that_was_not_measured_is_left_out() {
+        let record = record(true);
+        let verdict = verdict(&record, &[("nearest_neighbour", numbered(5)), ("auto", numbered(7))]);
+        assert_eq!(verdict.unmeasured, BTreeMap::from([("auto".to_owned(), 6)]));
+        assert!(verdict.rows.iter().all(|row| row.entrant == "nearest_neighbour"));
+        assert_eq!(verdict.rows.len(), 6);
     }
 }

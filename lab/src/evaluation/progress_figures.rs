@@ -8,9 +8,10 @@ use treewright_renderer::tuning::objective::Objective;
 
 use super::folds::Split;
 use super::judge::Verdict;
-use super::plot::{Axis, Plot, escaped, legend};
-use super::progress::{Moment, over_iterations, over_seconds};
-use super::record::{Clock, GroupKind, Place, Record, Search};
+use super::plot::{Axis, Plot, escaped, legend, number};
+use super::progress::{DEFAULT, Moment, SEARCH, of_searches, reached, without_search};
+use super::record::{Clock, GroupKind, Place, Record};
+use super::summary::Mean;
 
 /// The paper's two predictors, whom the curves of searches are shown beside.
 const BESIDE: [(&str, &str); 2] = [("nearest_neighbour", "c0"), ("rbf_greedy_gq", "c1")];
@@ -69,78 +70,126 @@ pub(crate) fn two_objectives(record: &Record, clock: Clock) -> Option<String> {
     Some(text)
 }
 
-/// The searches that a verdict is about.
-fn searches<'a>(record: &'a Record, verdict: &Verdict) -> Vec<&'a Search> {
-    let judged = |search: &&Search| verdict.grounds.iter().any(|ground| ground.place == search.place);
-    let own = record.searches.iter().filter(|search| search.objective == verdict.objective.name());
-    own.filter(judged).collect()
+/// Whoever answers without a search, and searches after each milestone.
+fn moments(record: &Record, verdict: &Verdict, clock: Clock) -> [Vec<Moment>; 2] {
+    [without_search(verdict, &BESIDE.map(|(name, _)| name)), of_searches(record, verdict, clock)]
 }
 
-/// How far searches have come after so many iterations and so many seconds.
+/// How far searches have come after so many trials and so much time, beside who answers without one.
 pub(crate) fn progress(record: &Record, verdict: &Verdict, clock: Clock) -> String {
-    let searches = searches(record, verdict);
+    let [at_once, searched] = moments(record, verdict, clock);
     let mut text = format!(
-        "<h3>Error of the tuner against iterations and run time</h3><p class=\"soft\">Cost of the best configuration so far over that of \
-         the best of all iterations: median of {} searches, and the middle half of them. Dashed: what the paper's two predictors answered on \
-         {}, over the roofline, before any iteration. Seconds are of building and rendering.</p>",
-        searches.len(),
+        "<h3>Error of the tuner against run time</h3><p class=\"soft\">Cost over that of the roofline. What a search had found after so many \
+         trials was measured again in the same interleaved rounds as the roofline, the default, the best fixed configuration of the other \
+         scenes, and the answers on {}. Geometric means over the cameras, with intervals of 95 % by resampling cameras. Seconds are of building \
+         and rendering, median of the cameras.</p>",
         Split::Random.words()
     );
-    text += &legend(&[("search", "c3"), (BESIDE[0].0, BESIDE[0].1), (BESIDE[1].0, BESIDE[1].1)]);
-    for (moments, label) in [
-        (over_iterations(&searches, verdict.objective, clock), "iterations"),
-        (over_seconds(&searches, verdict.objective, clock), "seconds"),
-    ] {
-        let _ = write!(text, "<div class=\"card\">{}</div>", figure(&moments, verdict, label));
+    if !verdict.is_whole() {
+        let _ = write!(
+            text,
+            "<p class=\"warn\">Measured in the same rounds at {} of {} cameras. Costs of the search, the default and the best fixed \
+             configuration are left out; <code>evaluate verify</code> measures them.</p>",
+            verdict.same_rounds,
+            verdict.grounds.len()
+        );
+    }
+    text += &table_of(&at_once, &searched);
+    if verdict.is_whole() {
+        let mut names = vec![(SEARCH, "c3")];
+        names.extend(at_once.iter().map(|moment| (moment.who.as_str(), colour(&moment.who))));
+        text += &legend(&names);
+        for (at, label) in [(trials as fn(&Moment) -> f64, "trials"), (seconds, "seconds")] {
+            let _ = write!(text, "<div class=\"card\">{}</div>", figure(&at_once, &searched, at, label));
+        }
     }
     text
 }
 
-fn figure(moments: &[Moment], verdict: &Verdict, label: &str) -> String {
-    let answers: Vec<(f64, &str, &str)> = BESIDE
-        .iter()
-        .filter_map(|(name, colour)| {
-            let own = verdict.rows.iter().filter(|row| row.split == Split::Random && row.entrant == *name);
-            let mut costs: Vec<f64> = own.map(|row| 1.0 / row.of_roofline).collect();
-            costs.sort_by(f64::total_cmp);
-            (!costs.is_empty()).then(|| (quantile(&costs, 0.5), *name, *colour))
-        })
-        .collect();
+fn trials(moment: &Moment) -> f64 {
+    moment.trials as f64
+}
+
+fn seconds(moment: &Moment) -> f64 {
+    moment.seconds
+}
+
+fn colour(who: &str) -> &'static str {
+    let beside = BESIDE.iter().find(|(name, _)| *name == who);
+    beside.map_or(if who == DEFAULT { "ink" } else { "c4" }, |(_, colour)| *colour)
+}
+
+fn table_of(at_once: &[Moment], searched: &[Moment]) -> String {
+    let heads = ["", "seconds", "cost over roofline", "cameras", "the search is there after"];
+    let cells: String = heads.iter().map(|head| format!("<th>{head}</th>")).collect();
+    let mut text = format!("<div class=\"card\"><table><tr>{cells}</tr>");
+    for moment in at_once.iter().chain(searched) {
+        let name = match moment.trials {
+            0 => moment.who.clone(),
+            trials => format!("{SEARCH}, {trials} trials"),
+        };
+        let there =
+            moment.cost.filter(|_| moment.trials == 0 && searched.iter().any(|one| one.cost.is_some()));
+        let cells = [
+            number(moment.seconds),
+            moment.cost.map_or_else(String::new, |cost| cost.to_string()),
+            moment.cost.map_or_else(String::new, |_| moment.cameras.to_string()),
+            there.map_or_else(String::new, |cost| match reached(searched, cost.mean) {
+                Some(there) => format!("{} trials, {} s", there.trials, number(there.seconds)),
+                None => "never".to_owned(),
+            }),
+        ];
+        let _ = write!(text, "<tr><td>{}</td>", escaped(&name));
+        for (head, cell) in heads[1..].iter().zip(cells) {
+            let _ = write!(text, "<td data-l=\"{head}\">{cell}</td>");
+        }
+        text += "</tr>";
+    }
+    text + "</table></div>"
+}
+
+fn figure(at_once: &[Moment], searched: &[Moment], at: fn(&Moment) -> f64, label: &str) -> String {
+    let ends = |cost: &Mean| cost.interval.unwrap_or([cost.mean; 2]);
+    let costs: Vec<(f64, Mean)> = searched.iter().filter_map(|one| Some((at(one), one.cost?))).collect();
+    let levels: Vec<(&str, Mean)> =
+        at_once.iter().filter_map(|one| Some((one.who.as_str(), one.cost?))).collect();
     let mut plot = Plot::new(
-        Axis::logarithmic(moments.iter().map(|moment| moment.at)),
+        Axis::logarithmic(costs.iter().map(|(at, _)| *at)),
         Axis::linear(
-            moments
+            costs
                 .iter()
-                .flat_map(|moment| moment.quartiles)
-                .chain(answers.iter().map(|(cost, ..)| *cost))
+                .flat_map(|(_, cost)| ends(cost))
+                .chain(levels.iter().map(|(_, cost)| cost.mean))
                 .chain([1.0]),
         ),
         label,
         "cost over that of the roofline",
         280.0,
     );
-    let band: Vec<[f64; 3]> =
-        moments.iter().map(|moment| [moment.at, moment.quartiles[0], moment.quartiles[2]]).collect();
+    let band: Vec<[f64; 3]> = costs
+        .iter()
+        .map(|(at, cost)| {
+            let [low, high] = ends(cost);
+            [*at, low, high]
+        })
+        .collect();
     plot.band(&band, "c3");
-    let median: Vec<[f64; 2]> = moments.iter().map(|moment| [moment.at, moment.quartiles[1]]).collect();
-    plot.line(&median, "c3", false, "median of the searches");
-    for (cost, name, colour) in answers {
-        plot.level(cost, colour, &format!("{name}: {cost:.3}"));
+    let means: Vec<[f64; 2]> = costs.iter().map(|(at, cost)| [*at, cost.mean]).collect();
+    plot.line(&means, "c3", false, "searches, measured again");
+    for (name, cost) in levels {
+        plot.level(cost.mean, colour(name), &format!("{name}: {cost}"));
     }
     plot.finish()
 }
 
 /// The numbers behind these figures.
 pub(crate) fn table(record: &Record, verdict: &Verdict, clock: Clock) -> String {
-    let searches = searches(record, verdict);
-    let mut text = String::from("axis,at,lower_quartile,median,upper_quartile,cameras\n");
-    for (axis, moments) in [
-        ("iterations", over_iterations(&searches, verdict.objective, clock)),
-        ("seconds", over_seconds(&searches, verdict.objective, clock)),
-    ] {
-        for Moment { at, quartiles: [low, middle, high], cameras } in moments {
-            let _ = writeln!(text, "{axis},{at:.4},{low:.5},{middle:.5},{high:.5},{cameras}");
-        }
+    let mut text = String::from("who,trials,seconds,cost_over_roofline,low,high,cameras\n");
+    for Moment { who, trials, seconds, cost, cameras } in moments(record, verdict, clock).concat() {
+        let [low, high] = cost.and_then(|cost| cost.interval).map_or([None; 2], |ends| ends.map(Some));
+        let [mean, low, high] = [cost.map(|cost| cost.mean), low, high]
+            .map(|value| value.map_or_else(String::new, |value| format!("{value:.5}")));
+        let _ = writeln!(text, "\"{who}\",{trials},{seconds:.4},{mean},{low},{high},{cameras}");
     }
     text
 }

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use treewright_client::{Configuration, Fingerprint, Outcome};
 use treewright_render_cli::error::CliError;
 use treewright_renderer::frame::FrameTimes;
+use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
 
 /// Version of the form.
@@ -130,7 +131,8 @@ pub(crate) struct Search {
 pub(crate) enum GroupKind {
     /// Configurations by hand, beside the best of each search.
     Fixed,
-    /// What predictors answered, beside the best of each search.
+    /// What predictors answered, beside the default, the best fixed configurations, and the best of each
+    /// search after so many trials.
     Answers,
     /// Without and with splitting.
     Pair,
@@ -159,6 +161,36 @@ pub(crate) struct Group {
     /// Absent in records of version 2 and before.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) provenance: Option<Provenance>,
+}
+
+impl Group {
+    pub(crate) fn member(&self, configuration: &Configuration) -> Option<&Member> {
+        self.members.iter().find(|member| member.configuration == *configuration)
+    }
+
+    /// The cost of a configuration in each round, in milliseconds; `None` for one that is not there or cannot
+    /// be run.
+    pub(crate) fn costs(
+        &self,
+        configuration: &Configuration,
+        objective: Objective,
+        clock: Clock,
+    ) -> Option<Vec<f64>> {
+        let member = self.member(configuration).filter(|member| member.failure.is_none())?;
+        let costs: Option<Vec<f64>> =
+            member.rounds.iter().map(|times| clock.cost(objective, times)).collect();
+        costs.filter(|costs| !costs.is_empty())
+    }
+
+    /// Their median.
+    pub(crate) fn cost(
+        &self,
+        configuration: &Configuration,
+        objective: Objective,
+        clock: Clock,
+    ) -> Option<f64> {
+        Some(Summary::of(&self.costs(configuration, objective, clock)?).median)
+    }
 }
 
 /// A search over a few parameters, the others at their recommended values (paper, section 4.2). Its

@@ -132,7 +132,7 @@ pub(crate) fn standings(verdict: &Verdict) -> Vec<Standing> {
 }
 
 /// Geometric mean of what is finite, with the interval by resampling cameras.
-fn mean(rows: &[&Row], value: fn(&Row) -> f64) -> Mean {
+pub(super) fn mean(rows: &[&Row], value: fn(&Row) -> f64) -> Mean {
     let mut by_place: BTreeMap<&Place, Vec<f64>> = BTreeMap::new();
     for row in rows {
         let logarithm = value(row).ln();
