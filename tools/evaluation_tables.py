@@ -48,7 +48,7 @@ class Record:
     """Searches and fixed configurations of the cameras that have both, by objective and place."""
 
     def __init__(self, path):
-        self.searches, self.pairs, self.parts, fixed = {}, [], {}, {}
+        self.searches, self.pairs, self.parts, self.again, fixed = {}, [], {}, {}, {}
         with lzma.open(path, "rt", encoding="utf-8") as lines:
             for line in map(json.loads, lines):
                 if "conditions" in line:
@@ -63,6 +63,8 @@ class Record:
                     self.parts.setdefault((search["place"]["scene"], line["part"]["part"]), []).append(search)
                 if "group" in line and line["group"]["kind"] == "fixed":
                     fixed[place(line["group"])] = line["group"]["members"]
+                if "group" in line and line["group"]["kind"] == "parts":
+                    self.again[place(line["group"])[0]] = line["group"]["members"]
         complete = set(fixed).intersection(*self.searches.values())
         self.fixed = {where: fixed[where] for where in sorted(complete)}
 
@@ -157,7 +159,8 @@ def splitting(record):
 
 
 def alone(record):
-    """The paper's 4.2: where searches over a few parameters end, which is the last quarter of their iterations."""
+    """The paper's 4.2: what the best of each search over a few parameters gains over the default, both measured again in the same rounds,
+    and where searches end, which is the last quarter of their iterations."""
     titles = {"leaves": "leaf sizes", "costs": "SAH costs", "costs_and_block": "SAH costs and block size"}
     names = {"min_leaf_size": "least", "max_leaf_size": "most", "traversal_cost": "traversal", "intersection_cost": "intersection",
              "sah_block_size": "block"}
@@ -165,14 +168,24 @@ def alone(record):
     for (scene, part), searches in sorted(record.parts.items()):
         tried = [[one for one in search["iterations"] if one.get("times")] for search in searches]
         ends = [one for own in tried for one in own[-(len(own) // 4):]]
-        # Whenever a search came by it.
-        default = [one for own in tried for one in own if one["configuration"] == own[0]["configuration"]]
-        gain = statistics.median(cost(searches[0]["objective"], one["times"]) for one in default) / statistics.median(cost(searches[0]["objective"], one["times"]) for one in ends) - 1
         middle = {name: statistics.quantiles([one["configuration"][name] for one in ends], n=4, method="inclusive")
                   for name in names if name in ends[0]["configuration"]}
         where = ", ".join(f"{names[name]} {low:.3g} to {high:.3g}" for name, (low, _, high) in middle.items())
-        lines.append(f"| {scene} | {titles[part]} | {len(searches)} | {gain * 100:.1f} % | {where} |")
+        lines.append(f"| {scene} | {titles[part]} | {len(searches)} | {gained(record.again.get(scene), searches[0]['objective'], tried)} | {where} |")
     return ["\n".join(lines)] if record.parts else []
+
+
+def gained(members, objective, tried):
+    """The median over the rounds of what the best of each search gains over the default, least and most; a dash where the record lacks
+    those rounds."""
+    if not members:
+        return "–"
+    default = members[0]["configuration"]
+    costs = {key(one): [cost(objective, times) for times in one["rounds"]] for one in members}
+    best = [min(own, key=lambda one: cost(objective, one["times"]))["configuration"] for own in tried]
+    found = [costs[key({"configuration": default | one})] for one in best]
+    ratios = [own / statistics.geometric_mean(others) - 1 for own, *others in zip(costs[key(members[0])], *found, strict=True)]
+    return f"{statistics.median(ratios) * 100:+.1f} % [{min(ratios) * 100:+.1f}, {max(ratios) * 100:+.1f}]"
 
 
 def needles(record):

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use treewright_client::Configuration;
 use treewright_core::policy::SearchMethod;
 use treewright_render_cli::arguments::objective;
 use treewright_render_cli::error::{CliError, write_file};
@@ -17,8 +18,8 @@ use treewright_scene::Scene;
 
 use super::evaluate_setup::{ConditionArguments, Progress, space, strip_path};
 use crate::evaluation::measure::Stage;
-use crate::evaluation::parts::{PARTS, Part, pair};
-use crate::evaluation::record::{GroupKind, Line, OpenRecord, Pair, PartSearch, Versus};
+use crate::evaluation::parts::{PARTS, Part, compared, pair};
+use crate::evaluation::record::{GroupKind, Line, OpenRecord, Pair, PartSearch, Place, Versus};
 
 /// Needles of the cylinder, two triangles each: as many as in the built-in scene of that name.
 const NEEDLES: usize = 3_000;
@@ -61,7 +62,8 @@ pub(super) struct ParametersArguments {
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     runs: u32,
 
-    /// Rounds in which builds without and with splitting are compared.
+    /// Rounds in which builds are compared: without and with splitting, and what searches over a few
+    /// parameters came to with the default. Fewer than six tell no interval.
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(3..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
@@ -83,6 +85,8 @@ pub(super) struct ParametersArguments {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Task {
     Part(Part, u32),
+    /// What the searches over parts came to, and the default, again in the same rounds.
+    Parts,
     Pair(Versus),
 }
 
@@ -96,7 +100,7 @@ pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
     // Task by task over all scenes: whenever a run stops, all scenes are equally far.
     let mut missing: Vec<(usize, Task)> =
         tasks.iter().flat_map(|task| (0..entries.len()).map(move |scene| (scene, *task))).collect();
-    missing.retain(|(scene, task)| !is_there(&bench.open, &entries[*scene].name, *task, arguments.objective));
+    missing.retain(|(scene, task)| !bench.is_there(&entries[*scene].name, *task));
     eprintln!("{} measurements are missing in {}", missing.len(), arguments.under.record.display());
     let (interrupt, mut progress) =
         (Interrupt::listen(), Progress::new(missing.len(), arguments.under.seconds));
@@ -114,6 +118,7 @@ pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
         };
         let line = match task {
             Task::Part(part, run) => bench.search(name, scene, part, run, go_on)?,
+            Task::Parts => bench.again(name, scene, go_on)?,
             Task::Pair(versus) => bench.compare(name, scene, versus, go_on)?,
         };
         bench.open.add(line.ok_or(CliError::Interrupted)?)?;
@@ -141,6 +146,7 @@ fn tasks(arguments: &ParametersArguments) -> Vec<Task> {
         all.extend(
             (0..arguments.runs).flat_map(|run| PARTS.into_iter().map(move |part| Task::Part(part, run))),
         );
+        all.push(Task::Parts);
     }
     if asked(Experiment::Needles) {
         let angles = arguments.angles;
@@ -149,24 +155,19 @@ fn tasks(arguments: &ParametersArguments) -> Vec<Task> {
     all
 }
 
-fn is_there(open: &OpenRecord, scene: &str, task: Task, objective: Objective) -> bool {
-    match task {
-        Task::Part(part, run) => open.record.parts.iter().any(|one| {
-            (one.part.as_str(), one.run, one.search.place.scene.as_str()) == (part.name, run, scene)
-                && one.search.objective == objective.name()
-        }),
-        Task::Pair(versus) => open.record.pairs.contains_key(&(scene.to_owned(), versus)),
-    }
-}
-
 fn told(task: Task) -> String {
     match task {
         Task::Part(part, run) => format!("{}, run {}", part.name, run + 1),
+        Task::Parts => "what the searches over parts came to, in the same rounds".to_owned(),
         Task::Pair(Versus::Height(height)) => format!("without and with splitting at {height} pixels down"),
         Task::Pair(Versus::Needles { angle, angles }) => {
             format!("without and with splitting beside needles, angle {} of {angles}", angle + 1)
         }
     }
+}
+
+fn place(scene: &str) -> Place {
+    Place { scene: scene.to_owned(), camera: CAMERA }
 }
 
 /// What all measurements share.
@@ -177,6 +178,38 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
+    fn is_there(&self, scene: &str, task: Task) -> bool {
+        let record = &self.open.record;
+        match task {
+            Task::Part(part, run) => record.parts.iter().any(|one| {
+                (one.part.as_str(), one.run, one.search.place.scene.as_str()) == (part.name, run, scene)
+                    && one.search.objective == self.arguments.objective.name()
+            }),
+            Task::Parts => {
+                let searches = tasks(self.arguments);
+                let mut searches = searches.into_iter().filter(|task| matches!(task, Task::Part(..)));
+                let group = record.groups.get(&(GroupKind::Parts, place(scene)));
+                let holds = |one: &Configuration| group.is_some_and(|group| group.member(one).is_some());
+                searches.all(|task| self.is_there(scene, task))
+                    && compared(record, &self.whole, scene).is_ok_and(|all| all.iter().all(holds))
+            }
+            Task::Pair(versus) => record.pairs.contains_key(&(scene.to_owned(), versus)),
+        }
+    }
+
+    /// The default and what the searches over parts came to, in the same rounds, each with a fresh build.
+    fn again(
+        &self,
+        name: &str,
+        scene: &Arc<Scene>,
+        go_on: impl FnMut() -> bool,
+    ) -> Result<Option<Line>, CliError> {
+        let mut stage = Stage::new(name, scene, &self.whole, &self.open.record)?;
+        let all = compared(&self.open.record, &self.whole, name)?;
+        let group = stage.group(GroupKind::Parts, CAMERA, &all, self.arguments.rounds, go_on);
+        Ok(group.map(Line::Group))
+    }
+
     fn search(
         &self,
         name: &str,

@@ -45,6 +45,53 @@ impl<'a> Run<'a> {
     }
 }
 
+/// How many times as fast as the default the configurations are that searches came to, all of them measured
+/// in the same rounds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct PartGain {
+    /// Of their geometric mean, round by round.
+    pub(super) speed: Ratio,
+    /// The least and the most of single searches.
+    pub(super) ends: [f64; 2],
+}
+
+impl PartGain {
+    /// `None` where any of them was not measured or cannot be run.
+    pub(super) fn of(
+        group: &Group,
+        default: &Configuration,
+        found: &[Configuration],
+        objective: Objective,
+        clock: Clock,
+    ) -> Option<Self> {
+        let default = group.costs(default, objective, clock)?;
+        let found: Option<Vec<Vec<f64>>> =
+            found.iter().map(|one| group.costs(one, objective, clock)).collect();
+        let found = found.filter(|found| !found.is_empty())?;
+        let in_round = |round: usize| {
+            let logarithms: Option<Vec<f64>> =
+                found.iter().map(|costs| Some(costs.get(round)?.ln())).collect();
+            Some((logarithms?.iter().sum::<f64>() / found.len() as f64).exp())
+        };
+        let together: Option<Vec<f64>> = (0..default.len()).map(in_round).collect();
+        let single = found.iter().map(|costs| Ratio::of(&default, costs).median);
+        let ends = single.fold([f64::INFINITY, 0.0], |[low, high], one| [one.min(low), one.max(high)]);
+        Some(Self { speed: Ratio::of(&default, &together?), ends })
+    }
+
+    /// The gain and its interval, and that of single searches.
+    pub(super) fn words(&self) -> [String; 2] {
+        // What rounds to nothing is no loss.
+        let gain = |speed: f64| format!("{:+.1}", ((speed - 1.0) * 1000.0).round() / 10.0 + 0.0);
+        let interval = self.speed.interval.map(|[low, high]| format!(" [{}, {}]", gain(low), gain(high)));
+        let [low, high] = self.ends.map(gain);
+        [
+            format!("{} %{}", gain(self.speed.median), interval.unwrap_or_default()),
+            format!("{low} to {high} %"),
+        ]
+    }
+}
+
 const RUN_COLOURS: [&str; 8] = ["c0", "c1", "c3", "c4", "c6", "c7", "c5", "c2"];
 
 /// The points that the searches tried (later ones darker), and the evolution of the cost of each run.
@@ -84,7 +131,7 @@ pub(super) fn part(part: &Part, runs: &[Run<'_>], default_ms: Option<f64>) -> [S
         evolution.line(&curve, colour, false, &format!("run {}", run.run + 1));
     }
     if let Some(default_ms) = default_ms {
-        evolution.level(default_ms, "ink", "recommended default");
+        evolution.level(default_ms, "ink", "recommended default, measured again");
     }
     [points.finish(), evolution.finish()]
 }
@@ -241,7 +288,35 @@ pub(super) fn needles(angles: &[(f64, [Vec<f64>; 2])], share: Share) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::record::GroupKind;
+    use super::super::testing::{group, numbered};
     use super::*;
+
+    #[test]
+    fn a_gain_is_told_by_what_was_measured_in_the_same_rounds() {
+        let (default, a, b) = (numbered(1), numbered(2), numbered(3));
+        // The machine becomes slower from round to round; a is twice and b half as fast as the default.
+        let slower = |ms: f64| (1..=7).map(|round| ms * f64::from(round)).collect::<Vec<_>>();
+        let rounds = [slower(100.0), slower(50.0), slower(200.0)];
+        let measured: Vec<(Configuration, &[f64])> =
+            [&default, &a, &b].into_iter().cloned().zip(rounds.iter().map(Vec::as_slice)).collect();
+        let group = group(GroupKind::Parts, "hall", &measured);
+        let gain = |found: &[&Configuration]| {
+            let found: Vec<Configuration> = found.iter().map(|one| (*one).clone()).collect();
+            PartGain::of(&group, &default, &found, Objective::Render, Clock::Wall)
+        };
+        let alone = gain(&[&a]).expect("it was measured");
+        let is_two = |speed: f64| (speed - 2.0).abs() < 1e-12;
+        assert!(is_two(alone.speed.median), "{alone:?}");
+        assert!(alone.speed.interval.is_some_and(|ends| ends.into_iter().all(is_two)), "{alone:?}");
+        let both = gain(&[&a, &b]).expect("both were measured");
+        assert!((both.speed.median - 1.0).abs() < 1e-12 && both.ends == [0.5, 2.0], "{both:?}");
+        assert_eq!(
+            gain(&[&a]).map(|gain| gain.words()),
+            Some(["+100.0 % [+100.0, +100.0]".to_owned(), "+100.0 to +100.0 %".to_owned()])
+        );
+        assert_eq!((gain(&[&a, &numbered(4)]), gain(&[])), (None, None));
+    }
 
     #[test]
     fn bands_are_students() {

@@ -5,15 +5,17 @@ use std::fmt::Write as _;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use treewright_client::Configuration;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::statistics::Summary;
+use treewright_renderer::tuning::objective::Objective;
 
 use super::part_figures::{
-    Run, Share, angles, heights, mean_and_band, needles, number, part, splitting, turning_height,
+    PartGain, Run, Share, angles, heights, mean_and_band, needles, number, part, splitting, turning_height,
 };
-use super::parts::PARTS;
+use super::parts::{PARTS, came_to};
 use super::plot::{self, escaped, legend};
-use super::record::{Clock, PartSearch, Record, Versus};
+use super::record::{Clock, GroupKind, PartSearch, Record, Versus};
 
 /// Colours of scenes where several share a figure.
 const COLOURS: [&str; 8] = ["c0", "c1", "c3", "c4", "c6", "c7", "c5", "c2"];
@@ -107,28 +109,25 @@ fn parts_section(record: &Record, space: &TuningSpace, clock: Clock) -> String {
     let all = by_part(record);
     let mut text = String::new();
     for one in PARTS {
-        let Ok(own_space) = one.space(space) else { continue };
-        let default = own_space.default_configuration();
-        let mut heads = vec!["scene", "default, ms", "where searches end, ms", "gain"];
+        let mut heads = vec![
+            "scene",
+            "default, ms",
+            "gain of the best found",
+            "single searches",
+            "gain of the last iteration",
+            "single searches",
+        ];
         heads.extend(one.parameters);
-        let (mut rows, mut figures) = (String::new(), String::new());
+        let (mut rows, mut figures, mut is_whole) = (String::new(), String::new(), true);
         for ((_, scene), searches) in all.iter().filter(|((name, _), _)| *name == one.name) {
             let runs: Vec<Run<'_>> = searches.iter().filter_map(|search| Run::of(search, clock)).collect();
-            let points = || runs.iter().flat_map(|run| &run.points);
-            let of_default: Vec<f64> =
-                points().filter(|point| *point.2 == default).map(|point| point.1).collect();
-            let default_ms = (!of_default.is_empty()).then(|| Summary::of(&of_default).median);
-            let ends: Vec<f64> = runs.iter().flat_map(Run::end).map(|point| point.1).collect();
-            if ends.is_empty() {
+            if runs.iter().all(|run| run.points.is_empty()) {
                 continue;
             }
-            let end_ms = Summary::of(&ends).median;
-            let mut cells = vec![
-                format!("{scene}, {} searches", runs.len()),
-                default_ms.map_or("not measured".to_owned(), |ms| format!("{ms:.2}")),
-                format!("{end_ms:.2}"),
-                default_ms.map_or(String::new(), |ms| format!("{:.1} %", (ms / end_ms - 1.0) * 100.0)),
-            ];
+            let again = Again::of(record, space, searches, clock);
+            is_whole &= again.is_some();
+            let mut cells = vec![format!("{scene}, {} searches", runs.len())];
+            cells.extend(again.as_ref().map_or_else(Default::default, Again::cells));
             for name in one.parameters {
                 let ends = runs.iter().flat_map(Run::end).filter_map(|point| number(point.2, name));
                 let Summary { lower_quartile, upper_quartile, .. } = Summary::of(&ends.collect::<Vec<_>>());
@@ -136,22 +135,56 @@ fn parts_section(record: &Record, space: &TuningSpace, clock: Clock) -> String {
             }
             rows += &row(&heads, &cells);
             let _ = write!(figures, "<h3>{}</h3>", escaped(scene));
-            for svg in part(&one, &runs, default_ms) {
+            for svg in part(&one, &runs, again.map(|again| again.default_ms)) {
                 let _ = write!(figures, "<div class=\"card\">{svg}</div>");
             }
         }
         if !rows.is_empty() {
+            let missing = if is_whole { "" } else { NOT_AGAIN };
             let _ = write!(
                 text,
-                "<h2>{}</h2><p class=\"soft\">All other parameters at their recommended values; one colour a search, later iterations \
-                 darker, dashed the recommended default. A search's end is the last quarter of its iterations: median of their times, \
-                 and the middle half of their values.</p>{}{rows}</table></div>{figures}",
+                "<h2>{}</h2><p class=\"soft\">All other parameters at their recommended values. The best that each search found, its last \
+                 iteration and the default were measured again in the same interleaved rounds, each with a fresh build: median of the \
+                 geometric mean of the searches over the rounds, its interval of 95 % where there are at least six rounds, and the least and \
+                 most of single searches. The middle half of each parameter in the last quarter of the iterations. In the figures one colour \
+                 a search, later iterations darker, dashed the recommended default.</p>{missing}{}{rows}</table></div>{figures}",
                 one.title,
                 head(&heads)
             );
         }
     }
     text
+}
+
+/// What is said where costs of other rounds would have to stand in.
+const NOT_AGAIN: &str = "<p class=\"warn\">Gains are left out where the default and what the searches came to were not measured in the \
+                         same rounds; <code>evaluate parameters</code> measures them.</p>";
+
+/// What the searches over a part came to in a scene, and the default, measured again in the same rounds.
+struct Again {
+    default_ms: f64,
+    /// Of the best that each found, and of its last iteration.
+    gains: [PartGain; 2],
+}
+
+impl Again {
+    fn of(record: &Record, space: &TuningSpace, searches: &[&PartSearch], clock: Clock) -> Option<Self> {
+        let search = &searches.first()?.search;
+        let objective = Objective::ALL.into_iter().find(|one| one.name() == search.objective)?;
+        let group = record.groups.get(&(GroupKind::Parts, search.place.clone()))?;
+        let own = searches.iter().filter(|one| one.search.objective == search.objective);
+        let found = own.filter_map(|one| came_to(one, space, record.conditions.clock).ok()?);
+        let (best, last): (Vec<_>, Vec<_>) = found.map(|[best, last]| (best, last)).unzip();
+        let default = space.default_configuration();
+        let gain = |found: &[Configuration]| PartGain::of(group, &default, found, objective, clock);
+        let default_ms = group.cost(&default, objective, clock)?;
+        Some(Self { default_ms, gains: [gain(&best)?, gain(&last)?] })
+    }
+
+    fn cells(&self) -> [String; 5] {
+        let [[best, of_best], [last, of_last]] = self.gains.map(|gain| gain.words());
+        [format!("{:.2}", self.default_ms), best, of_best, last, of_last]
+    }
 }
 
 /// At how many angles of a scene's round the cylinder was measured, and how many there are.
@@ -246,6 +279,26 @@ fn frames(strip: &[u8]) -> Option<u32> {
     (width >= 4).then(|| height / (width * 3 / 4)).filter(|frames| *frames > 1)
 }
 
+/// The rounds in which the default and what searches over parts came to were measured again.
+fn again_table(record: &Record, clock: Clock) -> String {
+    let mut text = String::from("scene,configuration,round,build_ms,render_ms\n");
+    for ((_, place), group) in record.groups.iter().filter(|((kind, _), _)| *kind == GroupKind::Parts) {
+        for member in &group.members {
+            for (round, times) in member.rounds.iter().enumerate() {
+                if let Some([build_ms, render_ms]) = clock.read(times) {
+                    let (scene, configuration) = (&place.scene, &member.configuration);
+                    let _ = writeln!(
+                        text,
+                        "{scene},\"{configuration}\",{},{build_ms:.4},{render_ms:.4}",
+                        round + 1
+                    );
+                }
+            }
+        }
+    }
+    text
+}
+
 /// The numbers behind the figures: file names and contents.
 pub(crate) fn tables(record: &Record, clock: Clock) -> BTreeMap<String, String> {
     let mut files = BTreeMap::new();
@@ -263,6 +316,7 @@ pub(crate) fn tables(record: &Record, clock: Clock) -> BTreeMap<String, String> 
             }
         }
         files.insert("parts.csv".to_owned(), text);
+        files.insert("parts-again.csv".to_owned(), again_table(record, clock));
     }
     let mut text = String::from("scene,height,angle,angles,splitting,round,build_ms,render_ms\n");
     for ((scene, versus), group) in &record.pairs {
@@ -286,4 +340,51 @@ pub(crate) fn tables(record: &Record, clock: Clock) -> BTreeMap<String, String> 
         files.insert("splitting.csv".to_owned(), text);
     }
     files
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::parts::compared;
+    use super::super::record::Line;
+    use super::super::testing::{conditions, group, search};
+    use super::*;
+
+    #[test]
+    fn gains_come_from_rounds_that_hold_the_default_or_are_left_out() {
+        let space = TuningSpace::paper();
+        let leaves = |least: i64, most: i64| {
+            Configuration::new().with("min_leaf_size", least).with("max_leaf_size", most)
+        };
+        let mut record = Record::new(conditions(3));
+        for (run, last) in [(0, leaves(4, 10)), (1, leaves(1, 8))] {
+            // Its own single measurements say something else: the default was unlucky.
+            let tried = [(leaves(1, 32), Some(900.0)), (leaves(1, 8), Some(30.0)), (last, Some(60.0))];
+            let search = search("hall", &tried);
+            record.take(Line::Part(PartSearch { part: "leaves".to_owned(), run, search }));
+        }
+        let all = compared(&record, &space, "hall").expect("all are sound");
+        assert_eq!(
+            (all.len(), &all[0]),
+            (3, &space.default_configuration()),
+            "the default and two, each once"
+        );
+        assert!(
+            all[1].get("quality").is_some()
+                && all[1].get("max_leaf_size") == leaves(1, 8).get("max_leaf_size")
+        );
+        let page = || html(&record, &space, Clock::Wall, &Strips::new());
+        assert!(page().contains("Gains are left out") && !page().contains("+"), "{}", page());
+        let rounds = [[100.0; 6], [50.0; 6], [200.0; 6]];
+        let measured: Vec<(Configuration, &[f64])> =
+            all.into_iter().zip(rounds.iter().map(|rounds| &rounds[..])).collect();
+        record.take(Line::Group(group(GroupKind::Parts, "hall", &measured)));
+        let page = html(&record, &space, Clock::Wall, &Strips::new());
+        assert!(!page.contains("Gains are left out"), "{page}");
+        // The best of both searches takes half the time; the last iterations twice as long and half.
+        for cell in ["100.00", "+100.0 % [+100.0, +100.0]", "+0.0 % [+0.0, +0.0]", "-50.0 to +100.0 %"] {
+            assert!(page.contains(&format!(">{cell}</td>")), "{cell} in {page}");
+        }
+        let table = &tables(&record, Clock::Wall)["parts-again.csv"];
+        assert_eq!(table.lines().count(), 1 + 3 * 6);
+    }
 }

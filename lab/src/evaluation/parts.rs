@@ -4,6 +4,10 @@
 use treewright_client::Configuration;
 use treewright_render_cli::error::CliError;
 use treewright_renderer::space::{Narrowing, TuningSpace, parse};
+use treewright_renderer::tuning::objective::Objective;
+
+use super::measure::best;
+use super::record::{Clock, PartSearch, Record};
 
 /// A few parameters, and what the others are held to besides their recommended values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +48,41 @@ impl Part {
             others.map(|(name, value)| Narrowing::Fix { name: name.clone(), value: value.clone() }).collect();
         Ok(whole.narrowed(&held)?)
     }
+}
+
+/// What a search over a part came to, as whole configurations: the best that it found by its own clock, and
+/// its last. `None` where nothing could be built.
+pub(crate) fn came_to(
+    search: &PartSearch,
+    whole: &TuningSpace,
+    clock: Clock,
+) -> Result<Option<[Configuration; 2]>, CliError> {
+    let part = PARTS.iter().find(|part| part.name == search.part);
+    let objective = Objective::ALL.into_iter().find(|one| one.name() == search.search.objective);
+    let Some((part, objective)) = part.zip(objective) else { return Ok(None) };
+    let space = part.space(whole)?;
+    let found = best(&search.search, objective, clock);
+    let last = search.search.iterations.iter().rfind(|one| one.times.is_some());
+    let both = found.zip(last).map(|((found, _), last)| [&found.configuration, &last.configuration]);
+    Ok(both.map(|both| both.map(|one| space.with_held(one))))
+}
+
+/// What is measured again at a scene in the same rounds: the default first, then what its searches came to,
+/// each configuration once.
+pub(crate) fn compared(
+    record: &Record,
+    whole: &TuningSpace,
+    scene: &str,
+) -> Result<Vec<Configuration>, CliError> {
+    let mut all = vec![whole.default_configuration()];
+    for search in record.parts.iter().filter(|search| search.search.place.scene == scene) {
+        for one in came_to(search, whole, record.conditions.clock)?.into_iter().flatten() {
+            if !all.contains(&one) {
+                all.push(one);
+            }
+        }
+    }
+    Ok(all)
 }
 
 /// The recommended build without splitting, and with it.

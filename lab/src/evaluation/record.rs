@@ -19,7 +19,7 @@ use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
 
 /// Version of the form.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// Which clock costs are read from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
@@ -136,6 +136,8 @@ pub(crate) enum GroupKind {
     Answers,
     /// Without and with splitting.
     Pair,
+    /// What searches over a few parameters came to, beside the default.
+    Parts,
 }
 
 /// A configuration in rounds that are interleaved with those of the others in its group.

@@ -38,10 +38,10 @@ fn an_evaluation_is_recorded_in_pieces_and_judged_to_the_same_bytes() {
         "evaluate parameters {UNDER} --runs 2 --rounds 3 --heights 24,48 --angles 4 --pictures strips"
     );
     succeeds(path, &parameters);
-    // Of each scene two heights, two runs of three parts, and four angles.
-    assert_eq!(lines(), 1 + 2 * 5 * 3 + 2 * (2 + 2 * 3 + 4));
+    // Of each scene two heights, two runs of three parts, what they came to, and four angles.
+    assert_eq!(lines(), 1 + 2 * 5 * 3 + 2 * (2 + 2 * 3 + 1 + 4));
     succeeds(path, &parameters);
-    assert_eq!(lines(), 1 + 2 * 5 * 3 + 2 * (2 + 2 * 3 + 4), "nothing is measured twice");
+    assert_eq!(lines(), 1 + 2 * 5 * 3 + 2 * (2 + 2 * 3 + 1 + 4), "nothing is measured twice");
     let scenes = "--scene hill=builtin:quick:0.05:3 --scene city=builtin:city:0.02:5";
     succeeds(path, &format!("evaluate verify --record r.jsonl {scenes} --rounds 2 --folds 3"));
     for out in ["a", "b"] {
@@ -54,6 +54,7 @@ fn an_evaluation_is_recorded_in_pieces_and_judged_to_the_same_bytes() {
         "answers-total.csv",
         "evaluation.json",
         "evaluation.md",
+        "parts-again.csv",
         "parts.csv",
         "progress-render.csv",
         "progress-total.csv",
@@ -80,6 +81,11 @@ fn an_evaluation_is_recorded_in_pieces_and_judged_to_the_same_bytes() {
             words.find(wrong).map(|at| words[at.saturating_sub(60)..].chars().take(120).collect::<String>());
         assert_eq!(place, None, "every number is one, and nothing is loaded");
     }
+    for warning in ["Left out for", "Measured in the same rounds at", "Gains are left out"] {
+        assert!(!page.contains(warning), "{warning}");
+    }
+    assert_eq!(first["progress-render.csv"].matches("\"search\",").count(), 2, "after five trials and six");
+    assert!(!first["progress-render.csv"].contains(",,"), "every cost was measured again");
     assert_eq!(first["parts.csv"].lines().count(), 1 + 2 * 2 * 3 * 6);
     assert_eq!(first["splitting.csv"].lines().count(), 1 + 2 * (2 + 4) * 2 * 3);
 }
