@@ -2,7 +2,8 @@
 //!
 //! Nothing of the service's policy takes part: each predictor is taught every iteration and answers for
 //! itself. One further entrant is taught only the last iteration of each search, as the paper has it for its
-//! figures (section 7.1.2).
+//! figures (section 7.1.2). Another is the service as it answers: a study with the default policy, to which a
+//! client brings the same iterations. States, portfolio and proof take part there.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,7 +19,7 @@ use treewright_core::predict::{Lesson, METHODS, Predictors, Query, StateIndex};
 use treewright_core::results::{KnownState, ResultTable};
 use treewright_core::search::Verdict;
 use treewright_core::space::Space;
-use treewright_core::study::StudySpec;
+use treewright_core::study::{STATE_TOLERANCE_DEFAULT, StudySpec};
 use treewright_core::trial::{Trial, TrialState};
 use treewright_core::tuner::{Ask, Tuner};
 use treewright_render_cli::error::CliError;
@@ -30,6 +31,9 @@ use super::record::{Clock, Place, Search};
 
 /// The entrant that is taught the last iteration of each search alone.
 pub(crate) const RBF_LAST: &str = "rbf_greedy_gq, last iteration";
+
+/// The entrant that is the service with its default policy.
+pub(crate) const SERVICE: &str = "service";
 
 /// Of whatever predictors draw at random.
 const SEED: u64 = 1;
@@ -44,7 +48,7 @@ pub(crate) fn entrants() -> Vec<String> {
     let mut all: Vec<String> = paper.iter().map(|method| method.name().to_owned()).collect();
     all.push(RBF_LAST.to_owned());
     all.extend(others.map(|method| method.name().to_owned()));
-    all.push(PredictorMethod::Auto.name().to_owned());
+    all.extend([PredictorMethod::Auto.name().to_owned(), SERVICE.to_owned()]);
     all
 }
 
@@ -106,15 +110,17 @@ impl<'a> School<'a> {
         let mut answers = Answers::new();
         let all = Class::taught(self, fold, false)?;
         let last = Class::taught(self, fold, true)?;
+        let service = Service::taught(self, fold)?;
         for place in &fold.examine {
             let Some(search) = self.searches.get(place) else { continue };
             let state = self.normalised(search)?;
             for name in entrants() {
-                let (class, method) = match name.as_str() {
-                    RBF_LAST => (&last, PredictorMethod::RbfGreedyGq),
-                    _ => (&all, method(&name)),
+                let answer = match name.as_str() {
+                    SERVICE => Some(service.answer(search)?),
+                    RBF_LAST => last.answer(self.space, &state, PredictorMethod::RbfGreedyGq),
+                    _ => all.answer(self.space, &state, method(&name)),
                 };
-                if let Some(answer) = class.answer(self.space, &state, method) {
+                if let Some(answer) = answer {
                     answers.insert((place.clone(), name), answer);
                 }
             }
@@ -215,6 +221,36 @@ impl Class {
     }
 }
 
+/// The service with its default policy, to which a client brought the searches of a fold.
+struct Service(Tuner);
+
+impl Service {
+    fn taught(school: &School<'_>, fold: &Fold) -> Result<Self, CliError> {
+        let mut tuner = tuner(school.space, &school.schema, STATE_TOLERANCE_DEFAULT)?;
+        let mut now_ms = 0;
+        for place in &fold.teach {
+            let Some(search) = school.searches.get(place) else { continue };
+            let ask = ask(search);
+            for (configuration, verdict) in school.lessons(search)? {
+                let (measured, outcome) = match verdict {
+                    Verdict::Cost(cost) => (BTreeMap::from([(COST.to_owned(), cost)]), Outcome::Ok),
+                    _ => (BTreeMap::new(), Outcome::infeasible("recorded")),
+                };
+                now_ms += 1;
+                let brought = tuner.suggest_wanted(&ask, configuration.to_raw(), now_ms);
+                let (open, _) = brought.map_err(not_judged)?;
+                let (_, _) = tuner.report(&open, measured, outcome, now_ms).map_err(not_judged)?;
+            }
+        }
+        Ok(Self(tuner))
+    }
+
+    fn answer(&self, search: &Search) -> Result<Configuration, CliError> {
+        let prediction = self.0.predict(&search.state, None).map_err(not_judged)?;
+        Ok(prediction.configuration.to_raw().into())
+    }
+}
+
 impl School<'_> {
     fn trial(&self, configuration: &Checked, verdict: Verdict) -> Trial {
         let (outcome, cost) = match verdict {
@@ -232,29 +268,87 @@ impl School<'_> {
     }
 }
 
+fn not_judged(error: impl std::fmt::Display) -> CliError {
+    CliError::Failed(format!("the record cannot be judged: {error}"))
+}
+
+/// What a client asks at a search's place.
+fn ask(search: &Search) -> Ask {
+    Ask { client_id: "evaluation".to_owned(), indicators: search.state.clone(), ..Ask::default() }
+}
+
+/// A tuner with the default policy that knows nothing yet.
+fn tuner(space: &Space, schema: &IndicatorSchema, state_tolerance: f64) -> Result<Tuner, CliError> {
+    let term = ObjectiveTerm { metric: COST.to_owned(), weight: 1.0 };
+    let spec = StudySpec {
+        display_name: "evaluation".to_owned(),
+        space: space.clone(),
+        indicators: schema.clone(),
+        objective: StudyObjective::new(vec![term]).map_err(not_judged)?,
+        state_tolerance,
+        policy: Policy::default(),
+        seed: SEED,
+    };
+    Tuner::new(Arc::new(spec)).map_err(not_judged)
+}
+
 /// A trial as the core makes one.
 fn template(
     space: &Space,
     schema: &IndicatorSchema,
     searches: &BTreeMap<&Place, &Search>,
 ) -> Result<Trial, CliError> {
-    let failed = |error: String| CliError::Failed(format!("the record cannot be judged: {error}"));
-    let first = searches.values().next().ok_or_else(|| failed("it holds no search".to_owned()))?;
-    let term = ObjectiveTerm { metric: COST.to_owned(), weight: 1.0 };
-    let spec = StudySpec {
-        display_name: "evaluation".to_owned(),
-        space: space.clone(),
-        indicators: schema.clone(),
-        objective: StudyObjective::new(vec![term]).map_err(|error| failed(error.to_string()))?,
-        state_tolerance: 0.0,
-        policy: Policy::default(),
-        seed: SEED,
-    };
-    let mut tuner = Tuner::new(Arc::new(spec)).map_err(|error| failed(error.to_string()))?;
-    let ask = Ask { client_id: "evaluation".to_owned(), indicators: first.state.clone(), ..Ask::default() };
-    let (open, _) = tuner.suggest(&ask, 0).map_err(|error| failed(error.to_string()))?;
+    let first = searches.values().next().ok_or_else(|| not_judged("it holds no search"))?;
+    let mut tuner = tuner(space, schema, 0.0)?;
+    let (open, _) = tuner.suggest(&ask(first), 0).map_err(not_judged)?;
     let measured = BTreeMap::from([(COST.to_owned(), 1.0)]);
-    let (trial, _) =
-        tuner.report(&open, measured, Outcome::Ok, 1).map_err(|error| failed(error.to_string()))?;
+    let (trial, _) = tuner.report(&open, measured, Outcome::Ok, 1).map_err(not_judged)?;
     Ok(trial)
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_renderer::space::{TuningSpace, parse};
+
+    use super::super::folds::Split;
+    use super::super::testing;
+    use super::*;
+
+    /// A state in the middle of every indicator's range, but for the triangles.
+    fn state(triangles: f64) -> BTreeMap<String, f64> {
+        let middle = |(name, min, max, _): (&str, f64, f64, _)| {
+            (name.to_owned(), if name == "triangle_count" { triangles } else { (min + max) / 2.0 })
+        };
+        workload::schema().map(middle).collect()
+    }
+
+    #[test]
+    fn last_iterations_teach_alone_and_the_service_answers_beside_the_predictors() {
+        let whole = TuningSpace::paper();
+        let of = |text: &str| whole.complete(&parse(text).expect("it is one")).expect("it is complete");
+        let (default, best, last) = (whole.default_configuration(), of("quality=3"), of("quality=1"));
+        let tried: Vec<_> =
+            [(&default, 100.0), (&best, 50.0)].repeat(12).into_iter().chain([(&last, 70.0)]).collect();
+        let tried: Vec<_> = tried.into_iter().map(|(one, ms)| (one.clone(), Some(ms))).collect();
+        let searches = [("hall", 1e5), ("annex", 1.001e5)]
+            .map(|(scene, triangles)| Search { state: state(triangles), ..testing::search(scene, &tried) });
+        let school = School::new(whole.space(), Objective::Render, Clock::Wall, searches.iter());
+        let school = school.expect("it is one");
+        let [hall, annex] = ["hall", "annex"].map(testing::place);
+        let examined = |teach: Vec<Place>| {
+            let fold = Fold { split: Split::Scene, teach, examine: vec![annex.clone()] };
+            school.answers(&fold).expect("everybody answers")
+        };
+        let taught = examined(vec![hall]);
+        let of = |name: &str| taught.get(&(annex.clone(), name.to_owned()));
+        assert_eq!(of("nearest_neighbour"), Some(&best));
+        assert_eq!(of(RBF_LAST), Some(&last));
+        assert_ne!(of("rbf_greedy_gq"), Some(&last), "it was taught all of them");
+        // It recognises the state, and its own measurements prove the best.
+        assert_eq!(of(SERVICE), Some(&best));
+        // Where nothing is known the service has an answer all the same, as its users do.
+        let untaught = examined(Vec::new());
+        assert_eq!(untaught.get(&(annex.clone(), SERVICE.to_owned())), Some(&default));
+        assert_eq!(untaught.get(&(annex.clone(), "nearest_neighbour".to_owned())), None);
+    }
 }

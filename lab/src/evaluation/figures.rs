@@ -14,9 +14,12 @@ const LEFT: f64 = 150.0;
 const RIGHT: f64 = 28.0;
 const ENDS: [f64; 2] = [LEFT, WIDTH - RIGHT];
 
+/// The number of colours that the page names.
+const COLOURS: usize = 9;
+
 /// Colours of entrants, in their order, as the page names them.
 fn colour(index: usize) -> String {
-    format!("var(--c{})", index % 8)
+    format!("var(--c{})", index % COLOURS)
 }
 
 /// A box for each scene and entrant: quartiles, whiskers to the 5th and 95th percentile, a line at the
@@ -210,7 +213,7 @@ pub(crate) fn curve(ground: &Ground, predicted_ms: f64) -> String {
 
 /// The entrants with their colours.
 pub(crate) fn legend(entrants: &[String]) -> String {
-    let colours: Vec<String> = (0..entrants.len()).map(|index| format!("c{}", index % 8)).collect();
+    let colours: Vec<String> = (0..entrants.len()).map(|index| format!("c{}", index % COLOURS)).collect();
     let named = entrants.iter().map(String::as_str).zip(colours.iter().map(String::as_str));
     plot::legend(&named.collect::<Vec<_>>())
 }

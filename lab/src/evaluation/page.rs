@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 
-use super::answers::entrants;
+use super::answers::{SERVICE, entrants};
 use super::figures::{boxes, break_even, curve, legend};
 use super::folds::Split;
 use super::judge::{BreakEven, Verdict};
@@ -22,9 +22,9 @@ const OTHER_CORES: f64 = 0.25;
 
 const STYLE: &str = "\
 :root{color-scheme:light dark;--paper:#fbfaf7;--card:#fff;--ink:#1d1f24;--soft:#5c616b;--line:#dcdad4;--warn:#fff0c9;\
---c0:#1c8a4d;--c1:#7a3fb5;--c2:#b58bd6;--c3:#2167b0;--c4:#c9741a;--c5:#8a6d1d;--c6:#c23a3a;--c7:#4a8f98}\
+--c0:#1c8a4d;--c1:#7a3fb5;--c2:#b58bd6;--c3:#2167b0;--c4:#c9741a;--c5:#8a6d1d;--c6:#c23a3a;--c7:#4a8f98;--c8:#b0408a}\
 @media(prefers-color-scheme:dark){:root{--paper:#16181c;--card:#1f2228;--ink:#e9e7e2;--soft:#a4a8b1;--line:#3a3e46;--warn:#4a3d14;\
---c0:#58c98a;--c1:#bd8cf0;--c2:#8f6bb0;--c3:#7db4f0;--c4:#f0a050;--c5:#d9bb66;--c6:#ef7d7d;--c7:#7cc4cd}}\
+--c0:#58c98a;--c1:#bd8cf0;--c2:#8f6bb0;--c3:#7db4f0;--c4:#f0a050;--c5:#d9bb66;--c6:#ef7d7d;--c7:#7cc4cd;--c8:#e58ac6}}\
 *{box-sizing:border-box}body{margin:0;background:var(--paper);color:var(--ink);font:1rem/1.55 system-ui,sans-serif}\
 main{max-width:64rem;margin:0 auto;padding:1.2rem .8rem 4rem}h1{line-height:1.2;text-wrap:balance}h2{margin:2.6rem 0 .4rem}h3{margin:1.6rem 0 .3rem}\
 p,li{max-width:46rem}.soft{color:var(--soft);font-size:.9rem}.warn{background:var(--warn);padding:.6rem .8rem;border-radius:.4rem}\
@@ -40,10 +40,11 @@ tr:first-child{display:none}td{border:0;text-align:left;padding:.05rem 0}td:firs
 
 /// Of whom the first page speaks: the paper's two and what the service does by itself. They stood before
 /// anything was measured; whoever turns out best is in the tables.
-const TOLD: [(&str, &str); 3] = [
+const TOLD: [(&str, &str); 4] = [
     ("nearest_neighbour", "the paper's nearest neighbour"),
     ("rbf_greedy_gq", "the paper's RBF model"),
     ("auto", "the predictor that the service chooses by itself"),
+    (SERVICE, "the service as it answers"),
 ];
 
 /// Whatever is told of a record beside its verdicts.

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use treewright_renderer::statistics::{Summary, quantile};
 use treewright_renderer::tuning::objective::Objective;
 
+use super::answers::SERVICE;
 use super::folds::Split;
 use super::judge::Verdict;
 use super::plot::{Axis, Plot, escaped, legend, number};
@@ -13,8 +14,8 @@ use super::progress::{DEFAULT, Moment, SEARCH, of_searches, reached, without_sea
 use super::record::{Clock, GroupKind, Place, Record};
 use super::summary::Mean;
 
-/// The paper's two predictors, whom the curves of searches are shown beside.
-const BESIDE: [(&str, &str); 2] = [("nearest_neighbour", "c0"), ("rbf_greedy_gq", "c1")];
+/// The paper's two predictors and the service, whom the curves of searches are shown beside.
+const BESIDE: [(&str, &str); 3] = [("nearest_neighbour", "c0"), ("rbf_greedy_gq", "c1"), (SERVICE, "c8")];
 
 /// Figure 2: what a search for either objective does to both, at a camera of a scene where both were run; of
 /// sponza where there is one, as in the paper.
