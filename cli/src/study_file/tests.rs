@@ -38,6 +38,12 @@ name = "long"
 type = "boolean"
 default = false
 
+[[parameters]]
+name = "tile"
+type = "categorical"
+values = [16, 32, 64, 128]
+default = 64
+
 [[indicators]]
 name = "megabytes"
 min = 0
@@ -51,11 +57,15 @@ metric = "wall_ms"
 metric = "bytes"
 weight = 0.001
 
+[[objective]]
+metric = "rate"
+maximise = true
+
 [policy]
 epsilon = 0.5
 search = "nelder_mead"
 weigh_gain = true
-pinned = { level = 1, strategy = "lazy", ratio = 4, long = true }
+pinned = { level = 1, strategy = "lazy", ratio = 4, long = true, tile = 128 }
 "#;
 
 fn read(text: &str) -> StudyFile {
@@ -68,6 +78,9 @@ fn what_is_written_is_read_back_in_both_languages() {
     let spec = file.spec().expect("a specification");
     assert_eq!(spec.space.parameters()[2].default, Value::Float(2.0), "whole numbers stand for floats");
     assert_eq!(spec.objective.terms()[0].weight, 1.0);
+    assert_eq!((spec.objective.maximised()[0].as_str(), spec.objective.maximised().len()), ("rate", 1));
+    let sizes = Domain::Categorical { values: [16, 32, 64, 128].map(Value::Integer).to_vec() };
+    assert_eq!(spec.space.parameters()[4].domain, sizes, "numbers, not words");
     assert_eq!(spec.objective.auxiliary(), ["cpu_ms", "page_faults"]);
     let limits: Vec<String> = spec.objective.limits().iter().map(ToString::to_string).collect();
     assert_eq!(limits, ["memory_mb <= 2000", "1.5 <= ratio <= 9"]);
