@@ -148,7 +148,7 @@ fn a_run_has_a_limited_number_of_measurements_and_the_objective_is_among_them() 
 fn what_the_program_says_of_a_time_counts_in_place_of_what_was_taken() {
     let taken = Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]);
     let time = [ObjectiveTerm { metric: "wall_ms".to_owned(), weight: 1.0 }];
-    let wall_ms = |out: &str| match read(out, &time, &taken) {
+    let wall_ms = |out: &str| match read(out, &time, &[], &taken) {
         Printed::Measured { measurements, .. } => Ok(measurements.get("wall_ms").expect("it is measured")),
         other => Err(format!("{other:?}")),
     };
