@@ -21,6 +21,7 @@
 //! | `by_name` | ask and tell apart, for shells and for what carries measurements over |
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of what became of them |
 //! | `study_context`, `shared` | what suggestions keep of their study, and what its handles share |
+//! | `front` | several metrics of which none is given up for another |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and what to do without one |
 
 mod answer;
@@ -40,6 +41,7 @@ mod delivery;
 mod error;
 mod failover;
 mod frame_set;
+mod front;
 mod insight;
 pub mod limits;
 pub mod local;
@@ -71,6 +73,7 @@ pub use client::Client;
 pub use credentials::Credentials;
 pub use error::{ClientError, SharedError};
 pub use frame_set::{FrameSet, FrameSetResult};
+pub use front::{Front, FrontHistory, FrontPoint, ParetoFront};
 pub use insight::{Explanation, Omission, StateInsight};
 pub use machine::detect_fingerprint;
 pub use numbers::{Indicators, Measurements};
