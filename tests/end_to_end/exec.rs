@@ -46,6 +46,37 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
     assert!((7..=9).contains(&of_default), "{of_default} trials of the default");
 }
 
+#[test]
+fn a_front_holds_the_ends_and_what_lies_between() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    // Up to level 24 time falls and memory rises; from there on both rise.
+    let script =
+        r#"l={level}; echo "{\"time_ms\": $(( 5 + (l-24)*(l-24) )), \"memory_mb\": $(( 10 + l )) }""#;
+    let mut call = vec!["--server", daemon.url(), "--json", "exec", "toy", "--tune", "level=1..30:28"];
+    call.extend(["--metric", "json", "--front", "time_ms,memory_mb", "--trials", "60"]);
+    call.extend(["--", "sh", "-c", script]);
+    let done = json(&run("treewright", &call));
+    all_fields_are_documented(&done);
+    let points = done["front"]["points"].as_array().expect("points");
+    let level = |point: &Value| point["configuration"]["level"].as_i64().expect("a level");
+    assert_eq!(points.iter().map(level).max(), Some(24), "{done}");
+    assert_eq!(points.iter().map(level).min(), Some(1), "{done}");
+    assert!(points.iter().any(|point| (8..=18).contains(&level(point))), "{done}");
+    let volume = done["front"]["hypervolume"].as_f64().expect("the default was measured");
+    // Of the whole front 0.1228.
+    assert!(volume > 0.08 && volume < 0.1229, "{done}");
+    // What is carried over is no run, and every direction has it.
+    let count = |filter: &str| {
+        let all = ["--server", daemon.url(), "--json", "trials", "toy", "--all", "--filter", filter];
+        json(&run("treewright", &all)).as_array().map_or(0, Vec::len) as u64
+    };
+    let runs = done["trials"].as_u64().expect("a count");
+    assert!((10..=60).contains(&runs), "{done}");
+    assert_eq!(done["front"]["runs"], runs);
+    assert_eq!((count("state = COMPLETED AND mode != PINNED"), count("mode = PINNED")), (runs, 4 * runs));
+}
+
 /// What `docs/exec.md` says of the JSON, and what it is, are the same fields.
 fn all_fields_are_documented(done: &Value) {
     let page = std::fs::read_to_string(workspace().join("docs/exec.md")).expect("the page");
@@ -53,7 +84,7 @@ fn all_fields_are_documented(done: &Value) {
         |field: &str| assert!(page.contains(&format!("`{field}`")), "docs/exec.md does not tell of {field}");
     for (name, value) in done.as_object().expect("an object") {
         told(name);
-        let inner = value.as_object().filter(|_| name == "best" || name == "confirmation");
+        let inner = value.as_object().filter(|_| ["best", "confirmation", "front"].contains(&name.as_str()));
         inner.into_iter().flat_map(serde_json::Map::keys).for_each(|inner| told(&format!("{name}.{inner}")));
     }
     assert_eq!(done["format"], 1);

@@ -83,6 +83,31 @@ pub(crate) struct Analyze {
     pub(crate) out: Option<PathBuf>,
 }
 
+/// Which front.
+#[derive(Debug, Args)]
+pub(crate) struct FrontOf {
+    /// The study's id
+    pub(crate) study: String,
+    /// Two or three measurements; 1/rate for one that is to be large
+    #[arg(long, value_name = "METRIC,METRIC", value_delimiter = ',', required = true)]
+    pub(crate) metrics: Vec<String>,
+    /// Number of the state, as shown by `trials`
+    #[arg(long, value_name = "NUMBER")]
+    pub(crate) state: Option<i64>,
+    /// A value of each metric, beside which the hypervolume is told. Default: what the default measured
+    #[arg(long, value_name = "NUMBER,NUMBER", value_delimiter = ',', value_parser = positive)]
+    pub(crate) reference: Vec<f64>,
+    /// Draw the front to this file
+    #[arg(long, value_name = "FILE")]
+    pub(crate) svg: Option<PathBuf>,
+}
+
+/// A number above 0.
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| *number > 0.0 && number.is_finite());
+    number.ok_or_else(|| format!("`{text}` is not a number above 0"))
+}
+
 /// `NAME,NAME`.
 fn names(text: &str) -> Result<(String, String), String> {
     let (a, b) = text.split_once(',').ok_or("write it as NAME,NAME")?;

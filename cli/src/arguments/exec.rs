@@ -3,12 +3,14 @@
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use treewright_client::{Indicators, Value};
+use treewright_client::{Front, Indicators, Value};
 
 use super::{indicator, parameter};
 use crate::exec::program::MetricSource;
 use crate::failure::Failure;
-use crate::study_file::{ConstraintEntry, LimitEntry, ParameterEntry, StudyFile, TermEntry};
+use crate::study_file::{
+    ConstraintEntry, IndicatorEntry, LimitEntry, ParameterEntry, Plain, PolicyEntry, StudyFile, TermEntry,
+};
 
 pub(crate) const EXEC_EXAMPLES: &str = "\
 In the command, {level} is replaced by the value, {long?--long} by --long if the switch is on, and \
@@ -51,6 +53,16 @@ pub(crate) struct Exec {
     /// Metric to minimise in a new study
     #[arg(long, value_name = "METRIC", default_value = "wall_ms", requires = "tune")]
     pub(crate) minimise: String,
+    /// Two or three metrics of a new study of which none is given up for another; 1/rate for one that is to
+    /// be large. Prints the Pareto front: the configurations that no other is better than in all of them
+    #[arg(
+        long,
+        value_name = "METRIC,METRIC",
+        value_delimiter = ',',
+        requires = "tune",
+        conflicts_with_all = ["confirm", "minimise", "maximise", "indicators"]
+    )]
+    pub(crate) front: Vec<String>,
     /// Maximum number of runs
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub(crate) trials: Option<u32>,
@@ -92,17 +104,39 @@ impl Exec {
         self.indicators.iter().cloned().collect()
     }
 
+    /// The front that is looked for, if one is.
+    pub(crate) fn front(&self) -> Result<Option<Front>, Failure> {
+        (!self.front.is_empty()).then(|| Ok(Front::new(&self.front)?)).transpose()
+    }
+
     /// The study that is made up on the command line, if one is.
     pub(crate) fn inline_study(&self) -> Result<Option<StudyFile>, Failure> {
         if self.tune.is_empty() {
             return Ok(None);
         }
-        let metric = self.maximise.as_ref().unwrap_or(&self.minimise).clone();
+        let front = self.front()?;
+        let metric = match &front {
+            Some(_) => Front::COST.to_owned(),
+            None => self.maximise.as_ref().unwrap_or(&self.minimise).clone(),
+        };
         let objective = vec![TermEntry { metric, weight: 1.0, maximise: self.maximise.is_some() }];
         let constraints = self.constraints.iter().cloned().map(ConstraintEntry::Expression).collect();
         let parameters = self.tune.clone();
         let limits = self.limits.clone();
-        Ok(Some(StudyFile { parameters, constraints, objective, limits, ..StudyFile::default() }))
+        let file = StudyFile { parameters, constraints, objective, limits, ..StudyFile::default() };
+        let Some(front) = front else { return Ok(Some(file)) };
+        Ok(Some(StudyFile {
+            display_name: self.front_name(),
+            indicators: vec![IndicatorEntry::inline(Front::DIRECTION, front.range())],
+            // A race would be one of a single direction.
+            policy: [("confirm_rounds".to_owned(), PolicyEntry::Value(Plain::Integer(0)))].into(),
+            ..file
+        }))
+    }
+
+    /// What a study of the front is called, by which it is known again.
+    pub(crate) fn front_name(&self) -> Option<String> {
+        (!self.front.is_empty()).then(|| format!("front of {}", self.front.join(", ")))
     }
 }
 

@@ -11,7 +11,7 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand};
 use treewright_client::{CredentialArguments, Value};
 
-use data::{Analyze, Export, Import, Trials, Watch};
+use data::{Analyze, Export, FrontOf, Import, Trials, Watch};
 use exec::{EXEC_EXAMPLES, Exec, Report, Suggest};
 use study::{Pin, Policy, StudyCommand};
 
@@ -98,6 +98,12 @@ Examples:
     /// Shows how each parameter affects each measurement, and which ranges keep the best trials
     #[command(after_help = data::ANALYZE_HELP)]
     Analyze(Analyze),
+    /// Shows the configurations that nothing is better than in all of two or three measurements
+    #[command(after_help = "\
+Examples:
+  treewright front toy --metrics time_ms,memory_mb --svg front.svg
+  treewright front sponza --metrics build_ms,render_ms --state 3")]
+    Front(FrontOf),
     /// Shows the best known configuration of each state
     #[command(after_help = "\
 Examples:

@@ -4,6 +4,7 @@
 mod analyze;
 mod carry;
 mod doctor;
+mod front;
 mod machine;
 mod shell;
 mod steer;
@@ -80,6 +81,7 @@ fn is_repeatable(command: &Command) -> bool {
             | Command::Studies { .. }
             | Command::Trials(_)
             | Command::Analyze(_)
+            | Command::Front(_)
             | Command::Best(_)
             | Command::Predict(_)
             | Command::Explain(_)
@@ -107,6 +109,7 @@ fn ask(client: &Client, address: &Address, arguments: &Arguments) -> Result<Stri
         Command::Study(command) => studies::run(client, command, json),
         Command::Trials(which) => trials::list(client, which, json),
         Command::Analyze(wanted) => analyze::run(client, wanted, json),
+        Command::Front(wanted) => front::run(client, wanted, json),
         Command::Best(state) => trials::best(client, state, json),
         Command::Predict(state) => trials::predict(client, state, json),
         Command::Explain(state) => trials::explain(client, state, json),

@@ -6,6 +6,7 @@
 //! are left out, and a daemon that is away is waited for. The result is shown at the end, however that comes.
 
 mod daemon;
+mod front;
 mod pairs;
 pub(crate) mod program;
 mod summary;
@@ -21,8 +22,8 @@ use std::time::{Duration, Instant};
 use treewright_cli::printed::LeftOut;
 use treewright_client::blocking::Client;
 use treewright_client::{
-    Configuration, Few, Indicators, Measurements, ObjectiveTerm, OpenEnum, Outcome, Question, Rule,
-    SessionPolicy, StudyRecord, StudySpec, TrialRecord,
+    Configuration, Few, Front, FrontHistory, Indicators, Measurements, ObjectiveTerm, OpenEnum, Outcome,
+    Question, Rule, SessionPolicy, StudyRecord, StudySpec, TrialRecord,
 };
 
 use crate::arguments::exec::Exec;
@@ -77,6 +78,8 @@ struct Job<'a> {
 struct Session<'a> {
     job: &'a Job<'a>,
     own: OwnRuns,
+    /// Where several metrics are minimised at once.
+    front: Option<FrontHistory>,
     /// Runs that failed since one worked.
     failures_in_vain: u32,
     left_out: BTreeSet<LeftOut>,
@@ -100,7 +103,8 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
     let template = Template::read(&exec.command, &spec).map_err(Failure::Usage)?;
     note_unused(&template, &spec);
     note_same_variables(&spec);
-    let needed = needed(&spec);
+    let front = exec.front()?;
+    let needed = needed(&spec, front.as_ref());
     let runner = Runner {
         metric: exec.metric,
         terms: &needed,
@@ -127,12 +131,15 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
         runner,
         session_policy,
     };
+    let front = front.map(|front| job.front(front, exec)).transpose()?;
     let mut session =
-        Session { job: &job, own: OwnRuns::default(), failures_in_vain: 0, left_out: BTreeSet::new() };
+        Session { job: &job, own: OwnRuns::default(), front, failures_in_vain: 0, left_out: BTreeSet::new() };
     let mut summary = Summary::new(job.id(), &spec);
     let done = session.tune(exec, &mut summary);
-    if summary.best.is_none() {
-        summary.best = session.winner();
+    match &session.front {
+        Some(history) => summary.found(history, &job.default),
+        None if summary.best.is_none() => summary.best = session.winner(),
+        None => {}
     }
     let Err(problem) = done else { return either(json, &summary, || summary.words(&job.default)) };
     if session.own.is_empty() {
@@ -168,8 +175,8 @@ fn note_same_variables(spec: &StudySpec) {
 }
 
 /// What has to be measured: what is minimised, and what is limited, which costs nothing.
-fn needed(spec: &StudySpec) -> Vec<ObjectiveTerm> {
-    let mut all = spec.objective.terms().to_vec();
+fn needed(spec: &StudySpec, front: Option<&Front>) -> Vec<ObjectiveTerm> {
+    let mut all = front.map_or_else(|| spec.objective.terms().to_vec(), front::terms);
     for limit in spec.objective.limits() {
         if all.iter().all(|term| term.metric != limit.metric) {
             all.push(ObjectiveTerm { metric: limit.metric.clone(), weight: 0.0 });
@@ -303,6 +310,9 @@ impl Job<'_> {
 impl Session<'_> {
     fn tune(&mut self, exec: &Exec, summary: &mut Summary) -> Result<(), Failure> {
         self.search(exec, summary)?;
+        if self.front.is_some() {
+            return Ok(());
+        }
         summary.best = self.winner();
         if let Some(pairs) = exec.confirm.filter(|_| summary.end != "interrupted") {
             self.confirm(pairs, summary)?;
@@ -312,31 +322,29 @@ impl Session<'_> {
 
     fn search(&mut self, exec: &Exec, summary: &mut Summary) -> Result<(), Failure> {
         let spec = self.job.spec;
-        let mut progress = Progress::new(exec.trials, summary::objective(spec), spec.objective.view());
+        let mut progress = Progress::new(self.most(exec), summary::objective(spec), spec.objective.view());
         loop {
-            if exec.trials.is_some_and(|most| summary.trials >= u64::from(most)) {
+            if self.most(exec).is_some_and(|most| summary.trials >= u64::from(most)) {
                 summary.end = "the requested number of trials is reached";
                 break;
             }
-            let trial = match self.job.next(None) {
-                Ok(trial) => trial,
+            let trial = match self.ask() {
+                Ok(Some(trial)) => trial,
+                Ok(None) => break,
                 Err(_) if self.is_stopped() => {
                     summary.end = "interrupted";
                     break;
                 }
                 Err(problem) => return Err(problem),
             };
-            if is_over(&trial) {
-                self.job.give_back(&trial);
-                break;
-            }
             let step = self.step(&trial)?;
+            let told = if matches!(step, Step::Stopped) { None } else { self.learn(&trial)? };
             let result = match &step {
                 Step::Stopped => {
                     summary.end = "interrupted";
                     break;
                 }
-                Step::Measured(cost) => Ok(*cost),
+                Step::Measured(cost) => told.map_or(Ok(*cost), Err),
                 Step::Aborted => Err("stopped early".to_owned()),
                 Step::Infeasible(reason) => Err(format!("not usable: {reason}")),
                 Step::Failed(reason) => Err(format!("failed: {reason}")),
@@ -374,7 +382,7 @@ impl Session<'_> {
             }
             ran => ran.inspect_err(|_| job.give_back(trial))?,
         };
-        match ran {
+        match self.with_cost(trial, ran) {
             Run::Done(measured, left_out) => {
                 self.tell_left_out(left_out);
                 let stored = job.tell(trial, &measured, &Outcome::Ok)?;

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use treewright_client::{Configuration, CostView, ObjectiveTerm, StudySpec};
+use treewright_client::{Configuration, CostView, ObjectiveTerm, ParetoFront, StudySpec};
 
 use super::pairs::Gain;
 use super::shell_words;
-use crate::show::figure;
+use crate::show::{self, figure};
 
 /// The version of the JSON. It rises when a field changes its meaning or goes.
 const FORMAT: u32 = 1;
@@ -18,7 +18,7 @@ pub(super) struct Summary {
     format: u32,
     pub(super) study: String,
     /// What is minimised: a metric, with its unit in its name, or the weighted sum of several.
-    objective: String,
+    pub(super) objective: String,
     /// Trials of this call, the pairs left out.
     pub(super) trials: u64,
     /// In how many of them the configuration cannot be used.
@@ -36,6 +36,8 @@ pub(super) struct Summary {
     pub(super) confirmation: Option<Confirmed>,
     #[serde(skip)]
     view: CostView,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) front: Option<ParetoFront>,
 }
 
 /// What ran against the default in pairs, and what came out.
@@ -90,6 +92,7 @@ impl Summary {
             best: None,
             confirmation: None,
             view: spec.objective.view(),
+            front: None,
         }
     }
 
@@ -101,6 +104,9 @@ impl Summary {
             }
         }
         text.push('\n');
+        if let Some(front) = &self.front {
+            return text + &show::front(front, default) + "\n";
+        }
         let Some(best) = &self.best else { return text + "nothing measured\n" };
         let is_default = best.configuration == *default;
         let who = if is_default { "the default, " } else { "" };

@@ -1,5 +1,6 @@
 //! Answers as text for people, in tables that fit a terminal. `live` holds what shows several states at once.
 
+mod front;
 mod live;
 
 use std::fmt::Write as _;
@@ -10,6 +11,7 @@ use treewright_client::{
     StudyRecord, StudySpec, TrialRecord,
 };
 
+pub(crate) use front::{front, front_svg};
 pub(crate) use live::{Glance, best_of_states, glance};
 
 /// A table whose columns with the given numbers hold figures. It fits the terminal; in a pipe, where the

@@ -1,8 +1,10 @@
 //! Parameters and limits in one word, as options have them.
 
+use std::ops::RangeInclusive;
+
 use treewright_client::Value;
 
-use super::{Kind, LimitEntry, Number, ParameterEntry, Plain, ScaleWord};
+use super::{IndicatorEntry, Kind, LimitEntry, Number, ParameterEntry, Plain, ScaleWord};
 
 impl ParameterEntry {
     /// `NAME=LOW..HIGH:DEFAULT`, `NAME=ONE|OTHER:DEFAULT` or `NAME=bool:DEFAULT`, numbers with `:log` if
@@ -51,6 +53,14 @@ impl ParameterEntry {
             entry.values = domain.split('|').map(plain).collect();
         }
         Ok(entry)
+    }
+}
+
+impl IndicatorEntry {
+    /// One with a linear scale.
+    pub(crate) fn inline(name: &str, range: RangeInclusive<f64>) -> Self {
+        let (min, max) = (Number::Float(*range.start()), Number::Float(*range.end()));
+        Self { name: name.to_owned(), min, max, scale: ScaleWord::Linear }
     }
 }
 

@@ -5,6 +5,7 @@ mod support;
 
 mod answers;
 mod endings;
+mod front;
 mod printed;
 mod shell;
 mod study_files;

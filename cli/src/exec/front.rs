@@ -1,0 +1,125 @@
+//! A front in a session: which direction a run is for, what it costs there, and what the other directions
+//! are told of it.
+
+use treewright_client::{
+    Configuration, Front, FrontHistory, Indicators, ObjectiveTerm, Policy, Question, SessionPolicy,
+    TrialQuery, TrialRecord,
+};
+
+use super::program::Run;
+use super::summary::Summary;
+use super::{Job, Session, is_over};
+use crate::arguments::exec::Exec;
+use crate::failure::Failure;
+use crate::show::figure;
+
+/// Runs of a call that does not say how many, where the study has no budget of its own.
+const RUNS: u32 = 80;
+
+/// What every run has to measure.
+pub(super) fn terms(front: &Front) -> Vec<ObjectiveTerm> {
+    front.metrics().map(|metric| ObjectiveTerm { metric: metric.to_owned(), weight: 1.0 }).collect()
+}
+
+fn planned(exec: &Exec, policy: &Policy) -> u32 {
+    exec.trials.or(policy.trials_per_state.filter(|runs| *runs > 0)).unwrap_or(RUNS)
+}
+
+impl Job<'_> {
+    /// What the study knows of the front so far.
+    pub(super) fn front(&self, front: Front, exec: &Exec) -> Result<FrontHistory, Failure> {
+        let wanted = exec.front_name().unwrap_or_default();
+        if self.study.display_name != wanted {
+            let found = &self.study.display_name;
+            return Err(Failure::Data(format!("{} is no {wanted}, but `{found}`", self.study.name)));
+        }
+        let completed = || TrialQuery::all().filter("state = COMPLETED");
+        let known = |client: &treewright_client::blocking::Client| {
+            client.trials(&self.study.identified_name(), completed()).collect::<Result<Vec<_>, _>>()
+        };
+        let known = self.daemon.ask(known)?;
+        Ok(FrontHistory::new(front, known, planned(exec, &self.study.policy)))
+    }
+
+    fn next_in(&self, direction: usize, history: &FrontHistory) -> Result<TrialRecord, Failure> {
+        let indicators = Indicators::from([(Front::DIRECTION, direction as f64)]);
+        let trials_per_state = Some(history.runs_each());
+        let session_policy = SessionPolicy { trials_per_state, ..self.session_policy };
+        let question = Question { indicators, session_policy, ..self.question(None) };
+        self.daemon.ask(|client| client.ask(&self.study.identified_name(), &question))
+    }
+}
+
+impl Session<'_> {
+    /// The most runs of this call.
+    pub(super) fn most(&self, exec: &Exec) -> Option<u32> {
+        self.front.as_ref().map_or(exec.trials, |_| Some(planned(exec, &self.job.study.policy)))
+    }
+
+    /// The next trial; `None` where there is nothing more to try.
+    pub(super) fn ask(&mut self) -> Result<Option<TrialRecord>, Failure> {
+        let job = self.job;
+        self.carry_over()?;
+        let Some(history) = &mut self.front else {
+            let trial = job.next(None)?;
+            let is_over = is_over(&trial);
+            if is_over {
+                job.give_back(&trial);
+            }
+            return Ok((!is_over).then_some(trial));
+        };
+        while let Some(direction) = history.next_direction() {
+            let trial = job.next_in(direction, history)?;
+            if !is_over(&trial) {
+                return Ok(Some(trial));
+            }
+            job.give_back(&trial);
+            history.end(direction);
+        }
+        Ok(None)
+    }
+
+    /// A run with its cost in the direction that it is for.
+    pub(super) fn with_cost(&self, trial: &TrialRecord, ran: Run) -> Run {
+        match (&self.front, ran) {
+            (Some(history), Run::Done(measured, left_out)) => match history.with_cost(trial, measured) {
+                Ok(measured) => Run::Done(measured, left_out),
+                Err(problem) => Run::Failed { reason: problem.to_string(), said: String::new() },
+            },
+            (_, ran) => ran,
+        }
+    }
+
+    /// Takes a run that was reported for the front, and tells it to the other directions. The words say what
+    /// it measured.
+    pub(super) fn learn(&mut self, trial: &TrialRecord) -> Result<Option<String>, Failure> {
+        let Some(history) = &mut self.front else { return Ok(None) };
+        let stored = self.job.daemon.ask(|client| client.trial(&trial.name))?;
+        let told =
+            |metric| format!("{metric} {}", figure(stored.measurements.get(metric).unwrap_or(f64::NAN)));
+        let told = history.front().metrics().map(told).collect::<Vec<_>>().join(", ");
+        history.push(stored);
+        self.carry_over()?;
+        Ok(Some(told))
+    }
+
+    /// Reports runs for the directions that do not know of them. None of these trials is a run.
+    fn carry_over(&mut self) -> Result<(), Failure> {
+        let Some(history) = &mut self.front else { return Ok(()) };
+        let daemon = &self.job.daemon;
+        for (question, measured, outcome) in history.owed() {
+            let trial = daemon.ask(|client| client.ask(&self.job.study.identified_name(), &question))?;
+            history.push(daemon.ask(|client| client.tell(&trial.name, &measured, &outcome))?.0);
+        }
+        Ok(())
+    }
+}
+
+impl Summary {
+    /// Takes the front that was found.
+    pub(super) fn found(&mut self, history: &FrontHistory, default: &Configuration) {
+        let front = history.front().of(history.trials(), default, None);
+        self.objective = front.metrics.join(", ");
+        self.front = Some(front);
+    }
+}
