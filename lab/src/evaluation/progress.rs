@@ -176,7 +176,7 @@ mod tests {
         for left_out in &all {
             let teach = all.iter().filter(|place| *place != left_out).cloned().collect();
             let fold = Fold { split: Split::Scene, teach, examine: vec![left_out.clone()] };
-            folds.push((fold, answered(&[left_out.clone()])));
+            folds.push((fold, answered(std::slice::from_ref(left_out))));
         }
         let searches: BTreeMap<Place, &Search> =
             record.searches.iter().map(|search| (search.place.clone(), search)).collect();
