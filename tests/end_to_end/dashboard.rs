@@ -301,8 +301,10 @@ fn a_token_that_may_change_a_study_steers_it_from_its_pages() {
     let database = database.to_str().expect("text");
     let reads = token(database, &["--scope", "read"]);
     let admin = token(database, &["--scope", "admin"]);
+    let file = folder.path().join("token");
+    std::fs::write(&file, &admin).expect("a file");
     let shell = |given: &[&str]| {
-        let mut all = vec!["--server", daemon.url(), "--token", &admin];
+        let mut all = vec!["--server", daemon.url(), "--token-file", file.to_str().expect("text")];
         all.extend(given);
         let output = run("treewright", &all);
         assert!(output.status.success(), "{}", stderr(&output));
@@ -314,11 +316,11 @@ fn a_token_that_may_change_a_study_steers_it_from_its_pages() {
     while looks() != 200 && std::time::Instant::now() < patience {
         std::thread::sleep(Duration::from_millis(50));
     }
-    let file = folder.path().join("toy.toml");
+    let toy = folder.path().join("toy.toml");
     let study = "[[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
                  [[objective]]\nmetric = \"loss\"\n";
-    std::fs::write(&file, study).expect("a file");
-    shell(&["study", "create", file.to_str().expect("text")]);
+    std::fs::write(&toy, study).expect("a file");
+    shell(&["study", "create", toy.to_str().expect("text")]);
     shell(&["--json", "suggest", "toy"]);
     shell(&["report", "studies/toy/trials/1", "loss=10"]);
     let send = |token: &str, path: &str, form: &str, origin: &str| {
