@@ -69,9 +69,9 @@ impl fmt::Display for LeftOut {
     }
 }
 
-/// Reads an output for the metrics of `terms`, which are minimised but for those named in `maximised`. `taken`
-/// is what was measured from outside; a number that the program prints under the same name counts in its
-/// place.
+/// Reads an output for the metrics of `terms`, which are minimised but for those named in `maximised`.
+/// `taken` is what was measured from outside; a number that the program prints under the same name counts in
+/// its place.
 #[must_use]
 pub fn read(out: &str, terms: &[ObjectiveTerm], maximised: &[String], taken: &Measurements) -> Printed {
     let found = match last_object(out) {

@@ -32,6 +32,8 @@ const THREE: &[&[f64]] = &[
 const AUGMENTATION: f64 = 0.05;
 /// Only the metrics themselves are minimised in this part of the runs: one in so many.
 const FIRST_PART: u32 = 4;
+/// Runs that a direction may have beyond its share of the planned ones.
+const SPARE: usize = 8;
 /// How origins begin that name a trial of the same database.
 const OWN: &str = "studies/";
 /// Most characters that are kept of a client's name in that of its carried trials.
@@ -56,7 +58,7 @@ const CLIENT_CHARACTERS: usize = 120;
 ///     let Some(direction) = history.next_direction() else { break };
 ///     let indicators = Indicators::from([(Front::DIRECTION, direction as f64)]);
 ///     let trials_per_state = Some(history.runs_each());
-///     let session_policy = SessionPolicy { epsilon: Some(1.0), trials_per_state, ..SessionPolicy::default() };
+///     let session_policy = SessionPolicy { epsilon: Some(1.0), trials_per_state, ..Default::default() };
 ///     let trial = client.ask(&study, &Question { indicators, session_policy, ..Question::default() })?;
 ///     let measured = history.with_cost(&trial, run())?;
 ///     history.push(client.tell(&trial.name, &measured, &Outcome::Ok)?.0);
@@ -280,12 +282,13 @@ impl FrontHistory {
         &self.front
     }
 
-    /// The runs of each direction once the planned ones are done: the budget of its search, for
-    /// [`crate::SessionPolicy::trials_per_state`]. What is carried over does not count there.
+    /// The budget of each direction's search, for [`crate::SessionPolicy::trials_per_state`]: its share of
+    /// the planned runs, and some more, so that these are all done where a direction ends early. What is
+    /// carried over does not count there.
     #[must_use]
     pub fn runs_each(&self) -> u32 {
         let all = self.before + self.planned as usize;
-        u32::try_from(all.div_ceil(self.front.weights().len())).unwrap_or(u32::MAX)
+        u32::try_from(all.div_ceil(self.front.weights().len()) + SPARE).unwrap_or(u32::MAX)
     }
 
     /// Adds a trial as the service has stored it.

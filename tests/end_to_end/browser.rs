@@ -288,7 +288,8 @@ fn filter(browser: &Browser, address: &str) {
     assert!(browser.becomes("return document.querySelectorAll('tbody tr').length === 1"));
     browser.type_into("[name=filter]", &format!("rubbish{ENTER}"));
     assert!(browser.becomes("return !!document.querySelector('[role=alert]')"));
-    browser.is_content();
+    let refused = browser.complaints();
+    assert!(refused.iter().all(|words| words.contains("status of 400")), "{refused:?}");
 }
 
 fn follow(browser: &Browser, address: &str, url: &str) {

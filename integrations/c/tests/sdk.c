@@ -201,7 +201,7 @@ static void trials(const tw_client *client) {
   }
   /* One of our own, one given back, one that cannot be, one aborted. */
   tw_suggestion *own = tw_study_trial_of(
-      study, input, 1, "{\"leaf\":3,\"block\":24,\"split\":\"sah\",\"compact\":false,\"cost\":1.0,\"budget\":1.2}", &error);
+      study, input, 1, "{\"leaf\":3,\"block\":24,\"split\":\"sah\",\"compact\":false,\"cost\":1.0,\"budget\":1.2,\"tile\":64}", &error);
   succeed(error);
   CHECK(render(tw_suggestion_configuration(own)) == 5);
   tw_number result[] = {{"render_ms", 5}};

@@ -16,8 +16,8 @@ use crate::error::Error;
 use crate::rpc;
 use treewright_store::tokens::Scope;
 
-/// Whether the caller may change studies here. Where no token is asked for nobody may: a proxy in front of the
-/// pages would let everybody steer whom it lets look.
+/// Whether the caller may change studies here. Where no token is asked for nobody may: a proxy in front of
+/// the pages would let everybody steer whom it lets look.
 pub(super) fn may_steer(caller: &Caller) -> bool {
     match caller {
         Caller::Anyone => false,

@@ -408,7 +408,6 @@ impl Metrics {
     pub(crate) fn text(&self, moment: &Moment) -> Result<String, std::fmt::Error> {
         // Held to the end, so that two who ask at once do not mix their moments.
         let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
-        debug_assert!(moment.newcomers <= moment.connections, "{moment:?}");
         self.studies.show(&moment.studies);
         let now = &self.now;
         let (descriptors, descriptors_limit) = process::descriptors().unwrap_or((0, 0));

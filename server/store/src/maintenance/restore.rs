@@ -83,8 +83,8 @@ fn put_aside(database: &Path) -> Result<PathBuf, MaintenanceError> {
     done.map(|()| aside)
 }
 
-/// Undoes [`put_aside`], where nothing took the database's place: its log is put back first, and only then the
-/// other name goes.
+/// Undoes [`put_aside`], where nothing took the database's place: its log is put back first, and only then
+/// the other name goes.
 fn put_back(database: &Path, aside: &Path) {
     match fs::rename(files::beside(aside, "-wal"), files::beside(database, "-wal")) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {}
