@@ -38,8 +38,9 @@ impl GainEvidence<'_> {
         epsilon
     }
 
-    /// The expected gain from going on with the search of a state for `room` trials in all, over this client's
-    /// frames and all others: the next few trials first, see [`exploration_value`](crate::statistics::exploration_value).
+    /// The expected gain from going on with the search of a state for `room` trials in all, over this
+    /// client's frames and all others: the next few trials first, see
+    /// [`exploration_value`](crate::statistics::exploration_value).
     pub(super) fn prospect(&self, client_id: &str, state: StateId, room: usize) -> Prospect {
         let results = self.states.results(state);
         // Configurations of clients' own choice were tried too, and do not count. Those taken back when the
