@@ -18,7 +18,17 @@ use crate::{ClientError, Configuration, Measurements, OpenEnum, Outcome, Questio
 
 /// The weights of the directions, the metrics themselves first. No other weight is 0, so that every metric
 /// counts everywhere else.
-const TWO: &[&[f64]] = &[&[1.0, 0.0], &[0.0, 1.0], &[0.5, 0.5], &[0.25, 0.75], &[0.75, 0.25]];
+const TWO: &[&[f64]] = &[
+    &[1.0, 0.0],
+    &[0.0, 1.0],
+    &[0.5, 0.5],
+    &[0.25, 0.75],
+    &[0.75, 0.25],
+    &[0.125, 0.875],
+    &[0.875, 0.125],
+    &[0.375, 0.625],
+    &[0.625, 0.375],
+];
 const THREE: &[&[f64]] = &[
     &[1.0, 0.0, 0.0],
     &[0.0, 1.0, 0.0],

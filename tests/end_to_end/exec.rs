@@ -74,7 +74,7 @@ fn a_front_holds_the_ends_and_what_lies_between() {
     let runs = done["trials"].as_u64().expect("a count");
     assert!((10..=60).contains(&runs), "{done}");
     assert_eq!(done["front"]["runs"], runs);
-    assert_eq!((count("state = COMPLETED AND mode != PINNED"), count("mode = PINNED")), (runs, 4 * runs));
+    assert_eq!((count("state = COMPLETED AND mode != PINNED"), count("mode = PINNED")), (runs, 8 * runs));
 }
 
 /// What `docs/exec.md` says of the JSON, and what it is, are the same fields.

@@ -33,9 +33,9 @@ fn a_front_is_tuned_and_every_direction_knows_every_run() {
     assert_eq!((&front["runs"], &front["configurations"]), (&Value::from(8), &Value::from(8)), "{done}");
     assert_eq!(done.get("best"), None);
     let trials = fake.book().trials.clone();
-    assert_eq!(trials.len(), 5 * 8, "each run is told to the four other directions");
+    assert_eq!(trials.len(), 9 * 8, "each run is told to the eight other directions");
     let carried: Vec<_> = trials.iter().filter(|trial| trial.mode() == Mode::Pinned).collect();
-    assert_eq!(carried.len(), 4 * 8);
+    assert_eq!(carried.len(), 8 * 8);
     assert!(carried.iter().all(|trial| trial.origin.starts_with("studies/toy/trials/")));
     for trial in &trials {
         let metric = ["time_ms", "memory_mb"].get(trial.indicators["direction"] as usize);
@@ -51,7 +51,7 @@ fn a_front_is_tuned_and_every_direction_knows_every_run() {
     // Another call goes on where this one ended.
     let again = answer(&fake, &exec(&["--trials", "4"]));
     assert!(again.contains("by the medians of 12 runs") && again.contains("(default)"), "{again}");
-    assert_eq!(fake.book().trials.len(), 5 * 12);
+    assert_eq!(fake.book().trials.len(), 9 * 12);
     let file = std::env::temp_dir().join(format!("front-{}.svg", std::process::id()));
     let svg = file.to_str().expect("a name");
     let shown = answer(&fake, &["front", "toy", "--metrics", METRICS, "--svg", svg]);
