@@ -172,6 +172,39 @@ fn without_a_trial_there_is_no_answer() {
     }
 }
 
+/// A second implementation of the paper's section 6.1, slow and plain: of the states in which anything was
+/// measured the nearest by Euclidean distance, and of its trials the cheapest.
+#[test]
+fn the_nearest_neighbour_is_what_a_plain_walk_finds() {
+    let mut world = World::new(3, 3);
+    let mut random = ChaCha8Rng::seed_from_u64(8);
+    let mut trials: Vec<([f64; 3], [f64; 3], f64)> = Vec::new();
+    for _ in 0..30 {
+        let state: [f64; 3] = std::array::from_fn(|_| random.random());
+        for _ in 0..random.random_range(1..6) {
+            let point: [f64; 3] = std::array::from_fn(|_| random.random());
+            let cost = cost(&state, &point);
+            world.measure(&state, &point, cost);
+            trials.push((state, point, cost));
+        }
+    }
+    for _ in 0..200 {
+        let asked: [f64; 3] = std::array::from_fn(|_| random.random());
+        let distance = |state: &[f64; 3]| state.iter().zip(&asked).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        let nearest = trials.iter().map(|trial| trial.0).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let there = trials.iter().filter(|trial| Some(trial.0) == nearest);
+        let best = there.min_by(|a, b| a.2.total_cmp(&b.2)).expect("something was measured");
+        let answer = world.ask(PredictorMethod::NearestNeighbour, &asked).expect("an answer");
+        assert_eq!(answer.configuration, world.space.decode(&best.1), "for {asked:?}");
+        assert!(
+            (answer.expected.cost - best.2).abs() < 1e-9 * best.2,
+            "{:?} for {}",
+            answer.expected,
+            best.2
+        );
+    }
+}
+
 #[test]
 fn all_learn_a_smooth_function() {
     let world = trained(120, 12, 1.0);
