@@ -164,8 +164,14 @@ impl Rbf {
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
     use super::*;
+    use crate::limits::CANDIDATES_MAX;
     use crate::machines::Origin;
+    use crate::policy::PredictorMethod;
+    use crate::predict::tests::{World, cost};
 
     fn lesson<'a>(
         state: &'a [f64],
@@ -199,6 +205,45 @@ mod tests {
         let alpha = ALPHA.min(1.0 / square);
         for (theta, phi) in model.theta.iter().zip(&phi) {
             assert!((theta - alpha * 0.25 * phi).abs() < 1e-15);
+        }
+    }
+
+    /// A second implementation, slow and plain: coefficients are trained one trial after the other, and of all
+    /// configurations that were tried the one of the highest value is answered.
+    #[test]
+    fn answers_are_those_of_a_plain_walk_through_the_trials() {
+        let centres = Rbf::new(Shape::Printed, 3, 3, 11, &[]).basis.centres;
+        let features = |state: &[f64; 3], point: &[f64]| -> Vec<f64> {
+            let norm = |(s, a): &(Vec<f64>, Vec<f64>)| {
+                let pairs = state.iter().zip(s).chain(point.iter().zip(a));
+                pairs.map(|(x, c)| (x - c).powi(2)).sum::<f64>().sqrt()
+            };
+            centres.iter().map(|centre| (-norm(centre)).exp()).collect()
+        };
+        let (mut world, mut random) = (World::new(3, 3), ChaCha8Rng::seed_from_u64(9));
+        let mut theta = vec![0.0; centres.len()];
+        let mut tried: Vec<[f64; 3]> = Vec::new();
+        let value = |theta: &[f64], phi: &[f64]| theta.iter().zip(phi).map(|(t, p)| t * p).sum::<f64>();
+        for _ in 0..CANDIDATES_MAX / 4 {
+            let state: [f64; 3] = std::array::from_fn(|_| random.random());
+            for _ in 0..4 {
+                let point: [f64; 3] = std::array::from_fn(|_| random.random());
+                let cost = cost(&state, &point);
+                world.measure(&state, &point, cost);
+                let phi = features(&state, &point);
+                let rate = 0.3_f64.min(1.0 / value(&phi, &phi));
+                let step = rate * (1.0 / cost - value(&theta, &phi));
+                theta.iter_mut().zip(&phi).for_each(|(theta, phi)| *theta += step * phi);
+                tried.push(point);
+            }
+        }
+        for _ in 0..200 {
+            let asked: [f64; 3] = std::array::from_fn(|_| random.random());
+            let of = |point: &[f64; 3]| value(&theta, &features(&asked, point));
+            let best = tried.iter().max_by(|a, b| of(a).total_cmp(&of(b))).expect("some were tried");
+            let answer = world.ask(PredictorMethod::RbfGreedyGq, &asked).expect("an answer");
+            assert_eq!(answer.configuration, world.space.decode(best), "for {asked:?}");
+            assert!((answer.expected.cost * of(best) - 1.0).abs() < 1e-9, "{:?}", answer.expected);
         }
     }
 
