@@ -208,8 +208,8 @@ mod tests {
         }
     }
 
-    /// A second implementation, slow and plain: coefficients are trained one trial after the other, and of all
-    /// configurations that were tried the one of the highest value is answered.
+    /// A second implementation, slow and plain: coefficients are trained one trial after the other, and of
+    /// all configurations that were tried the one of the highest value is answered.
     #[test]
     fn answers_are_those_of_a_plain_walk_through_the_trials() {
         let centres = Rbf::new(Shape::Printed, 3, 3, 11, &[]).basis.centres;
