@@ -249,7 +249,27 @@ export class Suggestion {
   }
 
   report(measurements) {
+    if (this.#open) this.#check(measurements);
     this.#end(measurements, { ok: {} });
+  }
+
+  /** The daemon would refuse these later, when nobody looks. */
+  #check(measurements) {
+    const refuse = (name, problem) => {
+      this.abandon();
+      throw new TreewrightError("invalid", `measurement ${name} ${problem}`);
+    };
+    const { minimise = {}, maximise = {}, limits = {} } = this.#study.spec;
+    for (const name of [minimise, maximise, limits].flatMap(Object.keys)) {
+      if (!Object.hasOwn(measurements, name)) refuse(name, "is missing; the study's objective or a limit needs it");
+    }
+    // What is beyond a limit is infeasible, whatever it costs.
+    const isBeyond = ([name, { atLeast = -Infinity, atMost = Infinity }]) =>
+      measurements[name] < atLeast || measurements[name] > atMost;
+    if (Object.entries(limits).some(isBeyond)) return;
+    for (const name of Object.keys(maximise)) {
+      if (measurements[name] === 0) refuse(name, "is 0; what is maximised must be above 0");
+    }
   }
 
   aborted(lowerBound) {

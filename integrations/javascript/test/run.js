@@ -61,6 +61,10 @@ async function trials() {
   const level = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
   const rate = await client.study("node-rate", { parameters: level, maximise: { fps: 1000 } });
   (await rate.suggest({})).report({ fps: 50 });
+  const still = await rate.suggest({});
+  assert.throws(() => still.report({ fps: 0 }), /fps is 0/);
+  const other = await rate.suggest({});
+  assert.throws(() => other.report({ ms: 1 }), /fps is missing/);
   await client.flush(20000);
   assert.equal((await rate.best({})).cost, 20);
   await rejects(client.study("bad", { ...spec, limits: { ms: {} } }), "refused", "at_most");
