@@ -189,9 +189,9 @@ impl Dashboard {
         slot: &ConnectionSlot,
     ) -> Response<Body> {
         let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
-        let (id, pinned) = match *parts.as_slice() {
-            ["studies", id, "policy"] => (id, None),
-            ["studies", id, "trials", number, "pin"] => (id, Some(number)),
+        let (study, pinned) = match *parts.as_slice() {
+            ["studies", study, "policy"] => (study, None),
+            ["studies", study, "trials", number, "pin"] => (study, Some(number)),
             _ => return text(StatusCode::METHOD_NOT_ALLOWED, "only GET\n".to_owned()),
         };
         let frame = PageFrame { has_token: self.access.is_some() };
@@ -210,11 +210,11 @@ impl Dashboard {
         };
         let visitor = Visitor { tuning: &self.tuning, caller: &caller, frame };
         let changed = match pinned {
-            Some(number) => steering::pin(&visitor, id, number).await,
-            None => steering::set_field(&visitor, id, &form).await,
+            Some(number) => steering::pin(&visitor, study, number).await,
+            None => steering::set_field(&visitor, study, &form).await,
         };
         match changed {
-            Ok(()) => redirect(&format!("/studies/{id}/policy"), None),
+            Ok(id) => redirect(&format!("/studies/{id}/policy"), None),
             Err(error) => failure(frame, &error),
         }
     }

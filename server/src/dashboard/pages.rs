@@ -161,14 +161,17 @@ pub(super) async fn studies(visitor: &Visitor<'_>, query: &Query) -> Result<Stri
 }
 
 /// The name without `studies/`.
-fn id(name: &str) -> &str {
+pub(super) fn id(name: &str) -> &str {
     name.strip_prefix("studies/").unwrap_or(name)
 }
 
-async fn head(visitor: &Visitor<'_>, id: &str, tab: &'static str) -> Result<(Head, v1::Study), Error> {
-    let request = v1::GetStudyRequest { name: format!("studies/{id}") };
+/// The head of a page of a study, which is asked for by its id or as `ID@UID`. Everything else on the page is
+/// read by the id that the study has by now.
+async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(Head, v1::Study), Error> {
+    let request = v1::GetStudyRequest { name: format!("studies/{asked}") };
     let study = rpc::studies::get(visitor.tuning, visitor.caller, request).await?;
     let counts = study.statistics.unwrap_or_default();
+    let id = self::id(&study.name);
     let head = Head {
         id: id.to_owned(),
         what: study.display_name.clone(),

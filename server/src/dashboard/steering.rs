@@ -9,8 +9,8 @@ use treewright_core::policy::{PolicyChange, PolicySettings};
 use treewright_proto::convert::policy_to_wire;
 use treewright_proto::v1;
 
-use super::Visitor;
 use super::query::Query;
+use super::{Visitor, pages};
 use crate::access::caller::Caller;
 use crate::error::Error;
 use crate::rpc;
@@ -42,7 +42,8 @@ pub(super) fn is_own_form(headers: &HeaderMap) -> bool {
 }
 
 /// Sets the field of the policy that a form names to its value, or back to its default where that is empty.
-pub(super) async fn set_field(visitor: &Visitor<'_>, id: &str, form: &Query) -> Result<(), Error> {
+/// Returns the id that the study, named by its id or as `ID@UID`, has by now.
+pub(super) async fn set_field(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<String, Error> {
     let (field, value) = (form.text("field"), form.text("value"));
     let change = if value.is_empty() {
         PolicyChange::clear([field])
@@ -51,32 +52,33 @@ pub(super) async fn set_field(visitor: &Visitor<'_>, id: &str, form: &Query) -> 
         set.set_text(&field, &value).map_err(|error| Error::invalid("value", error))?;
         PolicyChange::set(set)
     };
-    update(visitor, id, policy_to_wire(change.values()), change.paths()).await
+    update(visitor, study, policy_to_wire(change.values()), change.paths()).await
 }
 
-/// Gives every client of the study the configuration of one of its trials.
-pub(super) async fn pin(visitor: &Visitor<'_>, id: &str, number: &str) -> Result<(), Error> {
-    let request = v1::GetTrialRequest { name: format!("studies/{id}/trials/{number}") };
+/// Gives every client of the study the configuration of one of its trials. Returns the study's id.
+pub(super) async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Result<String, Error> {
+    let request = v1::GetTrialRequest { name: format!("studies/{study}/trials/{number}") };
     let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
     let policy = v1::Policy { pinned: trial.configuration, ..v1::Policy::default() };
-    update(visitor, id, policy, vec!["policy.pinned".to_owned()]).await
+    update(visitor, study, policy, vec!["policy.pinned".to_owned()]).await
 }
 
 async fn update(
     visitor: &Visitor<'_>,
-    id: &str,
+    study: &str,
     policy: v1::Policy,
     paths: Vec<String>,
-) -> Result<(), Error> {
+) -> Result<String, Error> {
     if !may_steer(visitor.caller) {
         return Err(Error::Denied("only a token of scope admin changes a study from its pages"));
     }
     let changed = paths.join(", ");
-    let study = v1::Study { name: format!("studies/{id}"), policy: Some(policy), ..v1::Study::default() };
+    let study = v1::Study { name: format!("studies/{study}"), policy: Some(policy), ..v1::Study::default() };
     let request = v1::UpdateStudyRequest { study: Some(study), update_mask: Some(FieldMask { paths }) };
-    rpc::studies::update(visitor.tuning, visitor.caller, request).await?;
+    let study = rpc::studies::update(visitor.tuning, visitor.caller, request).await?;
+    let id = pages::id(&study.name);
     tracing::info!(study = id, changed, token = visitor.caller.id(), "changed from the dashboard");
-    Ok(())
+    Ok(id.to_owned())
 }
 
 #[cfg(test)]

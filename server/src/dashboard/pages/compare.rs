@@ -44,12 +44,14 @@ pub(in super::super) async fn compare(visitor: &Visitor<'_>, query: &Query) -> R
     let is_cut = ids.len() > STUDIES;
     ids.truncate(STUDIES);
     let (mut rows, mut runners, mut spaces, mut heads) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for id in &ids {
-        heads.push(head(visitor, id, "compare").await?);
+    for asked in &ids {
+        let (head, study) = head(visitor, asked, "compare").await?;
         // All of them at once, while the first is being shown.
-        visitor.tuning.begin_loading(id);
+        visitor.tuning.begin_loading(&head.id);
+        heads.push((head, study));
     }
-    for (id, (head, study)) in ids.iter().zip(heads) {
+    for (head, study) in heads {
+        let id = head.id.as_str();
         let latest = read_trials(visitor, id, "", "number desc", TRIALS).await?;
         let mut states = Vec::new();
         for number in 1..=head.states.min(STATES) {
@@ -57,7 +59,7 @@ pub(in super::super) async fn compare(visitor: &Visitor<'_>, query: &Query) -> R
         }
         rows.push(row(visitor, &head, &study, &states, &latest));
         let ratios = ratios(&states, &latest);
-        runners.push(Runner { name: id.clone(), ratios, view: head.view.clone() });
+        runners.push(Runner { name: id.to_owned(), ratios, view: head.view.clone() });
         spaces.push(names(&study));
     }
     assert_eq!((rows.len(), runners.len(), spaces.len()), (ids.len(), ids.len(), ids.len()));

@@ -29,7 +29,8 @@ struct Page {
 }
 
 pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
-    let (head, _) = head(visitor, id, "map").await?;
+    let (head, study) = head(visitor, id, "map").await?;
+    let id = super::id(&study.name);
     let spec = visitor.tuning.get_study(id).await?.spec;
     let indicators = spec.indicators.indicators();
     let parameters = spec.space.parameters();

@@ -39,7 +39,8 @@ pub(in super::super) async fn parameters(
     id: &str,
     query: &Query,
 ) -> Result<String, Error> {
-    let (mut head, _) = head(visitor, id, "parameters").await?;
+    let (mut head, study) = head(visitor, id, "parameters").await?;
+    let id = super::id(&study.name);
     let spec = visitor.tuning.get_study(id).await?.spec;
     let all = spec.space.parameters();
     let state = match query.number("state") {

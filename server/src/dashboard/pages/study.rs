@@ -81,6 +81,7 @@ struct PolicyPage {
 
 pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
     let (mut head, study) = head(visitor, id, "overview").await?;
+    let id = super::id(&study.name);
     visitor.tuning.begin_loading(id);
     let latest = read_trials(visitor, id, "", "number desc", TRIALS).await?;
     // Without a wish the state that was met last.
@@ -229,7 +230,7 @@ fn spans(trials: &[v1::Trial]) -> Vec<Span> {
 
 pub(in super::super) async fn policy(visitor: &Visitor<'_>, id: &str) -> Result<String, Error> {
     let (head, _) = head(visitor, id, "policy").await?;
-    let spec = visitor.tuning.get_study(id).await?.spec;
+    let spec = visitor.tuning.get_study(&head.id).await?.spec;
     let settings = treewright_core::policy::PolicySettings::from(spec.policy.clone());
     let field = |field: &treewright_core::policy::PolicyField| {
         let said = settings.show(field.name).unwrap_or_else(|| field.unset.to_owned());

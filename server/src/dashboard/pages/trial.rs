@@ -31,7 +31,7 @@ struct Page {
 
 pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &str) -> Result<String, Error> {
     let (head, study) = head(visitor, id, "trials").await?;
-    let request = v1::GetTrialRequest { name: format!("studies/{id}/trials/{number}") };
+    let request = v1::GetTrialRequest { name: format!("studies/{}/trials/{number}", head.id) };
     let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
     let reason = trial.reason.clone().unwrap_or_default();
     let row = row(&trial, &head);

@@ -33,7 +33,7 @@ pub(in super::super) async fn trials(
     let (head, _) = head(visitor, id, "trials").await?;
     let (filter, order) = (query.text("filter"), query.text("order"));
     let request = v1::QueryTrialsRequest {
-        study: format!("studies/{id}"),
+        study: format!("studies/{}", head.id),
         filter: filter.clone(),
         order_by: if order.is_empty() { "number desc".to_owned() } else { order.clone() },
         page_size: ROWS,

@@ -1,0 +1,143 @@
+//! The dashboard over a real socket: which study a page and a form mean.
+
+mod common;
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use common::{START_MS, Server, ask, report, study};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::{TcpListener, TcpStream};
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::service::interceptor::InterceptedService;
+use tonic::transport::Channel;
+use tonic::{Request, Status};
+use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+use treewright_proto::v1::{self as wire};
+use treewright_server::access::Access;
+use treewright_server::access::token::Token;
+use treewright_server::clock::ManualClock;
+use treewright_server::serve::Options;
+use treewright_store::tokens::{Quota, Scope, Studies, TokenRecord};
+use treewright_store::{MemoryStore, MemoryTokens, Store, TokenStore};
+
+type Caller = TuningServiceClient<InterceptedService<Channel, Show>>;
+
+/// Shows a header with every request.
+#[derive(Clone)]
+struct Show(MetadataValue<Ascii>);
+
+impl tonic::service::Interceptor for Show {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        request.metadata_mut().insert("authorization", self.0.clone());
+        Ok(request)
+    }
+}
+
+/// A server with a dashboard that asks for tokens, and a token that may do everything.
+struct Guarded {
+    server: Server,
+    pages: SocketAddr,
+    token: String,
+}
+
+impl Guarded {
+    async fn start(store: Arc<dyn Store>) -> Self {
+        let clock = Arc::new(ManualClock::at(START_MS));
+        let (options, pages, token) = options(&clock).await;
+        Self { server: Server::with_options(store, clock, options).await, pages, token }
+    }
+
+    async fn caller(&self) -> Caller {
+        let header = MetadataValue::try_from(format!("Bearer {}", self.token).as_str()).expect("a header");
+        TuningServiceClient::with_interceptor(self.server.channel().await, Show(header))
+    }
+
+    /// Asks for a page. Returns the status, and the whole answer.
+    async fn get(&self, path: &str) -> (u16, String) {
+        self.exchange("GET", path, "").await
+    }
+
+    /// Sends a form.
+    async fn post(&self, path: &str, form: &str) -> (u16, String) {
+        self.exchange("POST", path, form).await
+    }
+
+    async fn exchange(&self, method: &str, path: &str, form: &str) -> (u16, String) {
+        let (pages, token, length) = (self.pages, &self.token, form.len());
+        let head = format!("{method} {path} HTTP/1.1\r\nHost: {pages}\r\nConnection: close\r\n");
+        let rest = format!("Authorization: Bearer {token}\r\nContent-Length: {length}\r\n\r\n{form}");
+        let mut stream = TcpStream::connect(pages).await.expect("a connection");
+        stream.write_all((head + &rest).as_bytes()).await.expect("sent");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).await.expect("text");
+        let status = answer.split(' ').nth(1).and_then(|code| code.parse().ok()).expect("a status");
+        (status, answer)
+    }
+}
+
+/// Options with a dashboard; where it is, and the token.
+async fn options(clock: &Arc<ManualClock>) -> (Options, SocketAddr, String) {
+    let token = Token::make().expect("randomness");
+    let record = TokenRecord {
+        id: token.id().to_owned(),
+        name: "a test".to_owned(),
+        hash: token.hash(),
+        scope: Scope::Admin,
+        studies: Studies::default(),
+        quota: Quota::default(),
+        create_ms: START_MS,
+        expire_ms: None,
+        revoke_ms: None,
+    };
+    let tokens = Arc::new(MemoryTokens::new());
+    tokens.create(&record).await.expect("stored");
+    let access = Access::open(Arc::clone(&tokens) as _, Arc::clone(clock) as _).await.expect("opened");
+    let dashboard = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let pages = dashboard.local_addr().expect("an address");
+    let options = Options {
+        drain: Duration::from_secs(5),
+        access: Some(Arc::new(access)),
+        dashboard: Some(dashboard),
+        ..Options::default()
+    };
+    (options, pages, token.text())
+}
+
+/// Creates the study `hall`, and measures a trial of it.
+async fn measured(caller: &mut Caller) -> wire::Study {
+    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study()) };
+    let created = caller.create_study(request).await.expect("created").into_inner();
+    let trial = caller.suggest(ask("a", 10.0)).await.expect("a trial").into_inner();
+    caller.report(report(&trial.name, 5.0)).await.expect("taken");
+    created
+}
+
+#[tokio::test]
+async fn pages_are_found_by_the_identity_of_their_study() {
+    let guarded = Guarded::start(Arc::new(MemoryStore::new())).await;
+    let mut caller = guarded.caller().await;
+    let uid = measured(&mut caller).await.uid;
+    for page in ["", "/map", "/parameters", "/policy", "/trials", "/trials/1"] {
+        let (status, answer) = guarded.get(&format!("/studies/hall@{uid}{page}")).await;
+        assert_eq!(status, 200, "{page}: {answer}");
+        assert!(answer.contains("<h1>hall</h1>") && answer.contains("href=\"/studies/hall\""), "{answer}");
+    }
+    let (status, answer) = guarded.get(&format!("/compare?study=hall@{uid}")).await;
+    assert!(status == 200 && answer.contains("/studies/hall\""), "{status}: {answer}");
+    let (status, answer) = guarded.get("/studies/hall@0000000000000abc").await;
+    assert!(status == 404 && answer.contains("was deleted and created again"), "{status}: {answer}");
+
+    // A form leads to the page of the id that the study has by now.
+    let request =
+        wire::RenameStudyRequest { name: "studies/hall".to_owned(), study_id: "gallery".to_owned() };
+    caller.rename_study(request).await.expect("renamed");
+    for (form, sent) in [("policy", "field=epsilon&value=0.5"), ("trials/1/pin", "")] {
+        let (status, answer) = guarded.post(&format!("/studies/hall@{uid}/{form}"), sent).await;
+        assert_eq!(status, 303, "{form}: {answer}");
+        assert!(answer.to_lowercase().contains("location: /studies/gallery/policy\r\n"), "{answer}");
+    }
+    let (status, answer) = guarded.get(&format!("/studies/hall@{uid}/policy")).await;
+    assert!(status == 200 && answer.contains("<h1>gallery</h1>") && answer.contains("Unpin: "), "{answer}");
+}
