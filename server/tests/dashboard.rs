@@ -141,3 +141,38 @@ async fn pages_are_found_by_the_identity_of_their_study() {
     let (status, answer) = guarded.get(&format!("/studies/hall@{uid}/policy")).await;
     assert!(status == 200 && answer.contains("<h1>gallery</h1>") && answer.contains("Unpin: "), "{answer}");
 }
+
+/// Where the forms of a page lead that change something.
+fn actions(page: &str) -> Vec<&str> {
+    let all = page.split("method=\"post\" action=\"").skip(1).filter_map(|rest| rest.split('"').next());
+    all.filter(|action| action.starts_with("/studies/")).collect()
+}
+
+#[tokio::test]
+async fn a_form_changes_no_other_study_that_got_the_id_later() {
+    let guarded = Guarded::start(Arc::new(MemoryStore::new())).await;
+    let mut caller = guarded.caller().await;
+    let before = measured(&mut caller).await;
+    let pages = [guarded.get("/studies/hall/policy").await.1, guarded.get("/studies/hall/trials/1").await.1];
+    let forms: Vec<&str> = pages.iter().flat_map(|page| actions(page)).collect();
+    assert!(forms.len() >= 3 && forms.iter().any(|form| form.ends_with("/pin")), "{forms:?}");
+
+    let name = || "studies/hall".to_owned();
+    caller.delete_study(wire::DeleteStudyRequest { name: name() }).await.expect("deleted");
+    let after = measured(&mut caller).await;
+    assert_ne!(before.uid, after.uid);
+    for form in forms {
+        let (status, answer) = guarded.post(form, "field=operation&value=freeze").await;
+        assert_eq!(status, 404, "{form}: {answer}");
+        assert!(answer.contains("was deleted and created again"), "{form}: {answer}");
+    }
+    let now =
+        caller.get_study(wire::GetStudyRequest { name: name() }).await.expect("it is there").into_inner();
+    assert_eq!(now.policy, after.policy);
+
+    // The new page's forms work.
+    let page = guarded.get("/studies/hall/policy").await.1;
+    let form = *actions(&page).first().expect("a form");
+    assert_eq!(guarded.post(form, "field=operation&value=freeze").await.0, 303);
+    assert!(guarded.get("/studies/hall/policy").await.1.contains("Thaw: "));
+}

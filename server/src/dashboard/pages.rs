@@ -42,6 +42,8 @@ pub(super) struct PageFrame {
 /// The head of a study's pages.
 struct Head {
     id: String,
+    /// `ID@UID`, for forms: they change no other study that got the id after the page was read.
+    name: String,
     what: String,
     tab: &'static str,
     defaults: Defaults,
@@ -174,6 +176,7 @@ async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(
     let id = self::id(&study.name);
     let head = Head {
         id: id.to_owned(),
+        name: format!("{id}@{}", study.uid),
         what: study.display_name.clone(),
         tab,
         defaults: Defaults::of(&study),

@@ -1,7 +1,8 @@
 //! Changes of a study's policy from its pages, for visitors whose token may change it.
 //!
 //! A form that another site sends in a browser's name changes nothing: the cookie stays away from it, and a
-//! form has to come from a page of this port ([`is_own_form`]).
+//! form has to come from a page of this port ([`is_own_form`]). Forms name their study by its identity, so
+//! that one from an old page does not change another study that was created under the same id.
 
 use http::{HeaderMap, header};
 use prost_types::FieldMask;
@@ -55,7 +56,8 @@ pub(super) async fn set_field(visitor: &Visitor<'_>, study: &str, form: &Query) 
     update(visitor, study, policy_to_wire(change.values()), change.paths()).await
 }
 
-/// Gives every client of the study the configuration of one of its trials. Returns the study's id.
+/// Gives every client of the study the configuration of one of its trials. Returns the study's id. Both the
+/// trial and the policy are those of the study that the form names.
 pub(super) async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Result<String, Error> {
     let request = v1::GetTrialRequest { name: format!("studies/{study}/trials/{number}") };
     let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
