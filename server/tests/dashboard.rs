@@ -1,4 +1,4 @@
-//! The dashboard over a real socket: which study a page and a form mean.
+//! The dashboard over a real socket: which study a page and a form mean, and where that is.
 
 mod common;
 
@@ -6,6 +6,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use common::flaky::Flaky;
 use common::{START_MS, Server, ask, report, study};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
@@ -21,6 +22,7 @@ use treewright_server::clock::ManualClock;
 use treewright_server::serve::Options;
 use treewright_store::tokens::{Quota, Scope, Studies, TokenRecord};
 use treewright_store::{MemoryStore, MemoryTokens, Store, TokenStore};
+use treewright_test_postgres::Database;
 
 type Caller = TuningServiceClient<InterceptedService<Channel, Show>>;
 
@@ -47,6 +49,13 @@ impl Guarded {
         let clock = Arc::new(ManualClock::at(START_MS));
         let (options, pages, token) = options(&clock).await;
         Self { server: Server::with_options(store, clock, options).await, pages, token }
+    }
+
+    /// One of several replicas on a database.
+    async fn replica(database: &Database) -> Self {
+        let clock = Arc::new(ManualClock::at(START_MS));
+        let (options, pages, token) = options(&clock).await;
+        Self { server: Server::replica_with(database, clock, options).await, pages, token }
     }
 
     async fn caller(&self) -> Caller {
@@ -175,4 +184,41 @@ async fn a_form_changes_no_other_study_that_got_the_id_later() {
     let form = *actions(&page).first().expect("a form");
     assert_eq!(guarded.post(form, "field=operation&value=freeze").await.0, 303);
     assert!(guarded.get("/studies/hall/policy").await.1.contains("Thaw: "));
+}
+
+/// A study that loads longer than a request waits for it.
+#[tokio::test]
+async fn a_form_waits_for_its_study_to_be_loaded() {
+    let load_takes = treewright_server::limits::LOADING_WAIT + Duration::from_millis(300);
+    let guarded = Guarded::start(Arc::new(Flaky { load_takes, ..Flaky::default() })).await;
+    let mut caller = guarded.caller().await;
+    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study()) };
+    caller.create_study(request).await.expect("created");
+    let (status, answer) = guarded.post("/studies/hall/policy", "field=epsilon&value=0.5").await;
+    assert_eq!(status, 303, "{answer}");
+    let name = "studies/hall".to_owned();
+    let now = caller.get_study(wire::GetStudyRequest { name }).await.expect("it is there").into_inner();
+    assert_eq!(now.policy.expect("a policy").epsilon, Some(0.5));
+}
+
+#[tokio::test]
+async fn a_form_at_another_replica_says_which_one_holds_the_study() {
+    let database = Database::create().await;
+    let (holder, other) = (Guarded::replica(&database).await, Guarded::replica(&database).await);
+    let mut caller = holder.caller().await;
+    let uid = measured(&mut caller).await.uid;
+    let held = format!("http://{}", holder.server.address);
+    for (form, sent, command) in [
+        ("policy", "field=operation&value=freeze", "treewright policy hall --operation freeze"),
+        ("policy", "field=pinned&value=", "treewright policy hall --unpin"),
+        ("trials/1/pin", "", "treewright pin hall max_leaf="),
+    ] {
+        let path = format!("/studies/hall@{uid}/{form}");
+        let (status, answer) = other.post(&path, sent).await;
+        assert_eq!(status, 503, "{path}: {answer}");
+        assert!(answer.contains(&held) && answer.contains(command), "{path}: {answer}");
+        assert_eq!(holder.post(&path, sent).await.0, 303, "{path}");
+    }
+    holder.server.stop().await;
+    other.server.stop().await;
 }

@@ -3,10 +3,10 @@
 mod common;
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use async_trait::async_trait;
+use common::flaky::Flaky;
 use common::{Client, START_MS, Server, create, done, report, suggest};
 use tokio_stream::StreamExt as _;
 use tonic::Code;
@@ -16,18 +16,9 @@ use tonic_reflection::pb::v1::ServerReflectionRequest;
 use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
 use tonic_reflection::pb::v1::server_reflection_request::MessageRequest;
 use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
-use treewright_core::ids::StudyUid;
-use treewright_core::policy::Policy;
-use treewright_core::study::StudySpec;
-use treewright_core::trial::RawTrial;
-use treewright_core::tuner::{Change, Checkpoint};
 use treewright_proto::v1 as wire;
 use treewright_server::clock::ManualClock;
 use treewright_server::serve;
-use treewright_store::{
-    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage,
-    TrialQuery,
-};
 
 /// Rounds of one client: the names and configurations it gets.
 async fn rounds(client: &mut Client, count: u32) -> Vec<(String, Option<wire::Configuration>)> {
@@ -97,92 +88,9 @@ async fn an_open_trial_survives_a_restart() {
     server.stop().await;
 }
 
-/// A store whose disk can be unplugged.
-struct Flaky {
-    inner: MemoryStore,
-    broken: AtomicBool,
-    /// Its writer met a defect.
-    failed: bool,
-}
-
-#[async_trait]
-impl Store for Flaky {
-    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
-        self.inner.create_study(id, spec, now_ms).await
-    }
-    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
-        self.inner.get_study(study).await
-    }
-    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
-        self.inner.list_studies(after, size).await
-    }
-    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
-        self.inner.delete_study(study).await
-    }
-    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
-        self.inner.find_study(uid).await
-    }
-    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
-        self.inner.rename_study(study, to).await
-    }
-    async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
-        self.inner.load(study).await
-    }
-    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        if self.broken.load(Ordering::SeqCst) {
-            let problem = "database or disk is full".to_owned();
-            return Receipt::refused(fence, StoreError::Unavailable { problem });
-        }
-        self.inner.commit(fence, changes)
-    }
-    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
-        self.inner.update_policy(fence, policy, models_since)
-    }
-
-    async fn completed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        size: u32,
-    ) -> Result<Vec<RawTrial>, StoreError> {
-        self.inner.completed_trials(fence, after, size).await
-    }
-
-    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
-        self.inner.save_checkpoint(fence, checkpoint).await
-    }
-    async fn closed_trials(
-        &self,
-        fence: &Fence,
-        after: u64,
-        up_to: u64,
-        size: u32,
-    ) -> Result<Vec<ClosedTrial>, StoreError> {
-        self.inner.closed_trials(fence, after, up_to, size).await
-    }
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
-        self.inner.remove_trials(fence, numbers, covered).await
-    }
-    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
-        self.inner.get_trial(study, number).await
-    }
-    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
-        self.inner.query_trials(study, query).await
-    }
-    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
-        self.inner.studies_with_due_leases(now_ms).await
-    }
-    fn has_failed(&self) -> bool {
-        self.failed
-    }
-    async fn close(&self) {
-        self.inner.close().await;
-    }
-}
-
 #[tokio::test]
 async fn a_daemon_whose_writer_has_met_a_defect_ends_with_an_error() {
-    let store = Flaky { inner: MemoryStore::new(), broken: AtomicBool::new(true), failed: true };
+    let store = Flaky { broken: true.into(), failed: true, ..Flaky::default() };
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let clock = Arc::new(ManualClock::at(START_MS));
     let (drain, never) = (Duration::from_millis(100), std::future::pending());
@@ -193,7 +101,7 @@ async fn a_daemon_whose_writer_has_met_a_defect_ends_with_an_error() {
 
 #[tokio::test]
 async fn nothing_is_acknowledged_that_could_not_be_stored() {
-    let store = Arc::new(Flaky { inner: MemoryStore::new(), broken: AtomicBool::new(false), failed: false });
+    let store = Arc::new(Flaky::default());
     let server = Server::with(Arc::clone(&store) as _, START_MS).await;
     let mut client = server.client().await;
     create(&mut client, "hall").await;

@@ -40,12 +40,16 @@ use crate::tuning::Tuning;
 use crate::{limits, rpc, status};
 use pages::PageFrame;
 use query::Query;
+use steering::Steered;
+use treewright_store::StoreError;
 use treewright_store::tokens::Scope;
 
 const HTML: &str = "text/html; charset=utf-8";
 /// Everything from here, nothing inline, nowhere framed.
 const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self'; img-src 'self' \
                       data:; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
+/// How often a visitor waits for a study that is being read into memory; each time is up to a second.
+const LOADING_WAITS: u32 = 20;
 /// The cookie that holds the token.
 const COOKIE: &str = "treewright_token";
 
@@ -214,7 +218,10 @@ impl Dashboard {
             None => steering::set_field(&visitor, study, &form).await,
         };
         match changed {
-            Ok(id) => redirect(&format!("/studies/{id}/policy"), None),
+            Ok(Steered::Changed(id)) => redirect(&format!("/studies/{id}/policy"), None),
+            Ok(Steered::Elsewhere(advice)) => {
+                page(StatusCode::SERVICE_UNAVAILABLE, pages::problem(frame, "Not from here", &advice))
+            }
             Err(error) => failure(frame, &error),
         }
     }
@@ -262,6 +269,11 @@ impl Dashboard {
             }
         })
     }
+}
+
+/// Whether nothing was done because the study was not in memory: the same is worth asking again at once.
+fn is_loading(error: &Error) -> bool {
+    matches!(error, Error::Loading { .. } | Error::Reloading { .. } | Error::Store(StoreError::Fenced { .. }))
 }
 
 /// Reads what a browser sends with a form.

@@ -7,15 +7,32 @@
 use http::{HeaderMap, header};
 use prost_types::FieldMask;
 use treewright_core::policy::{PolicyChange, PolicySettings};
-use treewright_proto::convert::policy_to_wire;
+use treewright_proto::convert::{policy_to_wire, value_from_wire};
 use treewright_proto::v1;
 
 use super::query::Query;
-use super::{Visitor, pages};
+use super::{LOADING_WAITS, Visitor, is_loading, pages};
 use crate::access::caller::Caller;
 use crate::error::Error;
 use crate::rpc;
+use treewright_store::StoreError;
 use treewright_store::tokens::Scope;
+
+/// What became of a form.
+pub(super) enum Steered {
+    /// The study, which has this id by now, is changed.
+    Changed(String),
+    /// Another replica holds the study and nothing is changed; what to do instead.
+    Elsewhere(String),
+}
+
+/// What a form changes in a policy.
+struct FormChange {
+    policy: v1::Policy,
+    paths: Vec<String>,
+    /// The command of `treewright` that does the same, and what stands there behind the study's id.
+    command: (&'static str, String),
+}
 
 /// Whether the caller may change studies here. Where no token is asked for nobody may: a proxy in front of
 /// the pages would let everybody steer whom it lets look.
@@ -43,9 +60,10 @@ pub(super) fn is_own_form(headers: &HeaderMap) -> bool {
 }
 
 /// Sets the field of the policy that a form names to its value, or back to its default where that is empty.
-/// Returns the id that the study, named by its id or as `ID@UID`, has by now.
-pub(super) async fn set_field(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<String, Error> {
+/// The study is named by its id or as `ID@UID`.
+pub(super) async fn set_field(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<Steered, Error> {
     let (field, value) = (form.text("field"), form.text("value"));
+    let command = ("policy", flag(&field, &value));
     let change = if value.is_empty() {
         PolicyChange::clear([field])
     } else {
@@ -53,34 +71,77 @@ pub(super) async fn set_field(visitor: &Visitor<'_>, study: &str, form: &Query) 
         set.set_text(&field, &value).map_err(|error| Error::invalid("value", error))?;
         PolicyChange::set(set)
     };
-    update(visitor, study, policy_to_wire(change.values()), change.paths()).await
+    let (policy, paths) = (policy_to_wire(change.values()), change.paths());
+    update(visitor, study, FormChange { policy, paths, command }).await
 }
 
-/// Gives every client of the study the configuration of one of its trials. Returns the study's id. Both the
-/// trial and the policy are those of the study that the form names.
-pub(super) async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Result<String, Error> {
+/// Gives every client of the study the configuration of one of its trials. Both the trial and the policy are
+/// those of the study that the form names.
+pub(super) async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Result<Steered, Error> {
     let request = v1::GetTrialRequest { name: format!("studies/{study}/trials/{number}") };
     let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
+    let mut words = Vec::new();
+    for (name, value) in trial.configuration.iter().flat_map(|configuration| &configuration.values) {
+        let value = value_from_wire("configuration", value.clone())?;
+        words.push(shell_word(&format!("{name}={value}")));
+    }
     let policy = v1::Policy { pinned: trial.configuration, ..v1::Policy::default() };
-    update(visitor, study, policy, vec!["policy.pinned".to_owned()]).await
+    let (paths, command) = (vec!["policy.pinned".to_owned()], ("pin", words.join(" ")));
+    update(visitor, study, FormChange { policy, paths, command }).await
 }
 
-async fn update(
-    visitor: &Visitor<'_>,
-    study: &str,
-    policy: v1::Policy,
-    paths: Vec<String>,
-) -> Result<String, Error> {
+/// Changes the policy. A study that is being read into memory is waited for.
+async fn update(visitor: &Visitor<'_>, study: &str, change: FormChange) -> Result<Steered, Error> {
     if !may_steer(visitor.caller) {
         return Err(Error::Denied("only a token of scope admin changes a study from its pages"));
     }
+    let FormChange { policy, paths, command } = change;
     let changed = paths.join(", ");
     let study = v1::Study { name: format!("studies/{study}"), policy: Some(policy), ..v1::Study::default() };
     let request = v1::UpdateStudyRequest { study: Some(study), update_mask: Some(FieldMask { paths }) };
-    let study = rpc::studies::update(visitor.tuning, visitor.caller, request).await?;
+    let mut waits = 0;
+    let study = loop {
+        match rpc::studies::update(visitor.tuning, visitor.caller, request.clone()).await {
+            Ok(study) => break study,
+            Err(Error::Store(StoreError::Elsewhere { study, address })) => {
+                return Ok(Steered::Elsewhere(advice(&study, &address, &command)));
+            }
+            Err(problem) if is_loading(&problem) && waits < LOADING_WAITS => waits += 1,
+            Err(problem) => return Err(problem),
+        }
+    };
     let id = pages::id(&study.name);
     tracing::info!(study = id, changed, token = visitor.caller.id(), "changed from the dashboard");
-    Ok(id.to_owned())
+    Ok(Steered::Changed(id.to_owned()))
+}
+
+/// What to do where another replica holds the study. Requests of the command line are passed on to it, forms
+/// are not.
+fn advice(study: &str, address: &str, (verb, rest): &(&'static str, String)) -> String {
+    format!(
+        "Nothing was changed: the replica at {address} holds study {study}, and a page changes only what its \
+         own replica holds. Use the dashboard of that replica, or run this with any of them as the server: \
+         treewright {verb} {study} {rest}"
+    )
+}
+
+/// The arguments of `treewright policy` that set a field, or set it back where the value is empty.
+fn flag(field: &str, value: &str) -> String {
+    match (field, value) {
+        ("pinned", "") => "--unpin".to_owned(),
+        ("pinned", _) => format!("--pin {}", shell_word(value)),
+        (_, "") => format!("--clear {}", shell_word(field)),
+        _ => format!("--{} {}", field.replace('_', "-"), shell_word(value)),
+    }
+}
+
+/// A word as shells read it.
+fn shell_word(word: &str) -> String {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "=_-.,+:/@%".contains(letter);
+    match !word.is_empty() && word.chars().all(is_plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', r"'\''")),
+    }
 }
 
 #[cfg(test)]
@@ -115,5 +176,38 @@ mod tests {
             assert!(!is_own(bad), "{bad:?}");
         }
         assert!(!may_steer(&Caller::Anyone));
+    }
+
+    #[test]
+    fn advice_names_the_holder_and_the_command_that_does_the_same() {
+        let command = |field: &str, value: &str| {
+            let said = advice("hall", "http://10.0.0.7:7878", &("policy", flag(field, value)));
+            assert!(said.contains("the replica at http://10.0.0.7:7878 holds study hall"), "{said}");
+            said.rsplit(": ").next().unwrap_or_default().to_owned()
+        };
+        assert_eq!(command("operation", "freeze"), "treewright policy hall --operation freeze");
+        assert_eq!(command("regret_budget", "0.05"), "treewright policy hall --regret-budget 0.05");
+        assert_eq!(command("operation", ""), "treewright policy hall --clear operation");
+        assert_eq!(command("pinned", ""), "treewright policy hall --unpin");
+        assert_eq!(
+            ["a=-1.5", "kind=<b>", "it's", ""].map(shell_word),
+            ["a=-1.5", "'kind=<b>'", r"'it'\''s'", "''"]
+        );
+    }
+
+    #[test]
+    fn only_what_passes_by_itself_is_asked_again() {
+        let study = || "hall".to_owned();
+        assert!(is_loading(&Error::Loading { study: study() }));
+        assert!(is_loading(&Error::Reloading { study: study() }));
+        assert!(is_loading(&Error::Store(StoreError::Fenced { study: study() })));
+        for other in [
+            Error::Store(StoreError::StudyNotFound { study: study() }),
+            Error::Store(StoreError::Elsewhere { study: study(), address: study() }),
+            Error::Store(StoreError::Closed),
+            Error::Draining,
+        ] {
+            assert!(!is_loading(&other), "{other}");
+        }
     }
 }

@@ -8,14 +8,11 @@ use treewright_proto::convert::standing_from_wire;
 use treewright_proto::v1;
 use treewright_store::StoreError;
 
-use super::super::Visitor;
 use super::super::benefit::{Benefit, DAY_S, DefaultCost};
+use super::super::{LOADING_WAITS, Visitor, is_loading};
 use super::{read_trials, seconds};
 use crate::error::Error;
 use crate::rpc;
-
-/// How often a page waits for a study that is being read into memory; each time is up to a second.
-const LOADING_WAITS: u32 = 20;
 
 /// A state with one of its trials, and what is best there as that trial's machine sees it.
 pub(super) struct StateStands {
@@ -62,7 +59,7 @@ async fn read_best(visitor: &Visitor<'_>, request: v1::GetBestRequest) -> Result
             Err(Error::NothingMeasured { .. } | Error::Store(StoreError::Elsewhere { .. })) => {
                 return Ok(None);
             }
-            Err(Error::Loading { .. } | Error::Reloading { .. }) if waits < LOADING_WAITS => waits += 1,
+            Err(problem) if is_loading(&problem) && waits < LOADING_WAITS => waits += 1,
             Err(problem) => return Err(problem),
         }
     }
