@@ -2,6 +2,7 @@
 
 mod common;
 
+use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -221,4 +222,35 @@ async fn a_form_at_another_replica_says_which_one_holds_the_study() {
     }
     holder.server.stop().await;
     other.server.stop().await;
+}
+
+#[tokio::test]
+async fn a_metric_called_gain_hides_no_map() {
+    let guarded = Guarded::start(Arc::new(MemoryStore::new())).await;
+    let mut caller = guarded.caller().await;
+    let objective = wire::Objective {
+        terms: vec![wire::ObjectiveTerm { metric: "gain".to_owned(), weight: 1.0 }],
+        maximised: vec!["gain".to_owned()],
+        ..wire::Objective::default()
+    };
+    let maximising = wire::Study { objective: Some(objective), ..study() };
+    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(maximising) };
+    caller.create_study(request).await.expect("created");
+    let trial = caller.suggest(ask("a", 10.0)).await.expect("a trial").into_inner().name;
+    let measurements = BTreeMap::from([("gain".to_owned(), 50.0)]);
+    let measured = wire::ReportRequest { trial, measurements, outcome: common::ok() };
+    caller.report(measured).await.expect("taken");
+    for (asked, selected, told) in [
+        ("", "value=\"gain\" selected>gain over the default<", "coloured by its gain over the default"),
+        ("gain", "value=\"gain\" selected>", "coloured by its gain over the default"),
+        ("cost", "value=\"cost\" selected>gain<", "state 1: gain (higher is better) "),
+        ("max_leaf", "value=\"config.max_leaf\" selected>max_leaf<", "the value of max_leaf in its best"),
+        ("config.max_leaf", "value=\"config.max_leaf\" selected>", "state 1: max_leaf="),
+    ] {
+        let (status, answer) = guarded.get(&format!("/studies/hall/map?show={asked}")).await;
+        assert_eq!(status, 200, "{asked}: {answer}");
+        assert!(answer.contains(selected) && answer.contains(told), "{asked}: {answer}");
+        let colours = answer.split("<select name=\"show\"").nth(1).expect("a list to choose from");
+        assert_eq!(colours.matches(" selected").count(), 1, "{asked}: {answer}");
+    }
 }

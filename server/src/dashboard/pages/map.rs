@@ -2,7 +2,9 @@
 //! the value of a parameter in what is best there.
 
 use askama::Template;
+use treewright_core::cost_view::CostView;
 use treewright_core::indicator::Indicator;
+use treewright_core::space::Parameter;
 use treewright_proto::v1;
 
 use super::super::charts::{self, Axis, Place, figure};
@@ -20,12 +22,42 @@ struct Page {
     frame: PageFrame,
     head: Head,
     indicators: Vec<String>,
-    shows: Vec<String>,
+    /// The names of the parameters, and whether the states are coloured by each.
+    parameters: Vec<(String, bool)>,
     x: String,
     y: String,
-    show: String,
+    is_gain: bool,
+    is_cost: bool,
     picture: String,
     is_cut: bool,
+}
+
+/// What colours the states.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shown {
+    Gain,
+    /// The objective, as the study tells it.
+    Cost,
+    /// The parameter of this index.
+    Parameter(usize),
+}
+
+impl Shown {
+    /// Reads what an address asks for: `gain`, `cost` or `config.NAME`, whatever metrics and parameters are
+    /// called. A plain name is a parameter, or the metric that is maximised; the gain is shown for all else.
+    fn read(asked: &str, parameters: &[Parameter], view: &CostView) -> Self {
+        let named = |name: &str| parameters.iter().position(|parameter| parameter.name == name);
+        match asked {
+            "gain" => return Self::Gain,
+            "cost" => return Self::Cost,
+            _ => {}
+        }
+        match asked.strip_prefix("config.").and_then(named).or_else(|| named(asked)) {
+            Some(index) => Self::Parameter(index),
+            None if asked == view.name() => Self::Cost,
+            None => Self::Gain,
+        }
+    }
 }
 
 pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
@@ -47,25 +79,20 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
     };
     let (x, y) = (named("x", first), named("y", second));
     let view = &head.view;
-    let shows: Vec<String> = ["gain".to_owned(), view.name().to_owned()]
-        .into_iter()
-        .chain(parameters.iter().map(|parameter| parameter.name.clone()))
-        .collect();
-    let asked = query.text("show");
-    let show = if shows.contains(&asked) { asked } else { "gain".to_owned() };
-    let parameter = parameters.iter().find(|parameter| parameter.name == show);
-    let told = |of: &StateStands| match (show.as_str(), parameter) {
-        (_, Some(parameter)) => {
+    let shown = Shown::read(&query.text("show"), parameters, view);
+    let told = |of: &StateStands| match shown {
+        Shown::Parameter(index) => {
+            let parameter = &parameters[index];
             let values = &of.best.as_ref()?.configuration.as_ref()?.values;
             let value = values.get(&parameter.name)?;
             let words = format!("{}={}", parameter.name, super::value(value));
             let value = treewright_proto::convert::value_from_wire("value", value.clone()).ok()?;
             Some((stats::place(parameter, &value), words))
         }
-        (name, None) if name == view.name() => of.standing.map(|standing| {
+        Shown::Cost => of.standing.map(|standing| {
             (standing.cost, format!("{} {}", view.title(), figure(view.value(standing.cost))))
         }),
-        _ => of
+        Shown::Gain => of
             .standing?
             .gain
             .map(|gain| (-gain.share, format!("{} {} the default", gain.by(view), view.better_side()))),
@@ -89,10 +116,15 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
         frame: visitor.frame,
         is_cut: head.states > STATES,
         indicators: indicators.iter().map(|indicator| indicator.name.clone()).collect(),
-        shows,
+        parameters: parameters
+            .iter()
+            .enumerate()
+            .map(|(index, parameter)| (parameter.name.clone(), shown == Shown::Parameter(index)))
+            .collect(),
         x: name(x),
         y: name(y),
-        show,
+        is_gain: shown == Shown::Gain,
+        is_cost: shown == Shown::Cost,
         picture,
         head,
     };
@@ -132,4 +164,33 @@ fn widest(indicators: &[Indicator], states: &[StateStands]) -> (usize, usize) {
 
 fn axis(indicator: &Indicator) -> Axis {
     Axis { name: indicator.name.clone(), low: figure(indicator.min), high: figure(indicator.max) }
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_core::objective::{Objective, ObjectiveTerm};
+    use treewright_core::space::Space;
+
+    use super::*;
+
+    #[test]
+    fn each_map_can_be_asked_for_whatever_metrics_and_parameters_are_called() {
+        let maximising = |metric: &str| {
+            let term = ObjectiveTerm { metric: metric.into(), weight: 1.0 };
+            let objective = Objective::new(vec![term]).expect("valid").with_maximised(vec![metric.into()]);
+            objective.expect("a term").view()
+        };
+        let space = Space::builder().integer("leaf", 1..=8).default(1).integer("cost", 1..=8).default(1);
+        let space = space.integer("gain", 1..=8).default(1).build().expect("a space");
+        let read = |asked: &str, view: &CostView| Shown::read(asked, space.parameters(), view);
+        for view in [CostView::default(), maximising("fps"), maximising("gain"), maximising("leaf")] {
+            assert_eq!([read("", &view), read("gain", &view), read("nonsense", &view)], [Shown::Gain; 3]);
+            assert_eq!(read("cost", &view), Shown::Cost, "{view:?}");
+            for (index, name) in ["leaf", "cost", "gain"].into_iter().enumerate() {
+                assert_eq!(read(&format!("config.{name}"), &view), Shown::Parameter(index), "{view:?}");
+            }
+            assert_eq!(read("leaf", &view), Shown::Parameter(0));
+        }
+        assert_eq!(read("fps", &maximising("fps")), Shown::Cost);
+    }
 }
