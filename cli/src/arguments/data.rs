@@ -20,10 +20,11 @@ Examples:
 
 pub(crate) const EXPORT_HELP: &str = "\
 JSON Lines contain everything: the first line is the study, as written by `study show --format json`, \
-and each further line is a trial. Parquet contains the same as a table with typed columns. CSV has a \
-column for each parameter, indicator and measurement, but no machines; of a study that maximises one metric \
-the column `value` stands in place of `cost`. Every trial carries its origin, \
-SITE/studies/ID@UID/trials/NUMBER, by whose identity UID an import recognises it.
+and each further line is a trial. Parquet and CSV are tables with a column for each parameter, indicator and \
+measurement. Parquet has types, and holds the study and the machines too; CSV does not. Of a study that \
+maximises one metric both tables have the column `value` in the place of `cost`, and `lower_bound` stays a \
+cost. Every trial carries its origin, SITE/studies/ID@UID/trials/NUMBER, by whose identity UID an import \
+recognises it.
 
 Examples:
   treewright export sponza --out sponza.jsonl
@@ -177,9 +178,9 @@ pub(crate) struct Export {
 pub(crate) enum ExportFormat {
     /// JSON Lines, with everything
     Jsonl,
-    /// Comma-separated values: a table, without the machines
+    /// Comma-separated values: a table, without the study and the machines
     Csv,
-    /// Apache Parquet: a table with types, with everything
+    /// Apache Parquet: a table with types, with the study and the machines
     #[cfg(feature = "parquet")]
     Parquet,
 }
