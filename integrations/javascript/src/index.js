@@ -128,6 +128,11 @@ export class Study {
 
   /** Asks from now on for the study that the daemon has created or found, whatever gets its name later. */
   identify(found) {
+    const sorted = (names) => JSON.stringify([...(names ?? [])].sort());
+    // A daemon that does not know the field drops it without a word.
+    if (sorted(found.objective?.maximised) !== sorted(this.request.study.objective.maximised)) {
+      throw new TreewrightError("invalid", "objective: the daemon knows no maximised metrics and would minimise them; upgrade it");
+    }
     this.asked = found.uid ? `${found.name}@${found.uid}` : this.name;
     this.created = true;
   }

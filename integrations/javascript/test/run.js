@@ -128,6 +128,17 @@ async function withoutDaemon() {
   assert.throws(() => new Client("http://example.com:1", { token: "x" }), /https/);
 }
 
+/** A daemon of these answers. */
+async function served(handlers) {
+  const server = new grpc.Server();
+  server.addService(Client.Service.service, handlers);
+  const bind = (resolve, reject) => (error, port) => (error ? reject(error) : resolve(port));
+  const port = await new Promise((resolve, reject) =>
+    server.bindAsync("127.0.0.1:0", grpc.ServerCredentials.createInsecure(), bind(resolve, reject)),
+  );
+  return { server, address: `http://127.0.0.1:${port}` };
+}
+
 /** A daemon that answers as if it were still loading the study, so many times. */
 async function whileTheStudyIsLoaded(times) {
   const details = Buffer.from("\n(type.googleapis.com/google.rpc.RetryInfo", "latin1");
@@ -146,13 +157,8 @@ async function whileTheStudyIsLoaded(times) {
     GetBest: onceLoaded(() => ({ configuration: { values: { leaf: { integer: "6" } } }, cost: 1.5 })),
     AbandonTrial: (call, answer) => answer(null, {}),
   };
-  const server = new grpc.Server();
-  server.addService(Client.Service.service, handlers);
-  const bind = (resolve, reject) => (error, port) => (error ? reject(error) : resolve(port));
-  const port = await new Promise((resolve, reject) =>
-    server.bindAsync("127.0.0.1:0", grpc.ServerCredentials.createInsecure(), bind(resolve, reject)),
-  );
-  const client = new Client(`http://127.0.0.1:${port}`, { callDeadlineMs: 20000 });
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { callDeadlineMs: 20000 });
   const study = await client.study("loading", spec);
   const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false, "block-size": 24 }, { triangles: 1000 });
   assert.deepEqual([own.configuration.leaf, asked], [3, times + 1]);
@@ -171,8 +177,45 @@ async function whileTheStudyIsLoaded(times) {
   server.forceShutdown();
 }
 
+/** A daemon of before there were maximised metrics: it drops the field and would minimise the rate. */
+async function byAnOlderDaemon() {
+  let [isThere, asked] = [true, 0];
+  const away = { code: grpc.status.UNAVAILABLE, details: "it is not there yet" };
+  const handlers = {
+    CreateStudy: ({ request: { studyId, study } }, answer) => {
+      if (!isThere) return answer(away);
+      answer(null, { name: `studies/${studyId}`, objective: { terms: study.objective.terms } });
+    },
+    Suggest: ({ request: { study } }, answer) => {
+      asked += 1;
+      answer(null, { name: `${study}/trials/1`, configuration: { values: { level: { integer: "5" } } } });
+    },
+    AbandonTrial: (call, answer) => answer(null, {}),
+  };
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { deadlineMs: 20000, callDeadlineMs: 20000 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const rate = { parameters, maximise: { fps: 1000 } };
+  await rejects(client.study("rate", rate), "invalid", "knows no maximised metrics");
+  const plain = await client.study("plain", { parameters, minimise: { ms: 1 } });
+  const suggestion = await plain.suggest({});
+  assert.deepEqual([suggestion.source, asked], ["daemon", 1], suggestion.problem);
+  suggestion.abandon();
+  // One that is away at first is asked nothing either, and the default stands in for it.
+  isThere = false;
+  const later = await client.study("rate", rate);
+  isThere = true;
+  const fallback = await later.suggest({});
+  assert.deepEqual([fallback.source, fallback.configuration, asked], ["default", { level: 5 }, 1]);
+  assert.match(fallback.problem, /knows no maximised metrics/);
+  await client.flush(20000);
+  client.close();
+  server.forceShutdown();
+}
+
 await trials();
 await sideBySide();
+await byAnOlderDaemon();
 await whileTheStudyIsLoaded(3);
 await withoutDaemon();
 console.log("ok");
