@@ -242,6 +242,12 @@ impl Study {
         self.0.spec().objective.cost(&measured).map_err(|error| Invalid::new_err(error.to_string()))
     }
 
+    /// The first limit of the study that measurements are beyond, in words; None where they are within all of
+    /// them. What is beyond a limit is infeasible, whatever it costs. Raises Invalid where one is missing.
+    fn beyond(&self, measured: Numbers) -> PyResult<Option<String>> {
+        self.0.spec().objective.beyond(&measured).map_err(|error| Invalid::new_err(error.to_string()))
+    }
+
     /// What a cost stands for: the metric where one is maximised and nothing else counts, else the cost.
     fn value(&self, cost: f64) -> f64 {
         self.0.spec().objective.view().value(cost)

@@ -189,7 +189,39 @@ def loop(url: str) -> None:
     client.flush(20000)
     last = study.trials(order_by="number desc")[0]
     assert last["outcome"] == "failed", last
+    beyond_a_limit(client)
     tables_and_figures(client, study)
+
+
+def beyond_a_limit(client) -> None:
+    """What is beyond a limit has no cost, not even where its rate is 0, and the loop goes on."""
+    import types
+    from unittest import mock
+
+    import treewright
+
+    shown = []
+
+    class Bar:
+        def __init__(self, **named) -> None: ...
+        def update(self) -> None: ...
+        def close(self) -> None: ...
+        def set_postfix(self, best) -> None:
+            shown.append(best)
+
+    space = treewright.Space().choice("size", ["fits", "idle", "huge"], default="fits")
+    policy, limits = {"epsilon": 1.0, "confirm_rounds": 0}, {"memory_mb": (None, 2000.0)}
+    study = client.study("python-limits", space, maximise={"rate": 1.0}, limits=limits, policy=policy)
+    sizes = {"fits": (50.0, 100.0), "idle": (0.0, 3000.0), "huge": (900.0, 3000.0)}
+    objective = lambda values: dict(zip(("rate", "memory_mb"), sizes[values["size"]]))
+    assert study.beyond(objective({"size": "fits"})) is None and "memory_mb is 3000" in study.beyond(objective({"size": "huge"}))
+    ran = []
+    with mock.patch.dict(sys.modules, {"tqdm.auto": types.SimpleNamespace(tqdm=Bar)}):
+        best = treewright.tune(study, objective, trials=12, callbacks=[ran.append], progress=True)
+    assert {one.suggestion["size"]: one.cost for one in ran} == {"fits": 0.02, "idle": None, "huge": None}, ran
+    assert all(one.measured == objective(one.suggestion.configuration) for one in ran), ran
+    assert len(shown) == 12 and set(shown) <= {None, 50.0}, shown
+    assert best.configuration == {"size": "fits"} and abs(best.value - 50) < 1e-9, best
 
 
 def tables_and_figures(client, study) -> None:

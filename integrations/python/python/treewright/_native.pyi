@@ -105,6 +105,8 @@ class Study:
         """The measurements that a report has to hold, each with its weight."""
     def cost(self, measured: Mapping[str, float]) -> float:
         """The study's objective of measurements, which is minimised. Raises Invalid where one is missing."""
+    def beyond(self, measured: Mapping[str, float]) -> Optional[str]:
+        """The first limit that measurements are beyond, in words; None where they are within all of them."""
     def value(self, cost: float) -> float:
         """What a cost stands for: the metric where one is maximised and nothing else counts, else the cost."""
     @property

@@ -19,7 +19,7 @@ class Ran(NamedTuple):
     measured: "dict[str, float]"
     """What was reported; empty where the objective raised an error that is caught."""
     cost: Optional[float]
-    """The study's objective of these measurements."""
+    """The study's objective of these measurements; None where they are beyond a limit, and where there are none."""
 
 
 def tune(
@@ -62,7 +62,9 @@ def tune(
                 suggestion.failed(repr(problem))
             else:
                 suggestion.report(measured)
-                cost = study.cost({name: measured[name] for name in weights})
+                # What is beyond a limit is infeasible, whatever it costs.
+                if study.beyond(measured) is None:
+                    cost = study.cost({name: measured[name] for name in weights})
         if cost is not None:
             least = cost if least is None else min(cost, least)
         if bar is not None:
