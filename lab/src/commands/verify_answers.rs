@@ -69,7 +69,8 @@ pub(super) struct JudgeArguments {
     #[command(flatten)]
     folds: FoldArguments,
 
-    /// Use costs from this clock instead of the one that the searches used.
+    /// Use costs from this clock instead of the one that the searches used. What they found, and what was
+    /// answered, stays what it is by theirs.
     #[arg(long, value_enum)]
     clock: Option<Clock>,
 
@@ -136,10 +137,9 @@ impl Examined {
     /// what was answered, and what the searches had found after so many trials.
     fn wanted(&self) -> BTreeMap<&Place, Vec<Configuration>> {
         let mut answers: BTreeMap<&Place, BTreeSet<Configuration>> = BTreeMap::new();
-        let clock = self.record.conditions.clock;
         for (objective, answered) in self.objectives.iter().zip(&self.by_objective) {
             for (fold, own) in answered {
-                let fixed = best_fixed(&self.record, *objective, clock, &fold.teach);
+                let fixed = best_fixed(&self.record, *objective, &fold.teach);
                 for place in &fold.examine {
                     answers.entry(place).or_default().extend(fixed.clone());
                 }

@@ -7,6 +7,9 @@
 //! and that is what counts here. The single measurement, which is the paper's roofline, stands beside it.
 //! Those rounds also hold the default, the best fixed configurations and what a search had found on its way;
 //! in older records the first two are held against the roofline in other rounds.
+//!
+//! Who is compared is decided by the clock that the searches went by. The clock that is judged by says what
+//! they cost.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +21,7 @@ use treewright_renderer::tuning::objective::Objective;
 use super::answers::Answers;
 use super::folds::{Fold, Split};
 use super::measure::{MILESTONES, best, best_within};
-use super::record::{Clock, Group, GroupKind, Place, Record, Search};
+use super::record::{Clock, Group, GroupKind, Iteration, Place, Record, Search};
 
 /// Break-even points beyond this many iterations are counted and not drawn, as in the paper.
 pub(crate) const BREAK_EVEN_MAX: f64 = 10_000.0;
@@ -44,9 +47,9 @@ pub(crate) struct Ground {
     pub(crate) measured: usize,
     /// Iterations that could not be built.
     pub(crate) failed: usize,
-    /// The least of them all: the paper's roofline.
+    /// The best of them all by the searches' own clock: the paper's roofline.
     pub(crate) roofline_once_ms: f64,
-    /// The best configuration measured again.
+    /// Its configuration measured again.
     pub(crate) roofline_ms: f64,
     /// How many times faster it is than the recommended default, in the same rounds.
     pub(crate) search_over_default: f64,
@@ -84,7 +87,11 @@ pub(crate) struct Row {
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Verdict {
     pub(crate) objective: Objective,
+    /// Cameras that were searched.
+    pub(crate) cameras: usize,
+    /// Those of them where the search and the default can be compared.
     pub(crate) grounds: Vec<Ground>,
+    /// A camera has none where the roofline was not measured in the same rounds.
     pub(crate) rows: Vec<Row>,
     /// The best fixed configuration over all cameras, for people.
     pub(crate) fixed: Option<String>,
@@ -103,7 +110,7 @@ pub(crate) struct Verdict {
 impl Verdict {
     /// Whether everybody was measured in the same rounds everywhere.
     pub(crate) fn is_whole(&self) -> bool {
-        self.same_rounds == self.grounds.len()
+        self.same_rounds == self.cameras
     }
 }
 
@@ -140,6 +147,7 @@ pub(crate) fn judge(
                 continue;
             };
             let row = view.row(ground, group, fixed.as_ref(), predicted_ms);
+            let Some(row) = row else { continue };
             let (entrant, answer) = (entrant.clone(), answer.to_string());
             rows.push(Row { split: fold.split, fold: number, entrant, answer, ..row });
         }
@@ -156,6 +164,7 @@ pub(crate) fn judge(
     let fixed = view.best_fixed(&all).map(|fixed| fixed.to_string());
     Ok(Verdict {
         objective,
+        cameras: searches.len(),
         grounds: grounds.into_values().collect(),
         rows,
         fixed,
@@ -166,20 +175,17 @@ pub(crate) fn judge(
     })
 }
 
-/// The fixed configuration with the least geometric mean over the default, by some places.
-pub(crate) fn best_fixed(
-    record: &Record,
-    objective: Objective,
-    clock: Clock,
-    places: &[Place],
-) -> Option<Configuration> {
-    View { record, objective, clock }.best_fixed(places)
+/// The fixed configuration with the least geometric mean over the default, by some places and the clock that
+/// the searches went by.
+pub(crate) fn best_fixed(record: &Record, objective: Objective, places: &[Place]) -> Option<Configuration> {
+    View { record, objective, clock: record.conditions.clock }.best_fixed(places)
 }
 
 /// A record by one objective and clock.
 struct View<'a> {
     record: &'a Record,
     objective: Objective,
+    /// By which costs are told. Searches and whoever answers went by the record's.
     clock: Clock,
 }
 
@@ -198,14 +204,21 @@ impl View<'_> {
         group.cost(configuration, self.objective, self.clock)
     }
 
-    /// What an answer is worth that took so long; whose it is comes later.
-    fn row(&self, ground: &Ground, group: &Group, fixed: Option<&Configuration>, predicted_ms: f64) -> Row {
-        let best_ms = self.best_cost(&ground.place, group).unwrap_or(predicted_ms);
+    /// What an answer is worth that took so long; whose it is comes later. `None` where the roofline was not
+    /// measured in the same rounds.
+    fn row(
+        &self,
+        ground: &Ground,
+        group: &Group,
+        fixed: Option<&Configuration>,
+        predicted_ms: f64,
+    ) -> Option<Row> {
+        let best_ms = self.best_cost(self.search(&ground.place)?, group)?;
         let frames = ground.measured as f64;
         let search_ms = ground.search_mean_ms * frames;
         let bound_ms = best_ms.min(predicted_ms);
         let over_fixed = || self.over_found(self.search(&ground.place)?, fixed?);
-        Row {
+        Some(Row {
             split: Split::Random,
             fold: 0,
             entrant: String::new(),
@@ -220,7 +233,7 @@ impl View<'_> {
             break_even: break_even(&ground.curve_ms, best_ms, predicted_ms),
             search_overhead_ms: (search_ms - frames * bound_ms).max(0.0),
             prediction_overhead_ms: frames * (predicted_ms - bound_ms),
-        }
+        })
     }
 
     fn search(&self, place: &Place) -> Option<&Search> {
@@ -228,18 +241,23 @@ impl View<'_> {
         own.find(|one| one.objective == self.objective.name())
     }
 
-    /// What the search at a place found, measured in a group.
-    fn best_cost(&self, place: &Place, group: &Group) -> Option<f64> {
-        let (found, _) = best(self.search(place)?, self.objective, self.clock)?;
-        self.cost_in(group, &found.configuration)
+    /// What a search found: its best by the clock that it went by.
+    fn found<'a>(&self, search: &'a Search) -> Option<&'a Iteration> {
+        best(search, self.objective, self.record.conditions.clock).map(|(found, _)| found)
+    }
+
+    /// What a search found, measured in a group.
+    fn best_cost(&self, search: &Search, group: &Group) -> Option<f64> {
+        self.cost_in(group, &self.found(search)?.configuration)
     }
 
     fn ground(&self, search: &Search) -> Option<Ground> {
-        let (found, once) = best(search, self.objective, self.clock)?;
+        let found = self.found(search)?;
+        let once = self.clock.cost(self.objective, found.times.as_ref()?)?;
         let fixed = self.record.groups.get(&(GroupKind::Fixed, search.place.clone()))?;
         let answers = self.record.groups.get(&(GroupKind::Answers, search.place.clone()));
-        let again = answers.and_then(|group| self.cost_in(group, &found.configuration));
-        let again = again.or_else(|| self.cost_in(fixed, &found.configuration))?;
+        let again = answers.and_then(|group| self.best_cost(search, group));
+        let again = again.or_else(|| self.best_cost(search, fixed))?;
         // The default is the first of the group.
         let search_over_default = self.over_found(search, &fixed.members.first()?.configuration)?;
         let curve_ms: Vec<Option<f64>> = search
@@ -260,18 +278,22 @@ impl View<'_> {
         })
     }
 
+    /// It is chosen by the clock that the searches went by, as the answers are.
     fn best_fixed(&self, places: &[Place]) -> Option<Configuration> {
+        let cost_in = |group: &Group, configuration: &Configuration| {
+            group.cost(configuration, self.objective, self.record.conditions.clock)
+        };
         let mut sums: BTreeMap<&Configuration, (f64, usize)> = BTreeMap::new();
         let mut groups = 0;
         for place in places {
             let Some(group) = self.record.groups.get(&(GroupKind::Fixed, place.clone())) else { continue };
-            let Some(default) = group.members.first().and_then(|one| self.cost_in(group, &one.configuration))
+            let Some(default) = group.members.first().and_then(|one| cost_in(group, &one.configuration))
             else {
                 continue;
             };
             groups += 1;
             for member in &group.members {
-                if let Some(cost) = self.cost_in(group, &member.configuration) {
+                if let Some(cost) = cost_in(group, &member.configuration) {
                     let sum = sums.entry(&member.configuration).or_default();
                     *sum = (sum.0 + (cost / default).ln(), sum.1 + 1);
                 }
@@ -286,10 +308,9 @@ impl View<'_> {
     /// How many times faster what a search found is than another configuration, in the same rounds: those of
     /// the answers where they hold both, else those of the fixed configurations.
     fn over_found(&self, search: &Search, other: &Configuration) -> Option<f64> {
-        let (found, _) = best(search, self.objective, self.clock)?;
         [GroupKind::Answers, GroupKind::Fixed].into_iter().find_map(|kind| {
             let group = self.record.groups.get(&(kind, search.place.clone()))?;
-            Some(self.cost_in(group, other)? / self.cost_in(group, &found.configuration)?)
+            Some(self.cost_in(group, other)? / self.best_cost(search, group)?)
         })
     }
 
@@ -303,7 +324,8 @@ impl View<'_> {
             .chain([usize::MAX])
             .filter_map(|trials| best_within(search, trials, self.objective, self.record.conditions.clock));
         let mut all = so_far.map(|(found, _)| &found.configuration);
-        all.all(|one| answers.member(one).is_some())
+        self.best_cost(search, answers).is_some()
+            && all.all(|one| answers.member(one).is_some())
             && default.is_some_and(|one| answers.member(&one.configuration).is_some())
             && fixed.is_none_or(|one| answers.member(one).is_some())
     }

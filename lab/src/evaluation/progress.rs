@@ -121,6 +121,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use treewright_client::Configuration;
+    use treewright_renderer::frame::FrameTimes;
 
     use super::super::answers::Answers;
     use super::super::folds::Fold;
@@ -159,8 +160,33 @@ mod tests {
         record
     }
 
-    /// Each scene left out once, and all of them in a random split; everybody answers the same.
+    /// Adds processor times to a record: twice the wall time, except that by them the searches did best in
+    /// their tenth trial.
+    fn add_processor_times(record: &mut Record) {
+        let twice = |times: FrameTimes| FrameTimes {
+            build_cpu_ms: Some(2.0 * times.build_ms),
+            render_cpu_ms: Some(2.0 * times.render_ms),
+            ..times
+        };
+        for iteration in record.searches.iter_mut().flat_map(|search| &mut search.iterations) {
+            iteration.times = iteration.times.map(twice);
+            if iteration.configuration == numbered(10) {
+                iteration.times =
+                    iteration.times.map(|times| FrameTimes { render_cpu_ms: Some(1.0), ..times });
+            }
+        }
+        let members = record.groups.values_mut().flat_map(|group| &mut group.members);
+        for times in members.flat_map(|member| &mut member.rounds) {
+            *times = twice(*times);
+        }
+    }
+
     fn verdict(record: &Record, answers: &[(&str, Configuration)]) -> Verdict {
+        judged(record, Clock::Wall, answers)
+    }
+
+    /// Each scene left out once, and all of them in a random split; everybody answers the same.
+    fn judged(record: &Record, clock: Clock, answers: &[(&str, Configuration)]) -> Verdict {
         let all: Vec<Place> = SCENES.map(place).to_vec();
         let answered = |places: &[Place]| -> Answers {
             let one = |place: &Place| {
@@ -180,7 +206,7 @@ mod tests {
         }
         let searches: BTreeMap<Place, &Search> =
             record.searches.iter().map(|search| (search.place.clone(), search)).collect();
-        judge(record, Objective::Render, Clock::Wall, &searches, &folds).expect("it is judged")
+        judge(record, Objective::Render, clock, &searches, &folds).expect("it is judged")
     }
 
     fn told(moments: &[Moment]) -> Vec<(String, usize, Option<f64>)> {
@@ -222,6 +248,43 @@ mod tests {
         let costs = |moments: &[Moment]| moments.iter().map(|one| one.cost.is_some()).collect::<Vec<_>>();
         assert_eq!(costs(&of_searches(&record, &verdict, Clock::Wall)), [false; 3]);
         assert_eq!(costs(&without_search(&verdict, &["nearest_neighbour"])), [false, false, true]);
+    }
+
+    #[test]
+    fn the_other_clock_tells_what_the_same_roofline_costs() {
+        let mut record = record(true);
+        add_processor_times(&mut record);
+        let answers = [("nearest_neighbour", numbered(5))];
+        let [wall, cpu] = [Clock::Wall, Clock::Cpu].map(|clock| {
+            let verdict = judged(&record, clock, &answers);
+            assert!(verdict.is_whole(), "{verdict:?}");
+            [of_searches(&record, &verdict, clock), without_search(&verdict, &["nearest_neighbour"])]
+                .map(|moments| told(&moments))
+        });
+        assert_eq!(cpu, wall);
+        let verdict = judged(&record, Clock::Cpu, &answers);
+        let rooflines = verdict.grounds.iter().map(|ground| [ground.roofline_once_ms, ground.roofline_ms]);
+        assert_eq!(rooflines.collect::<Vec<_>>(), [[20.0, 200.0]; 3]);
+    }
+
+    #[test]
+    fn a_camera_whose_roofline_was_not_measured_in_the_same_rounds_has_no_rows() {
+        let mut record = record(true);
+        let attic = place(SCENES[0]);
+        let without_the_roofline = |record: &mut Record, kind| {
+            let group = record.groups.get_mut(&(kind, place(SCENES[0]))).expect("it is there");
+            group.members.retain(|member| member.configuration != numbered(20));
+        };
+        let answered = [("nearest_neighbour", numbered(5))];
+        without_the_roofline(&mut record, GroupKind::Answers);
+        let own = verdict(&record, &answered);
+        assert_eq!((own.cameras, own.grounds.len(), own.same_rounds), (3, 3, 2));
+        assert!(own.rows.len() == 4 && own.rows.iter().all(|row| row.place != attic), "{:?}", own.rows);
+        // One that cannot be compared at all does not count as one that was.
+        without_the_roofline(&mut record, GroupKind::Fixed);
+        let own = verdict(&record, &answered);
+        assert_eq!((own.cameras, own.grounds.len(), own.same_rounds), (3, 2, 2));
+        assert!(!own.is_whole(), "{own:?}");
     }
 
     #[test]

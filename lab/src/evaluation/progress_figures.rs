@@ -91,8 +91,7 @@ pub(crate) fn progress(record: &Record, verdict: &Verdict, clock: Clock) -> Stri
             text,
             "<p class=\"warn\">Measured in the same rounds at {} of {} cameras. Costs of the search, the default and the best fixed \
              configuration are left out; <code>evaluate verify</code> measures them.</p>",
-            verdict.same_rounds,
-            verdict.grounds.len()
+            verdict.same_rounds, verdict.cameras
         );
     }
     text += &table_of(&at_once, &searched);
