@@ -4,6 +4,9 @@
 //! Lines are only added, each flushed to the disk before the next measurement begins. A line that a killed
 //! run left unfinished is cut off when the file is opened for more, and its work done again. Each line tells
 //! the hash of its scene and the version of the program; a second scene under one name is refused.
+//!
+//! Records of older forms can be read and judged. None is added to, as its first line would say the wrong
+//! form of what follows.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
@@ -344,9 +347,10 @@ pub(crate) struct OpenRecord {
 }
 
 impl OpenRecord {
-    /// Opens a record, or begins one. One that was begun under other conditions is refused.
+    /// Opens a record, or begins one. One that was begun under other conditions, or is of an older form, is
+    /// refused.
     pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
-        if !path.exists() {
+        if !is_begun(path).map_err(|error| wrong(path, &error.to_string()))? {
             let file = File::create(path).map_err(|error| wrong(path, &error.to_string()))?;
             let mut open = Self { path: path.to_owned(), file, record: Record::new(conditions.clone()) };
             open.write(&Line::Conditions(conditions.clone()))?;
@@ -354,8 +358,15 @@ impl OpenRecord {
         }
         let (record, whole) = read(path)?;
         let (found, asked) = (&record.conditions, conditions);
-        if (Conditions { machine: asked.machine.clone(), version: asked.version, ..found.clone() }) != *asked
-        {
+        if found.version < VERSION {
+            return Err(CliError::Usage(format!(
+                "{} is of version {}, and this program adds lines of version {VERSION}; it can be judged as it \
+                 is, but begin another file for more",
+                path.display(),
+                found.version
+            )));
+        }
+        if (Conditions { machine: asked.machine.clone(), ..found.clone() }) != *asked {
             return Err(CliError::Usage(format!(
                 "{} was begun under other conditions ({}; asked for are {}); use another file",
                 path.display(),
@@ -391,6 +402,20 @@ impl OpenRecord {
             .and_then(|()| self.file.sync_data())
             .map_err(|error| failed(error.to_string()))
     }
+}
+
+/// How the first line of every record begins.
+const BEGINNING: &[u8] = b"{\"conditions\":";
+
+/// Whether there is something in a file that is not to be lost. A record whose first line was left unfinished
+/// is begun again.
+pub(crate) fn is_begun(path: &Path) -> std::io::Result<bool> {
+    if !path.exists() {
+        return Ok(false);
+    }
+    let there = std::fs::read(path)?;
+    let is_beginning = BEGINNING.starts_with(&there) || there.starts_with(BEGINNING);
+    Ok(there.contains(&b'\n') || !is_beginning)
 }
 
 fn wrong(path: &Path, cause: &str) -> CliError {
@@ -502,6 +527,43 @@ mod tests {
         assert_eq!(Record::read(&path).expect("it is read").groups.len(), 2);
         let told = OpenRecord::open(&path, &conditions(40)).expect_err("other conditions").to_string();
         assert!(told.contains("80 iterations") && told.contains("40 iterations"), "{told}");
+    }
+
+    #[test]
+    fn a_first_line_that_was_cut_short_is_begun_again() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join("record.jsonl");
+        drop(OpenRecord::open(&path, &conditions(80)).expect("it is begun"));
+        let whole = std::fs::read(&path).expect("it is there");
+        for left in [0, 5, whole.len() - 1] {
+            std::fs::write(&path, &whole[..left]).expect("it can be written");
+            let mut open = OpenRecord::open(&path, &conditions(80)).expect("it is begun again");
+            assert_eq!(std::fs::read(&path).expect("it is there"), whole, "{left}");
+            open.add(group(0)).expect("it is written");
+            assert_eq!(Record::read(&path).expect("it is read").groups.len(), 1, "{left}");
+        }
+        // What is no record stays.
+        std::fs::write(&path, "{\"model\":").expect("it can be written");
+        OpenRecord::open(&path, &conditions(80)).expect_err("another file");
+        assert_eq!(std::fs::read(&path).expect("it is there"), b"{\"model\":");
+    }
+
+    #[test]
+    fn an_older_record_is_read_and_not_added_to() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join("record.jsonl");
+        let old = Conditions { version: VERSION - 1, ..conditions(80) };
+        let text = serde_json::to_string(&Line::Conditions(old.clone())).expect("it is text") + "\n";
+        std::fs::write(&path, &text).expect("it can be written");
+        for asked in [&conditions(80), &old] {
+            let told = OpenRecord::open(&path, asked).expect_err("another version").to_string();
+            let [found, known] = [VERSION - 1, VERSION].map(|version| format!("version {version}"));
+            for word in [found.as_str(), &known, "another file"] {
+                assert!(told.contains(word), "{word} in {told}");
+            }
+        }
+        assert_eq!(std::fs::read_to_string(&path).expect("it is there"), text);
+        assert_eq!(Record::read(&path).expect("it is read").conditions, old);
     }
 
     #[test]

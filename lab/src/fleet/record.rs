@@ -13,6 +13,7 @@ use treewright_client::Fingerprint;
 use treewright_render_cli::error::CliError;
 
 use super::machines::Machine;
+use crate::evaluation::record::is_begun;
 use crate::leave_scene_out::book::{RecordedRounds, RecordedSearch};
 
 /// Under which conditions everything in a record was measured.
@@ -94,7 +95,7 @@ impl Record {
 
     /// Begins a record, or goes on with one that was begun under the same conditions.
     pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
-        if !path.exists() {
+        if !is_begun(path).map_err(|error| wrong(path, &error.to_string()))? {
             add(path, &Line::Conditions(conditions.clone()))?;
         }
         let record = Self::read(path)?;
@@ -160,6 +161,12 @@ pub(crate) mod tests {
         assert_eq!(count(), 1, "half a line does not count");
         add(&path, &line).expect("it can be written");
         assert_eq!(count(), 2, "and gives way to the next");
+        let first = serde_json::to_string(&Line::Conditions(conditions.clone())).expect("it is text");
+        for left in ["", &first[..9], first.as_str()] {
+            std::fs::write(&path, left).expect("it can be written");
+            assert_eq!(count(), 0, "a first line that was left unfinished is begun again");
+            assert_eq!(std::fs::read_to_string(&path).expect("it is there"), first.clone() + "\n");
+        }
         let other = Conditions { rounds: 99, ..conditions.clone() };
         assert!(matches!(Record::open(&path, &other), Err(CliError::Usage(_))));
         std::fs::write(&path, "{}\n").expect("it can be written");
