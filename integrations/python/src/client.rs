@@ -236,6 +236,12 @@ impl Study {
         terms.iter().map(|term| (term.metric.clone(), term.weight)).collect()
     }
 
+    /// Those of the metrics that are maximised: the objective counts their weights over the measurements.
+    #[getter]
+    fn maximised(&self) -> Vec<String> {
+        self.0.spec().objective.maximised().to_vec()
+    }
+
     /// The study's objective of measurements, which is minimised. Raises Invalid where one is missing, or is
     /// not what it may be.
     fn cost(&self, measured: Numbers) -> PyResult<f64> {

@@ -229,6 +229,10 @@ def tables_and_figures(client, study) -> None:
     import treewright
     from treewright import plot
 
+    space = treewright.Space().integer("leaf", 1, 32, default=8)
+    mixed = client.study("python-mixed", space, minimise={"ms": 1.0, "mb": 0.5}, maximise={"fps": 1000.0})
+    assert mixed.maximised == ["fps"] and study.maximised == []
+    assert sorted(plot._unit(mixed).split(" + ")) == ["0.5 mb", "1000 / fps", "ms"], plot._unit(mixed)
     table = study.trials("outcome = OK")
     uses = {
         "pandas": lambda: table.to_pandas(),

@@ -103,6 +103,9 @@ class Study:
     @property
     def metrics(self) -> dict[str, float]:
         """The measurements that a report has to hold, each with its weight."""
+    @property
+    def maximised(self) -> list[str]:
+        """Those of the metrics that are maximised."""
     def cost(self, measured: Mapping[str, float]) -> float:
         """The study's objective of measurements, which is minimised. Raises Invalid where one is missing."""
     def beyond(self, measured: Mapping[str, float]) -> Optional[str]:

@@ -92,5 +92,6 @@ def importances(analysis: Union[str, Mapping[str, Any]], *, ax: Any = None) -> A
 def _unit(study: Study) -> str:
     if study.value_title != "cost":
         return study.value_title
-    terms = [name if weight == 1 else f"{weight:g} {name}" for name, weight in study.metrics.items()]
-    return " + ".join(terms)
+    maximised = study.maximised
+    term = lambda name, weight: f"{weight:g} / {name}" if name in maximised else name if weight == 1 else f"{weight:g} {name}"
+    return " + ".join(term(name, weight) for name, weight in study.metrics.items())
