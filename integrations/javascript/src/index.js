@@ -236,11 +236,7 @@ export class Suggestion {
 
   #end(measurements, outcome) {
     if (!this.#open) throw new TreewrightError("invalid", "this trial is reported or given back already");
-    for (const [name, value] of Object.entries(measurements)) {
-      if (Number.isFinite(value) && value >= 0) continue;
-      this.abandon();
-      throw new TreewrightError("invalid", `measurement ${name} is ${value}; it must be finite and not negative`);
-    }
+    this.#checkValues(measurements);
     this.#open = false;
     const { client } = this.#study;
     if (this.trial === undefined) {
@@ -258,23 +254,39 @@ export class Suggestion {
     this.#end(measurements, { ok: {} });
   }
 
+  #refuse(problem) {
+    this.abandon();
+    throw new TreewrightError("invalid", problem);
+  }
+
+  #checkValues(measurements) {
+    for (const [name, value] of Object.entries(measurements)) {
+      if (Number.isFinite(value) && value >= 0) continue;
+      this.#refuse(`measurement ${name} is ${value}; it must be finite and not negative`);
+    }
+  }
+
   /** The daemon would refuse these later, when nobody looks. */
   #check(measurements) {
-    const refuse = (name, problem) => {
-      this.abandon();
-      throw new TreewrightError("invalid", `measurement ${name} ${problem}`);
-    };
+    this.#checkValues(measurements);
     const { minimise = {}, maximise = {}, limits = {} } = this.#study.spec;
     for (const name of [minimise, maximise, limits].flatMap(Object.keys)) {
-      if (!Object.hasOwn(measurements, name)) refuse(name, "is missing; the study's objective or a limit needs it");
+      if (Object.hasOwn(measurements, name)) continue;
+      this.#refuse(`measurement ${name} is missing; the study's objective or a limit needs it`);
     }
     // What is beyond a limit is infeasible, whatever it costs.
     const isBeyond = ([name, { atLeast = -Infinity, atMost = Infinity }]) =>
       measurements[name] < atLeast || measurements[name] > atMost;
     if (Object.entries(limits).some(isBeyond)) return;
-    for (const name of Object.keys(maximise)) {
-      if (measurements[name] === 0) refuse(name, "is 0; what is maximised must be above 0");
+    let cost = 0;
+    for (const [name, weight] of Object.entries(minimise)) cost += weight * measurements[name];
+    for (const [name, weight] of Object.entries(maximise)) {
+      const value = measurements[name];
+      if (!Number.isFinite(weight / value))
+        this.#refuse(`measurement ${name} is ${value}; what is maximised must be above 0, since its reciprocal is the cost`);
+      cost += weight / value;
     }
+    if (!Number.isFinite(cost)) this.#refuse("the weighted sum of the measurements is not finite; use smaller measurements or weights");
   }
 
   aborted(lowerBound) {

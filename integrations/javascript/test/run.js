@@ -61,12 +61,18 @@ async function trials() {
   const level = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
   const rate = await client.study("node-rate", { parameters: level, maximise: { fps: 1000 } });
   (await rate.suggest({})).report({ fps: 50 });
-  const still = await rate.suggest({});
-  assert.throws(() => still.report({ fps: 0 }), /fps is 0/);
+  for (const fps of [0, 1e-320]) {
+    const still = await rate.suggest({});
+    assert.throws(() => still.report({ fps }), new RegExp(`fps is ${fps};.* above 0`));
+  }
   const other = await rate.suggest({});
   assert.throws(() => other.report({ ms: 1 }), /fps is missing/);
   await client.flush(20000);
   assert.equal((await rate.best({})).cost, 20);
+  const sum = await client.study("node-sum", { parameters: level, minimise: { ms: 1, mb: 1 } });
+  const huge = await sum.suggest({});
+  assert.throws(() => huge.report({ ms: 1e308, mb: 1e308 }), /sum of the measurements is not finite/);
+  assert.throws(() => huge.report({ ms: 1, mb: 1 }), /already/);
   await rejects(client.study("bad", { ...spec, limits: { ms: {} } }), "refused", "at_most");
   await rejects(client.study("node", { ...spec, limits: { ms: { atMost: 31 } } }), "refused", "limit");
   await rejects(client.study("bad", { ...spec, constraints: ["leef < 3"] }), "refused", "did you mean");
