@@ -279,6 +279,9 @@ impl<'a> Importer<'a> {
         {
             return Err(format!("{name} is {value}, and must be finite and at least 0"));
         }
+        if trial.outcome == Outcome::Ok {
+            has_cost(self.spec, &trial.measurements)?;
+        }
         let measured = trial.measurements.iter().map(|(name, value)| (name.clone(), *value)).collect();
         let client_id: String = trial.client_id.chars().filter(|each| !each.is_control()).collect();
         let client_id = format!("{CARRIED}{client_id}").chars().take(CLIENT_CHARACTERS).collect();
@@ -302,5 +305,37 @@ impl<'a> Importer<'a> {
             return Err(problem.into());
         }
         Ok(())
+    }
+}
+
+/// Whether measurements have a cost, unless they are beyond a limit. The service refuses others.
+fn has_cost(spec: &StudySpec, measurements: &BTreeMap<String, f64>) -> Result<(), String> {
+    match spec.objective.beyond(measurements) {
+        Ok(Some(_)) => Ok(()),
+        Ok(None) => spec.objective.cost(measurements).map(drop),
+        Err(problem) => Err(problem),
+    }
+    .map_err(|problem| problem.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_client::Space;
+
+    use super::*;
+
+    #[test]
+    fn what_has_no_cost_does_not_fit() {
+        let space = Space::builder().boolean("compact").default(false).build().expect("a space");
+        let spec = StudySpec::builder(space).maximise("rate", 1.0).limit("memory_mb", None, Some(2000.0));
+        let spec = spec.build().expect("a good study");
+        let fits = |rate: f64, memory_mb: f64| {
+            has_cost(&spec, &[("rate".to_owned(), rate), ("memory_mb".to_owned(), memory_mb)].into())
+        };
+        assert_eq!(fits(3.0, 100.0), Ok(()));
+        assert!(fits(0.0, 100.0).expect_err("no cost").contains("must be above 0"));
+        assert_eq!(fits(0.0, 3000.0), Ok(()), "it is infeasible, whatever it costs");
+        let unlimited = has_cost(&spec, &BTreeMap::from([("rate".to_owned(), 3.0)]));
+        assert!(unlimited.expect_err("a limit").contains("\"memory_mb\" is missing"));
     }
 }
