@@ -89,7 +89,8 @@ pub fn read(out: &str, terms: &[ObjectiveTerm], maximised: &[String], taken: &Me
     }
     let mut measurements = Measurements::new();
     for ObjectiveTerm { metric, .. } in terms {
-        match number(metric, found.get(metric), taken.get(metric)) {
+        let is_maximised = maximised.contains(metric);
+        match number(metric, is_maximised, found.get(metric), taken.get(metric)) {
             Ok(Some(value)) => measurements.set(metric.clone(), value),
             Ok(None) => return Printed::NoResult(missing(metric, &found, is_missing)),
             Err(problem) => return Printed::NoResult(problem),
@@ -113,14 +114,20 @@ pub fn read(out: &str, terms: &[ObjectiveTerm], maximised: &[String], taken: &Me
 }
 
 /// The value of a metric of the objective; `None` where it was neither printed nor taken.
-fn number(metric: &str, printed: Option<&Value>, taken: Option<f64>) -> Result<Option<f64>, String> {
+fn number(
+    metric: &str,
+    is_maximised: bool,
+    printed: Option<&Value>,
+    taken: Option<f64>,
+) -> Result<Option<f64>, String> {
     let Some(printed) = printed else { return Ok(taken) };
     Err(match printed {
         Value::Number(number) => match number.as_f64() {
             Some(value) if value >= 0.0 && value.is_finite() => return Ok(Some(value)),
-            Some(value) if value.is_finite() => {
-                format!("{metric} is {value}, and what is minimised must be at least 0")
-            }
+            Some(value) if value.is_finite() => match is_maximised {
+                true => format!("{metric} is {value}, and what is maximised must be above 0"),
+                false => format!("{metric} is {value}, and measurements must be at least 0"),
+            },
             _ => format!("{metric} is {number}, not a finite number"),
         },
         Value::String(text) if text.starts_with(NOT_A_NUMBER) => {

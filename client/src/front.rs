@@ -158,6 +158,11 @@ impl Front {
         self.metrics.iter().map(|(name, _)| name.as_str())
     }
 
+    /// Those of them that are to be large.
+    pub fn maximised(&self) -> impl Iterator<Item = &str> {
+        self.metrics.iter().filter(|(_, is_maximised)| *is_maximised).map(|(name, _)| name.as_str())
+    }
+
     /// The range of the indicator [`Front::DIRECTION`]; its values are whole numbers.
     #[must_use]
     pub fn range(&self) -> RangeInclusive<f64> {

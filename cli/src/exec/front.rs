@@ -3,7 +3,7 @@
 
 use treewright_client::{
     Configuration, Front, FrontHistory, Indicators, ObjectiveTerm, Policy, Question, SessionPolicy,
-    TrialQuery, TrialRecord,
+    StudySpec, TrialQuery, TrialRecord,
 };
 
 use super::program::Run;
@@ -19,6 +19,16 @@ const RUNS: u32 = 80;
 /// What every run has to measure.
 pub(super) fn terms(front: &Front) -> Vec<ObjectiveTerm> {
     front.metrics().map(|metric| ObjectiveTerm { metric: metric.to_owned(), weight: 1.0 }).collect()
+}
+
+/// What a study does with a metric.
+pub(super) fn what_is_done(term: &ObjectiveTerm, spec: &StudySpec, front: Option<&Front>) -> &'static str {
+    let is_of_front = front.is_some_and(|front| front.maximised().any(|metric| metric == term.metric));
+    match is_of_front || spec.objective.maximised().contains(&term.metric) {
+        true => "maximises",
+        false if term.weight > 0.0 => "minimises",
+        false => "limits",
+    }
 }
 
 fn planned(exec: &Exec, policy: &Policy) -> u32 {

@@ -114,7 +114,7 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
         limit: exec.run_timeout,
         stop: &stop,
     };
-    check_metrics(&runner, &spec)?;
+    check_metrics(&runner, &spec, front.as_ref())?;
     announce(&spec, &study);
     let mut session_policy = SessionPolicy { epsilon: Some(1.0), ..SessionPolicy::default() };
     let room = study.policy.trials_per_state.unwrap_or_default();
@@ -186,18 +186,14 @@ fn needed(spec: &StudySpec, front: Option<&Front>) -> Vec<ObjectiveTerm> {
 }
 
 /// Whether all that is minimised or limited can be measured at all.
-fn check_metrics(runner: &Runner, spec: &StudySpec) -> Result<(), Failure> {
+fn check_metrics(runner: &Runner, spec: &StudySpec, front: Option<&Front>) -> Result<(), Failure> {
     let is_taken = |metric: &str| metric == "wall_ms" || metric == "cpu_ms";
     match runner.terms.iter().find(|term| !is_taken(&term.metric)) {
         Some(term) if runner.metric == MetricSource::Time => Err(Failure::Usage(format!(
             "the study {1} {0}, but only cpu_ms, wall_ms are measured; with --metric json, the program can print \
              it: {{\"{0}\": 1.5}}",
             term.metric,
-            match spec.objective.maximised().contains(&term.metric) {
-                true => "maximises",
-                false if term.weight > 0.0 => "minimises",
-                false => "limits",
-            }
+            front::what_is_done(term, spec, front)
         ))),
         _ => Ok(()),
     }

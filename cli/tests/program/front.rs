@@ -76,6 +76,8 @@ fn what_makes_no_front_is_refused() {
     refused(&one, "name two or three");
     let nothing = ["exec", "none", "--tune", "level=1..5:1", "--front", "wall_ms,loss", "--", "true"];
     refused(&nothing, "minimises loss");
+    let rate = ["exec", "rate", "--tune", "level=1..5:1", "--front", "wall_ms,1/rate", "--", "true"];
+    refused(&rate, "maximises rate");
     let json = ["exec", "zero", "--tune", "level=1..5:1", "--metric", "json", "--front", "wall_ms,loss"];
     let zero = [&json[..], &["--trials", "2", "--", "echo", "{\"loss\": 0}"]].concat();
     refused(&zero, "a front needs it in every run, above 0");

@@ -37,9 +37,11 @@ fn what_is_maximised_is_above_0_and_never_too_large() {
     for good in ["{\"loss\": 1e308}", "{\"loss\": 1e-300}"] {
         assert!(matches!(read_rate(good), Printed::Measured { .. }), "{good}");
     }
-    for bad in ["{\"loss\": 0}", "{\"loss\": -0.0}", "{\"loss\": 1e-309}"] {
+    for bad in ["{\"loss\": 0}", "{\"loss\": -0.0}", "{\"loss\": -0.5}", "{\"loss\": 1e-309}"] {
         match read_rate(bad) {
-            Printed::NoResult(reason) => assert!(reason.contains("must be above 0"), "{reason}"),
+            Printed::NoResult(reason) => {
+                assert!(reason.contains("what is maximised must be above 0"), "{reason}")
+            }
             other => panic!("{bad}: {other:?}"),
         }
     }
