@@ -56,9 +56,19 @@ impl CostView {
     }
 
     /// A share by which a cost lies below another as the share by which its value is better than the other's:
-    /// half the cost is twice the rate, a gain of 1.
+    /// half the cost is twice the rate, a gain of 1. Infinite for a rate whose cost would be nothing.
     pub fn share(&self, below: f64) -> f64 {
-        if self.is_maximised() { below / (1.0 - below) } else { below }
+        match self.is_maximised() {
+            true if below < 1.0 => below / (1.0 - below),
+            true => f64::INFINITY,
+            false => below,
+        }
+    }
+
+    /// Such a share in percent with one digit; `?` stands for one that is not finite.
+    pub fn percent(&self, below: f64) -> String {
+        let percent = 100.0 * self.share(below);
+        if percent.is_finite() { format!("{percent:.1}") } else { "?".to_owned() }
     }
 
     /// Where a better value lies: `below` or `above`.
@@ -84,6 +94,7 @@ mod tests {
         assert_eq!([fps.title(), fps.heading()], ["fps (higher is better)"; 2]);
         assert_eq!(fps.interval(10.0, 40.0), (25.0, 100.0), "the lower cost is the higher end");
         assert_eq!((fps.share(0.5), fps.share(-0.25)), (1.0, -0.2));
+        assert_eq!([0.5, -0.25, 1.0, 1.5].map(|below| fps.percent(below)), ["100.0", "-20.0", "?", "?"]);
         assert_eq!((fps.better_side(), fps.bound()), ("above", "at most"));
     }
 
@@ -93,6 +104,7 @@ mod tests {
         assert_eq!([plain.title(), plain.heading()], ["cost", "Cost"]);
         assert_eq!(plain.maximum(3.0), None);
         assert_eq!((plain.value(3.0), plain.interval(1.0, 2.0), plain.share(0.5)), (3.0, (1.0, 2.0), 0.5));
+        assert_eq!([0.5, 1.0].map(|below| plain.percent(below)), ["50.0", "100.0"]);
         assert_eq!((plain.better_side(), plain.bound()), ("below", "at least"));
     }
 }

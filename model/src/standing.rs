@@ -92,19 +92,24 @@ pub struct Gain {
 
 impl Gain {
     /// The gain as a study's view tells it: of what is maximised, the share by which it is above the other.
+    /// An end at which the cost would be nothing says nothing of a rate.
     #[must_use]
     pub fn by(self, view: &CostView) -> Self {
-        let [low, high] = [self.low, self.high].map(|end| end.map(|end| view.share(end)));
+        let told = |end| Some(view.share(end)).filter(|share| share.is_finite());
+        let [low, high] = [self.low, self.high].map(|end| end.and_then(told));
         Self { share: view.share(self.share), low, high, ..self }
     }
 }
 
 /// In percent with its interval, as in `12.3 % [10.1, 14.6]`; `?` stands for an end of which nothing is
-/// known.
+/// known, and for a gain that is not finite.
 impl fmt::Display for Gain {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // Adding zero makes a negative zero positive.
-        let percent = |share: f64| format!("{:.1}", (1000.0 * share).round() / 10.0 + 0.0);
+        let percent = |share: f64| match (1000.0 * share).round() / 10.0 + 0.0 {
+            percent if percent.is_finite() => format!("{percent:.1}"),
+            _ => "?".to_owned(),
+        };
         write!(f, "{} %", percent(self.share))?;
         if self.low.is_none() && self.high.is_none() {
             return Ok(());
@@ -224,8 +229,10 @@ impl Standing {
             (StandingVerdict::Proven | StandingVerdict::Likely, Some(gain), _) => {
                 text += &format!(", by {}", gain.by(view));
             }
-            (StandingVerdict::NothingBetter | StandingVerdict::NothingToWin, _, Some(most)) => {
-                text += &format!(": at most {:.1} % with 95 %", 100.0 * view.share(most));
+            (StandingVerdict::NothingBetter | StandingVerdict::NothingToWin, _, Some(most))
+                if view.share(most).is_finite() =>
+            {
+                text += &format!(": at most {} % with 95 %", view.percent(most));
             }
             _ => {}
         }
@@ -283,6 +290,17 @@ mod tests {
     }
 
     #[test]
+    fn a_rate_whose_cost_would_be_nothing_has_no_end() {
+        let rate = CostView::maximising("fps", 1.0);
+        let told = |share, low, high| {
+            let gain = Gain { share, low: Some(low), high: Some(high), probability_better: None };
+            gain.by(&rate).to_string()
+        };
+        assert_eq!(told(0.75, 0.5, 1.0), "300.0 % [100.0, ?]");
+        assert_eq!(told(1.0, 0.5, 1.0), "? % [100.0, ?]");
+    }
+
+    #[test]
     fn each_verdict_has_one_meaning() {
         use ConfirmationStage::{Better, NothingBetter, Off, Racing, Searching};
         for (stage, by_all, by_rounds, verdict, in_short) in [
@@ -335,6 +353,10 @@ mod tests {
         let rate = standing(ConfirmationStage::Better, 0.999, Some(0.995));
         let rate = rate.sentence_by(&CostView::maximising("fps", 1.0));
         assert!(rate.ends_with("by 14.0 % [11.2, 17.1]"), "shares of the default's rate: {rate}");
+        let unknown =
+            Standing { gain_at_most: Some(1.0), ..standing(ConfirmationStage::NothingBetter, 0.3, None) };
+        let unknown = unknown.sentence_by(&CostView::maximising("fps", 1.0));
+        assert!(unknown.starts_with("nothing was shown to be better than the default; 4"), "{unknown}");
         let jumped = Standing { disturbances: 2, ..standing(ConfirmationStage::Searching, 0.5, None) };
         assert!(jumped.sentence().ends_with("jumped 2 times meanwhile"));
     }

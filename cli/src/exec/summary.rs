@@ -132,14 +132,13 @@ impl Summary {
 impl Confirmed {
     /// `is_best`: it is what is recommended.
     fn words(&self, is_best: bool, view: &CostView) -> String {
-        let percent = |share: f64| format!("{:.1}", 100.0 * view.share(share));
         let Gain { pairs, gain, low, high, confidence, .. } = self.gain;
         let found = format!(
             "{} % {} the default, {} to {} % ({:.0} % interval of the median)",
-            percent(gain),
+            view.percent(gain),
             view.better_side(),
-            percent(low),
-            percent(high),
+            view.percent(low),
+            view.percent(high),
             100.0 * confidence
         );
         let noise = "that is within the noise; more pairs (--confirm=30) may decide it\n";

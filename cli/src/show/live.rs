@@ -29,8 +29,8 @@ fn gain(best: &Best, view: &CostView) -> String {
         Some(standing) => standing.gain.map(|gain| gain.by(view).to_string()).unwrap_or_default(),
         None => {
             let default = best.default_cost.filter(|default| *default > 0.0);
-            let gain = |default: f64| 100.0 * view.share(1.0 - best.cost / default);
-            default.map_or_else(String::new, |default| format!("{:.1} %", gain(default)))
+            let gain = |default: f64| view.percent(1.0 - best.cost / default);
+            default.map_or_else(String::new, |default| format!("{} %", gain(default)))
         }
     }
 }

@@ -75,7 +75,7 @@ pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
         let nothing = count(&[StandingVerdict::NothingBetter, StandingVerdict::NothingToWin]);
         let view = view(study);
         let mut gains: Vec<f64> =
-            standings.iter().filter_map(|standing| Some(100.0 * view.share(standing.gain?.share))).collect();
+            standings.iter().filter_map(|standing| Some(standing.gain?.share)).collect();
         gains.sort_by(f64::total_cmp);
         table.add_row([
             study.id().to_owned(),
@@ -83,7 +83,7 @@ pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
             better.to_string(),
             nothing.to_string(),
             (standings.len() - better - nothing).to_string(),
-            gains.get(gains.len() / 2).map(|gain| format!("{gain:.1}")).unwrap_or_default(),
+            gains.get(gains.len() / 2).map(|gain| view.percent(*gain)).unwrap_or_default(),
         ]);
     }
     table.trim_fmt()
@@ -300,9 +300,9 @@ fn means(best: &Best, view: &CostView) -> String {
     if let Some(default) = best.default_cost
         && default > 0.0
     {
-        let gain = 100.0 * view.share(1.0 - best.cost / default);
+        let gain = view.percent(1.0 - best.cost / default);
         let (default, side) = (figure(view.value(default)), view.better_side());
-        line(&mut text, &format!("default {default}, so the best is {gain:.1} % {side} it"));
+        line(&mut text, &format!("default {default}, so the best is {gain} % {side} it"));
     }
     text
 }
@@ -361,8 +361,8 @@ pub(crate) fn explanation(prediction: &Prediction, view: &CostView) -> String {
         line(
             &mut text,
             &format!(
-                "exploring on is expected to gain {} in each of {frames:.0} frames, and to cost as much as {cost:.1} frames",
-                percent(view.share(gain))
+                "exploring on is expected to gain {} % in each of {frames:.0} frames, and to cost as much as {cost:.1} frames",
+                view.percent(gain)
             ),
         );
     }

@@ -102,8 +102,8 @@ fn row(
         nothing: count(&[StandingVerdict::NothingBetter, StandingVerdict::NothingToWin]),
         gains: match low.is_finite() {
             true => {
-                let [low, high] = [low, high].map(|share| 100.0 * head.view.share(share));
-                format!("{low:.1} to {high:.1} % {}", head.view.better_side())
+                let [low, high] = [low, high].map(|share| head.view.percent(share));
+                format!("{low} to {high} % {}", head.view.better_side())
             }
             false => String::new(),
         },

@@ -94,7 +94,10 @@ fn reasons(reason: &v1::Reason, view: &CostView) -> Pairs {
         given("Budget left", told.budget_left),
         given("Budget reserved", told.set_aside),
         given(&format!("Reference {}", view.name()), told.reference_cost.map(|cost| view.value(cost))),
-        given("Expected gain (share)", told.expected_gain.map(|share| view.share(share))),
+        given(
+            "Expected gain (share)",
+            told.expected_gain.map(|share| view.share(share)).filter(|share| share.is_finite()),
+        ),
         given("Expected frames", told.expected_frames),
         given("Cost of exploring (frames)", told.exploring_cost),
         text("Held parameters", &told.held.join(", ")),
