@@ -213,7 +213,10 @@ mod tests {
         assert!(
             state(&[("x", 0.0), ("y", 0.0)]).expect_err("unknown").to_string().contains("\"y\" is unknown")
         );
-        assert!(state(&[("x", f64::NAN)]).expect_err("NaN").to_string().contains("\"x\" is NaN"));
+        for (value, text) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf"), (f64::NEG_INFINITY, "-inf")] {
+            let refused = state(&[("x", value)]).expect_err("not finite").to_string();
+            assert!(refused.contains(&format!("\"x\" is {text}")), "{refused}");
+        }
     }
 
     proptest! {

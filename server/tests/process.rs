@@ -101,7 +101,7 @@ fn a_second_daemon_on_one_database_is_refused() {
     let (code, stdout, stderr) = run(&["serve", "--listen", "127.0.0.1:0", "--database", path]);
     assert_eq!(code, Some(4));
     assert_eq!(stdout, "");
-    let message = format!("in use by another treewrightd (pid {pid})");
+    let message = format!("studies.db is in use by another treewrightd (pid {pid})");
     assert!(stderr.contains(&message), "{stderr}");
     assert_eq!(stderr.lines().count(), 1, "{stderr}");
     assert_eq!(first.terminate().0, Some(0));
@@ -113,15 +113,16 @@ fn each_trouble_has_its_exit_code_and_one_line() {
     let here = directory.path().to_str().unwrap();
     let (code, _, stderr) = run(&["serve", "--listen", "127.0.0.1:0", "--database", here]);
     assert_eq!(code, Some(4));
-    assert!(stderr.contains("is a directory"), "{stderr}");
+    assert!(stderr.contains(&format!("{here} is a directory")), "{stderr}");
     assert_eq!(stderr.lines().count(), 1, "{stderr}");
 
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let database = directory.path().join("studies.db");
     let database = database.to_str().unwrap();
-    let (code, _, stderr) = run(&["serve", "--listen", &address, "--database", database]);
+    let (code, stdout, stderr) = run(&["serve", "--listen", &address, "--database", database]);
     assert_eq!(code, Some(3));
+    assert_eq!(stdout, "", "nothing claims to listen");
     assert!(stderr.contains(&format!("cannot listen on {address}")), "{stderr}");
     assert_eq!(stderr.lines().count(), 1, "{stderr}");
     assert!(!Path::new(database).exists());

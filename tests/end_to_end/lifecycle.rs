@@ -1,11 +1,11 @@
-//! Starting and ending the daemon: its one line, its signals, and what it says when it cannot start.
+//! Ending the daemon by a signal, and starting it on a socket that systemd hands over.
 
 use std::net::TcpListener;
 use std::process::Stdio;
 
 use treewright_proto::v1 as pb;
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{program, run, stderr, stdout};
+use treewright_tests::programs::{program, run, stderr};
 
 use crate::wire;
 
@@ -28,19 +28,6 @@ async fn sigterm_ends_it_politely_and_the_database_stays_whole() {
     let daemon = Daemon::start(&database);
     let mut client = wire::connect(daemon.url()).await;
     assert_eq!(wire::query(&mut client, &study, "state = COMPLETED").await.len(), 1);
-}
-
-#[test]
-fn a_taken_port_is_named() {
-    let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
-    let address = taken.local_addr().expect("an address").to_string();
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let output =
-        run("treewrightd", &["serve", "--listen", &address, "--database", &database.to_string_lossy()]);
-    assert!(!output.status.success());
-    assert!(stderr(&output).contains(&address), "{}", stderr(&output));
-    assert!(stdout(&output).is_empty(), "nothing claims to listen");
 }
 
 /// A daemon that finds its listener among its descriptors, as systemd hands it over.
@@ -71,47 +58,4 @@ fn a_socket_that_systemd_hands_over_is_served() {
     let other = start_on(&socket, &database, "127.0.0.1:1").output().expect("it runs");
     assert!(!other.status.success(), "another address than the one that was checked");
     assert!(stderr(&other).contains("systemd passed on a socket"), "{}", stderr(&other));
-}
-
-#[test]
-fn a_database_in_use_is_named() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let _daemon = Daemon::start(&database);
-    let output =
-        run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", &database.to_string_lossy()]);
-    assert!(!output.status.success());
-    let said = stderr(&output);
-    assert!(said.contains("tuning.db") && said.contains("in use"), "{said}");
-}
-
-#[test]
-fn a_database_that_is_none_is_named() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let at = |path: &std::path::Path| {
-        let output =
-            run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", &path.to_string_lossy()]);
-        assert!(!output.status.success());
-        stderr(&output)
-    };
-    assert!(
-        at(folder.path()).contains("folder") || at(folder.path()).contains("directory"),
-        "{}",
-        at(folder.path())
-    );
-    let letter = folder.path().join("letter.txt");
-    std::fs::write(&letter, "Dear database, ".repeat(100)).expect("it can be written");
-    assert!(at(&letter).contains("not a"), "{}", at(&letter));
-    let nowhere = folder.path().join("no/such/folder/tuning.db");
-    assert!(at(&nowhere).contains("no/such/folder"), "{}", at(&nowhere));
-}
-
-#[test]
-fn an_open_address_is_refused_without_insecure() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let output =
-        run("treewrightd", &["serve", "--listen", "0.0.0.0:0", "--database", &database.to_string_lossy()]);
-    assert!(!output.status.success());
-    assert!(stderr(&output).contains("--insecure"), "{}", stderr(&output));
 }

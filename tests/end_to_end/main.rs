@@ -1,7 +1,6 @@
 //! End to end: the daemon, the renderer and the command line as separate processes.
 
 mod backup;
-mod bad_input;
 mod browser;
 mod carry;
 mod dashboard;

@@ -140,6 +140,11 @@ fn wrong_scenes_are_named() {
     fails("image --scene builtin:atlantis -o a.png", FAILED, &["atlantis", "hall"]);
     fails("info --scene part.stl", FAILED, &["part.stl"]);
     fails("image --scene builtin:quick --detail 99 -o a.png", FAILED, &["detail"]);
+    let folder = folder();
+    let here = folder.path().display();
+    fails(&format!("image --scene {here} -o a.png"), FAILED, &[&format!("{here} is a folder")]);
+    std::fs::write(folder.path().join("no_face.obj"), "v 0 0 0\n").expect("it can be written");
+    fails(&format!("image --scene {here}/no_face.obj -o a.png"), FAILED, &["no_face.obj", "no triangle"]);
 }
 
 #[test]
