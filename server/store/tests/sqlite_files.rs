@@ -8,7 +8,7 @@ use common::{change, completed, open, spec, state};
 use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
 use treewright_core::trial::Outcome;
 use treewright_core::tuner::{Change, Checkpoint};
-use treewright_store::{OpenError, SqliteStore, Store};
+use treewright_store::{Fence, OpenError, SqliteStore, Store};
 
 async fn refusal(path: &Path) -> OpenError {
     SqliteStore::open(path).await.expect_err("this file cannot be opened")
@@ -24,13 +24,19 @@ async fn foreign(path: &Path) -> sqlx::SqliteConnection {
         .expect("a connection")
 }
 
+/// A database of one study, and the right to write it.
+async fn hall(path: &Path) -> (SqliteStore, Fence) {
+    let store = SqliteStore::open(path).await.unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    let fence = store.load("hall").await.unwrap().fence;
+    (store, fence)
+}
+
 #[tokio::test]
 async fn what_was_acknowledged_is_there_after_reopening() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("studies.db");
-    let store = SqliteStore::open(&path).await.unwrap();
-    store.create_study("hall", &spec(), 5).await.unwrap();
-    let fence = store.load("hall").await.unwrap().fence;
+    let (store, fence) = hall(&path).await;
     let stored = change(vec![completed(1, 1, Outcome::Ok), open(2)]);
     store.commit(&fence, std::slice::from_ref(&stored)).durable().await.unwrap();
     store.close().await;
@@ -51,9 +57,7 @@ async fn what_was_acknowledged_is_there_after_reopening() {
 async fn a_checkpoint_that_lacks_a_part_is_passed_over() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("studies.db");
-    let store = SqliteStore::open(&path).await.unwrap();
-    store.create_study("hall", &spec(), 5).await.unwrap();
-    let fence = store.load("hall").await.unwrap().fence;
+    let (store, fence) = hall(&path).await;
     let first = Checkpoint { completion: 5, bytes: vec![1; 10] };
     store.save_checkpoint(&fence, &first).await.unwrap();
     let mut other = foreign(&path).await;
@@ -77,9 +81,7 @@ async fn a_checkpoint_that_lacks_a_part_is_passed_over() {
 #[tokio::test]
 async fn many_writers_at_once_are_all_answered() {
     let directory = tempfile::tempdir().unwrap();
-    let store = SqliteStore::open(&directory.path().join("studies.db")).await.unwrap();
-    store.create_study("hall", &spec(), 5).await.unwrap();
-    let fence = store.load("hall").await.unwrap().fence;
+    let (store, fence) = hall(&directory.path().join("studies.db")).await;
     let receipts: Vec<_> =
         (1..=500).map(|number| store.commit(&fence, &[change(vec![open(number)])])).collect();
     for receipt in receipts {
@@ -91,9 +93,7 @@ async fn many_writers_at_once_are_all_answered() {
 #[tokio::test]
 async fn a_full_queue_refuses_and_breaks_the_fence() {
     let directory = tempfile::tempdir().unwrap();
-    let store = SqliteStore::open(&directory.path().join("studies.db")).await.unwrap();
-    store.create_study("hall", &spec(), 5).await.unwrap();
-    let fence = store.load("hall").await.unwrap().fence;
+    let (store, fence) = hall(&directory.path().join("studies.db")).await;
     // On this single-threaded runtime the writer only runs while we wait, so the queue must fill up.
     let receipts: Vec<_> = (0..=treewright_store::limits::WRITE_QUEUE)
         .map(|_| store.commit(&fence, &[Change::default()]))
@@ -236,9 +236,7 @@ async fn after_a_deleted_log_an_orderly_end_saves_everything() {
     for suffix in ["-wal", "-shm"] {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("studies.db");
-        let store = SqliteStore::open(&path).await.unwrap();
-        store.create_study("hall", &spec(), 5).await.unwrap();
-        let fence = store.load("hall").await.unwrap().fence;
+        let (store, fence) = hall(&path).await;
         for number in 1..=40 {
             store.commit(&fence, &[change(vec![open(number)])]).durable().await.unwrap();
         }
@@ -355,9 +353,7 @@ async fn a_newer_schema_is_refused() {
 async fn altered_tables_and_scratched_pages_are_refused_at_the_start() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("studies.db");
-    let store = SqliteStore::open(&path).await.unwrap();
-    store.create_study("hall", &spec(), 5).await.unwrap();
-    let fence = store.load("hall").await.unwrap().fence;
+    let (store, fence) = hall(&path).await;
     let trials = (1..=300).map(|number| completed(number, number, Outcome::Ok)).collect();
     store.commit(&fence, &[change(trials)]).durable().await.unwrap();
     store.close().await;
@@ -422,9 +418,7 @@ async fn new_files_can_shrink_and_every_commit_waits_for_the_disk() {
 async fn a_file_shrinks_when_much_was_removed() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("studies.db");
-    let store = SqliteStore::open(&path).await.unwrap();
-    store.create_study("hall", &spec(), 5).await.unwrap();
-    let fence = store.load("hall").await.unwrap().fence;
+    let (store, fence) = hall(&path).await;
     let wide = |number| {
         let mut trial = completed(number, number, Outcome::Ok);
         trial.decision.said = Some("long ".repeat(2000));
@@ -455,9 +449,7 @@ async fn a_file_shrinks_when_much_was_removed() {
 async fn nothing_of_a_deleted_study_stays_in_the_file() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("studies.db");
-    let store = SqliteStore::open(&path).await.unwrap();
-    store.create_study("hall", &spec(), 5).await.unwrap();
-    let fence = store.load("hall").await.unwrap().fence;
+    let (store, fence) = hall(&path).await;
     let trials = (1..=200).map(|number| completed(number, number, Outcome::Ok)).collect();
     store.commit(&fence, &[change(trials)]).durable().await.unwrap();
     store.delete_study("hall").await.unwrap();
