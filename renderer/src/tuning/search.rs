@@ -491,24 +491,28 @@ mod tests {
     use treewright_accel::NativeQuality;
     use treewright_scene::builtin::{self, Options};
 
-    #[test]
-    fn a_trial_is_stopped_by_its_cap_and_by_nothing_else() {
+    /// A small scene, and a search of single frames over the full space.
+    fn small(objective: Objective) -> (Renderer, SearchSetting) {
         let scene =
             builtin::build("quick", &Options { detail: 0.02, ..Options::default() }).expect("a scene");
-        let mut renderer = Renderer::new(Arc::new(scene), 0).expect("Embree is set up");
-        let space = Arc::new(TuningSpace::new(Preset::Full, &Premises::all()));
-        let camera = renderer.scene().cameras[0];
-        let mut setting = SearchSetting {
-            objective: Objective::Total,
-            space: Arc::clone(&space),
+        let renderer = Renderer::new(Arc::new(scene), 0).expect("Embree is set up");
+        let setting = SearchSetting {
+            objective,
+            space: Arc::new(TuningSpace::new(Preset::Full, &Premises::all())),
             baseline: baseline(Preset::Full).choice,
-            view: View { camera, seed: 1, bounces: 1 },
+            view: View { camera: renderer.scene().cameras[0], seed: 1, bounces: 1 },
             width: 40,
             height: 30,
             frames: 1,
             indicators: Indicators::new(),
         };
-        let default = space.default_configuration();
+        (renderer, setting)
+    }
+
+    #[test]
+    fn a_trial_is_stopped_by_its_cap_and_by_nothing_else() {
+        let (mut renderer, mut setting) = small(Objective::Total);
+        let default = setting.space.default_configuration();
         let mut film = Film::new(setting.width, setting.height);
         for frames in [1, 3] {
             setting.frames = frames;
@@ -526,21 +530,7 @@ mod tests {
 
     #[test]
     fn a_structure_serves_a_few_trials_where_builds_are_shared_and_one_where_they_are_not() {
-        let scene =
-            builtin::build("quick", &Options { detail: 0.02, ..Options::default() }).expect("a scene");
-        let mut renderer = Renderer::new(Arc::new(scene), 0).expect("Embree is set up");
-        let space = Arc::new(TuningSpace::new(Preset::Full, &Premises::all()));
-        let camera = renderer.scene().cameras[0];
-        let mut setting = SearchSetting {
-            objective: Objective::Render,
-            space,
-            baseline: baseline(Preset::Full).choice,
-            view: View { camera, seed: 1, bounces: 1 },
-            width: 40,
-            height: 30,
-            frames: 1,
-            indicators: Indicators::new(),
-        };
+        let (mut renderer, mut setting) = small(Objective::Render);
         let mut film = Film::new(setting.width, setting.height);
         // Not the baseline, which is another on each kind of processor.
         let [quick, good] = [NativeQuality::Low, NativeQuality::High].map(Choice::native);
