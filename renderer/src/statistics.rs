@@ -69,11 +69,6 @@ impl Ratio {
     pub fn is_gain(&self) -> bool {
         self.interval.is_some_and(|[low, _]| low > 1.0)
     }
-
-    /// Whether it is shown to be below 1.
-    pub fn is_loss(&self) -> bool {
-        self.interval.is_some_and(|[_, high]| high < 1.0)
-    }
 }
 
 /// `1.21 × [1.18, 1.25]`.
@@ -187,8 +182,9 @@ mod tests {
         let nine: Vec<f64> = (1..=9).map(f64::from).collect();
         let ratio = Ratio::of(&nine, &[1.0; 9]);
         assert_eq!((ratio.median, ratio.interval, ratio.count), (5.0, Some([2.0, 8.0]), 9));
-        assert!(ratio.is_gain() && !ratio.is_loss());
-        assert!(Ratio::of(&[1.0; 9], &nine).is_loss());
+        assert!(ratio.is_gain());
+        let loss = Ratio::of(&[1.0; 9], &nine);
+        assert_eq!((loss.interval, loss.is_gain()), (Some([0.125, 0.5]), false));
         assert!(!Ratio::of(&[1.0; 9], &[1.0; 9]).is_gain(), "an interval that touches 1 shows nothing");
         assert!(!Ratio::of(&[2.0; 5], &[1.0; 5]).is_gain(), "five pairs show nothing");
         assert_eq!(ratio.to_string(), "5.00 × [2.00, 8.00]");

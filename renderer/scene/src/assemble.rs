@@ -470,7 +470,7 @@ mod tests {
         assert!(dropped("Dropped 1 triangles with corners that are too far out, beyond"));
         assert!(scene.notes.iter().any(|note| note.starts_with("Kept 1 ")));
         assert!(scene.normals.is_empty());
-        assert!(!scene.sky.is_black());
+        assert_eq!(scene.sky, Sky::daylight());
     }
 
     #[test]
@@ -506,7 +506,7 @@ mod tests {
         let mut assembler = assembler();
         let lamp = assembler.material(Material { emission: Vec3::ONE, ..Material::default() });
         assembler.mesh("lamp", lamp, &triangle(0.0)).unwrap();
-        assert!(assembler.finish(Lighting::Automatic, vec![]).unwrap().sky.is_black());
+        assert_eq!(assembler.finish(Lighting::Automatic, vec![]).unwrap().sky, Sky::BLACK);
     }
 
     #[test]

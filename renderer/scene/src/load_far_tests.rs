@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use serde_json::json;
 
 use super::load_tests::{glb, load_bytes, triangle_document};
-use super::{Scene, Up, load_upright};
+use super::{Placement, Scene, Up, load_upright};
 
 /// Three corners in double precision, with a shape that single precision would lose at the offset.
 const CORNERS: [DVec3; 3] =
@@ -39,7 +39,8 @@ fn text_in_double_precision_keeps_its_digits_far_away() {
     let far = DVec3::new(448_000.0, 5_411_000.0, 120.0);
     for load in [obj, ply] {
         let (near, far_scene) = (load(DVec3::ZERO), load(far));
-        assert!(near.placement.is_as_given() && near.notes.iter().all(|note| !note.contains("moved")));
+        assert_eq!(near.placement, Placement::default());
+        assert!(near.notes.iter().all(|note| !note.contains("moved")));
         for (near, far) in edges(&near).into_iter().zip(edges(&far_scene)) {
             assert!((near - far).abs().max_element() < 1e-6, "{near} {far}");
         }
@@ -86,7 +87,7 @@ fn nodes_far_away_keep_the_digits_of_their_meshes_and_lights_and_cameras_go_alon
     let light = |scene: &Scene| scene.lights[0].arrival(corner(scene));
     assert!((eye(&scene) - eye(&near)).length() < 1e-5);
     assert!((light(&scene).distance - light(&near).distance).abs() < 1e-5);
-    assert!(!scene.placement.is_as_given());
+    assert_ne!(scene.placement, Placement::default());
 }
 
 #[test]

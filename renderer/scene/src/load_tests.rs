@@ -246,7 +246,7 @@ fn obj_with_materials_quads_and_relative_numbers() {
     assert_eq!((material(1).metallic, material(1).base_color), (1.0, Vec3::new(0.9, 0.8, 0.7)));
     assert!(material(1).roughness < 0.25);
     assert!(scene.normals.iter().all(|normal| *normal == Vec3::Z));
-    assert!(scene.sky.is_black(), "a lamp shines");
+    assert_eq!(scene.sky, Sky::BLACK, "a lamp shines");
     for expected in ["gone.mtl", "a.png", "Ignored 1 points"] {
         assert!(scene.notes.iter().any(|note| note.contains(expected)), "{expected} in {:?}", scene.notes);
     }

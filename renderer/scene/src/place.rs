@@ -32,11 +32,6 @@ impl Placement {
     pub fn in_scene(&self, at: DVec3) -> Vec3 {
         ((at - self.origin) * self.factor).as_vec3()
     }
-
-    /// Whether lengths and places are the file's own.
-    pub fn is_as_given(&self) -> bool {
-        *self == Self::default()
-    }
 }
 
 /// The factor on the lengths of a scene with such a diagonal, a power of two; `None` for one that is right as

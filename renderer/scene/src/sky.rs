@@ -27,11 +27,6 @@ impl Sky {
         let turned = |sun: Sun| Sun { direction: up.turned(sun.direction), ..sun };
         Self { sun: self.sun.map(turned), ..self }
     }
-
-    /// Whether it gives no light at all.
-    pub fn is_black(&self) -> bool {
-        self.zenith.max_element() <= 0.0 && self.horizon.max_element() <= 0.0 && self.sun.is_none()
-    }
 }
 
 impl Sun {
