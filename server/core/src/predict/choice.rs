@@ -64,11 +64,6 @@ impl Predictors {
         Predictors { singles, chooses, trials: 0, tallies: PredictorErrors::default(), deferred: Vec::new() }
     }
 
-    /// Whether trials are tests.
-    pub fn are_tested(&self) -> bool {
-        self.chooses
-    }
-
     /// Whether `method` has to be taught at all.
     pub fn are_needed(method: PredictorMethod) -> bool {
         learns(method)
