@@ -38,7 +38,7 @@ const LIGHT: [(&str, &str); 11] = [
 ];
 
 /// Ways to follow that are compared by hand.
-const FOLLOW: [(&str, &str); 14] = [
+const FOLLOW: [(&str, &str); 13] = [
     ("quick, rebuilt", "tree=quick,period=1"),
     ("quick, 1.15", "tree=quick,repair_above=1.15"),
     ("quick, 1.3", "tree=quick,repair_above=1.3"),
@@ -47,7 +47,6 @@ const FOLLOW: [(&str, &str); 14] = [
     ("middle, 2", "tree=middle,repair_above=2"),
     ("good, 1.3", "tree=good,repair_above=1.3"),
     ("good, 4", "tree=good,repair_above=4"),
-    ("good then quick, 1.5", "tree=good_then_quick,repair_above=1.5"),
     ("native low, rebuilt", "tree=native_low,period=1"),
     ("native low, fitted", "tree=native_low"),
     ("native medium, rebuilt", "tree=native_medium,period=1"),

@@ -277,7 +277,7 @@ mod tests {
             "period=1",
             "repair_above=1.02",
             "tree=good,repair_above=4",
-            "tree=good_then_quick,repair_above=1.1",
+            "tree=middle,repair_above=1.1",
             "tree=native_low,period=3",
             "tree=native_medium",
         ];

@@ -197,22 +197,6 @@ impl TreeParameters {
         if self.branching_factor >= 8 { self.format } else { NodeFormat::Full }
     }
 
-    /// Those of a tree with the same kinds of nodes and leaves that is built as fast as possible.
-    pub(crate) fn quick(&self) -> Self {
-        // Nodes of sixteen need a collapse.
-        let collapse = if self.branching_factor == 16 { Collapse::Optimal } else { Collapse::Builder };
-        Self {
-            builder: Builder::Ploc,
-            search_radius: 4,
-            cluster_size: 8,
-            min_leaf_size: self.max_leaf_size.min(16),
-            order: NodeOrder::Builder,
-            reinsertion_passes: 0,
-            collapse,
-            ..*self
-        }
-    }
-
     /// Checks that every active parameter lies in its range and that they fit together.
     pub fn check(&self) -> Result<(), BuildError> {
         if self.compact {
@@ -286,38 +270,22 @@ pub enum Update {
     Partial {
         /// Greatest ratio of the cost to that of the last build: 1 to 4.
         rebuild_threshold: f32,
-        /// How what is rebuilt is built.
-        #[serde(default)]
-        parts: Parts,
     },
-}
-
-/// How a partial update builds what it rebuilds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Parts {
-    /// As the whole tree was.
-    #[default]
-    Alike,
-    /// As fast as possible: a good tree is kept where it lasts, and what decays is replaced for little.
-    Quick,
 }
 
 impl Update {
     /// A threshold to begin with.
     pub const REBUILD_THRESHOLD: f32 = 1.3;
 
-    /// A partial update with this threshold, whose parts are built like the whole.
+    /// A partial update with this threshold.
     pub fn partial(rebuild_threshold: f32) -> Self {
-        Self::Partial { rebuild_threshold, parts: Parts::Alike }
+        Self::Partial { rebuild_threshold }
     }
 
     /// Checks that the threshold, where there is one, lies in its range.
     pub fn check(&self) -> Result<(), BuildError> {
         match *self {
-            Self::Partial { rebuild_threshold, .. }
-                if !REBUILD_THRESHOLD_RANGE.contains(&rebuild_threshold) =>
-            {
+            Self::Partial { rebuild_threshold } if !REBUILD_THRESHOLD_RANGE.contains(&rebuild_threshold) => {
                 Err(BuildError::InvalidParameters {
                     parameter: "rebuild_threshold",
                     value: rebuild_threshold.to_string(),

@@ -5,18 +5,17 @@ use std::sync::Arc;
 use glam::{Affine3A, Quat, Vec3, Vec3A};
 use treewright_accel::{
     BruteForce, BuildChoice, BuildError, Device, Hit, Instances, Intersector, Isa, NativeOptions,
-    NativeQuality, NodeFormat, Parts, Quality, Ray, Structure, TreeParameters, Triangles, Update, build,
+    NativeQuality, NodeFormat, Quality, Ray, Structure, TreeParameters, Triangles, Update, build,
     build_instanced,
 };
 
 mod scenes;
 
 /// Ways to follow.
-const UPDATES: [Update; 5] = [
+const UPDATES: [Update; 4] = [
     Update::Refit,
-    Update::Partial { rebuild_threshold: 1.0, parts: Parts::Alike },
-    Update::Partial { rebuild_threshold: 1.3, parts: Parts::Alike },
-    Update::Partial { rebuild_threshold: 1.1, parts: Parts::Quick },
+    Update::Partial { rebuild_threshold: 1.0 },
+    Update::Partial { rebuild_threshold: 1.3 },
     Update::Rebuild,
 ];
 

@@ -3,7 +3,7 @@
 use serde::de::value::{Error, StrDeserializer};
 use serde::{Deserialize, Serialize};
 use treewright_accel::{
-    BuildChoice, NativeAcceleration, NativeOptions, NativeQuality, Parts, Quality, TreeParameters, Update,
+    BuildChoice, NativeAcceleration, NativeOptions, NativeQuality, Quality, TreeParameters, Update,
 };
 use treewright_client::{Configuration, Value};
 
@@ -95,7 +95,6 @@ pub(super) fn of_follow(complete: &Configuration, base: &Choice, premises: &Prem
     let update = match (period, tree) {
         (1, _) => Update::Rebuild,
         (_, KeptTree::Quick | KeptTree::Middle | KeptTree::Good) => Update::partial(rebuild_threshold),
-        (_, KeptTree::GoodThenQuick) => Update::Partial { rebuild_threshold, parts: Parts::Quick },
         (_, KeptTree::NativeLow | KeptTree::NativeMedium) => Update::Refit,
     };
     Choice { build: follow::build(tree, premises), update, period, ..*base }

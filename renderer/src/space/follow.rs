@@ -21,8 +21,6 @@ pub(super) enum KeptTree {
     Middle,
     /// As for a thousand frames.
     Good,
-    /// As for a thousand frames, and what decays is replaced by quick parts.
-    GoodThenQuick,
     /// Embree's of quality low.
     NativeLow,
     /// Embree's of quality medium.
@@ -31,13 +29,13 @@ pub(super) enum KeptTree {
 
 /// The parameters.
 pub(super) fn parameters() -> Vec<Explained> {
-    let own = ["quick", "middle", "good", "good_then_quick"];
+    let own = ["quick", "middle", "good"];
     vec![
         choice(
             "tree",
             own.into_iter().chain(["native_low", "native_medium"]),
             "quick",
-            "which tree is built: a quick, a middling or a good one, a good one whose decayed parts are replaced by quick ones, or Embree's own",
+            "which tree is built: a quick, a middling or a good one, or Embree's own",
         ),
         integer(
             "period",
@@ -75,7 +73,7 @@ pub(super) fn build(tree: KeptTree, premises: &Premises) -> BuildChoice {
     match tree {
         KeptTree::Quick => recommended(true),
         KeptTree::Middle => middle(recommended(false)),
-        KeptTree::Good | KeptTree::GoodThenQuick => recommended(false),
+        KeptTree::Good => recommended(false),
         KeptTree::NativeLow => native(NativeQuality::Low),
         KeptTree::NativeMedium => native(NativeQuality::Medium),
     }
@@ -92,7 +90,7 @@ fn middle(good: BuildChoice) -> BuildChoice {
 
 #[cfg(test)]
 mod tests {
-    use treewright_accel::{Parts, Update};
+    use treewright_accel::Update;
 
     use super::*;
     use crate::space::parse;
@@ -111,9 +109,7 @@ mod tests {
             assert_eq!((default.update, default.period), (Update::partial(1.15), NEVER));
             assert_eq!(default.build, build(KeptTree::Quick, &premises));
             assert_eq!(of("period=1").update, Update::Rebuild);
-            let quick_parts = Update::Partial { rebuild_threshold: 2.0, parts: Parts::Quick };
-            let mixed = of("tree=good_then_quick,repair_above=2");
-            assert_eq!((mixed.update, mixed.build), (quick_parts, of("tree=good").build));
+            assert_eq!(of("tree=good,repair_above=2").update, Update::partial(2.0));
             assert_eq!((of("tree=native_low").update, of("tree=native_low").period), (Update::Refit, NEVER));
             assert_eq!(of("tree=native_medium,period=8").period, 8);
             let trees = ["quick", "middle", "good", "native_low", "native_medium"];

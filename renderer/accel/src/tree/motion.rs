@@ -28,7 +28,7 @@ use crate::error::BuildError;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX, for_block, for_node};
 use crate::limits::MAX_DEPTH;
-use crate::parameters::{Parts, TreeParameters, Update};
+use crate::parameters::{TreeParameters, Update};
 
 /// A subtree has at most this share of the triangles.
 const SHARE: usize = 256;
@@ -107,21 +107,15 @@ impl Tree {
         BuildError::same_count(self.root.triangles.len(), triangles.len())?;
         update.check()?;
         if update == Update::Rebuild || triangles.is_empty() {
-            let parameters = self.parameters;
-            return self.rebuild(device, triangles, &parameters);
+            return self.rebuild(device, triangles);
         }
         let parameters = self.parameters;
         for_node!(parameters, N => for_block!(parameters, B => self.fit::<N, B>(device, triangles, update)))
     }
 
-    fn rebuild(
-        &mut self,
-        device: &Device,
-        triangles: &Arc<Triangles>,
-        parameters: &TreeParameters,
-    ) -> Result<(), BuildError> {
+    fn rebuild(&mut self, device: &Device, triangles: &Arc<Triangles>) -> Result<(), BuildError> {
         let isa = self.isa;
-        let fresh = Self::build(device, triangles, parameters)?;
+        let fresh = Self::build(device, triangles, &self.parameters)?;
         *self = fresh.with_isa(isa).expect("this processor had it before");
         Ok(())
     }
@@ -144,7 +138,7 @@ impl Tree {
             // SAFETY: the tree is ours alone, of these kinds, and no two subtrees share a node.
             .map(|Handed(node)| unsafe { refit::<N, B>(node, triangles, watertight) })
             .collect();
-        let Update::Partial { rebuild_threshold, parts } = update else {
+        let Update::Partial { rebuild_threshold } = update else {
             // SAFETY: as above; the parallel part is over.
             let (bounds, _) = unsafe { motion.fit_above::<N>(&fitted) };
             self.root.bounds = bounds;
@@ -153,11 +147,10 @@ impl Tree {
         };
         let threshold = f64::from(rebuild_threshold);
         let (parameters, isa) = (self.parameters, self.isa);
-        let of_parts = if parts == Parts::Quick { parameters.quick() } else { parameters };
         let decayed = |subtree: &Subtree, fitted: &Fitted| fitted.cost() > threshold * subtree.cost;
         let pairs = motion.subtrees.par_iter_mut().zip(&mut fitted);
         pairs.filter(|(subtree, fitted)| decayed(subtree, fitted)).for_each(|(subtree, fitted)| {
-            match subtree.build::<N, B>(device, triangles, &of_parts, isa) {
+            match subtree.build::<N, B>(device, triangles, &parameters, isa) {
                 Ok(anew) => *fitted = anew,
                 // It was denied a depth that the whole tree has, and would be again: it stays as it is.
                 Err(_) => subtree.cost = fitted.cost(),
@@ -178,7 +171,7 @@ impl Tree {
         self.root.bounds = bounds;
         let has_decayed = cost > threshold * motion.cost_above;
         self.motion = Some(motion);
-        if has_decayed { self.rebuild(device, triangles, &of_parts) } else { Ok(()) }
+        if has_decayed { self.rebuild(device, triangles) } else { Ok(()) }
     }
 }
 

@@ -170,7 +170,7 @@ fn table(followers: &[Follower]) -> comfy_table::Table {
         let name = match follower.update {
             Update::Rebuild => "rebuild".to_owned(),
             Update::Refit => "refit".to_owned(),
-            Update::Partial { rebuild_threshold, .. } => format!("partial, {rebuild_threshold}"),
+            Update::Partial { rebuild_threshold } => format!("partial, {rebuild_threshold}"),
         };
         let median = |of: fn(&FrameTimes) -> f64| {
             Summary::of(&follower.frames.iter().map(of).collect::<Vec<_>>()).median
