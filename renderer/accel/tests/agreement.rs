@@ -5,37 +5,20 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Builder, Collapse, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality,
-    NodeFormat, NodeOrder, Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, Builder, Collapse, Hit, Intersector, Isa, NativeOptions, NodeFormat, NodeOrder,
+    Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
 };
 
+#[path = "scenes/back_ends.rs"]
+mod back_ends;
 mod scenes;
 
-fn device() -> Device {
-    Device::open(0).expect("Embree is set up")
-}
+use back_ends::device;
 
 /// Every kind of node, of block and of test, and every builder.
 fn parameters() -> Vec<TreeParameters> {
-    let mut all = Vec::new();
-    let kinds = [(2, NodeFormat::Full), (4, NodeFormat::Full), (8, NodeFormat::Full), (16, NodeFormat::Full)];
-    let kinds = kinds.into_iter().chain([(8, NodeFormat::Quantised), (16, NodeFormat::Quantised)]);
-    for (branching_factor, format) in kinds {
-        for block_width in [4, 8] {
-            for robust in [false, true] {
-                all.push(TreeParameters {
-                    branching_factor,
-                    collapse: if branching_factor == 16 { Collapse::Optimal } else { Collapse::Builder },
-                    format,
-                    block_width,
-                    max_depth: 64,
-                    max_leaf_size: 20,
-                    robust,
-                    ..TreeParameters::default()
-                });
-            }
-        }
-    }
+    let plain = TreeParameters { max_depth: 64, max_leaf_size: 20, ..TreeParameters::default() };
+    let mut all = back_ends::tree_kinds(plain);
     // The optimal collapse of every width and builder, with more and less reinsertion, in every order.
     let orders = [NodeOrder::Builder, NodeOrder::DepthFirst, NodeOrder::VanEmdeBoas, NodeOrder::Treelets];
     let mut number = 0;
@@ -199,12 +182,9 @@ fn all_agree(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
             check(&format!("{name}, {isa:?}, {parameters:?}"), &tree);
         }
     }
-    for quality in [NativeQuality::Low, NativeQuality::Medium, NativeQuality::High] {
-        for (compact, robust) in [(false, false), (true, false), (false, true)] {
-            let options = NativeOptions { quality, compact, robust, ..NativeOptions::default() };
-            let native = build(&device(), triangles, &BuildChoice::Native(options)).expect("it builds");
-            check(&format!("{name}, {options:?}"), &native);
-        }
+    for options in back_ends::native_kinds() {
+        let native = build(&device(), triangles, &BuildChoice::Native(options)).expect("it builds");
+        check(&format!("{name}, {options:?}"), &native);
     }
 }
 

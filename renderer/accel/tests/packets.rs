@@ -5,48 +5,31 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use treewright_accel::limits::COORDINATE_MAX;
 use treewright_accel::{
-    BuildChoice, Collapse, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality, NodeFormat, Packets,
-    Quality, Ray, Structure, TreeParameters, Triangles, build,
+    BuildChoice, Hit, Intersector, Isa, Packets, Quality, Ray, Structure, TreeParameters, Triangles, build,
 };
 
+#[path = "scenes/back_ends.rs"]
+mod back_ends;
 mod scenes;
 
 /// Every back end that may trace packets in its own way: native scenes, and trees with every kind of node,
 /// block and test on every instruction set.
 fn structures(triangles: &Arc<Triangles>) -> Vec<(String, Structure)> {
-    let device = Device::open(0).expect("Embree is set up");
+    let device = back_ends::device();
+    let built = |choice| build(&device, triangles, &choice).expect("it builds");
     let mut all = Vec::new();
-    for quality in [NativeQuality::Low, NativeQuality::Medium, NativeQuality::High] {
-        for (compact, robust) in [(false, false), (true, false), (false, true)] {
-            let options = NativeOptions { quality, compact, robust, ..NativeOptions::default() };
-            let native = build(&device, triangles, &BuildChoice::Native(options)).expect("it builds");
-            all.push((format!("{options:?}"), native));
-        }
+    for options in back_ends::native_kinds() {
+        all.push((format!("{options:?}"), built(BuildChoice::Native(options))));
     }
-    let kinds = [(2, NodeFormat::Full), (4, NodeFormat::Full), (8, NodeFormat::Full), (16, NodeFormat::Full)];
-    for (branching_factor, format) in
-        kinds.into_iter().chain([(8, NodeFormat::Quantised), (16, NodeFormat::Quantised)])
-    {
-        for block_width in [4, 8] {
-            for robust in [false, true] {
-                let parameters = TreeParameters {
-                    quality: Quality::SahSplit,
-                    branching_factor,
-                    collapse: if branching_factor == 16 { Collapse::Optimal } else { Collapse::Builder },
-                    format,
-                    block_width,
-                    max_depth: 64,
-                    max_leaf_size: 12,
-                    robust,
-                    ..TreeParameters::default()
-                };
-                for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
-                    let built = build(&device, triangles, &BuildChoice::Tree(parameters)).expect("it builds");
-                    let Structure::Tree(tree) = built else { panic!("{parameters:?} is a tree") };
-                    let tree = tree.with_isa(isa).expect("it is available");
-                    all.push((format!("{isa:?}, {parameters:?}"), Structure::Tree(tree)));
-                }
-            }
+    let (quality, max_depth, max_leaf_size) = (Quality::SahSplit, 64, 12);
+    let plain = TreeParameters { quality, max_depth, max_leaf_size, ..TreeParameters::default() };
+    for parameters in back_ends::tree_kinds(plain) {
+        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+            let Structure::Tree(tree) = built(BuildChoice::Tree(parameters)) else {
+                panic!("{parameters:?} is a tree")
+            };
+            let tree = tree.with_isa(isa).expect("it is available");
+            all.push((format!("{isa:?}, {parameters:?}"), Structure::Tree(tree)));
         }
     }
     all

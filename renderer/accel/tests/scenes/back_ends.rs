@@ -1,5 +1,7 @@
 //! Every way to answer a ray that the crate has: back ends, builders, widths, node formats, instruction sets.
 
+#![allow(dead_code, reason = "each test uses some of it")]
+
 use std::sync::Arc;
 
 use treewright_accel::{
@@ -12,29 +14,27 @@ pub(crate) fn device() -> Device {
     Device::open(0).expect("Embree is set up")
 }
 
+/// A tree of every kind of node, of block and of test, otherwise as `plain`.
+pub(crate) fn tree_kinds(plain: TreeParameters) -> Vec<TreeParameters> {
+    let full = [2, 4, 8, 16].map(|branching_factor| (branching_factor, NodeFormat::Full));
+    let quantised = [8, 16].map(|branching_factor| (branching_factor, NodeFormat::Quantised));
+    let mut all = Vec::new();
+    for (branching_factor, format) in full.into_iter().chain(quantised) {
+        let collapse = if branching_factor == 16 { Collapse::Optimal } else { Collapse::Builder };
+        for block_width in [4, 8] {
+            for robust in [false, true] {
+                all.push(TreeParameters { branching_factor, collapse, format, block_width, robust, ..plain });
+            }
+        }
+    }
+    all
+}
+
 /// Trees of every width, format, block and test, and every builder.
 pub(crate) fn trees() -> Vec<TreeParameters> {
     let plain = TreeParameters { max_depth: 64, max_leaf_size: 20, ..TreeParameters::default() };
-    let mut all = Vec::new();
+    let mut all = tree_kinds(plain);
     for robust in [false, true] {
-        for branching_factor in [2, 4, 8, 16] {
-            for block_width in [4, 8] {
-                for format in [NodeFormat::Full, NodeFormat::Quantised] {
-                    if format == NodeFormat::Quantised && branching_factor < 8 {
-                        continue;
-                    }
-                    let collapse = if branching_factor == 16 { Collapse::Optimal } else { Collapse::Builder };
-                    all.push(TreeParameters {
-                        branching_factor,
-                        block_width,
-                        format,
-                        collapse,
-                        robust,
-                        ..plain
-                    });
-                }
-            }
-        }
         for quality in [Quality::Morton, Quality::SahSplit] {
             all.push(TreeParameters { quality, branching_factor: 8, max_leaf_size: 4, robust, ..plain });
         }
@@ -49,15 +49,21 @@ pub(crate) fn trees() -> Vec<TreeParameters> {
     all
 }
 
-/// Native scenes of every quality, flag and acceleration.
-pub(crate) fn natives() -> Vec<NativeOptions> {
-    let plain = NativeOptions::default();
+/// Native scenes of every quality, compact and robust.
+pub(crate) fn native_kinds() -> Vec<NativeOptions> {
     let mut all = Vec::new();
     for quality in [NativeQuality::Low, NativeQuality::Medium, NativeQuality::High] {
         for (compact, robust) in [(false, false), (true, false), (false, true)] {
-            all.push(NativeOptions { quality, compact, robust, ..plain });
+            all.push(NativeOptions { quality, compact, robust, ..NativeOptions::default() });
         }
     }
+    all
+}
+
+/// Native scenes of every quality, flag and acceleration.
+pub(crate) fn natives() -> Vec<NativeOptions> {
+    let plain = NativeOptions::default();
+    let mut all = native_kinds();
     all.push(NativeOptions { dynamic: true, ..plain });
     if Isa::Avx2.is_available() {
         let named = NativeAcceleration::ALL.into_iter().filter(|named| *named != NativeAcceleration::Auto);
