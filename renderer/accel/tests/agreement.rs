@@ -110,21 +110,9 @@ fn tree(triangles: &Arc<Triangles>, parameters: &TreeParameters) -> Tree {
     }
 }
 
-/// Whether rounding may decide about the ray: it passes an edge or an end of its segment closely.
+/// Whether rounding of coordinates may decide about the ray.
 fn is_close_call(triangles: &Triangles, ray: &Ray, hit: &Hit) -> bool {
-    let [a, b, c] = triangles.corners(hit.triangle as usize).map(Vec3A::as_dvec3);
-    let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-    let weights = [hit.u, hit.v, 1.0 - hit.u - hit.v].map(f64::from);
-    let normal = (b - a).cross(c - a);
-    let height =
-        |weight: f64| weight * normal.length() / (b - a).length().max((c - a).length()).max((c - b).length());
-    let slant = (normal.dot(direction) / (normal.length() * direction.length())).abs();
-    // How far the hit is inside the triangle, as the ray sees it, against the rounding of coordinates.
-    let margin = weights.map(height).into_iter().fold(f64::INFINITY, f64::min) * slant;
-    let reach = origin.length() + a.length() + b.length() + c.length();
-    let t = f64::from(hit.t);
-    let ends = (t - f64::from(ray.t_min)).abs().min((t - f64::from(ray.t_max)).abs());
-    margin < 4e-6 * reach || ends < 1e-5 * (1.0 + t)
+    scenes::passes_closely(triangles.corners(hit.triangle as usize), ray, hit, 4e-6, 1e-5)
 }
 
 /// Compares one answer with the oracle's. Returns whether they agree outright.

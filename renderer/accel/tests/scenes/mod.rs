@@ -142,18 +142,25 @@ pub(crate) fn invalid(good: Ray) -> Vec<Ray> {
     rays
 }
 
-/// Whether rounding may decide about the ray: it passes an edge or an end of its segment closely. Ways into
-/// an object's space and back round at the magnitude of everything on the way.
-pub(crate) fn is_close_call([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
+/// Whether rounding may decide about the ray where objects move or are placed. Ways into an object's space
+/// and back round at the magnitude of everything on the way.
+pub(crate) fn is_close_call(corners: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
+    passes_closely(corners, ray, hit, 2e-5, 1e-4)
+}
+
+/// Whether a ray passes an edge within `aside` of all lengths, or an end of its segment within `along` of its
+/// own.
+pub(crate) fn passes_closely([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit, aside: f64, along: f64) -> bool {
     let [a, b, c] = [a, b, c].map(Vec3A::as_dvec3);
     let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let weights = [hit.u, hit.v, 1.0 - hit.u - hit.v].map(f64::from);
     let normal = (b - a).cross(c - a);
     let longest = (b - a).length().max((c - a).length()).max((c - b).length());
     let slant = (normal.dot(direction) / (normal.length() * direction.length())).abs();
+    // How far the hit is inside the triangle, as the ray sees it.
     let inside = weights.into_iter().fold(f64::INFINITY, f64::min) * normal.length() / longest * slant;
     let reach = origin.length() + a.length() + b.length() + c.length();
     let t = f64::from(hit.t);
     let ends = (t - f64::from(ray.t_min)).abs().min((t - f64::from(ray.t_max)).abs());
-    inside < 2e-5 * reach || ends < 1e-4 * (1.0 + t)
+    inside < aside * reach || ends < along * (1.0 + t)
 }
