@@ -270,13 +270,7 @@ fn rays_that_are_none_meet_nothing() {
     let instances = Arc::new(Instances::new(triangles.len(), ranges, placed).expect("valid"));
     let device = Device::open(0).expect("Embree is set up");
     let good = Ray { origin: Vec3::Y, direction: Vec3::NEG_Y, t_min: 0.0, t_max: f32::INFINITY };
-    let bad = [
-        Ray { direction: Vec3::NAN, ..good },
-        Ray { origin: Vec3::INFINITY, ..good },
-        Ray { t_min: f32::NAN, ..good },
-        Ray { t_max: -1.0, ..good },
-        Ray { direction: Vec3::ZERO, ..good },
-    ];
+    let bad = scenes::invalid(good);
     for choice in choices() {
         let structure = build_instanced(&device, &triangles, &instances, &choice).expect("it builds");
         for ray in &bad {
