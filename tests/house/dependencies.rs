@@ -5,10 +5,10 @@
 //! network. Where there is one, `cargo audit` reads `Cargo.lock` and answers that.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::process::Command;
 
 use serde_json::Value;
-use treewright_tests::programs::workspace;
+
+use crate::packages::metadata;
 
 /// Licences under which everybody may use, change and pass on the whole, with a notice at most.
 const LICENCES: &[&str] = &[
@@ -70,18 +70,6 @@ const SEVERAL_VERSIONS: &[&str] = &[
 /// There is one implementation of TLS, rustls on ring; these would be others.
 const OTHER_TLS: &[&str] = &["openssl", "openssl-sys", "native-tls", "boring", "boring-sys", "aws-lc-sys"];
 
-/// The packages of the whole workspace, from the lock file.
-fn packages() -> Vec<Value> {
-    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .current_dir(workspace())
-        .args(["metadata", "--format-version", "1", "--locked", "--offline"])
-        .output()
-        .expect("cargo runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let metadata: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    metadata["packages"].as_array().expect("a list of packages").clone()
-}
-
 fn text<'a>(package: &'a Value, key: &str) -> &'a str {
     package[key].as_str().unwrap_or_default()
 }
@@ -124,7 +112,7 @@ fn expressions_are_read_rightly() {
 #[test]
 fn dependencies_may_be_used_and_come_from_one_place() {
     let mut problems = Vec::new();
-    for package in packages() {
+    for package in metadata(&[]) {
         let name = text(&package, "name");
         match package["source"].as_str() {
             None | Some(SOURCE) => {}
@@ -146,7 +134,7 @@ fn dependencies_may_be_used_and_come_from_one_place() {
 #[test]
 fn what_stands_there_in_several_versions_is_known() {
     let mut versions: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-    for package in packages() {
+    for package in metadata(&[]) {
         versions.entry(text(&package, "name").into()).or_default().insert(text(&package, "version").into());
     }
     versions.retain(|_, versions| versions.len() > 1);

@@ -1,9 +1,8 @@
 //! Arrows between the crates point one way, and the pure core stays pure.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::process::Command;
 
-use treewright_tests::programs::workspace;
+use crate::packages::{cargo, packages};
 
 /// What each crate may depend on among ours. Anything else is an arrow against the grain.
 const ARROWS: &[(&str, &[&str])] = &[
@@ -87,16 +86,8 @@ const NOT_SAID_IN_PURE: &[&str] = &[
 ];
 
 fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
-    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .current_dir(workspace())
-        .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
-        .output()
-        .expect("cargo metadata runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).expect("cargo metadata is JSON");
-    let packages = metadata["packages"].as_array().expect("packages is a list");
     let name = |value: &serde_json::Value| value["name"].as_str().expect("a name is text").to_owned();
-    packages
+    packages()
         .iter()
         .map(|package| {
             let all = package["dependencies"].as_array().expect("dependencies is a list");
@@ -125,14 +116,8 @@ fn arrows_point_one_way() {
 
 #[test]
 fn the_sdk_brings_no_command_line() {
-    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .current_dir(workspace())
-        .args(["tree", "--offline", "--package", "treewright-client", "--edges", "normal"])
-        .args(["--prefix", "none", "--format", "{p}"])
-        .output()
-        .expect("cargo tree runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let tree = String::from_utf8(output.stdout).expect("cargo prints text");
+    let of_sdk = ["tree", "--offline", "--package", "treewright-client", "--edges", "normal"];
+    let tree = cargo(&[&of_sdk[..], &["--prefix", "none", "--format", "{p}"]].concat());
     assert!(tree.lines().any(|line| line.starts_with("tonic ")), "cargo tree says something else: {tree}");
     for name in NOT_IN_SDK {
         let found = tree.lines().any(|line| line.split(' ').next() == Some(name));
@@ -162,13 +147,7 @@ fn pure_crates_do_no_io() {
 /// block; what is left to look at is that they hold everywhere but where Embree or another language begins.
 #[test]
 fn the_lints_of_the_workspace_hold_everywhere_but_at_the_edges() {
-    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .current_dir(workspace())
-        .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
-        .output()
-        .expect("cargo metadata runs");
-    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).expect("cargo metadata is JSON");
-    for package in metadata["packages"].as_array().expect("packages is a list") {
+    for package in packages() {
         let path = package["manifest_path"].as_str().expect("a path is text");
         let manifest = std::fs::read_to_string(path).expect("a manifest can be read");
         let inherits = manifest.contains("[lints]\nworkspace = true");

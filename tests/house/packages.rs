@@ -7,7 +7,8 @@ use std::process::Command;
 use serde_json::Value;
 use treewright_tests::programs::workspace;
 
-fn cargo(arguments: &[&str]) -> String {
+/// What cargo prints in the workspace.
+pub(crate) fn cargo(arguments: &[&str]) -> String {
     let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
         .current_dir(workspace())
         .args(arguments)
@@ -17,10 +18,16 @@ fn cargo(arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).expect("text")
 }
 
-fn packages() -> Vec<Value> {
-    let metadata = cargo(&["metadata", "--format-version", "1", "--no-deps", "--locked", "--offline"]);
-    let metadata: Value = serde_json::from_str(&metadata).expect("JSON");
+/// The packages of the lock file, those of the workspace alone with `--no-deps`.
+pub(crate) fn metadata(more: &[&str]) -> Vec<Value> {
+    let plain = ["metadata", "--format-version", "1", "--locked", "--offline"];
+    let metadata: Value = serde_json::from_str(&cargo(&[&plain[..], more].concat())).expect("JSON");
     metadata["packages"].as_array().expect("packages").clone()
+}
+
+/// The packages of the workspace.
+pub(crate) fn packages() -> Vec<Value> {
+    metadata(&["--no-deps"])
 }
 
 #[test]
