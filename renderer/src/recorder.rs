@@ -131,9 +131,7 @@ impl<I: Intersector> Intersector for Recorder<'_, I> {
 
 /// Where each path's pixel lies: row and column of its block, then row and column inside it.
 fn blocks(asked: &[Asked], camera: &Camera, width: u32, height: u32) -> Vec<[u32; 4]> {
-    let forward = (camera.target - camera.position).normalize_or(Vec3::NEG_Z);
-    let right = forward.cross(camera.up).try_normalize().unwrap_or_else(|| forward.any_orthonormal_vector());
-    let up = right.cross(forward);
+    let [right, up, forward] = camera.axes();
     let half_height = camera.half_height(width as f32 / height as f32);
     let half_width = half_height * width as f32 / height as f32;
     let primary = asked.iter().filter(|asked| asked.class == RayClass::Primary);

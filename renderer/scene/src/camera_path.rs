@@ -197,11 +197,8 @@ fn swing(scene: &Scene) -> Vec<Camera> {
         return Vec::new();
     };
     let bounds = scene.bounds();
-    let to_target = first.target - first.position;
-    let forward = to_target.normalize_or(Vec3::NEG_Z);
-    let right = forward.cross(first.up).normalize_or(forward.any_orthonormal_vector());
-    let up = right.cross(forward);
-    let reach = to_target.length().min(bounds.diagonal()) * SWING;
+    let [right, up, forward] = first.axes();
+    let reach = first.target.distance(first.position).min(bounds.diagonal()) * SWING;
     let directions = [-right, right, forward, up];
     let free = probe::nearest(&scene.placed(), first.position, &directions);
     let [left_way, right_way, forward_way, up_way] =

@@ -270,6 +270,14 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// Unit vectors to the right, up and forward, as a picture shows them.
+    pub fn axes(&self) -> [Vec3; 3] {
+        let forward = (self.target - self.position).normalize_or(Vec3::NEG_Z);
+        // Looking along the up vector: any right will do.
+        let right = forward.cross(self.up).normalize_or(forward.any_orthonormal_vector());
+        [right, right.cross(forward), forward]
+    }
+
     /// Tangent of half the vertical angle in a picture of `aspect`, its width over its height.
     pub fn half_height(&self, aspect: f32) -> f32 {
         let half = (self.vertical_fov_deg.clamp(0.001, 179.0).to_radians() * 0.5).tan();

@@ -17,13 +17,7 @@ pub struct Lens {
 impl Lens {
     /// The lens of a camera for a picture of `width` × `height` pixels.
     pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
-        let forward = (camera.target - camera.position).normalize_or(Vec3::NEG_Z);
-        let right = forward
-            .cross(camera.up)
-            .try_normalize()
-            // Looking along the up vector: any right will do.
-            .unwrap_or_else(|| forward.any_orthonormal_vector());
-        let up = right.cross(forward);
+        let [right, up, forward] = camera.axes();
         let half_height = camera.half_height(width as f32 / height as f32);
         let half_width = half_height * width as f32 / height as f32;
         Self {
