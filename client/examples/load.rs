@@ -14,35 +14,23 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::Channel;
+use treewright_client::{Policy, SearchMethod, Space, StudySpec};
+use treewright_proto::convert::spec_to_wire;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
-use treewright_proto::v1::{self as wire, outcome, parameter, value};
+use treewright_proto::v1::{self as wire, outcome, value};
 
 type Failed = Box<dyn Error + Send + Sync>;
 
 const STUDY: &str = "studies/load";
 const PARAMETERS: usize = 6;
 
-fn study(search: wire::SearchMethod) -> wire::Study {
-    let parameters = (0..PARAMETERS).map(|number| wire::Parameter {
-        name: format!("p{number}"),
-        domain: Some(parameter::Domain::Float(wire::FloatDomain { min: 0.0, max: 1.0, scale: 0 })),
-        default_value: Some(wire::Value { kind: Some(value::Kind::Float(0.5)) }),
-        active_if: None,
-    });
-    wire::Study {
-        space: Some(wire::Space { parameters: parameters.collect(), constraints: Vec::new() }),
-        objective: Some(wire::Objective {
-            terms: vec![wire::ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 }],
-            ..Default::default()
-        }),
-        policy: Some(wire::Policy {
-            epsilon: Some(1.0),
-            search: search as i32,
-            trials_per_state: 100_000,
-            ..wire::Policy::default()
-        }),
-        ..wire::Study::default()
-    }
+fn study(search: SearchMethod) -> wire::Study {
+    let first = Space::builder().float("p0", 0.0..=1.0).default(0.5);
+    let space = (1..PARAMETERS)
+        .fold(first, |space, number| space.float(&format!("p{number}"), 0.0..=1.0).default(0.5));
+    let spec = StudySpec::builder(space.build().expect("a space")).minimise("render_ms", 1.0);
+    let policy = Policy::new().search(search).epsilon(1.0).trials_per_state(100_000);
+    spec_to_wire(&spec.policy(policy).build().expect("a specification"))
 }
 
 fn ask(client_id: &str) -> wire::SuggestRequest {
@@ -115,8 +103,8 @@ async fn main() -> Result<(), Failed> {
     };
     let seconds: f64 = seconds.parse().map_err(|error| format!("SECONDS {seconds:?}: {error}"))?;
     let search = match rest.first().map(String::as_str) {
-        None | Some("random") => wire::SearchMethod::Random,
-        Some("auto") => wire::SearchMethod::Auto,
+        None | Some("random") => SearchMethod::Random,
+        Some("auto") => SearchMethod::Auto,
         Some(other) => return Err(format!("no search {other:?}; say random or auto").into()),
     };
     let mut client = TuningServiceClient::connect(url.clone()).await?;

@@ -15,8 +15,9 @@ use tokio_stream::wrappers::ReceiverStream;
 use treewright_client::{
     Client, Indicators, Options, Outcome, Policy, Scale, SearchMethod, Space, StudySpec,
 };
+use treewright_proto::convert::spec_to_wire;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
-use treewright_proto::v1::{self as wire, outcome, parameter, value};
+use treewright_proto::v1::{self as wire, outcome};
 use treewright_test_postgres::{Database, Server};
 use treewright_tests::daemon::Daemon;
 
@@ -36,26 +37,12 @@ enum Spread {
 }
 
 fn study() -> wire::Study {
-    let parameters = (0..6).map(|number| wire::Parameter {
-        name: format!("p{number}"),
-        domain: Some(parameter::Domain::Float(wire::FloatDomain { min: 0.0, max: 1.0, scale: 0 })),
-        default_value: Some(wire::Value { kind: Some(value::Kind::Float(0.5)) }),
-        active_if: None,
-    });
-    wire::Study {
-        space: Some(wire::Space { parameters: parameters.collect(), constraints: Vec::new() }),
-        objective: Some(wire::Objective {
-            terms: vec![wire::ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 }],
-            ..Default::default()
-        }),
-        policy: Some(wire::Policy {
-            epsilon: Some(1.0),
-            search: wire::SearchMethod::Random as i32,
-            trials_per_state: 100_000,
-            ..wire::Policy::default()
-        }),
-        ..wire::Study::default()
-    }
+    let first = Space::builder().float("p0", 0.0..=1.0).default(0.5);
+    let space =
+        (1..6).fold(first, |space, number| space.float(&format!("p{number}"), 0.0..=1.0).default(0.5));
+    let spec = StudySpec::builder(space.build().expect("a space")).minimise("render_ms", 1.0);
+    let policy = Policy::new().search(SearchMethod::Random).epsilon(1.0).trials_per_state(100_000);
+    spec_to_wire(&spec.policy(policy).build().expect("a specification"))
 }
 
 fn report(trial: &wire::Trial) -> wire::ReportRequest {

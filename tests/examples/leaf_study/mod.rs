@@ -2,24 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use treewright_client::{Space, StudySpec};
+use treewright_proto::convert::spec_to_wire;
 use treewright_proto::v1 as wire;
 
 /// A study of the parameter `leaf` without indicators; its cost is `render_ms`.
 pub(crate) fn study() -> wire::Study {
-    let domain = wire::parameter::Domain::Integer(wire::IntegerDomain { min: 1, max: 32, scale: 0 });
-    let value = wire::Value { kind: Some(wire::value::Kind::Integer(8)) };
-    let leaf = wire::Parameter {
-        name: "leaf".into(),
-        domain: Some(domain),
-        default_value: Some(value),
-        active_if: None,
-    };
-    let term = wire::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 };
-    wire::Study {
-        space: Some(wire::Space { parameters: vec![leaf], constraints: Vec::new() }),
-        objective: Some(wire::Objective { terms: vec![term], ..Default::default() }),
-        ..Default::default()
-    }
+    let space = Space::builder().integer("leaf", 1..=32).default(8).build().expect("a space");
+    spec_to_wire(&StudySpec::builder(space).minimise("render_ms", 1.0).build().expect("a study"))
 }
 
 /// The report that a trial took 10 ms.

@@ -3,8 +3,11 @@
 use std::collections::BTreeMap;
 
 use tonic::{Code, Request as Tonic, Response, Status};
+use treewright_core::space::{Scale, Space};
+use treewright_core::study::StudySpec;
+use treewright_proto::convert::spec_to_wire;
 use treewright_proto::v1::tuning_service_server::TuningService;
-use treewright_proto::v1::{self as wire, outcome, parameter, value};
+use treewright_proto::v1::{self as wire, outcome};
 use treewright_server::convert::{from_proto, to_proto};
 use treewright_server::error::Error;
 use treewright_server::redirect::Redirect;
@@ -147,30 +150,14 @@ async fn frame(
     Ok((Answer::Frame(reported, suggested), redirect))
 }
 
-/// The study of a world: two numbers, one switch and a place.
+/// The study of a world: two numbers and a place.
 pub(crate) fn study(plan: &Plan) -> wire::Study {
-    let value = |kind| Some(wire::Value { kind: Some(kind) });
-    let parameter = |name: &str, domain, default| wire::Parameter {
-        name: name.into(),
-        domain: Some(domain),
-        default_value: value(default),
-        active_if: None,
-    };
-    let integer = parameter::Domain::Integer(wire::IntegerDomain { min: 1, max: 64, scale: 0 });
-    let float = parameter::Domain::Float(wire::FloatDomain { min: 0.0, max: 1.0, scale: 0 });
+    let space = Space::builder().integer("leaf", 1..=64).default(8).float("cost", 0.0..=1.0).default(0.5);
+    let spec = StudySpec::builder(space.build().expect("a space"))
+        .indicator("place", 0.0..=1.0, Scale::Linear)
+        .minimise("render_ms", 1.0)
+        .seed(plan.seed);
     wire::Study {
-        space: Some(wire::Space {
-            parameters: vec![
-                parameter("leaf", integer, value::Kind::Integer(8)),
-                parameter("cost", float, value::Kind::Float(0.5)),
-            ],
-            constraints: Vec::new(),
-        }),
-        indicators: vec![wire::Indicator { name: "place".into(), min: 0.0, max: 1.0, scale: 0 }],
-        objective: Some(wire::Objective {
-            terms: vec![wire::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }],
-            ..Default::default()
-        }),
         policy: Some(wire::Policy {
             epsilon: Some(0.7),
             search: if plan.default_policy { wire::SearchMethod::Auto } else { wire::SearchMethod::Random }
@@ -186,8 +173,7 @@ pub(crate) fn study(plan: &Plan) -> wire::Study {
             regret_budget: plan.regret_budget.filter(|_| plan.bug != Some(Bug::Overspending)),
             ..wire::Policy::default()
         }),
-        seed: plan.seed,
-        ..wire::Study::default()
+        ..spec_to_wire(&spec.build().expect("a study"))
     }
 }
 
