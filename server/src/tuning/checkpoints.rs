@@ -90,11 +90,9 @@ pub(super) mod tests {
     use std::collections::BTreeMap;
 
     use prost_types::FieldMask;
-    use treewright_core::indicator::{Indicator, IndicatorSchema};
     use treewright_core::limits::CHECKPOINT_TRIALS_MIN;
-    use treewright_core::objective::{Objective, ObjectiveTerm};
     use treewright_core::policy::{Policy, SearchMethod};
-    use treewright_core::space::{Domain, Parameter, Scale, Space};
+    use treewright_core::space::{Scale, Space};
     use treewright_core::study::StudySpec;
     use treewright_core::trial::{Outcome, Trial};
     use treewright_core::tuner::Ask;
@@ -109,24 +107,13 @@ pub(super) mod tests {
     use crate::convert::policy::PolicyUpdate;
 
     pub(in crate::tuning) fn spec() -> StudySpec {
-        let scale = Scale::Linear;
-        let parameter = |name: &str| Parameter {
-            name: name.to_owned(),
-            domain: Domain::Integer { min: 0, max: 9, scale },
-            default: Value::Integer(4),
-            active_if: None,
-        };
-        let indicator = Indicator { name: "x".to_owned(), min: 0.0, max: 1.0, scale };
-        let term = ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 };
-        StudySpec {
-            display_name: String::new(),
-            space: Space::new(vec![parameter("a"), parameter("b")], vec![]).expect("valid"),
-            indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
-            objective: Objective::new(vec![term]).expect("valid"),
-            state_tolerance: 0.01,
-            policy: Policy { search: SearchMethod::Random, epsilon: 0.5, ..Policy::default() },
-            seed: 3,
-        }
+        let space = Space::builder().integer("a", 0..=9).default(4).integer("b", 0..=9).default(4);
+        let spec = StudySpec::builder(space.build().expect("valid"))
+            .indicator("x", 0.0..=1.0, Scale::Linear)
+            .minimise("render_ms", 1.0)
+            .seed(3);
+        let policy = Policy { search: SearchMethod::Random, epsilon: 0.5, ..Policy::default() };
+        spec.build().expect("valid").with_policy(policy)
     }
 
     /// The trial that a client receives.

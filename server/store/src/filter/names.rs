@@ -64,33 +64,15 @@ fn listed(names: &[&str]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use treewright_core::indicator::{Indicator, IndicatorSchema};
-    use treewright_core::objective::{Objective, ObjectiveTerm};
     use treewright_core::policy::Policy;
-    use treewright_core::space::{Domain, Parameter, Scale, Space};
-    use treewright_core::value::Value;
+    use treewright_core::space::{Scale, Space};
 
     use super::*;
 
     fn spec() -> StudySpec {
-        let scale = Scale::Linear;
-        let parameter = Parameter {
-            name: "quality".to_owned(),
-            domain: Domain::Integer { min: 0, max: 9, scale },
-            default: Value::Integer(4),
-            active_if: None,
-        };
-        let indicator = Indicator { name: "x".to_owned(), min: 0.0, max: 1.0, scale };
-        let term = ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 };
-        StudySpec {
-            display_name: String::new(),
-            space: Space::new(vec![parameter], vec![]).expect("valid"),
-            indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
-            objective: Objective::new(vec![term]).expect("valid"),
-            state_tolerance: 0.01,
-            policy: Policy::default(),
-            seed: 0,
-        }
+        let space = Space::builder().integer("quality", 0..=9).default(4).build().expect("valid");
+        let spec = StudySpec::builder(space).indicator("x", 0.0..=1.0, Scale::Linear);
+        spec.minimise("render_ms", 1.0).build().expect("valid").with_policy(Policy::default())
     }
 
     fn check(text: &str) -> Result<(), FilterError> {

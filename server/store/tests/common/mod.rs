@@ -9,10 +9,8 @@ use treewright_core::decision::{
     BudgetStatus, Choice, Decision, Exploit, ExploitRule, ExploitSource, ExplorationEstimate, Explore,
     ExploreRule, ExploredPoint, Step,
 };
-use treewright_core::indicator::{Indicator, IndicatorSchema};
-use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::{Policy, SearchMethod};
-use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::space::{Scale, Space};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Fingerprint, Mode, Neighbour, Outcome, Trial, TrialState};
 use treewright_core::tuner::{Account, Change, StateRecord, Visit, VisitDecision};
@@ -25,43 +23,23 @@ pub(crate) async fn postgres(database: &treewright_test_postgres::Database) -> P
     PostgresStore::open(address, "http://127.0.0.1:1", Duration::ZERO).await.expect("a new database")
 }
 
-fn parameter(name: &str, domain: Domain, default: Value) -> Parameter {
-    Parameter { name: name.to_owned(), domain, default, active_if: None }
-}
-
 /// A study with a parameter of each kind.
 pub(crate) fn spec() -> StudySpec {
-    let scale = Scale::Linear;
-    let texts = |words: &[&str]| words.iter().map(|w| Value::Text((*w).to_owned())).collect();
-    StudySpec {
-        display_name: "A hall".to_owned(),
-        space: Space::new(
-            vec![
-                parameter("leaf", Domain::Integer { min: 1, max: 32, scale }, Value::Integer(8)),
-                parameter("cost", Domain::Float { min: -1e9, max: 1e9, scale }, Value::Float(1.5)),
-                parameter(
-                    "quality",
-                    Domain::Categorical { values: texts(&["low", "high", "it's \"odd\" \\ ä"]) },
-                    Value::Text("low".to_owned()),
-                ),
-                parameter("compact", Domain::Boolean, Value::Boolean(false)),
-            ],
-            vec![],
-        )
-        .expect("a valid space"),
-        indicators: IndicatorSchema::new(vec![Indicator {
-            name: "triangles".to_owned(),
-            min: 0.0,
-            max: 1e6,
-            scale: Scale::Log,
-        }])
-        .expect("a valid schema"),
-        objective: Objective::new(vec![ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 }])
-            .expect("a valid objective"),
-        state_tolerance: 0.01,
-        policy: Policy::default(),
-        seed: 7,
-    }
+    let space = Space::builder()
+        .integer("leaf", 1..=32)
+        .default(8)
+        .float("cost", -1e9..=1e9)
+        .default(1.5)
+        .categorical("quality", ["low", "high", "it's \"odd\" \\ ä"])
+        .default("low")
+        .boolean("compact")
+        .default(false);
+    let spec = StudySpec::builder(space.build().expect("a valid space"))
+        .display_name("A hall")
+        .indicator("triangles", 0.0..=1e6, Scale::Log)
+        .minimise("render_ms", 1.0)
+        .seed(7);
+    spec.build().expect("a valid study").with_policy(Policy::default())
 }
 
 pub(crate) fn state(id: u64) -> StateRecord {
