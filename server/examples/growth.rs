@@ -18,10 +18,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use sqlx::{AssertSqlSafe, Connection as _, Executor as _};
-use treewright_core::indicator::{Indicator, IndicatorSchema};
-use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::{Policy, SearchMethod};
-use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::space::{Scale, Space};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Outcome, Trial};
 use treewright_core::tuner::Ask;
@@ -43,22 +41,16 @@ const COLUMNS: &str = "client_id, state_id, mode, state, outcome, outcome_reason
      fingerprint";
 
 fn spec() -> Done<StudySpec> {
-    let parameter = |number: usize| Parameter {
-        name: format!("parameter_{number}"),
-        domain: Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear },
-        default: Value::Float(0.5),
-        active_if: None,
-    };
-    let indicator = |name: &str| Indicator { name: name.into(), min: 0.0, max: 1.0, scale: Scale::Linear };
-    Ok(StudySpec {
-        display_name: String::new(),
-        space: Space::new((0..6).map(parameter).collect(), vec![])?,
-        indicators: IndicatorSchema::new(vec![indicator("x"), indicator("y")])?,
-        objective: Objective::new(vec![ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }])?,
-        state_tolerance: 0.001,
-        policy: Policy { search: SearchMethod::Random, ..Policy::default() },
-        seed: 1,
-    })
+    let first = Space::builder().float("parameter_0", 0.0..=1.0).default(0.5);
+    let space = (1..6)
+        .fold(first, |space, number| space.float(&format!("parameter_{number}"), 0.0..=1.0).default(0.5));
+    let spec = StudySpec::builder(space.build()?)
+        .indicator("x", 0.0..=1.0, Scale::Linear)
+        .indicator("y", 0.0..=1.0, Scale::Linear)
+        .minimise("render_ms", 1.0)
+        .state_tolerance(0.001)
+        .seed(1);
+    Ok(spec.build()?.with_policy(Policy { search: SearchMethod::Random, ..Policy::default() }))
 }
 
 /// One frame of a client: report and suggest in one, as a stream does it.
