@@ -1,49 +1,11 @@
-//! The load of a farm on a daemon: connections that say nothing, abandoned requests, malformed messages.
+//! What a farm's clients send: malformed messages, compressed requests, filters on names that are not there.
 
 mod common;
 
-use std::sync::Arc;
-use std::time::Duration;
-
-use common::{Server, ask, assert_refused, create, suggest};
-use tokio::io::AsyncReadExt as _;
-use tokio::net::TcpStream;
+use common::{Server, ask, assert_refused, create};
 use tonic::codec::CompressionEncoding;
 use tonic::{Code, Request};
 use treewright_proto::v1 as wire;
-use treewright_server::clock::ManualClock;
-use treewright_server::connections::ConnectionLimits;
-use treewright_server::serve::Options;
-use treewright_store::MemoryStore;
-
-#[tokio::test]
-async fn silent_connections_shut_nobody_out() {
-    let connections = ConnectionLimits::new(8, 1000);
-    let options = Options { drain: Duration::from_secs(5), connections, ..Options::default() };
-    let clock = Arc::new(ManualClock::at(common::START_MS));
-    let server = Server::with_options(Arc::new(MemoryStore::new()), clock, options).await;
-    let mut known = server.client().await;
-    create(&mut known, "hall").await;
-    let mut silent = Vec::new();
-    for _ in 0..100 {
-        silent.push(TcpStream::connect(server.address).await.expect("accepted"));
-    }
-    suggest(&mut known, "one", 5.0).await;
-    let mut newcomer = server.client().await;
-    suggest(&mut newcomer, "two", 5.0).await;
-    // The oldest were dismissed.
-    let mut byte = [0; 64];
-    let read = tokio::time::timeout(Duration::from_secs(5), async {
-        loop {
-            match silent[0].read(&mut byte).await {
-                Ok(0) | Err(_) => break,
-                Ok(_) => {}
-            }
-        }
-    });
-    read.await.expect("the first is closed");
-    server.stop().await;
-}
 
 /// A GetStudyRequest whose name need not be text.
 #[derive(Clone, PartialEq, prost::Message)]
