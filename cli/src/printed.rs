@@ -9,7 +9,7 @@
 use std::fmt;
 
 use serde_json::{Map, Value};
-use treewright_client::{Measurements, ObjectiveTerm};
+use treewright_client::{MeasurementLimit, Measurements, ObjectiveTerm};
 
 /// Longest piece of what was printed that is quoted in a reason, in characters.
 const QUOTED_CHARACTERS: usize = 60;
@@ -69,11 +69,24 @@ impl fmt::Display for LeftOut {
     }
 }
 
-/// Reads an output for the metrics of `terms`, which are minimised but for those named in `maximised`.
-/// `taken` is what was measured from outside; a number that the program prints under the same name counts in
-/// its place.
+/// What an output is read for.
+#[derive(Clone, Copy, Debug)]
+pub struct Wanted<'a> {
+    /// Metrics that every run measures, with their weights in the cost.
+    pub terms: &'a [ObjectiveTerm],
+    /// Metrics among them that are to be large.
+    pub maximised: &'a [String],
+    /// A run beyond one of these has a result whatever its cost: the configuration is infeasible.
+    pub limits: &'a [MeasurementLimit],
+    /// Most measurements that are taken, at most [`Measurements::MOST`].
+    pub most: usize,
+}
+
+/// Reads an output. `taken` is what was measured from outside; a number that the program prints under the
+/// same name counts in its place.
 #[must_use]
-pub fn read(out: &str, terms: &[ObjectiveTerm], maximised: &[String], taken: &Measurements) -> Printed {
+pub fn read(out: &str, wanted: Wanted<'_>, taken: &Measurements) -> Printed {
+    let Wanted { terms, maximised, limits, most } = wanted;
     let found = match last_object(out) {
         Ok(found) => found,
         Err(problem) => return Printed::NoResult(problem),
@@ -96,6 +109,11 @@ pub fn read(out: &str, terms: &[ObjectiveTerm], maximised: &[String], taken: &Me
             Err(problem) => return Printed::NoResult(problem),
         }
     }
+    let is_beyond =
+        |limit: &MeasurementLimit| measurements.get(&limit.metric).is_some_and(|value| !limit.allows(value));
+    if limits.iter().any(is_beyond) {
+        return further(&found, taken, measurements, most);
+    }
     let mut cost = 0.0;
     for ObjectiveTerm { metric, weight } in terms {
         let value = measurements.get(metric).unwrap_or_default();
@@ -110,7 +128,7 @@ pub fn read(out: &str, terms: &[ObjectiveTerm], maximised: &[String], taken: &Me
     if !cost.is_finite() {
         return Printed::NoResult("what is minimised is too large a number".to_owned());
     }
-    further(&found, taken, measurements)
+    further(&found, taken, measurements, most)
 }
 
 /// The value of a metric of the objective; `None` where it was neither printed nor taken.
@@ -153,8 +171,13 @@ fn missing(metric: &str, found: &Map<String, Value>, is_missing: bool) -> String
     format!("{metric} is missing in the last JSON object that it printed, which holds {holds}")
 }
 
-/// Adds what can be reported besides.
-fn further(found: &Map<String, Value>, taken: &Measurements, mut measurements: Measurements) -> Printed {
+/// Adds what can be reported besides, up to `most` in all.
+fn further(
+    found: &Map<String, Value>,
+    taken: &Measurements,
+    mut measurements: Measurements,
+    most: usize,
+) -> Printed {
     let is_of_objective: Vec<String> = measurements.iter().map(|(name, _)| name.to_owned()).collect();
     for (name, value) in taken.iter() {
         if measurements.get(name).is_none() {
@@ -175,7 +198,7 @@ fn further(found: &Map<String, Value>, taken: &Measurements, mut measurements: M
             _ if !Measurements::is_name(name) => WhyLeftOut::Name,
             _ if !value.is_finite() => WhyLeftOut::NotFinite,
             _ if value < 0.0 => WhyLeftOut::Negative,
-            _ if is_new && measurements.len() >= Measurements::MOST => WhyLeftOut::TooMany,
+            _ if is_new && measurements.len() >= most => WhyLeftOut::TooMany,
             _ => {
                 measurements.set(name.clone(), value);
                 continue;

@@ -35,6 +35,13 @@ pub struct MeasurementLimit {
     pub at_most: Option<f64>,
 }
 
+impl MeasurementLimit {
+    /// Whether a measurement is within it.
+    pub fn allows(&self, value: f64) -> bool {
+        self.at_least.is_none_or(|low| value >= low) && self.at_most.is_none_or(|high| value <= high)
+    }
+}
+
 impl fmt::Display for MeasurementLimit {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { metric, at_least, at_most } = self;
@@ -282,9 +289,7 @@ impl Objective {
                 let limit = limit.to_string();
                 return Err(ObjectiveError::LimitedMissing { metric: metric.clone(), limit });
             };
-            let is_within = limit.at_least.is_none_or(|low| value >= low)
-                && limit.at_most.is_none_or(|high| value <= high);
-            if !is_within {
+            if !limit.allows(value) {
                 return Ok(Some(format!("{metric} is {value}, and the study asks for {limit}")));
             }
         }

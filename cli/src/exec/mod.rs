@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use treewright_cli::printed::LeftOut;
+use treewright_cli::printed::{LeftOut, Wanted};
 use treewright_client::blocking::Client;
 use treewright_client::{
     Configuration, Few, Front, FrontHistory, Indicators, Measurements, ObjectiveTerm, OpenEnum, Outcome,
@@ -102,13 +102,18 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
     let spec = study.spec()?.clone();
     let template = Template::read(&exec.command, &spec).map_err(Failure::Usage)?;
     note_unused(&template, &spec);
-    note_same_variables(&spec);
+    program::note_same_variables(&spec);
     let front = exec.front()?;
     let needed = needed(&spec, front.as_ref());
     let runner = Runner {
         metric: exec.metric,
-        terms: &needed,
-        maximised: spec.objective.maximised(),
+        wanted: Wanted {
+            terms: &needed,
+            maximised: spec.objective.maximised(),
+            limits: spec.objective.limits(),
+            // A front adds a cost of its own.
+            most: Measurements::MOST - usize::from(front.is_some()),
+        },
         accepted: &exec.accept_exit,
         show_output: exec.show_output,
         limit: exec.run_timeout,
@@ -162,18 +167,6 @@ fn note_unused(template: &Template, spec: &StudySpec) {
     }
 }
 
-/// Says where two parameters have one variable in the program's environment, of which the later remains.
-fn note_same_variables(spec: &StudySpec) {
-    let mut names = BTreeSet::new();
-    for parameter in spec.space.parameters() {
-        let variable = program::variable("TREEWRIGHT_PARAM_", &parameter.name);
-        if names.contains(&variable) {
-            progress::note(&format!("{variable} stands for several parameters; use {{{}}}", parameter.name));
-        }
-        names.insert(variable);
-    }
-}
-
 /// What has to be measured: what is minimised, and what is limited, which costs nothing.
 fn needed(spec: &StudySpec, front: Option<&Front>) -> Vec<ObjectiveTerm> {
     let mut all = front.map_or_else(|| spec.objective.terms().to_vec(), front::terms);
@@ -188,7 +181,7 @@ fn needed(spec: &StudySpec, front: Option<&Front>) -> Vec<ObjectiveTerm> {
 /// Whether all that is minimised or limited can be measured at all.
 fn check_metrics(runner: &Runner, spec: &StudySpec, front: Option<&Front>) -> Result<(), Failure> {
     let is_taken = |metric: &str| metric == "wall_ms" || metric == "cpu_ms";
-    match runner.terms.iter().find(|term| !is_taken(&term.metric)) {
+    match runner.wanted.terms.iter().find(|term| !is_taken(&term.metric)) {
         Some(term) if runner.metric == MetricSource::Time => Err(Failure::Usage(format!(
             "the study {1} {0}, but only cpu_ms, wall_ms are measured; with --metric json, the program can print \
              it: {{\"{0}\": 1.5}}",
@@ -334,7 +327,14 @@ impl Session<'_> {
                 Err(problem) => return Err(problem),
             };
             let step = self.step(&trial)?;
-            let told = if matches!(step, Step::Stopped) { None } else { self.learn(&trial)? };
+            let told = match step {
+                Step::Stopped => Ok(None),
+                _ => self.learn(&trial),
+            };
+            let told = match told {
+                Err(_) if self.is_stopped() => None,
+                told => told?,
+            };
             let result = match &step {
                 Step::Stopped => {
                     summary.end = "interrupted";

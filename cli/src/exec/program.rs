@@ -4,7 +4,7 @@
 //! The result counts as soon as the program has ended. Who still holds its output open then, a helper in a
 //! session of its own, say, is not waited for.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::io::{Read, Write as _};
 use std::net::Shutdown;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -14,10 +14,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-use treewright_cli::printed::{self, LeftOut, Printed};
-use treewright_client::{Configuration, Measurements, ObjectiveTerm};
+use treewright_cli::printed::{self, LeftOut, Printed, Wanted};
+use treewright_client::{Configuration, Measurements, StudySpec};
 
 use super::supervisor::{self, Fate};
+use crate::progress;
 
 /// Bytes that are kept of each stream that the program writes to; the beginning is dropped.
 const KEPT_BYTES: usize = 64 << 10;
@@ -45,10 +46,8 @@ pub(crate) enum MetricSource {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Runner<'a> {
     pub(crate) metric: MetricSource,
-    /// What is minimised.
-    pub(crate) terms: &'a [ObjectiveTerm],
-    /// Metrics among them that are to be large.
-    pub(crate) maximised: &'a [String],
+    /// What every run has to measure.
+    pub(crate) wanted: Wanted<'a>,
     /// Exit codes besides 0 with which a run counts.
     pub(crate) accepted: &'a [i32],
     /// Pass on what the program writes.
@@ -183,8 +182,8 @@ impl Runner<'_> {
     fn result(&self, status: ExitStatus, taken: &Measurements, out: &str, said: String) -> Run {
         let is_accepted = status.success() || status.code().is_some_and(|code| self.accepted.contains(&code));
         let printed = match self.metric {
-            MetricSource::Time => printed::read("{}", self.terms, self.maximised, taken),
-            MetricSource::Json => printed::read(out, self.terms, self.maximised, taken),
+            MetricSource::Time => printed::read("{}", self.wanted, taken),
+            MetricSource::Json => printed::read(out, self.wanted, taken),
         };
         match printed {
             Printed::Infeasible(reason) => Run::Infeasible(reason),
@@ -353,8 +352,22 @@ pub(crate) fn variable(prefix: &str, parameter: &str) -> String {
     format!("{prefix}{}", parameter.chars().map(plain).collect::<String>())
 }
 
+/// Says where two parameters have one variable in the program's environment, of which the later remains.
+pub(super) fn note_same_variables(spec: &StudySpec) {
+    let mut names = BTreeSet::new();
+    for parameter in spec.space.parameters() {
+        let variable = variable("TREEWRIGHT_PARAM_", &parameter.name);
+        if names.contains(&variable) {
+            progress::note(&format!("{variable} stands for several parameters; use {{{}}}", parameter.name));
+        }
+        names.insert(variable);
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use treewright_client::ObjectiveTerm;
+
     use super::*;
 
     static GO_ON: AtomicBool = AtomicBool::new(false);
@@ -362,9 +375,9 @@ mod tests {
     fn ended(code: i32, out: &str, said: &str, metric: MetricSource) -> Run {
         let terms = [ObjectiveTerm { metric: "loss".to_owned(), weight: 1.0 }];
         let terms = if metric == MetricSource::Json { &terms[..] } else { &[] };
-        let (maximised, accepted): (&[String], &[i32]) = (&[], &[4]);
-        let (show_output, limit, stop) = (false, None, &GO_ON);
-        let runner = Runner { metric, terms, maximised, accepted, show_output, limit, stop };
+        let wanted = Wanted { terms, maximised: &[], limits: &[], most: Measurements::MOST };
+        let (accepted, show_output, limit, stop) = (&[4][..], false, None, &GO_ON);
+        let runner = Runner { metric, wanted, accepted, show_output, limit, stop };
         let taken = Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]);
         runner.result(Fate::status(code << 8), &taken, out, said.to_owned())
     }

@@ -2,15 +2,19 @@
 
 use proptest::prelude::*;
 
-use treewright_cli::printed::{LeftOut, Printed, WhyLeftOut, read};
-use treewright_client::{Measurements, ObjectiveTerm};
+use treewright_cli::printed::{LeftOut, Printed, Wanted, WhyLeftOut, read};
+use treewright_client::{MeasurementLimit, Measurements, ObjectiveTerm};
 
 fn terms() -> Vec<ObjectiveTerm> {
     vec![ObjectiveTerm { metric: "loss".to_owned(), weight: 2.0 }]
 }
 
+fn wanted(terms: &[ObjectiveTerm]) -> Wanted<'_> {
+    Wanted { terms, maximised: &[], limits: &[], most: Measurements::MOST }
+}
+
 fn read_loss(out: &str) -> Printed {
-    read(out, &terms(), &[], &Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]))
+    read(out, wanted(&terms()), &Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]))
 }
 
 fn measured(out: &str) -> (Measurements, Vec<LeftOut>) {
@@ -33,7 +37,15 @@ fn no_result(out: &str) -> String {
 
 #[test]
 fn what_is_maximised_is_above_0_and_never_too_large() {
-    let read_rate = |out: &str| read(out, &terms(), &["loss".to_owned()], &Measurements::new());
+    let (terms, maximised) = (terms(), ["loss".to_owned()]);
+    let at_most = |metric: &str, most| MeasurementLimit {
+        metric: metric.to_owned(),
+        at_least: None,
+        at_most: Some(most),
+    };
+    let limits = [at_most("loss", 1e308)];
+    let rate = Wanted { maximised: &maximised, limits: &limits, ..wanted(&terms) };
+    let read_rate = |out: &str| read(out, rate, &Measurements::new());
     for good in ["{\"loss\": 1e308}", "{\"loss\": 1e-300}"] {
         assert!(matches!(read_rate(good), Printed::Measured { .. }), "{good}");
     }
@@ -43,6 +55,30 @@ fn what_is_maximised_is_above_0_and_never_too_large() {
                 assert!(reason.contains("what is maximised must be above 0"), "{reason}")
             }
             other => panic!("{bad}: {other:?}"),
+        }
+    }
+    // What is beyond a limit cannot be used, whatever its cost: it has a result.
+    let terms = [&terms[..], &[ObjectiveTerm { metric: "memory_mb".to_owned(), weight: 0.0 }]].concat();
+    let limits = [at_most("memory_mb", 2000.0)];
+    let limited = Wanted { terms: &terms, limits: &limits, ..rate };
+    let printed = |memory_mb: u32| {
+        read(&format!("{{\"loss\": 0, \"memory_mb\": {memory_mb}}}"), limited, &Measurements::new())
+    };
+    assert!(matches!(printed(3000), Printed::Measured { .. }), "the study judges it");
+    assert!(matches!(printed(2000), Printed::NoResult(_)), "within its limits it needs a cost");
+}
+
+#[test]
+fn who_adds_a_measurement_keeps_a_place_for_it() {
+    let numbers: String = (0..70).map(|number| format!(", \"n{number}\": 1")).collect();
+    let out = format!("{{\"loss\": 1{numbers}}}");
+    for most in [Measurements::MOST, Measurements::MOST - 1] {
+        let taken = Measurements::from([("wall_ms", 9.0)]);
+        match read(&out, Wanted { most, ..wanted(&terms()) }, &taken) {
+            Printed::Measured { measurements, left_out } => {
+                assert_eq!((measurements.len(), left_out.len()), (most, 72 - most));
+            }
+            other => panic!("{other:?}"),
         }
     }
 }
@@ -150,7 +186,7 @@ fn a_run_has_a_limited_number_of_measurements_and_the_objective_is_among_them() 
 fn what_the_program_says_of_a_time_counts_in_place_of_what_was_taken() {
     let taken = Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]);
     let time = [ObjectiveTerm { metric: "wall_ms".to_owned(), weight: 1.0 }];
-    let wall_ms = |out: &str| match read(out, &time, &[], &taken) {
+    let wall_ms = |out: &str| match read(out, wanted(&time), &taken) {
         Printed::Measured { measurements, .. } => Ok(measurements.get("wall_ms").expect("it is measured")),
         other => Err(format!("{other:?}")),
     };

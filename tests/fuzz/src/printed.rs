@@ -1,7 +1,7 @@
 //! Any bytes as the output of a program that is tuned: what is read of it can be reported, and what was
 //! printed before the last object is never taken for the result.
 
-use treewright_cli::printed::{Printed, read};
+use treewright_cli::printed::{Printed, Wanted, read};
 use treewright_client::{Measurements, ObjectiveTerm};
 
 /// Reads the bytes as they are, and once more with a result behind them.
@@ -11,8 +11,9 @@ use treewright_client::{Measurements, ObjectiveTerm};
 pub fn run(bytes: &[u8]) {
     let out = String::from_utf8_lossy(bytes);
     let read = |out: &str| {
-        let loss = ObjectiveTerm { metric: "loss".to_owned(), weight: 2.0 };
-        read(out, &[loss], &[], &Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]))
+        let terms = [ObjectiveTerm { metric: "loss".to_owned(), weight: 2.0 }];
+        let wanted = Wanted { terms: &terms, maximised: &[], limits: &[], most: Measurements::MOST };
+        read(out, wanted, &Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]))
     };
     match read(&out) {
         Printed::Measured { measurements, .. } => {
