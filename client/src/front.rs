@@ -207,7 +207,14 @@ impl Front {
         Some((largest + AUGMENTATION * parts.iter().sum::<f64>()).exp())
     }
 
-    /// The front of a study's trials, of which those count that measured every metric. The hypervolume is
+    /// Whether a trial repeats the result of a run of its study for another direction. It is no run, and
+    /// needs not be kept: [`FrontHistory::owed`] makes it again.
+    #[must_use]
+    pub fn is_repeated(trial: &TrialRecord) -> bool {
+        trial.indicators.get(Self::DIRECTION).is_some() && carried_from(trial).is_some()
+    }
+
+    /// The front of trials of one machine, of which those count that measured every metric. The hypervolume is
     /// told beside `reference`, a value of each metric in its own unit, or else beside the default.
     #[must_use]
     pub fn of(
@@ -276,7 +283,7 @@ pub struct FrontHistory {
 }
 
 impl FrontHistory {
-    /// Goes on from the stored trials of one input. In the first quarter of the `planned` runs only the
+    /// Goes on from the stored trials of one input and one machine. In the first quarter of the `planned` runs only the
     /// metrics themselves are minimised, unless that was over before.
     #[must_use]
     pub fn new(front: Front, trials: Vec<TrialRecord>, planned: u32) -> Self {

@@ -136,7 +136,8 @@ impl Exec {
 
     /// What a study of the front is called, by which it is known again.
     pub(crate) fn front_name(&self) -> Option<String> {
-        (!self.front.is_empty()).then(|| format!("front of {}", self.front.join(", ")))
+        let names: Vec<&str> = self.front.iter().map(|name| name.trim()).collect();
+        (!names.is_empty()).then(|| format!("front of {}", names.join(", ")))
     }
 }
 

@@ -23,7 +23,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 use treewright_client::blocking::Client;
 use treewright_client::{
-    Configuration, Fingerprint, Indicators, Measurements, OpenEnum, Outcome, Question, StudyRecord,
+    Configuration, Fingerprint, Front, Indicators, Measurements, OpenEnum, Outcome, Question, StudyRecord,
     StudySpec, TrialQuery, TrialRecord,
 };
 
@@ -58,13 +58,14 @@ pub(crate) struct CarriedTrial {
 }
 
 impl CarriedTrial {
-    /// A trial with a result that says something of its configuration; `None` for any other.
+    /// A trial with a result that says something of its configuration; `None` for any other, and for what
+    /// repeats a run of a front.
     pub(crate) fn of(trial: &TrialRecord, site: &str) -> Option<Self> {
         let outcome = match &trial.outcome {
             Some(OpenEnum::Known(Outcome::Failed { .. }) | OpenEnum::Unrecognised(_)) | None => return None,
             Some(OpenEnum::Known(outcome)) => outcome.clone(),
         };
-        if !trial.unreadable.is_empty() {
+        if !trial.unreadable.is_empty() || Front::is_repeated(trial) {
             return None;
         }
         let time = |time| humantime::format_rfc3339_millis(time).to_string();

@@ -1,7 +1,9 @@
 //! The Pareto front of a study's trials, whatever the study minimises.
 
+use std::collections::BTreeSet;
+
 use treewright_client::blocking::Client;
-use treewright_client::{Configuration, Front, TrialQuery};
+use treewright_client::{Configuration, Front, TrialQuery, TrialRecord};
 
 use crate::arguments::data::FrontOf;
 use crate::failure::Failure;
@@ -18,15 +20,32 @@ pub(super) fn run(client: &Client, wanted: &FrontOf, json: bool) -> Result<Strin
     let spec = study.spec()?;
     let is_input = |name: &str| name != Front::DIRECTION;
     let has_inputs = spec.indicators.indicators().iter().any(|indicator| is_input(&indicator.name));
-    if wanted.state.is_none() && has_inputs && study.statistics.states > 1 {
-        return Err(Failure::Usage(format!(
-            "{} has {} states, whose runs do not compare: choose one with --state NUMBER",
-            study.name, study.statistics.states
-        )));
+    let query = TrialQuery::all().filter("state = COMPLETED");
+    let mut trials = client.trials(&study.identified_name(), query).collect::<Result<Vec<_>, _>>()?;
+    let machine = |trial: &TrialRecord| trial.fingerprint.as_ref().map(|machine| format!("{machine:?}"));
+    match wanted.state {
+        // The directions of a front are states of one machine, too.
+        Some(state) => {
+            let of_state = trials.iter().find(|trial| trial.state_id == state).map(machine);
+            let is_meant = |trial: &TrialRecord| {
+                trial.state_id == state || !has_inputs && Some(machine(trial)) == of_state
+            };
+            trials.retain(is_meant);
+        }
+        None => {
+            let machines: BTreeSet<_> = trials.iter().map(machine).collect();
+            let states: BTreeSet<_> = trials.iter().map(|trial| trial.state_id).collect();
+            if machines.len() > 1 || has_inputs && states.len() > 1 {
+                return Err(Failure::Usage(format!(
+                    "{} has runs in {} states, on {} machine(s), which do not compare: choose one with --state \
+                     NUMBER",
+                    study.name,
+                    states.len(),
+                    machines.len()
+                )));
+            }
+        }
     }
-    let state = wanted.state.map(|state| format!(" AND state_id = {state}")).unwrap_or_default();
-    let query = TrialQuery::all().filter(format!("state = COMPLETED{state}"));
-    let trials = client.trials(&study.identified_name(), query).collect::<Result<Vec<_>, _>>()?;
     let default = Configuration::from(spec.space.default_configuration());
     let found = front.of(&trials, &default, reference);
     if let Some(file) = wanted.svg.as_ref().filter(|_| !found.points.is_empty()) {

@@ -3,7 +3,7 @@
 
 use treewright_client::{
     Configuration, Front, FrontHistory, Indicators, ObjectiveTerm, Policy, Question, SessionPolicy,
-    StudySpec, TrialQuery, TrialRecord,
+    StudySpec, TrialQuery, TrialRecord, detect_fingerprint,
 };
 
 use super::program::Run;
@@ -47,7 +47,10 @@ impl Job<'_> {
         let known = |client: &treewright_client::blocking::Client| {
             client.trials(&self.study.identified_name(), completed()).collect::<Result<Vec<_>, _>>()
         };
-        let known = self.daemon.ask(known)?;
+        let mut known = self.daemon.ask(known)?;
+        // Costs of different machines are never mixed.
+        let machine = detect_fingerprint();
+        known.retain(|trial| trial.fingerprint.as_ref() == Some(&machine));
         Ok(FrontHistory::new(front, known, planned(exec, &self.study.policy)))
     }
 

@@ -63,6 +63,26 @@ fn a_front_is_tuned_and_every_direction_knows_every_run() {
 }
 
 #[test]
+fn runs_are_carried_once_and_machines_are_told_apart() {
+    let fake = Fake::start();
+    answer(&fake, &exec(&["--trials", "6"]));
+    let exported = answer(&fake, &["export", "toy"]);
+    assert_eq!(exported.lines().count(), 1 + 6, "what repeats a run is made again where it is needed");
+    let file = std::env::temp_dir().join(format!("front-{}.jsonl", std::process::id()));
+    let elsewhere = exported.replace("\"cpu_model\":\"", "\"cpu_model\":\"slower ");
+    std::fs::write(&file, elsewhere.replace("/studies/toy", "/studies/there")).expect("written");
+    let tally = answer(&fake, &["import", file.to_str().expect("a name")]);
+    std::fs::remove_file(&file).expect("it is there");
+    assert!(tally.contains("6 trial(s) added"), "{tally}");
+    let front = run(&fake, &["front", "toy", "--metrics", METRICS]);
+    let said = String::from_utf8_lossy(&front.stderr);
+    assert!(!front.status.success() && said.contains("on 2 machine(s)"), "{said}");
+    // This machine goes on with its own six runs.
+    let again = answer(&fake, &exec(&["--trials", "1"]));
+    assert!(again.contains("by the medians of 7 runs"), "{again}");
+}
+
+#[test]
 fn what_makes_no_front_is_refused() {
     let fake = Fake::start();
     let refused = |arguments: &[&str], words: &str| {
