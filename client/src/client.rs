@@ -275,7 +275,10 @@ impl Core {
         let record = self.read_study("CreateStudy", study)?;
         let maximised = spec.objective.maximised();
         if record.spec.as_ref().is_ok_and(|stored| stored.objective.maximised() != maximised) {
-            let problem = "the daemon knows no maximised metrics and would minimise them; upgrade it";
+            let problem = format!(
+                "the daemon knows no maximised metrics, and its study {name} minimises them: delete that study, \
+                 and upgrade the daemon"
+            );
             return Err(ClientError::invalid("objective", problem));
         }
         if !record.policy_differs.is_empty() {
