@@ -26,7 +26,7 @@ use crate::tuner::speeds::Speeds;
 use crate::tuner::{Checkpoint, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
-const VERSION: u64 = 12;
+const VERSION: u64 = 13;
 
 /// The knowledge of a tuner. Taken in a moment, since it shares its tables with the tuner until either
 /// changes them.

@@ -5,8 +5,8 @@ pub use crate::trial::OmissionReason;
 use crate::ids::StateId;
 use crate::predict::state_index::OmittedIndicator;
 use crate::standing::Standing;
+use crate::tuner::Tuner;
 use crate::tuner::plan::Planned;
-use crate::tuner::{Exploration, Tuner};
 
 /// The policy's knowledge of a state.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -68,9 +68,8 @@ impl Tuner {
     /// The insight into a state.
     pub(super) fn insight(&self, state: StateId, planned: &Planned) -> Insight {
         let results = self.states.results(state);
-        // A session may want a longer search than the study's operator.
-        let wanted = self.searches.of(state).map_or(0, Exploration::room);
-        let room = wanted.max(self.spec.policy.trials_per_state as usize);
+        // A session may want a longer search than the study's operator, or a shorter one.
+        let room = self.visits.room(state).unwrap_or(self.spec.policy.trials_per_state as usize);
         let is_finished = self.is_spent_within(room, state);
         let prospect = self.gain().prospect("", state, room);
         let left = room.saturating_sub(self.searches.taken(state, results, &self.spec.policy));

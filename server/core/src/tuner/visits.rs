@@ -48,6 +48,13 @@ impl Visits {
         self.by_client.get_mut(client_id)?.account.as_mut()
     }
 
+    /// For how many trials the client that came to a state last wants it to be searched, if it says so.
+    pub(super) fn room(&self, state: StateId) -> Option<usize> {
+        let here = self.by_client.values().filter(|visit| visit.state_id == state.0);
+        let last = here.max_by_key(|visit| visit.since)?;
+        last.account.as_ref()?.policy().trials_per_state.map(|room| room as usize)
+    }
+
     /// Begins a visit, which takes over the client's account.
     pub(super) fn begin(&mut self, visit: Visit) {
         let account = self.account(&visit.client_id).cloned().or_else(|| visit.account.clone());
