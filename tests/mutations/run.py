@@ -25,6 +25,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
@@ -199,13 +200,30 @@ def programs(packages):
 
 
 def run_program(test, limit_s, **variables):
-    """How a test program ended: None where it did not in time."""
+    """How a test program ended: None where it did not in time. It is stopped at the first test that fails."""
     _, _, program, folder = test
     environment = {**os.environ, **variables}
+    running = subprocess.Popen(
+        [program], cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    stopped = threading.Event()
+
+    def stop():
+        stopped.set()
+        running.kill()
+
+    clock = threading.Timer(limit_s or 86_400, stop)
+    clock.start()
     try:
-        return subprocess.run([program, "--quiet"], cwd=folder, env=environment, capture_output=True, timeout=limit_s).returncode
-    except subprocess.TimeoutExpired:
-        return None
+        for line in running.stdout:
+            if line.rstrip().endswith("... FAILED"):
+                running.kill()
+                return 101
+        code = running.wait()
+        return None if stopped.is_set() else code
+    finally:
+        clock.cancel()
+        running.wait()
 
 
 def unchanged(tests):
@@ -227,7 +245,7 @@ def noticed(number, looked_at):
     """The first test program that does not end well with this change, the shortest first."""
     for taken_s, test, reached in looked_at:
         if number in reached:
-            code = run_program(test, 20 + 5 * taken_s, **{VARIABLE: str(number)})
+            code = run_program(test, 20 + 2 * taken_s, **{VARIABLE: str(number)})
             if code != 0:
                 return test[1] if code else f"{test[1]} does not end"
     return None

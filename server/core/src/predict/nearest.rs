@@ -277,3 +277,22 @@ impl Predictor for Weighted {
         Some(Answer { configuration: configuration.clone(), expected, neighbours })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_those_of_their_formulas() {
+        let first = first_word(&[2.0, 4.0, 1.0]).expect("a word");
+        assert_eq!(first.cost, 2.0);
+        // The root of the mean of (4 - 2)² and (1 - 2)².
+        assert!((first.deviation - 2.5_f64.sqrt()).abs() < 1e-12, "{first:?}");
+        assert_eq!(first_word(&[3.0]), Some(Estimate::new(3.0, 3.0)));
+        let weighted = weighted_word(&[(1.0, 2.0), (3.0, 6.0)]).expect("a word");
+        assert!((weighted.cost - 5.0).abs() < 1e-12, "{weighted:?}");
+        // A quarter of (2 - 5)², three quarters of (6 - 5)².
+        assert!((weighted.deviation - 3.0_f64.sqrt()).abs() < 1e-12, "{weighted:?}");
+        assert_eq!((first_word(&[]), weighted_word(&[])), (None, None));
+    }
+}

@@ -196,3 +196,37 @@ fn branches(space: &Space, table: &CostTable, candidates: &[Configuration]) -> V
     found.truncate(BRANCHES_MAX);
     found
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_branch_is_a_value_beside_which_other_parameters_are() {
+        let space = Space::builder()
+            .categorical("backend", ["own", "ready"])
+            .default("own")
+            .categorical("order", ["rows", "columns"])
+            .default("rows")
+            .integer("level", 1..=9)
+            .default(1)
+            .active_if("backend", ["own"])
+            .build()
+            .expect("it is sound");
+        let of = |values: &[(&str, Value)]| {
+            let raw = values.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
+            space.complete(&raw).expect("a configuration")
+        };
+        let word = |text: &str| Value::from(text);
+        let candidates = [
+            of(&[("backend", word("ready")), ("order", word("rows"))]),
+            of(&[("backend", word("ready")), ("order", word("columns"))]),
+            of(&[("backend", word("own")), ("order", word("rows")), ("level", 2.into())]),
+            of(&[("backend", word("own")), ("order", word("columns")), ("level", 5.into())]),
+        ];
+        let row = |costs: [f64; 4]| costs.map(|cost| CostEntry::LogCost(libm::log(cost), 1e-4)).to_vec();
+        let table = CostTable { rows: vec![row([10.0, 9.0, 12.0, 11.0]), row([20.0, 18.0, 25.0, 23.0])] };
+        // The second is the best; of the other back end that is the fourth. The order decides about nothing.
+        assert_eq!(branches(&space, &table, &candidates), [3]);
+    }
+}

@@ -172,6 +172,16 @@ mod tests {
     }
 
     #[test]
+    fn correlations_are_pearsons() {
+        assert_eq!(correlation(&[(1.0, 5.0), (2.0, 5.0)]), 0.0, "one side does not vary");
+        // Means 1 and 5/3; sums of squares 2 and 26/3; of products 4.
+        let three = correlation(&[(0.0, 0.0), (1.0, 1.0), (2.0, 4.0)]);
+        assert!((three - 4.0 / (2.0_f64 * 26.0 / 3.0).sqrt()).abs() < 1e-12, "{three}");
+        let far = correlation(&[(100.0, -7.0), (101.0, -8.0), (102.0, -9.0)]);
+        assert!((far + 1.0).abs() < 1e-9, "{far}");
+    }
+
+    #[test]
     fn a_continuous_space_is_begun_by_steps_from_the_best_that_add_up() {
         let mut search = ModelSearch::new(setup(0.5, Vec::new()));
         // Less towards the far corner: every step forwards is a gain.

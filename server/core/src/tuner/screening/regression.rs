@@ -246,6 +246,14 @@ mod tests {
         }
         assert!(effects.variance(&[0.0, 1.0, 0.0]) < 1e-7);
         assert!((sums.residual(&effects)).abs() < 1e-4);
+        // Of other effects it is the plain sum of squares.
+        let other = Effects { mean: vec![0.2, 0.7, -0.4], inverse: effects.inverse };
+        let left = |index: u32| {
+            let (a, b) = (f64::from(index % 7) / 3.0 - 1.0, f64::from(index % 11) / 5.0 - 1.0);
+            (0.5 - 0.3 * a + 0.05 * b - (0.2 + 0.7 * a - 0.4 * b)).powi(2)
+        };
+        let expected: f64 = (0..200).map(left).sum();
+        assert!((sums.residual(&other) - expected).abs() < 1e-9 * expected, "{expected}");
     }
 
     #[test]
