@@ -1,9 +1,11 @@
 //! The predictors of the core, taught the searches of some cameras and asked about others.
 //!
 //! Nothing of the service's policy takes part: each predictor is taught every iteration and answers for
-//! itself. One further entrant is taught only the last iteration of each search, as the paper has it for its
-//! figures (section 7.1.2). Another is the service as it answers: a study with the default policy, to which a
-//! client brings the same iterations. States, portfolio and proof take part there.
+//! itself. The RBF model has three further entrants, which choose among other candidates than the product's
+//! model keeps: the last iteration of each search, as the paper has it (section 7.1.2), with the model taught
+//! all iterations or those alone, and everything that was tried. The last entrant is the service as it answers:
+//! a study with the default policy, to which a client brings the same iterations. States, portfolio and proof
+//! take part there.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -32,6 +34,12 @@ use super::record::{Clock, Place, Search};
 /// The entrant that is taught the last iteration of each search alone.
 pub(crate) const RBF_LAST: &str = "rbf_greedy_gq, last iteration";
 
+/// The entrant that is taught everything, and chooses among the last iterations.
+pub(crate) const RBF_AMONG_LAST: &str = "rbf_greedy_gq, among last iterations";
+
+/// The entrant that is taught everything, and chooses among all that could be run.
+pub(crate) const RBF_AMONG_ALL: &str = "rbf_greedy_gq, among all tried";
+
 /// The entrant that is the service with its default policy.
 pub(crate) const SERVICE: &str = "service";
 
@@ -46,7 +54,7 @@ pub(crate) fn entrants() -> Vec<String> {
     let paper = [PredictorMethod::NearestNeighbour, PredictorMethod::RbfGreedyGq];
     let others = METHODS.iter().filter(|method| !paper.contains(method));
     let mut all: Vec<String> = paper.iter().map(|method| method.name().to_owned()).collect();
-    all.push(RBF_LAST.to_owned());
+    all.extend([RBF_LAST, RBF_AMONG_LAST, RBF_AMONG_ALL].map(str::to_owned));
     all.extend(others.map(|method| method.name().to_owned()));
     all.extend([PredictorMethod::Auto.name().to_owned(), SERVICE.to_owned()]);
     all
@@ -118,6 +126,8 @@ impl<'a> School<'a> {
                 let answer = match name.as_str() {
                     SERVICE => Some(service.answer(search)?),
                     RBF_LAST => last.answer(self.space, &state, PredictorMethod::RbfGreedyGq),
+                    RBF_AMONG_LAST => all.least(self.space, &state, &all.last),
+                    RBF_AMONG_ALL => all.least(self.space, &state, &all.tried),
                     _ => all.answer(self.space, &state, method(&name)),
                 };
                 if let Some(answer) = answer {
@@ -159,6 +169,9 @@ impl Known {
 struct Class {
     predictors: Predictors,
     known: Known,
+    /// What each search ran last, and what any of them ran to its end.
+    last: Vec<Checked>,
+    tried: Vec<Checked>,
 }
 
 impl Class {
@@ -169,6 +182,8 @@ impl Class {
         let mut class = Self {
             predictors: Predictors::new(PredictorMethod::Auto, school.space, indicators, SEED, &[]),
             known: Known { states: Vec::new(), index: StateIndex::new(indicators), machines },
+            last: Vec::new(),
+            tried: Vec::new(),
         };
         for place in &fold.teach {
             let Some(search) = school.searches.get(place) else { continue };
@@ -185,6 +200,11 @@ impl Class {
     /// Teaches one search. It is tested first by what is known before, as in the service.
     fn teach(&mut self, school: &School<'_>, state: &[f64], lessons: &[(Checked, Verdict)]) {
         let default = school.space.default_configuration();
+        let ran = |(configuration, verdict): &(Checked, Verdict)| {
+            matches!(verdict, Verdict::Cost(_)).then(|| configuration.clone())
+        };
+        self.tried.extend(lessons.iter().filter_map(ran));
+        self.last.extend(lessons.iter().rev().find_map(ran));
         let (mut results, mut default_cost) = (ResultTable::default(), None);
         for (configuration, verdict) in lessons {
             if let Verdict::Cost(cost) = verdict {
@@ -218,6 +238,14 @@ impl Class {
     fn answer(&self, space: &Space, state: &[f64], method: PredictorMethod) -> Option<Configuration> {
         let (answer, _) = self.predictors.predict(method, &self.known.query(space, state))?;
         Some(answer.configuration.to_raw().into())
+    }
+
+    /// Of these configurations the one from which the RBF model expects the least cost, the first among equals.
+    fn least(&self, space: &Space, state: &[f64], of: &[Checked]) -> Option<Configuration> {
+        let (query, method) = (self.known.query(space, state), PredictorMethod::RbfGreedyGq);
+        let expected = |one| Some((one, self.predictors.estimate(method, &query, one)?.cost));
+        let (best, _) = of.iter().filter_map(expected).min_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some(best.to_raw().into())
     }
 }
 
@@ -344,6 +372,8 @@ mod tests {
         assert_eq!(of("nearest_neighbour"), Some(&best));
         assert_eq!(of(RBF_LAST), Some(&last));
         assert_ne!(of("rbf_greedy_gq"), Some(&last), "it was taught all of them");
+        assert_eq!(of(RBF_AMONG_LAST), Some(&last), "the one search has one last iteration");
+        assert_eq!(of(RBF_AMONG_ALL), of("rbf_greedy_gq"), "three configurations are all kept as candidates");
         // It recognises the state, and its own measurements prove the best.
         assert_eq!(of(SERVICE), Some(&best));
         // Where nothing is known the service has an answer all the same, as its users do.
