@@ -1,9 +1,9 @@
-//! The knowledge of a tuner from completed trials, as bytes: so that a restart need not replay all of them.
+//! The knowledge of a tuner from completed trials, as bytes, so that a restart need not replay all trials.
 //!
-//! A checkpoint is an accelerator and nothing else. It says which version wrote it and which specification it
-//! holds for, carries a check sum, and is passed over wherever one of these does not fit; the trials are then
-//! replayed from the first. A tuner from a checkpoint is the same to the bit, which the replay tests hold.
-//! Searches, visits and open trials have rows of their own and are no part of it.
+//! A checkpoint only saves time. It names its version and its specification and carries a check sum. Where
+//! one of these does not fit, the checkpoint is ignored and all trials are replayed. A tuner from a
+//! checkpoint equals a replayed one to the bit, which the replay tests check. Searches, visits and open
+//! trials have rows of their own and are no part of it.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -25,11 +25,11 @@ use crate::tuner::screening::Screening;
 use crate::tuner::speeds::Speeds;
 use crate::tuner::{Checkpoint, Tuner};
 
-/// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
+/// To be raised whenever the content of a checkpoint or the learning of trials changes.
 const VERSION: u64 = 12;
 
-/// The knowledge of a tuner. Taken in a moment, since it shares its tables with the tuner until either
-/// changes them.
+/// The knowledge of a tuner. It is taken in a moment, because it shares its tables with the tuner until one
+/// of them changes.
 #[derive(Clone, Debug)]
 pub struct Learnt {
     mark: u64,
@@ -64,8 +64,8 @@ impl Learnt {
         self.completion
     }
 
-    /// The number of the trial that last measured each remembered configuration, by rising number. With these
-    /// trials and the latest ones at hand, what a state knows can be learnt again without any checkpoint.
+    /// The number of the trial that last measured each remembered configuration, by rising number. From these
+    /// trials and the latest ones, the tables can be learnt again without a checkpoint.
     pub fn measured_by(&self) -> BTreeSet<u64> {
         let records = self.body.results.iter().flat_map(|results| results.records());
         records.map(|record| record.last_trial).filter(|number| *number > 0).collect()
@@ -107,8 +107,8 @@ impl Tuner {
         }
     }
 
-    /// Takes over what a checkpoint holds, into a tuner that has its states and has learnt nothing. An error
-    /// says why it is of no use; nothing was changed then.
+    /// Takes over a checkpoint into a tuner that has its states and has learnt nothing. An error says why the
+    /// checkpoint is of no use; the tuner is then unchanged.
     pub(super) fn take_over(&mut self, checkpoint: &Checkpoint) -> Result<(), String> {
         let (head, packed) = checkpoint.bytes.split_at_checked(16).ok_or("it is cut off")?;
         let word = |place: usize| {

@@ -15,7 +15,7 @@ pub struct Insight {
     pub state_id: u64,
     /// Configurations with a verdict.
     pub tried: u64,
-    /// How often clients came to the state, as far as they reported something from it.
+    /// The number of visits of clients that reported a trial from the state.
     pub visits: u64,
     /// The number of frames reported from it.
     pub frames: u64,
@@ -38,7 +38,7 @@ pub struct Insight {
 /// exist for states without measurements too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prospect {
-    /// By how much the cost of each later frame falls, as a share: by the trials that pay most.
+    /// The share by which the cost of each later frame falls, after the trials that pay most.
     pub gain: f64,
     /// The number of frames that profit.
     pub frames: f64,
@@ -48,7 +48,7 @@ pub struct Prospect {
     pub trials: usize,
 }
 
-/// Something that is left out.
+/// A parameter or an indicator that is left out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Omission {
     /// The parameter, or for [`OmissionReason::Constant`] and [`OmissionReason::Redundant`] the indicator;
@@ -60,7 +60,7 @@ pub struct Omission {
     pub summary: String,
     /// The estimated number of trials that it has saved or will save.
     pub saved_trials: f64,
-    /// With which probability leaving it out is wrong; `None` where it is certain.
+    /// The probability that leaving it out is wrong; `None` where it is certain.
     pub risk: Option<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! Exploring that pays, stops, and is shared among workers; and what a state begins with that nobody has met.
+//! Exploring that pays, stops, and is shared among workers; and the first configurations of a new state.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -26,7 +26,7 @@ fn explored(
     explored
 }
 
-/// A policy without the trials that confirm what a search found, which are not what is counted here.
+/// A policy without the trials of a confirmation, which these tests do not count.
 fn unconfirmed() -> Policy {
     Policy { confirm_rounds: 0, track_speed: false, ..Policy::default() }
 }
