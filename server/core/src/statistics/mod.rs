@@ -1,5 +1,5 @@
-//! Statistics of measurements: estimates with intervals, tests that may be looked at after every step, and
-//! the choice of the next run. All of it is pure: numbers in, numbers out.
+//! Statistics of measurements: estimates with intervals, tests that are valid at every step, and the choice
+//! of the next run. All functions are pure: numbers in, numbers out.
 //!
 //! | module | what it answers |
 //! |---|---|
