@@ -1,4 +1,4 @@
-//! The load of a farm on a daemon: connections that say nothing, abandoned requests, malformed messages.
+//! The load of a farm on a daemon: silent connections, abandoned requests, malformed messages.
 
 mod common;
 

@@ -1,7 +1,7 @@
-//! Changes of a study's policy from its pages, for visitors whose token may change it.
+//! Changes of a study's policy from its pages, for visitors with the needed scope.
 //!
-//! A form that another site sends in a browser's name changes nothing: the cookie stays away from it, and a
-//! form has to come from a page of this port ([`is_own_form`]).
+//! A form that another site sends in a browser's name changes nothing: browsers do not send the cookie with
+//! it, and a form has to come from a page of this port ([`is_own_form`]).
 
 use http::{HeaderMap, header};
 use prost_types::FieldMask;
@@ -16,8 +16,8 @@ use crate::error::Error;
 use crate::rpc;
 use treewright_store::tokens::Scope;
 
-/// Whether the caller may change studies here. Where no token is asked for nobody may: a proxy in front of
-/// the pages would let everybody steer whom it lets look.
+/// Whether the caller may change studies here. Without tokens nobody may: a proxy in front of the pages would
+/// let all its readers change studies.
 pub(super) fn may_steer(caller: &Caller) -> bool {
     match caller {
         Caller::Anyone => false,
@@ -25,8 +25,8 @@ pub(super) fn may_steer(caller: &Caller) -> bool {
     }
 }
 
-/// Whether a form comes from a page of this port, as browsers say it, or from a program that shows its token
-/// itself.
+/// Whether a form comes from a page of this port by the browser's headers, or from a program with a token of
+/// its own.
 pub(super) fn is_own_form(headers: &HeaderMap) -> bool {
     let text = |name: &header::HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
     if let Some(site) = text(&header::HeaderName::from_static("sec-fetch-site")) {

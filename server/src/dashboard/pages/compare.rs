@@ -1,5 +1,5 @@
-//! Several studies side by side: how their best so far came down beside their own defaults, and what is
-//! proven in each.
+//! Several studies side by side: the fall of their best cost so far relative to their own defaults, and their
+//! proven gains.
 
 use askama::Template;
 use treewright_core::standing::StandingVerdict;
@@ -46,7 +46,7 @@ pub(in super::super) async fn compare(visitor: &Visitor<'_>, query: &Query) -> R
     let (mut rows, mut runners, mut spaces, mut heads) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for id in &ids {
         heads.push(head(visitor, id, "compare").await?);
-        // All of them at once, while the first is being shown.
+        // All studies load at once, while the first is shown.
         visitor.tuning.begin_loading(id);
     }
     for (id, (head, study)) in ids.iter().zip(heads) {
