@@ -21,7 +21,7 @@ words! {
     }
 }
 
-/// How an answer came about, for people and for logs.
+/// The reason of an answer, for people and for logs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Reason {
     /// One plain sentence.

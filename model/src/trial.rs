@@ -157,7 +157,7 @@ pub struct Trial<C = Configuration> {
     pub indicators: BTreeMap<String, f64>,
     /// The configuration to run with.
     pub configuration: C,
-    /// Why this configuration.
+    /// The decision for this configuration.
     pub decision: Decision,
     /// Predicted objective; `None` where nothing is known.
     pub predicted_cost: Option<f64>,
@@ -174,9 +174,9 @@ pub struct Trial<C = Configuration> {
     pub outcome: Option<Outcome>,
     /// The report came after the lease had run out.
     pub late: bool,
-    /// When it was handed out, in milliseconds of the caller's clock.
+    /// The time of the hand-out, in milliseconds of the caller's clock.
     pub create_ms: i64,
-    /// When it was reported.
+    /// The time of the report.
     pub complete_ms: Option<i64>,
     /// Place in the order of completion within the study, from 1. `None` before the report.
     pub completion: Option<u64>,

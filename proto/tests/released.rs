@@ -31,7 +31,7 @@ fn released() -> Vec<(String, FileDescriptorSet)> {
 }
 
 fn messages(set: &FileDescriptorSet) -> BTreeMap<&str, &DescriptorProto> {
-    // Those of maps are nested, and follow from the field's type.
+    // Messages of map entries are nested, and follow from the field's type.
     set.file.iter().flat_map(|file| &file.message_type).map(|message| (message.name(), message)).collect()
 }
 

@@ -71,7 +71,7 @@ pub async fn restore(config: &RestoreConfig) -> Result<CommandOutput, Maintenanc
 /// Checks all of a database.
 ///
 /// # Errors
-/// [`MaintenanceError::Damaged`] with what was found.
+/// [`MaintenanceError::Damaged`] with the problems.
 pub async fn check(database: &FileDatabase) -> Result<CommandOutput, MaintenanceError> {
     let begun = Instant::now();
     let inventory = maintenance::check(&database.database).await?;

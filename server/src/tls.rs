@@ -19,7 +19,7 @@ use tonic::transport::{Certificate, ClientTlsConfig, Identity};
 
 use crate::{certificate, limits};
 
-/// Where certificates lie, as PEM.
+/// The paths of certificates, as PEM.
 #[derive(Clone, Debug, Default)]
 pub struct TlsFiles {
     /// The daemon's certificate, and those between it and its authority.

@@ -105,7 +105,7 @@ struct Event {
     series: Vec<(&'static str, Figures)>,
     /// The last minute before it.
     begins: usize,
-    /// When it surely fires.
+    /// The minutes in which it must fire.
     fires: std::ops::Range<usize>,
     /// Minutes after that in which it may fire and need not.
     margin: usize,
@@ -238,7 +238,7 @@ fn notation(figures: &[f64]) -> String {
 /// A question about an alert at a minute.
 fn asked(alert: &str, minute: usize, fires: bool, labels: &str) -> String {
     let expected = if fires { format!("[{{exp_labels: {{{labels}}}}}]") } else { "[]".to_owned() };
-    // promtool compares annotations as well, of which no rule here is asked.
+    // promtool compares annotations as well, and the rules here have none.
     format!("      - {{eval_time: {minute}m, alertname: {alert}, exp_alerts: {expected}}}\n")
 }
 

@@ -89,7 +89,7 @@ async fn an_open_trial_survives_a_restart() {
     drop(client);
     server.stop().await;
 
-    // The third start is long after; nothing of what was acknowledged is missing.
+    // The third start is long after; no acknowledged change is missing.
     let server = Server::on_disk(&path, START_MS + 1_000_000).await;
     let mut client = server.client().await;
     assert!(done(&mut client, &held.name, 9.0).await.duplicate);

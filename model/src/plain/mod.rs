@@ -37,7 +37,7 @@ impl Serialize for Plain<'_, RawConfiguration> {
 /// For `#[serde(serialize_with = "…::plain")]`.
 ///
 /// # Errors
-/// Those of the serializer.
+/// The errors of the serializer.
 pub fn plain<T, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error>
 where
     for<'a> Plain<'a, T>: Serialize,

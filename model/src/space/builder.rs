@@ -185,8 +185,8 @@ of_a_parameter!(BooleanParameter, bool);
 of_a_parameter!(CategoricalParameter, impl Into<Value>);
 
 impl SpaceBuilder<IntegerParameter> {
-    /// Only values in steps of this size, from the smallest on: a [`Constraint`]. Those of `16..=256` with a
-    /// step of 16 are 16, 32, 48 and so on.
+    /// Only values in steps of this size, from the smallest on: a [`Constraint`]. The values of `16..=256`
+    /// with a step of 16 are 16, 32, 48 and so on.
     #[must_use]
     pub fn step(mut self, step: i64) -> Self {
         if let Some(Draft { name, domain: Domain::Integer { min, .. }, .. }) = self.parameters.last() {

@@ -100,7 +100,7 @@ impl Space {
         }
     }
 
-    /// Which parameters are active under `values` (one per parameter).
+    /// The activity of each parameter under `values` (one per parameter).
     pub(super) fn active(&self, values: &[Value]) -> Vec<bool> {
         let mut active = Vec::with_capacity(values.len());
         for index in 0..values.len() {

@@ -10,7 +10,7 @@ impl Space {
     ///
     /// A value implies its conditions: where `bins` exists only with `split = sah`, `bins = 8` alone means
     /// that split. Where a given and a recommended value break a constraint, the recommended one gives way.
-    /// Whole numbers are taken for float parameters, too, so that people may write `2` for `2.0`.
+    /// Float parameters also take whole numbers, so that people may write `2` for `2.0`.
     ///
     /// # Errors
     /// [`SpaceError`] with the value that is unknown, inactive or outside its domain, or the constraint that

@@ -25,7 +25,8 @@ pub(super) struct Listing {
 struct Branch {
     /// The index of the value; [`INACTIVE`] where the parameter is inactive.
     value: u32,
-    /// The index of its first continuation in the next level. They end where those of the next branch begin.
+    /// The index of its first continuation in the next level. Its continuations end at the first one of the
+    /// next branch.
     first: u32,
 }
 

@@ -98,8 +98,7 @@ impl Space {
         true
     }
 
-    /// Moves values, of which those that are `fixed` stay, so that all constraints hold. `false` where none
-    /// were found.
+    /// Moves values that are not `fixed` so that all constraints hold. `false` where none were found.
     pub(super) fn move_around(&self, values: &mut [Value], fixed: impl Fn(usize) -> bool) -> bool {
         for group in self.groups.iter() {
             if !group.is_broken(self, values, &self.active(values)) {

@@ -4,18 +4,18 @@
 //! [`OpenEnum::Unrecognised`](treewright_model::words::OpenEnum), and code that must decide by them refuses
 //! them. A message that lacks a required field is [`Malformed`], with the field.
 //!
-//! | module | what it converts |
+//! | module | converts |
 //! |---|---|
 //! | `enums` | enums, by number |
 //! | `values` | values and configurations |
 //! | `space` | parameter spaces |
 //! | `study` | specifications of studies |
 //! | `policy` | policies, field by field as the model's table lists them |
-//! | `session` | what a session wants for itself |
-//! | `standing` | what is proven of answers |
+//! | `session` | policies of sessions |
+//! | `standing` | standings of answers |
 //! | `time` | points in time |
 //! | `trial` | trials, outcomes and machines |
-//! | `reason` | why an answer was given |
+//! | `reason` | reasons of answers |
 
 mod enums;
 mod numbers;

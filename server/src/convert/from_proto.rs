@@ -23,7 +23,7 @@ pub struct Report {
     pub trial: TrialName,
     /// The raw measurements.
     pub measurements: BTreeMap<String, f64>,
-    /// How it ended.
+    /// The outcome.
     pub outcome: Outcome,
 }
 

@@ -41,7 +41,7 @@ impl PolicyUpdate {
     /// The policy that results from `current`, checked against the study's space.
     ///
     /// # Errors
-    /// [`Error::Invalid`] with what does not fit.
+    /// [`Error::Invalid`] with the field that does not fit.
     pub fn apply(&self, current: &Policy, space: &Space) -> Result<Policy, Error> {
         self.merged(current.to_raw())?.check(space).map_err(|error| Error::invalid("study", error))
     }

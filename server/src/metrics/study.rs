@@ -24,7 +24,7 @@ pub(crate) struct FrameCounts {
     pub(crate) reached: [f64; MODES.len()],
     /// Leases that ran out.
     pub(crate) expired: u64,
-    /// When the models last learnt, by the daemon's clock.
+    /// The time at which the models last learnt, by the daemon's clock.
     pub(crate) learnt_ms: Option<i64>,
 }
 

@@ -24,7 +24,7 @@ pub(super) struct Links {
 
 #[derive(Default)]
 struct KnownLinks {
-    /// Of the certificates with which the connections were made.
+    /// The number of the certificates with which the connections were made.
     number: u64,
     by_address: HashMap<String, PeerLink>,
 }

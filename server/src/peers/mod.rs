@@ -74,7 +74,7 @@ pub trait Seeking: Sync {
 /// last answer counts. A forwarded request is not forwarded again.
 ///
 /// # Errors
-/// Those of the request's own attempts.
+/// The errors of the request's own attempts.
 pub async fn find_answer<S: Seeking>(request: &S, was_forwarded: bool) -> Result<S::Answer, Status> {
     let mut patience = Patience::new();
     loop {
@@ -98,7 +98,7 @@ pub async fn find_answer<S: Seeking>(request: &S, was_forwarded: bool) -> Result
     }
 }
 
-/// How long a request has been looking for the replica that does it.
+/// The time of a request's search for the replica that does it.
 struct Patience {
     until: Instant,
     pause: Duration,

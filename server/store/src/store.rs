@@ -26,7 +26,7 @@ pub struct StudyRecord {
     pub last_trial: u64,
     /// The specification, with the policy in force.
     pub spec: StudySpec,
-    /// When it was created, in milliseconds since 1970.
+    /// The time of its creation, in milliseconds since 1970.
     pub create_ms: i64,
     /// Counts.
     pub statistics: StudyCounts,

@@ -101,7 +101,7 @@ fn torn(before: &Image, after: &Image, dice: &mut Dice) -> Image {
     image
 }
 
-/// Where the sector ends that this byte is in.
+/// The end of the sector of a byte.
 fn end(at: usize, image: &Image) -> usize {
     (at / SECTOR * SECTOR + SECTOR).min(image.log.len())
 }

@@ -74,7 +74,7 @@ pub(crate) fn best<T>(candidates: impl IntoIterator<Item = ScoredPoint<T>>) -> O
     best
 }
 
-/// Where points are changed: the values that each axis has.
+/// The space of the search: the values of each axis.
 pub(crate) trait Neighbourhood {
     /// Another value of one axis: near by along a scale (`radius` is a share of it), or any other.
     fn moved(&self, axis: usize, x: f64, radius: f64, random: &mut ChaCha8Rng) -> f64;

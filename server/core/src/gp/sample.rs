@@ -93,7 +93,7 @@ impl Sample {
     }
 
     /// The correlations of all points, with noise on the diagonal, and the derivatives of the kernel by the
-    /// squared distance: full rows, of which the lower triangle counts.
+    /// squared distance: full rows, whose lower triangle counts.
     pub(super) fn correlations(&self, hyper: &Hyperparameters) -> (Vec<f64>, Vec<f64>) {
         let (n, dimension) = (self.len(), self.dimension());
         let (weights, trend) = (hyper.weights(dimension), hyper.trend(dimension));

@@ -12,10 +12,10 @@
 //! as it moves.
 //!
 //! Where this differs from Chang, and why:
-//! - *Sample size.* Chang measures each point more often as the search proceeds, which is what makes the
-//!   method converge under noise. Here the policy's `replicates` fixes the number of measurements of every
-//!   result; the search itself never asks twice. That suits budgets of about 80 frames with a noise of a few
-//!   percent; raise `replicates` for noisier metrics.
+//! - *Sample size.* Chang measures each point more often as the search proceeds, so that the method converges
+//!   under noise. Here the policy's `replicates` fixes the number of measurements of every result; the search
+//!   itself never asks twice. That suits budgets of about 80 frames with a noise of a few percent; raise
+//!   `replicates` for noisier metrics.
 //! - *Start.* One vertex is the default configuration. Where half the budget does not pay for
 //!   `dimension + 1` vertices, there are fewer, and the simplex searches the subspace that they span while the
 //!   random search still reaches everything.

@@ -92,7 +92,7 @@ fn groups(observations: &[Observation]) -> Vec<(usize, Group)> {
     groups
 }
 
-/// How a cost differs with its auxiliary measurements, `count` times.
+/// A difference of costs with that of the auxiliary measurements, counted `count` times.
 struct Row {
     count: f64,
     log_cost: f64,

@@ -1,7 +1,7 @@
 //! The present speed of a client's machine.
 //!
 //! Clocks rise and fall, and other programs come and go: all costs of a client are multiplied by one factor
-//! that changes over time. Its logarithm is taken for a random walk and followed by a scalar Kalman filter
+//! that changes over time. Its logarithm is modelled as a random walk and followed by a scalar Kalman filter
 //! (Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic Engineering 82,
 //! 1960). Repeated measurements of the incumbent, whose cost is known, drive it; every other measurement is
 //! divided by the factor of its time. A step far outside the walk's range is a jump: the filter then forgets

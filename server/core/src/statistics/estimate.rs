@@ -140,9 +140,9 @@ impl ConfigurationSample {
 #[derive(Clone, Debug)]
 struct Cell {
     configuration: usize,
-    /// Of the logarithms of costs.
+    /// The mean of the logarithms of costs.
     mean: f64,
-    /// Their number, weighed.
+    /// The weighed number of measurements.
     count: f64,
     /// The weighed sum of squared deviations from the mean.
     scatter: f64,
@@ -156,7 +156,7 @@ struct Model {
     weight: f64,
     /// The configuration of each of its cells.
     cells: Rc<[usize]>,
-    /// Of the covariance between cells.
+    /// The factor of the covariance between cells.
     factor: Factor,
     /// The likeness of configurations; `None` for a model in which all costs are equal.
     likeness: Option<Rc<[f64]>>,
@@ -397,7 +397,7 @@ struct Grid<'a> {
     configurations: usize,
     /// Squared distances between configurations.
     distances: &'a [f64],
-    /// Added to the logarithm of a likelihood, so that those of different cells compare.
+    /// A term of the logarithm of a likelihood, which makes likelihoods of different cells comparable.
     offset: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Which configurations of a state are proven to be good, and which one is therefore exploited there.
+//! The proven configurations of a state, and the choice of the exploited one.
 //!
 //! The lowest of many noisy costs is mostly luck. So a state's own answer is read from a
 //! [posterior](crate::statistics::estimate). It is the configuration with the least expected cost among those
@@ -30,7 +30,7 @@ use crate::study::StudySpec;
 const PROBABLE: f64 = 0.95;
 /// Least ratio of an answer's expected gain over the incumbent to its expected loss.
 const WORTH: f64 = 20.0;
-/// How many configurations with the lowest expected costs are looked at more closely.
+/// Number of configurations with the lowest expected costs that are compared more closely.
 const LEADERS: usize = 8;
 /// The least standard deviation that is assumed for the logarithms of measurements.
 const SPREAD_LEAST: f64 = 0.005;
@@ -202,7 +202,7 @@ fn posterior(
 
 /// The measurements of configurations, cleaned so that one absurd report does no harm. Measurements that
 /// others of the same configuration contradict are passed over or drawn in. A measurement far above all
-/// others and above the records at `told` is drawn in, because only its being dearer matters. A single
+/// others and above the records at `told` is drawn in, because its exact cost does not matter. A single
 /// measurement far below is drawn in likewise.
 pub(super) fn samples(
     records: &[&Record],

@@ -2,8 +2,8 @@
 //!
 //! Indicators move a little within a state, and costs with them (see [`Movement`]). A study may also name
 //! metrics beside those of its objective (see [`Denoiser`]). Both regressions are learnt from the state's own
-//! trials, and again after every few of them. The table is then restated, because its costs are less what the
-//! regressions explain. All of it follows from the completed trials in their order.
+//! trials, and again after every few of them. The table is then restated, because its costs exclude the
+//! explained shares. All of it follows from the completed trials in their order.
 
 use std::collections::BTreeMap;
 
@@ -32,7 +32,7 @@ const COST_LEAST: f64 = 1e-300;
 pub(super) struct Beside {
     /// Its auxiliary measurements, if the study has any.
     pub(super) auxiliary: Vec<f64>,
-    /// How far its indicators are from the anchor of its state, in shares of their ranges.
+    /// The distances of its indicators from the anchor of its state, as shares of their ranges.
     pub(super) offset: Vec<f64>,
 }
 

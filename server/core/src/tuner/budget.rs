@@ -166,8 +166,8 @@ impl Account {
         budget * self.kept.value() - self.charged.value() - unsettled - out
     }
 
-    /// Whether an exploring trial may be handed out, and on what terms. Where the default cannot be run in
-    /// the state, the frames that did not explore are the only reference.
+    /// The terms of another exploring trial, or the reason why none may be handed out. Where the default
+    /// cannot be run in the state, the frames that did not explore are the only reference.
     pub(super) fn leave(&self, terms: Terms, can_abort: bool, default_runs: bool) -> Result<Leave, Denied> {
         let kept = lower_median(&self.references);
         let default = self.default.or(kept.filter(|_| !default_runs)).ok_or(Denied::NoReference)?;

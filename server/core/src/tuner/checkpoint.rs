@@ -41,15 +41,15 @@ pub struct Learnt {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Body {
     completed: u64,
-    /// Of each state.
+    /// The table of each state.
     results: Vec<Arc<ResultTable>>,
-    /// Of each machine.
+    /// The statistics of each machine.
     pooling: Vec<PoolingStatistics>,
     statistics: IndicatorStatistics,
     history: History,
     screening: Screening,
     forget_above: usize,
-    /// Which predictor the models were for, and since when.
+    /// The predictor of the models, and the completion after which they were begun.
     predictor: PredictorMethod,
     models_since: u64,
     predictors: Predictors,

@@ -53,7 +53,7 @@ pub(super) struct Confirming {
     tried: usize,
     /// The number of disturbances of the machine before it began.
     disturbances: u64,
-    /// Which contender each open trial runs, by trial number.
+    /// The contender of each open trial, by trial number.
     open: BTreeMap<u64, usize>,
     /// Its consequences have been decided.
     settled: bool,
@@ -243,7 +243,7 @@ impl Tuner {
         })
     }
 
-    /// The request where the assessment has to be made apart before anybody asks for it.
+    /// The request where the assessment has to be made apart before a client asks for it.
     pub(super) fn assessment_to_plan(&self, state: StateId) -> Option<AssessmentRequest> {
         let made = self.assessments.of(state);
         let request = self.assessment_request(state)?;

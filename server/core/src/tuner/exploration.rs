@@ -24,7 +24,7 @@ pub struct Exploration {
     /// The largest number of runs that a session wanted of the search, beyond the policy.
     #[serde(default, skip_serializing_if = "is_no_room")]
     room: u32,
-    /// Which point of the search each open trial measures, by trial number.
+    /// The point of the search that each open trial measures, by trial number.
     pub(super) open: BTreeMap<u64, u64>,
     /// The held parameters, where the policy allows it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -149,7 +149,7 @@ impl Exploration {
         self.confirming.as_ref().is_some_and(|race| race.runs(trial))
     }
 
-    /// As few bytes, exact to the bit.
+    /// Packs it into few bytes, exact to the bit.
     pub fn pack(&self) -> Vec<u8> {
         pack(self)
     }

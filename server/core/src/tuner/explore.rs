@@ -251,7 +251,7 @@ impl Tuner {
         ProposedTrial { configuration: record.configuration.clone(), predicted_cost, point }
     }
 
-    /// Whether the state's search has come to its end, and nobody measures anything for it any more.
+    /// Whether the state's search has ended, and none of its trials is open.
     fn is_over(&self, room: usize, state: StateId) -> bool {
         let results = self.states.results(state);
         let own = self.searches.of(state);
@@ -473,8 +473,8 @@ impl Tuner {
         ProposedTrial { configuration, predicted_cost, point: decided }
     }
 
-    /// A configuration without a verdict that nobody runs, drawn at random; `None` when a bounded number of
-    /// draws meets none, as in a space that is nearly exhausted.
+    /// A configuration without a verdict that does not run now, drawn at random; `None` when a bounded number
+    /// of draws meets none, as in a space that is nearly exhausted.
     fn unseen(&self, state: StateId, number: TrialNumber) -> Option<Configuration> {
         let results = self.states.results(state);
         let mut random = stream(self.spec.seed, Purpose::Unseen, state.0, number.0);

@@ -38,9 +38,9 @@ struct StateHistory {
 pub(super) struct History {
     /// Shared with checkpoints that are being saved.
     states: Vec<Arc<StateHistory>>,
-    /// Where each client reported from last, and how often in a row. When half of the number that a study
-    /// remembers is reached, they become the earlier ones. The former earlier ones are forgotten unless they
-    /// have reported again since.
+    /// The state of each client's last report, and the number of its reports there in a row. When half of the
+    /// number that a study remembers is reached, they become the earlier ones. The former earlier ones are
+    /// forgotten unless they have reported again since.
     clients: BTreeMap<String, (usize, u64)>,
     earlier_clients: BTreeMap<String, (usize, u64)>,
     visits: u64,
@@ -130,7 +130,7 @@ impl History {
         self.explored += 1;
     }
 
-    /// How often clients came to a state.
+    /// The number of visits of clients to a state.
     pub(super) fn visits(&self, state: StateId) -> u64 {
         self.states[place(state)].visits
     }

@@ -24,13 +24,13 @@ pub struct Insight {
     pub noise: Option<f64>,
     /// Measurements that were set aside as outliers.
     pub outliers: u64,
-    /// How often costs were found to have changed for good.
+    /// The number of lasting changes of costs.
     pub drifts: u64,
     /// The expected gain and cost of going on with the search.
     pub prospect: Option<Prospect>,
     /// The parameters and indicators that searches and predictors leave out.
     pub omissions: Vec<Omission>,
-    /// How far the exploited configuration is proven; `None` where nothing measured here can be run.
+    /// The standing of the exploited configuration; `None` where nothing measured here can be run.
     pub standing: Option<Standing>,
 }
 

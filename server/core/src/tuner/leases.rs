@@ -4,7 +4,7 @@
 //! in a state whose lease is lost there again is taken to crash or hang its client. Handing it to one client
 //! after the other would stop them all. It then counts as infeasible in that state, and its trial says why. A
 //! lease is also lost where its client comes back in another session while it still runs. The silence of a
-//! client without sessions that never renewed a lease, such as a script, says nothing: somebody may have
+//! client without sessions that never renewed a lease, such as a script, says nothing: a person may have
 //! pressed Ctrl-C. A client that gives a trial back loses no lease. The default never counts as crashing:
 //! clients run it without asking, and exploring would have nothing left to be weighed against.
 

@@ -310,7 +310,7 @@ impl Tuner {
         self.trials.get(TrialNumber(number))
     }
 
-    /// When the next lease runs out, in milliseconds of the caller's clock.
+    /// The end of the next lease, in milliseconds of the caller's clock.
     pub fn next_expiry_ms(&self) -> Option<i64> {
         self.trials.next_expiry_ms()
     }

@@ -69,7 +69,7 @@ impl Models {
         self.since
     }
 
-    /// How wrong each predictor was: mean error with a 95 % interval.
+    /// The mean error of each predictor, with its 95 % interval.
     pub(super) fn errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
         self.predictors.errors()
     }

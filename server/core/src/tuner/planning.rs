@@ -1,5 +1,5 @@
-//! Which plan a question needs, the copies that are made of the tuner for a [`PlanRequest`], and the models'
-//! updates that are computed apart.
+//! The plan that a question needs, the copies of the tuner for a [`PlanRequest`], and the models' updates
+//! that are computed apart.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -33,7 +33,7 @@ pub enum VisitDecisionBefore {
         mode: Mode,
         /// Predicted objective, where something is known.
         predicted_cost: Option<f64>,
-        /// Why the configuration was chosen, as that version said it.
+        /// The reason of the choice, in the words of that version.
         reason: Box<Reason>,
     },
 }

@@ -1,4 +1,4 @@
-//! A tuner that is rebuilt from its rows answers like one that never stopped, whatever happened before.
+//! A tuner that is rebuilt from its rows answers like one that never stopped, after any history.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

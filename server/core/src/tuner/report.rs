@@ -166,8 +166,8 @@ impl Tuner {
         learnt
     }
 
-    /// The cost of a completed trial without what its auxiliary measurements and its movement within the
-    /// state explain, and corrected for the present speed of its client's machine.
+    /// The cost of a completed trial without the shares that its auxiliary measurements and its movement
+    /// within the state explain, corrected for the present speed of its client's machine.
     fn understood(&mut self, trial: &Trial) -> LearntCost {
         let unchanged =
             LearntCost { cost: trial.cost, believed: trial.cost, has_jumped: false, has_changed: false };

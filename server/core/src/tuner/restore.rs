@@ -179,7 +179,7 @@ impl Tuner {
         restoring.finish(open)
     }
 
-    /// Goes on in the order of completion past trials that are not stored any more. They count all the same.
+    /// Goes on in the order of completion past trials that are not stored any more. They still count.
     fn reach(&mut self, completion: u64) {
         assert!(completion >= self.last_completion, "{completion} after {}", self.last_completion);
         self.completed += completion - self.last_completion;

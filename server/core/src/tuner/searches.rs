@@ -131,7 +131,7 @@ impl Searches {
         taken(self.of(state), results, policy.replicates)
     }
 
-    /// How often the search of a state has changed.
+    /// The number of changes of a state's search.
     pub(super) fn changes(&self, state: StateId) -> u64 {
         self.of_states[place(state)].changes
     }

@@ -1,4 +1,4 @@
-//! How fast each client's machine is at the moment.
+//! The present speed of each client's machine.
 //!
 //! Clocks rise and fall, and other programs come and go. While a state is searched its incumbent is measured
 //! again now and then. From the incumbent, and from every other configuration with enough measurements, the
@@ -69,7 +69,7 @@ struct Client {
     /// Trials since the speed was last held, and whether it then agreed with the expected cost.
     since: u64,
     is_calm: bool,
-    /// How often the incumbent is still to be run after a jump.
+    /// The number of runs of the incumbent that are still due after a jump.
     settling: u64,
     unheld: Vec<Unheld>,
     latest: u64,

@@ -25,7 +25,7 @@ pub(crate) struct States {
     known: Vec<KnownState>,
     /// For each state, the states of other machines with the same input, nearest relations first.
     siblings: Vec<Vec<StateId>>,
-    /// Where the states lie.
+    /// The index of the anchors.
     index: StateIndex,
     /// The machines that measured in these states.
     machines: Machines,

@@ -79,7 +79,7 @@ impl Tuner {
             return Err(TunerError::TooManyStates);
         }
         let is_new = self.visits.of(client_id).is_none();
-        // Somebody who holds nothing can be forgotten unless all do.
+        // A client without an open trial can be forgotten, unless every client holds one.
         if is_new && self.visits.len() >= CLIENTS_MAX && self.trials.holders() >= self.visits.len() {
             return Err(TunerError::TooManyClients);
         }

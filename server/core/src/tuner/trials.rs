@@ -13,7 +13,7 @@ use crate::trial::Trial;
 #[derive(Clone, Debug, Default)]
 pub(super) struct OpenTrials {
     open: BTreeMap<TrialNumber, Trial>,
-    /// When their leases run out, in milliseconds of the caller's clock, soonest first.
+    /// The ends of their leases, in milliseconds of the caller's clock, soonest first.
     leases: BTreeSet<(i64, TrialNumber)>,
     held: BTreeMap<String, BTreeMap<StateId, TrialNumber>>,
     /// The number of open trials of each configuration in each state. Only looked up, so its order does not
@@ -69,7 +69,7 @@ impl OpenTrials {
         self.running.contains_key(&state)
     }
 
-    /// When the next lease runs out.
+    /// The end of the next lease.
     pub(super) fn next_expiry_ms(&self) -> Option<i64> {
         self.leases.first().map(|&(expire_ms, _)| expire_ms)
     }

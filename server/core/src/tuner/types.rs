@@ -40,7 +40,7 @@ pub struct Ask {
     pub can_abort: bool,
     /// The session's own policy, in place of the study's. Only [`Ask::at`] reads its deadline.
     pub session_policy: SessionPolicy,
-    /// Where a wanted configuration was measured before; at most 200 printable characters.
+    /// The origin of a wanted configuration that was measured before; at most 200 printable characters.
     pub origin: Option<String>,
 }
 
@@ -205,7 +205,7 @@ impl Prediction {
         self.decision.mode()
     }
 
-    /// How it came about, for people and for logs.
+    /// The reason of the answer, for people and for logs.
     pub fn reason(&self) -> Reason {
         self.decision.reason()
     }
@@ -228,7 +228,7 @@ pub struct Best {
     pub trial: u64,
     /// The time of that measurement, in milliseconds of the caller's clock.
     pub last_measure_ms: i64,
-    /// How far it is proven.
+    /// Its standing.
     pub standing: Standing,
 }
 
@@ -322,7 +322,7 @@ pub enum TunerError {
     NotOpen {
         /// The trial.
         number: u64,
-        /// Where it stands.
+        /// Its state.
         state: TrialState,
     },
     /// The study never handed out such a trial.

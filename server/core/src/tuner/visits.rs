@@ -29,7 +29,7 @@ impl Visits {
         self.by_client.len()
     }
 
-    /// Where a client is.
+    /// The visit of a client.
     pub(super) fn of(&self, client_id: &str) -> Option<&Visit> {
         self.by_client.get(client_id)
     }
@@ -86,7 +86,7 @@ impl Visits {
         if let Some(account) = &mut visit.account {
             account.set_policy(ask.session_policy);
             account.enter(state.0);
-            // It is stored in any case, so its age may be as well.
+            // The visit is stored in any case, so its age may be updated.
             self.by_age.remove(&(visit.since, visit.client_id.clone()));
             visit.since = last.0;
             self.by_age.insert((visit.since, visit.client_id.clone()));

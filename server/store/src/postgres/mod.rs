@@ -316,7 +316,7 @@ impl Store for PostgresStore {
                 tracing::warn!(%error, "a writer ended badly");
             }
         }
-        // The session may have ended already; then there is nobody to tell.
+        // The session may have ended already; then no task receives this.
         let _ = leave.send(());
         let _ = session.await;
         drop(listener);

@@ -35,7 +35,7 @@ pub(crate) enum Looked {
     InPart,
 }
 
-/// Why a check did not come to the end.
+/// Why a check failed.
 #[derive(Debug)]
 pub(crate) enum Unsound {
     /// The problems, at least one, each in a line.

@@ -84,9 +84,9 @@ pub(super) async fn run(
     connection
 }
 
-/// When the rows of deleted studies are removed: a piece at a time, with a pause between two.
+/// The schedule for removing rows of deleted studies: a piece at a time, with a pause between two.
 struct Reaper {
-    /// When the next piece is due; none while there is nothing to remove.
+    /// The time of the next piece; none while there is nothing to remove.
     due: Option<Instant>,
 }
 

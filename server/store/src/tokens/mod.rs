@@ -93,11 +93,11 @@ pub struct TokenRecord {
     pub studies: Studies,
     /// The quota.
     pub quota: Quota,
-    /// When it was made, in milliseconds since 1970.
+    /// The time of its creation, in milliseconds since 1970.
     pub create_ms: i64,
-    /// When it ends, if ever.
+    /// The end of its validity, if it has one.
     pub expire_ms: Option<i64>,
-    /// When it was revoked, if it was.
+    /// The time of its revocation, if it was revoked.
     pub revoke_ms: Option<i64>,
 }
 

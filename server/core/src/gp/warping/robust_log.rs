@@ -5,7 +5,7 @@
 //! quartile distances are drawn in, by a logarithm of their own. Values are relative to the median, so the
 //! unit of the cost does not matter.
 
-/// Where values begin to be drawn in, in distances of the quartiles.
+/// The distance from the median beyond which values are drawn in, in distances of the quartiles.
 const REACH: f64 = 2.0;
 /// Costs count as no less than this share of the median.
 const LEAST: f64 = 1e-6;

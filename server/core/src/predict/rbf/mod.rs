@@ -22,7 +22,7 @@ pub use least_squares::LeastSquares;
 /// The widths of all features.
 const OMEGA: f64 = 1.0;
 
-/// How a feature falls off around its centre.
+/// The fall of a feature around its centre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shape {
     /// `exp(-omega |x - c|)`, as the paper prints it.

@@ -39,7 +39,7 @@ pub(crate) struct OmittedIndicator {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct IndicatorStatistics {
     states: u64,
-    /// Of each indicator: the least values rising, the greatest falling.
+    /// For each indicator, the least values rising and the greatest falling.
     least: Vec<Vec<f64>>,
     greatest: Vec<Vec<f64>>,
     mean: Vec<f64>,

@@ -22,9 +22,9 @@ pub struct StateIndex {
     all: BTreeMap<MachineId, KdTree>,
     /// States in which something was measured.
     measured: KdTree,
-    /// Those of them in which a search was begun.
+    /// Measured states in which a search was begun.
     explored: KdTree,
-    /// Which trees hold each state: measured, explored.
+    /// For each state, whether the measured and the explored tree hold it.
     held: Vec<(bool, bool)>,
     /// Over the measured states.
     statistics: IndicatorStatistics,
@@ -120,7 +120,7 @@ impl StateIndex {
         self.all.remove(&machine);
     }
 
-    /// The place of a machine's nearest state of which no indicator is further from `state` than `tolerance`.
+    /// The place of a machine's nearest state with all indicators within `tolerance` of `state`.
     pub(crate) fn within(&self, machine: MachineId, state: &[f64], tolerance: f64) -> Option<usize> {
         self.all.get(&machine)?.within(state, tolerance).map(|found| found.name as usize)
     }

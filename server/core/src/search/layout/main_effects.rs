@@ -1,8 +1,8 @@
 //! Main effects: the cheap values of each parameter in other states of a study, as a start for the search of
 //! a new one.
 //!
-//! Scenes differ, but much of what makes a configuration good is common to them. Before a search begins in a
-//! new state, the logarithms of the costs that were measured in other states are fitted by a sum: one level
+//! Scenes differ, but the causes of a good configuration are mostly common to them. Before a search begins in
+//! a new state, the logarithms of the costs that were measured in other states are fitted by a sum: one level
 //! for each state, and one effect for each active parameter. This is an analysis of variance by main effects
 //! (Box, Hunter and Hunter, "Statistics for Experimenters", 1978). Effects are shrunk towards zero by ridge
 //! regression (Hoerl and Kennard, Technometrics 12, 1970). Hundreds of noisy measurements come down to a few

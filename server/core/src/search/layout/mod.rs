@@ -30,7 +30,7 @@ enum AxisKind {
     Choice { levels: u32, ranks: Vec<u32> },
 }
 
-/// When an axis counts: while its `parent` is active and stands at one of the levels.
+/// The condition of an axis: it counts while its `parent` is active and at one of the levels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Gate {
     parent: usize,
@@ -167,7 +167,7 @@ impl Layout {
         self.axes.len()
     }
 
-    /// How the values of each feature compare.
+    /// The comparison of the values of each feature.
     pub(crate) fn kinds(&self) -> Vec<FeatureKind> {
         let kind = |axis: &LayoutAxis| match &axis.kind {
             AxisKind::Choice { ranks, .. } if ranks.is_empty() => FeatureKind::Categorical,
@@ -230,7 +230,7 @@ impl Layout {
         }
     }
 
-    /// Which axes count at a point whose parents are canonical.
+    /// Whether each axis counts at a point whose parents are canonical.
     pub(crate) fn active(&self, x: &[f64]) -> Vec<bool> {
         assert_eq!(x.len(), self.axes.len(), "a coordinate for every axis");
         let mut active = vec![true; x.len()];

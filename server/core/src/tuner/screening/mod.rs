@@ -40,7 +40,7 @@ pub(super) struct Screening {
     gates: Vec<bool>,
     #[serde(skip)]
     width: usize,
-    /// Of each state that is kept: its sums, the first cost, and when it was last learnt from.
+    /// For each kept state, its sums, the first cost, and the time of the last lesson.
     states: BTreeMap<usize, ScreenedState>,
     clock: u64,
 }
@@ -68,7 +68,7 @@ pub(super) struct HeldParameters {
 pub(super) struct HeldAxis {
     /// Its place in the space.
     pub(super) axis: usize,
-    /// Where it is held, in 0..1.
+    /// Its held coordinate, in 0..1.
     pub(super) x: f64,
     /// The most that another value may gain, as a share of the cost; the chance of more is the policy's risk.
     pub(super) gain_at_most: f64,
@@ -125,7 +125,7 @@ impl Screening {
         self.is_able() && held.is_none_or(|held| tried >= held.tried + EVERY)
     }
 
-    /// Which parameters to hold in a state, at the values of `best`.
+    /// The parameters to hold in a state, at the values of `best`.
     pub(super) fn judge(
         &self,
         space: &Space,

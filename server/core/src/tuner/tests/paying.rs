@@ -196,7 +196,7 @@ fn what_clients_brought_along_serves_the_next_state() {
 fn forty_concurrent_questions_get_many_configurations() {
     let mut tuner = tuner(Policy { offline: true, trials_per_state: 80, ..Policy::default() });
     run(&mut tuner, "a", 0.5, 0.5, 16);
-    // Nobody else plans: all but one have to be answered at once.
+    // Only one plans; all others have to be answered at once.
     let mut distinct = BTreeSet::new();
     for worker in 0..40 {
         let ask = ask(&format!("worker {worker}"), 0.5, 0.5);

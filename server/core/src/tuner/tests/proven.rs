@@ -1,4 +1,4 @@
-//! Reported and exploited gains are proven, whatever noise and machines do: the tuner's promises in small
+//! Reported and exploited gains are proven under noise and changing machines: the tuner's promises in small
 //! worlds whose costs are known. The laboratory's example `told_gain` measures them at size.
 
 use rand::{RngExt, SeedableRng};

@@ -18,10 +18,10 @@ const NEAR: f64 = 0.75;
 /// A world in which nothing, little or much can be gained, on a machine on which up to two other programs
 /// come and go.
 struct World {
-    /// By which share the best configuration costs less than it would in a flat world.
+    /// The share by which the best configuration costs less than in a flat world.
     depth: f64,
     noise: f64,
-    /// By how much each busy program slows everything down.
+    /// The slow-down by each busy program.
     slows: f64,
     busy_max: u32,
 }
