@@ -1,7 +1,7 @@
 //! The state machine of one study: it decides which configuration a client runs, and learns from reports.
 //!
 //! It carries out the workflow of paper section 6 (figure 10). It recognises indicators as a state. On every
-//! change of a client's state, an epsilon-greedy decision falls to explore it with a search or to exploit a
+//! change of a client's state it decides epsilon-greedily to explore the state with a search or to exploit a
 //! predictor's answer. The decision is kept until the state changes again. Every report feeds the table, the
 //! search and the model.
 //!
