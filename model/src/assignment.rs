@@ -1,5 +1,5 @@
-//! Values of some or all parameters by name, as a program or a person gives and reads them: unchecked, with a
-//! getter for each kind of value.
+//! Unchecked values of some or all parameters by name, for programs and people, with a getter for each kind
+//! of value.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -20,22 +20,22 @@ pub struct Assignment(RawConfiguration);
 #[derive(Clone, Debug, PartialEq, Error)]
 #[error("the configuration has no {wanted} named `{name}`: found {found}")]
 pub struct NoSuchValue {
-    /// The name that was asked for.
+    /// The requested name.
     pub name: String,
-    /// The kind that was asked for.
+    /// The requested kind.
     pub wanted: &'static str,
-    /// The value that is there instead.
+    /// The value of that name.
     pub found: String,
 }
 
 impl Assignment {
-    /// One without values.
+    /// An assignment without values.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// These values with one more, or with that one replaced.
+    /// These values, with one added or replaced.
     #[must_use]
     pub fn with(mut self, name: impl Into<String>, value: impl Into<Value>) -> Self {
         self.set(name, value);
@@ -56,7 +56,7 @@ impl Assignment {
     /// An integer parameter.
     ///
     /// # Errors
-    /// [`NoSuchValue`] with what there is instead.
+    /// [`NoSuchValue`] with the value of that name.
     pub fn integer(&self, name: &str) -> Result<i64, NoSuchValue> {
         match self.get(name) {
             Some(Value::Integer(value)) => Ok(*value),
@@ -67,7 +67,7 @@ impl Assignment {
     /// A float parameter.
     ///
     /// # Errors
-    /// [`NoSuchValue`] with what there is instead.
+    /// [`NoSuchValue`] with the value of that name.
     pub fn float(&self, name: &str) -> Result<f64, NoSuchValue> {
         match self.get(name) {
             Some(Value::Float(value)) => Ok(*value),
@@ -78,7 +78,7 @@ impl Assignment {
     /// A boolean parameter.
     ///
     /// # Errors
-    /// [`NoSuchValue`] with what there is instead.
+    /// [`NoSuchValue`] with the value of that name.
     pub fn boolean(&self, name: &str) -> Result<bool, NoSuchValue> {
         match self.get(name) {
             Some(Value::Boolean(value)) => Ok(*value),
@@ -89,7 +89,7 @@ impl Assignment {
     /// A categorical parameter whose values are words.
     ///
     /// # Errors
-    /// [`NoSuchValue`] with what there is instead.
+    /// [`NoSuchValue`] with the value of that name.
     pub fn text(&self, name: &str) -> Result<&str, NoSuchValue> {
         match self.get(name) {
             Some(Value::Text(value)) => Ok(value),
@@ -168,7 +168,7 @@ impl<'de> Deserialize<'de> for Assignment {
     }
 }
 
-/// A value that is read without its kind: numbers with a point or exponent are floats.
+/// A value from text without its kind: numbers with a point or exponent are floats.
 struct PlainValue(Value);
 
 impl<'de> Deserialize<'de> for PlainValue {

@@ -1,5 +1,5 @@
-//! Configurations: a value for every active parameter of a space, in canonical form. What is not checked yet
-//! stands in `assignment`.
+//! Configurations: a value for every active parameter of a space, in canonical form. Unchecked values are in
+//! `assignment`.
 
 use std::fmt;
 use std::ops::Deref;
@@ -18,12 +18,12 @@ pub use crate::value::RawConfiguration;
 /// hand it to the space.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Configuration {
-    /// Shared, since tables, trials and models all name the same few configurations.
+    /// Shared, because tables, trials and models hold the same few configurations.
     values: Arc<Assignment>,
 }
 
 impl Configuration {
-    /// The one way in; the caller is the space, which has checked `values`.
+    /// The only constructor; its caller is the space, which has checked `values`.
     pub(crate) fn from_checked(values: RawConfiguration) -> Self {
         Configuration { values: Arc::new(values.into()) }
     }
@@ -87,8 +87,7 @@ impl Serialize for Configuration {
     }
 }
 
-/// For checkpoints alone, whose reader checks every configuration against its space before anyone else sees
-/// it.
+/// For checkpoints alone, whose reader checks every configuration against its space before any use.
 pub mod unchecked {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 

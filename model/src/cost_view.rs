@@ -1,11 +1,11 @@
-//! Costs as people read them.
+//! Costs in the form for people.
 //!
-//! Everything that searches, predicts and compares minimises a cost. Where one metric is maximised and
-//! nothing else counts, the cost is a weight over that metric, and nobody asked for it: pages, tables,
-//! figures and charts tell the metric. Every surface converts here.
+//! Searches, predictors and comparisons minimise a cost. Where one metric is maximised and nothing else
+//! counts, the cost is a weight over that metric, so pages, tables, figures and charts show the metric
+//! instead. Every surface converts here.
 
-/// How the costs of a study are told: by the one metric that is maximised, or as costs. [`Default`] tells
-/// costs.
+/// The form in which the costs of a study are shown: the one metric that is maximised, or the costs.
+/// [`Default`] shows costs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CostView {
     /// The name and the weight of a metric that is maximised and counts alone.
@@ -13,12 +13,13 @@ pub struct CostView {
 }
 
 impl CostView {
-    /// Of an objective that is this metric, maximised: costs are the weight, above 0, over its values.
+    /// The view of an objective that maximises this metric alone: costs are the weight, above 0, over its
+    /// values.
     pub(crate) fn maximising(metric: &str, weight: f64) -> Self {
         Self { maximised: Some((metric.to_owned(), weight)) }
     }
 
-    /// The name of what is told: the metric, or `cost`.
+    /// The name of the shown value: the metric, or `cost`.
     pub fn name(&self) -> &str {
         self.maximised.as_ref().map_or("cost", |(metric, _)| metric)
     }
@@ -39,12 +40,12 @@ impl CostView {
         if self.is_maximised() { self.title() } else { "Cost".to_owned() }
     }
 
-    /// The value that stands for a cost: in the metric's unit, or the cost itself. It is its own inverse.
+    /// The shown value of a cost: in the metric's unit, or the cost itself. The function is its own inverse.
     pub fn value(&self, cost: f64) -> f64 {
         self.maximised.as_ref().map_or(cost, |(_, weight)| weight / cost)
     }
 
-    /// The value of a cost where it is another number than the cost: of a metric that is maximised.
+    /// The shown value of a cost if a metric is maximised.
     pub fn maximum(&self, cost: f64) -> Option<f64> {
         self.is_maximised().then(|| self.value(cost))
     }
@@ -71,12 +72,12 @@ impl CostView {
         if percent.is_finite() { format!("{percent:.1}") } else { "?".to_owned() }
     }
 
-    /// Where a better value lies: `below` or `above`.
+    /// The side of better values: `below` or `above`.
     pub fn better_side(&self) -> &'static str {
         if self.is_maximised() { "above" } else { "below" }
     }
 
-    /// What a lower bound of a cost is for its value: `at least` or `at most`.
+    /// The kind of bound that a lower bound of a cost is for its value: `at least` or `at most`.
     pub fn bound(&self) -> &'static str {
         if self.is_maximised() { "at most" } else { "at least" }
     }

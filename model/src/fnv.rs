@@ -1,11 +1,10 @@
-//! The FNV-1a hash (Fowler, Noll and Vo): a number for bytes that stays the same in every release and on
-//! every machine, which the standard library's hasher does not promise. It guards against mistakes and not
-//! against attackers.
+//! The FNV-1a hash (Fowler, Noll and Vo): a number for bytes that is the same in every release and on every
+//! machine, unlike that of the standard library's hasher. It guards against mistakes, not against attackers.
 
 /// The hash of no bytes.
 pub const EMPTY: u64 = 0xcbf2_9ce4_8422_2325;
 
-/// The hash of what `hash` is of, and one more byte (or a whole word, where that is quick enough only).
+/// Adds one byte to a hash (or a whole word, where bytes would be too slow).
 #[must_use]
 pub fn add(hash: u64, byte: u64) -> u64 {
     (hash ^ byte).wrapping_mul(0x0000_0100_0000_01b3)

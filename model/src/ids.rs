@@ -1,5 +1,4 @@
-//! Numbers that name a study or something within it, each a type of its own, so that one is not taken for
-//! another.
+//! Numbers that name a study or a part of it, each with its own type, so that they cannot be confused.
 //!
 //! Those within a study are written as the bare number, in rows, on the wire and in messages.
 
@@ -9,8 +8,8 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// The identity of a study, drawn when it was created: another than that of every other study, also of one
-/// that had the same name before. Written as 16 hexadecimal digits.
+/// The identity of a study, drawn when it was created: no other study has it, not even an earlier one of the
+/// same name. Written as 16 hexadecimal digits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct StudyUid(pub u64);
 
@@ -49,10 +48,10 @@ macro_rules! ids {
                     self.0
                 }
 
-                /// The one after it.
+                /// The next number.
                 ///
                 /// # Panics
-                /// After 2^64 - 1, which nothing that counts up from 1 reaches.
+                /// After 2^64 - 1, which no count from 1 reaches.
                 #[must_use]
                 pub const fn next(self) -> Self {
                     Self(self.0 + 1)

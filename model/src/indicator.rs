@@ -1,7 +1,7 @@
-//! Indicators: the numbers that describe an input, and how they are brought to a common scale.
+//! Indicators: the numbers that describe an input, and their common scale.
 //!
-//! Paper section 6.2: indicators span very different ranges, and a distance between states would be
-//! governed by the widest; so each is mapped to 0..1 by a range that the study declares.
+//! Paper section 6.2: indicators span very different ranges, and the widest would dominate a distance between
+//! states. So each is mapped to 0..1 by a range that the study declares.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -26,8 +26,8 @@ pub struct Indicator {
 }
 
 impl Indicator {
-    /// Maps a finite value: `min` to 0, `max` to 1, values outside to beyond on the same scale (mirrored
-    /// below `min` where the scale is logarithmic). The result is finite, at most
+    /// Maps a finite value: `min` to 0, `max` to 1, values outside to numbers beyond 0..1 on the same scale
+    /// (mirrored below `min` where the scale is logarithmic). The result is finite, at most
     /// [`NORMALISED_MAGNITUDE_MAX`] in magnitude.
     pub fn normalise(&self, value: f64) -> f64 {
         // Halves keep the differences of numbers as large as 1.7e308 finite.
@@ -227,8 +227,8 @@ mod tests {
             a in finite(), b in finite(), low in finite(), high in finite(), log in any::<bool>(),
         ) {
             let (low, high) = (low.min(high), low.max(high));
-            // Such an indicator is refused. An assumption would end long runs, which may drop a limited
-            // number of cases.
+            // Such an indicator is refused. An assumption of the property test would end long runs, because
+            // the number of dropped cases is limited.
             if low == high {
                 return Ok(());
             }

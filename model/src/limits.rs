@@ -1,5 +1,5 @@
-//! Every limit of what is said between a client and the daemon in one place, as the comments of the wire
-//! contract state them. What the daemon keeps for itself has limits of its own (`treewright_core::limits`).
+//! Every limit of the messages between a client and the daemon in one place, as in the comments of the wire
+//! contract. The daemon's memory has other limits (`treewright_core::limits`).
 //!
 //! A limit that is reached is answered with an error that names the field and the limit, never with
 //! silent truncation.
@@ -14,7 +14,7 @@ pub const CLIENT_ID_CHARACTERS_MAX: usize = 128;
 pub const TEXT_VALUE_CHARACTERS_MAX: usize = 256;
 /// Longest reason of an infeasible or failed outcome, in characters.
 pub const OUTCOME_REASON_CHARACTERS_MAX: usize = 1000;
-/// Longest account of where a trial that was carried over was measured, in characters.
+/// Longest origin of a trial that was carried over, in characters.
 pub const ORIGIN_CHARACTERS_MAX: usize = 200;
 /// Longest entry of a fingerprint, in characters.
 pub const FINGERPRINT_TEXT_CHARACTERS_MAX: usize = 256;
@@ -33,7 +33,7 @@ pub const CONSTRAINT_NODES_MAX: usize = 256;
 pub const CONSTRAINT_DEPTH_MAX: usize = 32;
 /// Most values of a categorical domain, and of a condition.
 pub const CATEGORIES_MAX: usize = 64;
-/// Largest magnitude of an integer: beyond 2^53 a double can no longer tell neighbours apart.
+/// Largest magnitude of an integer: beyond 2^53 doubles cannot represent every integer.
 pub const INTEGER_MAGNITUDE_MAX: i64 = 1 << 53;
 /// Most indicators of a study.
 pub const INDICATORS_MAX: usize = 128;
@@ -58,12 +58,11 @@ pub const EPSILON_HALVES_AFTER_MAX: u32 = 1_000_000;
 pub const WARM_UP_MAX: u32 = 10_000;
 /// Largest factor between the costs of a configuration and the reference that a policy may name.
 pub const COST_FACTOR_MAX: f64 = 1e6;
-/// Most configurations of a space that are counted: a search can try that few one by one.
+/// Most configurations of a space that are counted: a search can try this number one by one.
 pub const ENUMERATED_MAX: usize = 1024;
-/// Most ways to fulfil constraints that hang together that are listed, so that the nearest is found among
-/// all of them.
+/// Most solutions of connected constraints that are listed, so that the nearest is found among all of them.
 pub const LISTED_MAX: usize = 1 << 16;
-/// Most values that are tried to count configurations, or to list the ways to fulfil constraints.
+/// Most values that are tried to count configurations, or to list the solutions of constraints.
 pub const LISTING_STEPS_MAX: usize = 1 << 19;
 /// Most values that are tried to find a configuration near a point that breaks constraints.
 pub const REPAIR_STEPS_MAX: usize = 1 << 13;
@@ -72,6 +71,6 @@ pub const REPAIR_PATIENCE: usize = 1 << 9;
 /// Longest lease, in seconds: one day.
 pub const LEASE_S_MAX: u32 = 86_400;
 
-/// Largest magnitude of a normalised indicator. Values further out of the declared range than a billion
-/// times its width are held here, so that squares and sums of them stay finite.
+/// Largest magnitude of a normalised indicator. Values beyond a billion times the width of the declared range
+/// are cut to it, so that squares and sums stay finite.
 pub const NORMALISED_MAGNITUDE_MAX: f64 = 1e9;

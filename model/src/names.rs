@@ -1,4 +1,4 @@
-//! How names of parameters, indicators and metrics are spelt, in one place.
+//! The spelling of names of parameters, indicators and metrics, in one place.
 
 use crate::limits::NAME_CHARACTERS_MAX;
 

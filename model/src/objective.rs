@@ -1,7 +1,7 @@
-//! The scalar that is minimised: a weighted sum of named measurements.
+//! The objective, a scalar to minimise: a weighted sum of named measurements.
 //!
-//! Measurements are kept raw, so that the same numbers can be weighed differently later. Render time alone
-//! is one term `render_ms`; build and render together are two (paper sections 3.3 and 7).
+//! Measurements are kept raw, so that they can be weighed differently later. Render time alone is one term
+//! `render_ms`; build and render together are two (paper sections 3.3 and 7).
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -22,7 +22,7 @@ pub struct ObjectiveTerm {
     pub weight: f64,
 }
 
-/// What a measurement may be at least, at most, or both. A configuration that goes beyond is infeasible.
+/// The least and the most that a measurement may be, or one of these. A configuration beyond is infeasible.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasurementLimit {
     /// Name of a measurement. It may be minimised, too.
@@ -65,7 +65,7 @@ pub struct Objective {
     maximised: Vec<String>,
 }
 
-/// An objective as it is stored: the list of its terms where there is nothing else.
+/// The stored form of an objective: the list of its terms where it has no other parts.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged)]
 enum Stored {
@@ -78,7 +78,7 @@ enum Stored {
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         maximised: Vec<String>,
     },
-    /// With terms under a name that versions do not read which would minimise them all.
+    /// Its terms have a name that earlier versions do not read, because those would minimise them all.
     Directed {
         directed_terms: Vec<ObjectiveTerm>,
         auxiliary: Vec<String>,
@@ -142,7 +142,7 @@ pub enum ObjectiveError {
         /// As given.
         metric: String,
     },
-    /// An auxiliary metric occurs twice, or is what is minimised.
+    /// An auxiliary metric occurs twice, or is a term of the objective.
     #[error("auxiliary metric {metric:?} is listed already; leave it out, its measurements are known")]
     AuxiliaryTwice {
         /// As given.
@@ -154,7 +154,7 @@ pub enum ObjectiveError {
         /// As given.
         metric: String,
     },
-    /// A measurement that is maximised is 0, or as good as that.
+    /// A maximised measurement is 0 or nearly 0.
     #[error(
         "measurement {metric:?} is {value}; what is maximised must be above 0, since its reciprocal is the cost"
     )]
@@ -170,7 +170,7 @@ pub enum ObjectiveError {
         /// The number that was given.
         count: usize,
     },
-    /// A limit is not one.
+    /// A limit is not valid.
     #[error(
         "limit {limit:?} is not one; give a measurement's name ({NAME_RULE}), once, and a finite at_least, at_most or both, \
          the first not above the second"
@@ -213,7 +213,8 @@ impl Objective {
         Ok(Objective { terms, auxiliary: Vec::new(), limits: Vec::new(), maximised: Vec::new() })
     }
 
-    /// This objective with metrics that explain costs and are no part of them; see [`Objective::auxiliary`].
+    /// This objective with metrics that explain costs without being part of them; see
+    /// [`Objective::auxiliary`].
     pub fn with_auxiliary(self, auxiliary: Vec<String>) -> Result<Self, ObjectiveError> {
         if auxiliary.len() > AUXILIARY_METRICS_MAX {
             return Err(ObjectiveError::AuxiliaryCount { count: auxiliary.len() });
@@ -248,8 +249,8 @@ impl Objective {
         Ok(Objective { limits, ..self })
     }
 
-    /// This objective with metrics of its terms that are to be large. Such a term counts with its weight over
-    /// the measurement: a thousand over frames a second is the milliseconds of a frame.
+    /// This objective with maximised metrics among its terms. Such a term counts with its weight over the
+    /// measurement: a thousand over frames a second is the milliseconds of a frame.
     pub fn with_maximised(self, maximised: Vec<String>) -> Result<Self, ObjectiveError> {
         let mut seen = BTreeSet::new();
         for metric in &maximised {
@@ -265,7 +266,7 @@ impl Objective {
         &self.maximised
     }
 
-    /// How costs are told: by the metric where one is maximised and nothing else counts.
+    /// The view of costs: the metric, where one is maximised and nothing else counts.
     pub fn view(&self) -> CostView {
         match (self.terms.as_slice(), self.maximised.as_slice()) {
             ([term], [_]) => CostView::maximising(&term.metric, term.weight),
@@ -273,12 +274,12 @@ impl Objective {
         }
     }
 
-    /// What measurements may be, in the order in which it was given.
+    /// The limits on measurements, in the order in which they were given.
     pub fn limits(&self) -> &[MeasurementLimit] {
         &self.limits
     }
 
-    /// In words, the first limit that measurements are beyond.
+    /// The first limit that measurements exceed, in words.
     ///
     /// # Errors
     /// [`ObjectiveError::LimitedMissing`].
@@ -297,8 +298,8 @@ impl Objective {
     }
 
     /// Metrics that reports may carry beside those of the terms, in the order in which they were given:
-    /// quantities that explain a cost, such as the processor time of a frame. The noise of a cost that they
-    /// explain is taken out before it is compared with others.
+    /// quantities that explain a cost, such as the processor time of a frame. The explained noise of a cost
+    /// is removed before costs are compared.
     pub fn auxiliary(&self) -> &[String] {
         &self.auxiliary
     }
@@ -317,7 +318,7 @@ impl Objective {
         &self.terms
     }
 
-    /// The weighted sum, in the unit of the metrics: finite, at least 0. What is maximised counts by its
+    /// The weighted sum, in the unit of the metrics: finite, at least 0. A maximised metric counts by its
     /// reciprocal.
     pub fn cost(&self, measurements: &BTreeMap<String, f64>) -> Result<f64, ObjectiveError> {
         let mut cost = 0.0;
@@ -436,7 +437,7 @@ mod tests {
         assert_eq!((one.to_string().as_str(), one.view().value(20.0)), ("maximises fps", 50.0));
         let text = serde_json::to_string(&one).expect("plain data");
         assert_eq!(serde_json::from_str::<Objective>(&text).expect("its own form"), one);
-        // A version that knows no maximum finds no terms, and cannot take it for a minimum.
+        // A version without maximised metrics finds no terms, and so cannot minimise them.
         assert!(!text.contains("\"terms\""), "{text}");
         let older = text.replace("directed_terms", "terms");
         assert_eq!(serde_json::from_str::<Objective>(&older).expect("an earlier form"), one);

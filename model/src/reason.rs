@@ -1,5 +1,5 @@
-//! Why an answer was given, for clients and for people: its mode, its rule, what was weighed, and what was
-//! left out. Made from a [`Decision`](crate::decision::Decision), and never read back.
+//! The reason of an answer, for clients and for people: its mode, its rule, the policy's figures, and the
+//! omissions. It is made from a [`Decision`](crate::decision::Decision), and never read back.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +21,7 @@ words! {
     }
 }
 
-/// How an answer came about, for people and for logs.
+/// The reason of an answer, for people and for logs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Reason {
     /// One plain sentence.
@@ -30,7 +30,7 @@ pub struct Reason {
     pub source: String,
     /// The step of the search: `latin_hypercube`, `reflect`, ... Empty when exploiting.
     pub step: String,
-    /// The known states that the answer rests on, nearest first, at most 5.
+    /// The known states behind the answer, nearest first, at most 5.
     pub neighbours: Vec<Neighbour>,
     /// The figures that the policy weighed.
     #[serde(default, skip_serializing_if = "Explanation::is_empty")]
@@ -38,13 +38,13 @@ pub struct Reason {
 }
 
 words! {
-    /// Which rule of the policy an answer follows.
+    /// The rule of the policy that an answer follows.
     pub enum Rule {
-        /// The dice said explore.
+        /// The dice decided to explore.
         Explore = "EXPLORE",
-        /// Explored, because nothing is known that could be exploited.
+        /// Explored, because no known configuration could be exploited.
         NothingKnown = "NOTHING_KNOWN",
-        /// The dice said exploit.
+        /// The dice decided to exploit.
         Exploit = "EXPLOIT",
         /// The state's search is over.
         Finished = "FINISHED",
@@ -62,8 +62,8 @@ words! {
         Pinned = "PINNED",
         /// The client asked for the configuration.
         Wanted = "WANTED",
-        /// Explores, but the search waits for what others are measuring; the best that is known is run
-        /// meanwhile.
+        /// Explores, but the search waits for other clients' measurements; the best known configuration is
+        /// run meanwhile.
         Waiting = "WAITING",
         /// The search is over, and its best few run against the incumbent.
         Confirming = "CONFIRMING",
@@ -79,7 +79,7 @@ pub struct Explanation {
     /// The rule that decided.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rule: Option<Rule>,
-    /// The probability of exploring that the dice were thrown with.
+    /// The probability of exploring at the throw of the dice.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epsilon: Option<f64>,
     /// The rest of the client's regret budget before this answer.
@@ -91,10 +91,10 @@ pub struct Explanation {
     /// The client is to stop the trial as soon as its cost exceeds this.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub abort_above: Option<f64>,
-    /// The cost of what would have been run without exploring.
+    /// The cost of the reference, which would run without exploring.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference_cost: Option<f64>,
-    /// By how much exploring is expected to lower the cost of each later frame, as a share.
+    /// The share by which exploring is expected to lower the cost of each later frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_gain: Option<f64>,
     /// The number of frames that are expected to profit.
@@ -120,7 +120,7 @@ impl Explanation {
         Explanation { rule: Some(rule), ..Explanation::default() }
     }
 
-    /// Whether there is nothing to tell.
+    /// Whether no field is set.
     pub fn is_empty(&self) -> bool {
         *self == Explanation::default()
     }
@@ -138,19 +138,19 @@ pub struct Neighbour {
 }
 
 words! {
-    /// Why something is left out of a search, or of what predictors see.
+    /// Why a search leaves a parameter out, or predictors an indicator.
     pub enum OmissionReason {
-        /// The parameter means nothing beside the best known values of others.
+        /// The parameter is inactive at the best known values of others.
         Inactive = "INACTIVE",
         /// The parameter was shown not to matter.
         Insensitive = "INSENSITIVE",
         /// The most that can be gained is below the noise.
         BelowNoise = "BELOW_NOISE",
-        /// The gain to expect does not pay for the search.
+        /// The expected gain does not pay for the search.
         BelowCost = "BELOW_COST",
         /// The indicator is the same in all states: left out of distances and features.
         Constant = "CONSTANT",
-        /// The indicator follows another in a straight line: left out of distances and features.
+        /// The indicator is a linear function of another: left out of distances and features.
         Redundant = "REDUNDANT",
     }
 }

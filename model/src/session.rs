@@ -1,8 +1,8 @@
 //! The policy of a client's session.
 //!
-//! A run such as a benchmark wants to explore more, or not at all, without changing how the study treats
-//! everybody else. It sends its wishes with every question. They hold for its own answers and nobody else's;
-//! nothing of them is kept in the study, so that a run that is killed leaves nothing behind.
+//! A run such as a benchmark wants to explore more, or not at all, without changing the answers to other
+//! clients. It sends its policy with every question. The policy only holds for its own answers and is not
+//! kept in the study, so that a killed run leaves nothing behind.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +15,7 @@ use crate::policy::{PolicyError, PolicySettings};
 /// replaced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SessionPolicy {
-    /// Probability of exploring when the client's state changes, 0 to 1, whatever the number of visits.
+    /// Probability of exploring when the client's state changes, 0 to 1, for any number of visits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub epsilon: Option<f64>,
     /// A state's search ends for this session after this number of runs, with repeats, 1 to 100,000.
@@ -25,14 +25,14 @@ pub struct SessionPolicy {
     /// above 1. Where the study keeps a regret budget, its own factor holds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub abort_above: Option<f64>,
-    /// Until when the session explores, by the daemon's clock in milliseconds since 1970. From then on what
-    /// is known to be good is run, whatever `epsilon` says.
+    /// The end of exploring, by the daemon's clock in milliseconds since 1970. From then on the session
+    /// exploits for any `epsilon`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub explore_until_ms: Option<i64>,
 }
 
 impl SessionPolicy {
-    /// Whether nothing is replaced.
+    /// Whether no field is set.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()

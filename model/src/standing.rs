@@ -1,8 +1,8 @@
-//! How the answer of a state stands against its reference: what is proven, and what is only hoped for.
+//! The standing of a state's answer against its reference: proven, likely or open.
 //!
 //! The reference of a state is its incumbent: the study's default configuration, until another one is proven
-//! better. Costs and gains are estimates with 95 % intervals, drawn towards each other as far as the
-//! measurements are noisy, never the luckiest of many measurements.
+//! better. Costs and gains are estimates with 95 % intervals, drawn towards each other by the noise of the
+//! measurements. They are never the luckiest of many measurements.
 
 use std::fmt;
 
@@ -11,38 +11,38 @@ use serde::{Deserialize, Serialize};
 use crate::cost_view::CostView;
 use crate::words::words;
 
-/// The probability, by the paired rounds of a confirmation alone, of being better that counts as a proof.
+/// Least probability of being better, by the paired rounds of a confirmation alone, that counts as a proof.
 pub const PROVEN: f64 = 0.99;
-/// The probability, by all that was measured in a state, from which on something is called likely to be
-/// better.
+/// Least probability of being better, by all measurements of a state, that is called likely.
 pub const LIKELY: f64 = 0.8;
-/// With a gain of at most this share there is nothing to win.
+/// The largest gain, as a share, that counts as nothing to win.
 pub const NOTHING_TO_WIN: f64 = 0.01;
 
 words! {
-    /// The standing of an answer beside the study's default configuration: the one list for every surface.
+    /// The standing of an answer beside the study's default configuration, for every surface.
     pub enum StandingVerdict {
         /// Better, by the paired rounds of its confirmation alone, with a probability of at least [`PROVEN`].
-        /// The reported gain is that of the same rounds.
+        /// These rounds also give the reported gain.
         Proven = "PROVEN",
-        /// Better by all that was measured, with a probability of at least [`LIKELY`].
+        /// Better by all measurements, with a probability of at least [`LIKELY`].
         Likely = "LIKELY",
         /// Not known yet.
         Open = "OPEN",
-        /// The search is over, and nothing was shown to be better.
+        /// The search is over, and no configuration was shown to be better.
         NothingBetter = "NOTHING_BETTER",
-        /// The search is over, and nothing gains more than [`NOTHING_TO_WIN`] with a probability of 95 %.
+        /// The search is over, and with a probability of 95 % no configuration gains more than
+        /// [`NOTHING_TO_WIN`].
         NothingToWin = "NOTHING_TO_WIN",
     }
 }
 
 impl StandingVerdict {
-    /// In the words that fit a column of a table.
+    /// The verdict in words that fit a column of a table.
     pub fn in_short(self) -> &'static str {
         self.words().0
     }
 
-    /// As the first half of a sentence.
+    /// The verdict as the first half of a sentence.
     pub fn in_words(self) -> &'static str {
         self.words().1
     }
@@ -61,7 +61,7 @@ impl StandingVerdict {
 }
 
 words! {
-    /// How far the confirmation of a state's best configurations is.
+    /// The stage of the confirmation of a state's best configurations.
     pub enum ConfirmationStage {
         /// The policy wants none.
         Off = "OFF",
@@ -70,19 +70,19 @@ words! {
         /// The best few run against the incumbent.
         Racing = "RACING",
         /// A challenger is the answer in the incumbent's place: it was proven better in these rounds, or is
-        /// likely to be by all that was measured. The [`StandingVerdict`] says which.
+        /// likely to be better by all measurements. The [`StandingVerdict`] says which.
         Better = "BETTER",
         /// None was shown to be better than the incumbent, which is the answer.
         NothingBetter = "NOTHING_BETTER",
     }
 }
 
-/// By how much the cost of one configuration lies below that of another.
+/// The gain of one configuration over another: the cost of the first lies below the other's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gain {
-    /// As a share of the other's cost; negative where it is dearer.
+    /// The gain as a share of the other's cost; negative where the first is dearer.
     pub share: f64,
-    /// The lower end of the 95 % interval; `None` where nothing is known of it.
+    /// The lower end of the 95 % interval; `None` where it is unknown.
     pub low: Option<f64>,
     /// The upper end.
     pub high: Option<f64>,
@@ -123,7 +123,7 @@ impl fmt::Display for Gain {
 /// each is measured once.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Confirmation {
-    /// How far it is.
+    /// The stage.
     pub stage: ConfirmationStage,
     /// The number of rounds that the incumbent has run.
     pub rounds: u64,
@@ -131,13 +131,13 @@ pub struct Confirmation {
     pub rounds_max: u64,
     /// The number of measurements in all.
     pub measurements: u64,
-    /// Of the answer over the default, by these rounds alone, or over the incumbent where the default did not
-    /// run in them: its interval holds at whichever moment one looks.
+    /// The gain of the answer over the default by these rounds alone, or over the incumbent where the default
+    /// did not run in them. Its interval holds at any time.
     pub gain: Option<Gain>,
 }
 
 impl Confirmation {
-    /// Whether it will not change any more, so that a client that waits for a verdict has it.
+    /// Whether it is final, so that a client that waits for a verdict has it.
     pub fn is_over(&self) -> bool {
         matches!(
             self.stage,
@@ -146,7 +146,7 @@ impl Confirmation {
     }
 }
 
-/// How the answer of a state stands.
+/// The standing of a state's answer.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Standing {
     /// The cost of the answer, in the objective's units, with its 95 % interval.
@@ -157,15 +157,15 @@ pub struct Standing {
     pub cost_high: f64,
     /// Its gain over the study's default configuration; `None` where that was not measured in the state.
     pub gain: Option<Gain>,
-    /// The answer is the incumbent: nothing is worth to be answered in its place while the state is searched,
-    /// and nothing is proven better once that has ended.
+    /// The answer is the incumbent. While the state is searched, no other configuration is worth its risk;
+    /// afterwards, none is proven better.
     pub nothing_better: bool,
-    /// How far its confirmation is.
+    /// The state of its confirmation.
     pub confirmation: Confirmation,
-    /// How often the speed of a client's machine was found to have jumped while the state was measured.
+    /// The number of jumps of clients' machines while the state was measured.
     pub disturbances: u64,
     /// The most that any other configuration may gain over the answer, with a probability of 95 %, as a
-    /// share; `None` where that is not known.
+    /// share; `None` where it is unknown.
     pub gain_at_most: Option<f64>,
 }
 
@@ -176,7 +176,7 @@ impl Standing {
         let by_rounds = self.confirmation.gain;
         let is_proven = by_rounds.is_some_and(|gain| match gain.probability_better {
             Some(probability) => probability >= PROVEN,
-            // An earlier version of the daemon does not tell it.
+            // An earlier version of the daemon does not send it.
             None => gain.low.is_some_and(|low| low > 0.0),
         });
         let probability = self.gain.and_then(|gain| gain.probability_better);
@@ -208,7 +208,7 @@ impl Standing {
         self.sentence_by(&CostView::default())
     }
 
-    /// [`Standing::sentence`] with gains as a study's view tells them.
+    /// [`Standing::sentence`] with gains in a study's view of costs.
     pub fn sentence_by(&self, view: &CostView) -> String {
         let Confirmation { rounds, rounds_max, measurements, gain, .. } = self.confirmation;
         let verdict = self.verdict();
@@ -316,7 +316,7 @@ mod tests {
             (Off, 0.9, None, StandingVerdict::Likely, "likely better"),
             (Off, 0.5, None, StandingVerdict::Open, "open"),
             (NothingBetter, 0.31, None, StandingVerdict::NothingBetter, "nothing better"),
-            // The incumbent of other states, of which this state's own rounds say no more.
+            // The incumbent of other states, which this state's own rounds do not prove.
             (NothingBetter, 0.9, Some(0.995), StandingVerdict::Likely, "likely better"),
         ] {
             let one = standing(stage, by_all, by_rounds);
@@ -328,7 +328,7 @@ mod tests {
             (to_win(0.01), to_win(0.011)),
             (StandingVerdict::NothingToWin, StandingVerdict::NothingBetter)
         );
-        // One run of something, and none of the default.
+        // One run of a configuration, and none of the default.
         let alone = Standing { gain: None, ..standing(Searching, 1.0, None) };
         assert_eq!(alone.verdict(), StandingVerdict::Open);
     }

@@ -1,4 +1,4 @@
-//! The specification of a study: everything that is fixed when it is created, and its policy.
+//! The specification of a study: the parts that are fixed at its creation, and its policy.
 
 use std::ops::RangeInclusive;
 
@@ -11,12 +11,12 @@ use crate::objective::{MeasurementLimit, Objective, ObjectiveError, ObjectiveTer
 use crate::policy::{Policy, PolicyError, PolicySettings, RawPolicy};
 use crate::space::{Constraint, Scale, Space};
 
-/// State tolerance where the study does not say.
+/// State tolerance of a study that gives none.
 pub const STATE_TOLERANCE_DEFAULT: f64 = 0.01;
 
-/// A tuning problem. All but `policy` (and `display_name`) is fixed: trials measured under one space and
-/// one schema are not comparable with trials measured under another. `P` is [`Policy`] where it decides, and
-/// [`PolicySettings`] as clients say it.
+/// A tuning problem. All but `policy` (and `display_name`) is fixed: trials measured under one space and one
+/// schema are not comparable with trials measured under another. `P` is [`Policy`] once decided, and
+/// [`PolicySettings`] as given by clients.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StudySpec<P = Policy> {
     /// A line for people, at most 200 characters.
@@ -29,7 +29,7 @@ pub struct StudySpec<P = Policy> {
     pub objective: Objective,
     /// Two states are the same when every normalised indicator differs by at most this much, 0 to 1.
     pub state_tolerance: f64,
-    /// How the study decides; the one mutable part.
+    /// The policy; the one mutable part.
     pub policy: P,
     /// Seed of every random decision.
     pub seed: u64,
@@ -119,15 +119,15 @@ impl<P> StudySpec<P> {
 }
 
 impl StudySpec {
-    /// Checks what the types of the parts cannot say.
+    /// Checks the rules beyond the types of the parts.
     pub fn validate(&self) -> Result<(), StudyError> {
         self.check_texts_and_tolerance()?;
         self.policy.validate(&self.space)?;
         Ok(())
     }
 
-    /// Names in words the first thing in which two specifications differ, leaving out `policy` and
-    /// `display_name`. `None` when they are equal.
+    /// The first difference of two specifications in words, leaving out `policy` and `display_name`. `None`
+    /// when they are equal.
     pub fn first_difference(&self, other: &StudySpec) -> Option<String> {
         let (mine, theirs) = (self.space.parameters(), other.space.parameters());
         if let Some(found) = list_difference("parameter", mine, theirs, |parameter| parameter.name.clone()) {
@@ -255,15 +255,15 @@ impl StudyBuilder {
         self
     }
 
-    /// Adds a metric to what is minimised. Render time alone: `render_ms` with weight 1. A tree that
-    /// serves 30 frames: `build_ms` with weight 1/30 and `render_ms` with weight 1.
+    /// Adds a metric to minimise. Render time alone: `render_ms` with weight 1. A tree that serves 30 frames:
+    /// `build_ms` with weight 1/30 and `render_ms` with weight 1.
     #[must_use]
     pub fn minimise(mut self, metric: &str, weight: f64) -> Self {
         self.objective.push(ObjectiveTerm { metric: metric.to_owned(), weight });
         self
     }
 
-    /// Adds a metric that is to be large, such as frames a second, requests a second or a share of hits. Its
+    /// Adds a metric to maximise, such as frames a second, requests a second or a share of hits. Its
     /// reciprocal is the cost: `weight` over the measurement, which must be above 0. With other terms the
     /// weight brings both to one unit: `fps` with weight 1000 counts in milliseconds.
     #[must_use]
@@ -272,17 +272,16 @@ impl StudyBuilder {
         self.minimise(metric, weight)
     }
 
-    /// Names a metric that reports may carry beside those that are minimised and that explains a cost, such
-    /// as the processor time of a frame: what it tells of a cost's noise is taken out before costs are
-    /// compared. At most 8.
+    /// Names a metric beside the objective that explains a cost, such as the processor time of a frame. The
+    /// noise that it explains is removed before costs are compared. At most 8.
     #[must_use]
     pub fn auxiliary(mut self, metric: &str) -> Self {
         self.auxiliary.push(metric.to_owned());
         self
     }
 
-    /// Limits a measurement, which every report of a completed trial then has. What goes beyond is
-    /// infeasible, and the search learns to avoid it. `None` is no limit on that side. At most 16.
+    /// Limits a measurement, which every report of a completed trial then needs. A configuration beyond the
+    /// limit is infeasible, and the search learns to avoid it. `None` is no limit on that side. At most 16.
     #[must_use]
     pub fn limit(mut self, metric: &str, at_least: Option<f64>, at_most: Option<f64>) -> Self {
         self.limits.push(MeasurementLimit { metric: metric.to_owned(), at_least, at_most });
@@ -296,14 +295,14 @@ impl StudyBuilder {
         self
     }
 
-    /// How the service decides.
+    /// Sets the policy.
     #[must_use]
     pub fn policy(mut self, policy: PolicySettings) -> Self {
         self.policy = policy;
         self
     }
 
-    /// Seed of every random decision taken for the study. Unset: 0.
+    /// Seed of every random decision of the study. Unset: 0.
     #[must_use]
     pub fn seed(mut self, seed: u64) -> Self {
         self.seed = seed;
@@ -313,7 +312,7 @@ impl StudyBuilder {
     /// Checks the whole and finishes it.
     ///
     /// # Errors
-    /// [`StudyError`] with what the service would refuse.
+    /// [`StudyError`] with the part that the service would refuse.
     pub fn build(self) -> Result<StudySpec<PolicySettings>, StudyError> {
         let spec = StudySpec {
             display_name: self.display_name,

@@ -1,4 +1,4 @@
-//! How property tests are run: with a fixed seed, so that a failure comes back.
+//! The settings of property tests: a fixed seed, so that failures are reproducible.
 
 use proptest::test_runner::{Config, RngSeed};
 

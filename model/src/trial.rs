@@ -1,4 +1,4 @@
-//! Trials: one configuration, handed to one client for one state under a lease, and what came of it.
+//! Trials: one configuration, handed to one client for one state under a lease, and its result.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use crate::words::{OpenEnum, words};
 pub use crate::reason::{Explanation, Mode, Neighbour, OmissionReason, Reason, Rule};
 
 words! {
-    /// Where a trial stands.
+    /// The state of a trial.
     pub enum TrialState {
         /// Leased and not reported.
         Open = "OPEN",
@@ -26,7 +26,7 @@ words! {
     }
 }
 
-/// How a trial ended.
+/// The outcome of a trial.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -37,7 +37,7 @@ pub enum Outcome {
         /// For people, at most 1000 characters.
         reason: String,
     },
-    /// Stopped early because it was already worse than needed.
+    /// Stopped early because its cost was already too high.
     Aborted {
         /// The objective is at least this: finite, not negative.
         lower_bound: f64,
@@ -54,7 +54,7 @@ words! {
     pub enum OutcomeKind {
         /// Measured.
         Ok = "OK",
-        /// Cannot work here.
+        /// The configuration cannot work here.
         Infeasible = "INFEASIBLE",
         /// Stopped early.
         Aborted = "ABORTED",
@@ -83,7 +83,7 @@ impl Outcome {
         Self::Failed { reason: cut(reason.into()) }
     }
 
-    /// Which kind of outcome this is, without its details.
+    /// The kind of outcome, without its details.
     pub fn kind(&self) -> OutcomeKind {
         match self {
             Outcome::Ok => OutcomeKind::Ok,
@@ -94,7 +94,7 @@ impl Outcome {
     }
 }
 
-/// For people: as the outcome, or as the word that it is unrecognised.
+/// The form for people: the outcome, or a word for an unrecognised one.
 impl Serialize for OpenEnum<Outcome> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
@@ -112,7 +112,7 @@ fn cut(mut reason: String) -> String {
     reason
 }
 
-/// The machine and software a measurement holds for.
+/// The machine and the software of a measurement.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fingerprint {
     /// The processor's name.
@@ -121,12 +121,12 @@ pub struct Fingerprint {
     pub isa: String,
     /// Threads in use.
     pub threads: u32,
-    /// Names and versions of what matters, at most 32.
+    /// Names and versions of relevant software, at most 32.
     pub software: BTreeMap<String, String>,
 }
 
 impl Fingerprint {
-    /// Adds a piece of software that matters; further ones than 32 are left out.
+    /// Adds a relevant piece of software; those beyond 32 are left out.
     #[must_use]
     pub fn software(mut self, name: impl Into<String>, version: impl Into<String>) -> Self {
         if self.software.len() < FINGERPRINT_SOFTWARE_MAX {
@@ -135,7 +135,7 @@ impl Fingerprint {
         self
     }
 
-    /// Says how many threads the program really uses.
+    /// Sets the number of threads that the program really uses.
     #[must_use]
     pub fn threads(mut self, threads: u32) -> Self {
         self.threads = threads;
@@ -157,13 +157,13 @@ pub struct Trial<C = Configuration> {
     pub indicators: BTreeMap<String, f64>,
     /// The configuration to run with.
     pub configuration: C,
-    /// Why this configuration.
+    /// The decision for this configuration.
     pub decision: Decision,
     /// Predicted objective; `None` where nothing is known.
     pub predicted_cost: Option<f64>,
-    /// Until when the client may take its time, in milliseconds of the caller's clock.
+    /// The end of the lease, in milliseconds of the caller's clock.
     pub lease_expire_ms: i64,
-    /// Where it stands.
+    /// Its state.
     pub state: TrialState,
     /// The raw measurements of the final report, finite and not negative. Empty before.
     pub measurements: BTreeMap<String, f64>,
@@ -174,9 +174,9 @@ pub struct Trial<C = Configuration> {
     pub outcome: Option<Outcome>,
     /// The report came after the lease had run out.
     pub late: bool,
-    /// When it was handed out, in milliseconds of the caller's clock.
+    /// The time of the hand-out, in milliseconds of the caller's clock.
     pub create_ms: i64,
-    /// When it was reported.
+    /// The time of the report.
     pub complete_ms: Option<i64>,
     /// Place in the order of completion within the study, from 1. `None` before the report.
     pub completion: Option<u64>,
@@ -200,7 +200,7 @@ impl<C> Trial<C> {
         self.decision.mode()
     }
 
-    /// How the answer came about, for people and for logs.
+    /// The reason of the answer, for people and for logs.
     pub fn reason(&self) -> Reason {
         self.decision.reason()
     }

@@ -25,8 +25,8 @@ pub enum Value {
     Boolean(bool),
 }
 
-/// A configuration that has not been checked against a space yet: what comes over the wire or out of a
-/// table. [`Space::configuration`](crate::space::Space::configuration) turns it into a
+/// A configuration that has not been checked against a space yet, from the wire or from a table.
+/// [`Space::configuration`](crate::space::Space::configuration) turns it into a
 /// [`Configuration`](crate::configuration::Configuration).
 pub type RawConfiguration = BTreeMap<String, Value>;
 
@@ -60,7 +60,7 @@ impl Value {
         }
     }
 
-    /// Reads a value as people write it: `true`, `32`, `0.5`, or else text. A value in double quotes is text.
+    /// Reads a value from text: `true`, `32`, `0.5`, or else text. A value in double quotes is text.
     pub fn parse(text: &str) -> Self {
         if let Some(quoted) = text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) {
             return Value::Text(quoted.to_owned());
@@ -77,7 +77,7 @@ impl Value {
         }
     }
 
-    /// As text that is different for different values: text stands in double quotes, with escapes.
+    /// A text that differs for different values: text values are in double quotes, with escapes.
     pub fn quoted(&self) -> impl fmt::Display {
         struct Quoted<'a>(&'a Value);
         impl fmt::Display for Quoted<'_> {

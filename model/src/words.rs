@@ -1,11 +1,11 @@
-//! Enums whose values are said in words, and such enums as another version of this software may say them.
+//! Enums whose values have words, and such enums with values of other versions of this software.
 
 use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-/// An enum each of whose values has one word: the one in filters, tables, command lines, messages and JSON
-/// for people. (Stored rows hold the values in snake case, see the types' `Serialize`.)
+/// An enum with one word for each value, for filters, tables, command lines, messages and JSON for people.
+/// (Stored rows hold the values in snake case, see the types' `Serialize`.)
 pub trait Word: Copy + PartialEq + fmt::Debug + 'static {
     /// Every value with its word, in the order of declaration.
     const WORDS: &'static [(Self, &'static str)];
@@ -51,11 +51,11 @@ macro_rules! words {
 
 pub(crate) use words;
 
-/// A value as another version of this software may say it (an "open enum" in the words of Protocol Buffers):
-/// one that is known here, or one that is not, which is carried along as it came and shown as such.
+/// A value from any version of this software (an "open enum" in the words of Protocol Buffers). An unknown
+/// value is carried along unchanged and shown as such.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum OpenEnum<T> {
-    /// One of ours.
+    /// A value of this version.
     Known(T),
     /// The number that it has on the wire; 0 for an alternative of a `oneof`, whose number is not known.
     Unrecognised(i32),
@@ -101,7 +101,7 @@ impl<T: fmt::Display> fmt::Display for OpenEnum<T> {
     }
 }
 
-/// As the word, for people.
+/// The form for people: the word.
 impl<T: Word + fmt::Display> Serialize for OpenEnum<T> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)

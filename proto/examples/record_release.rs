@@ -1,4 +1,4 @@
-//! Records what a released version says, for the tests that hold later versions to it
+//! Records the messages of a released version, for the tests that compare later versions with it
 //! (`proto/released/README.md`): the descriptors of its messages, and a conversation with its daemon.
 //!
 //! ```sh

@@ -1,6 +1,6 @@
-//! Wire types of the Treewright tuning service. The meaning of every message stands in the comments of
+//! Wire types of the Treewright tuning service. The meaning of every message is in the comments of
 //! `proto/treewright/v1/*.proto`. The code in `generated` is made from them (`tests/generated.rs`), and
-//! [`convert`] turns messages into the types of `treewright-model` and back: the only place that knows both.
+//! [`convert`] turns messages into the types of `treewright-model` and back, the only place that uses both.
 
 pub mod convert;
 

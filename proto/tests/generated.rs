@@ -1,10 +1,10 @@
 //! The Rust code of the messages and services, and their descriptors, are made from `treewright/v1/*.proto`
-//! and kept beside the sources, so that building the crate needs neither a compiler of protocol buffers nor
-//! its time. This test makes them again; where they differ it rewrites them and fails, so that a change of
-//! the contract is: edit, run this, commit.
+//! and kept beside the sources, so that building the crate needs no compiler of protocol buffers. This test
+//! makes them again. Where they differ it rewrites them and fails. So a change of the contract is: edit, run
+//! this test, commit.
 //!
-//! The values of the two enums that name searches and predictors are written in the same way, from the
-//! registry of the model.
+//! The values of the two enums of searches and predictors are written in this way as well, from the registry
+//! of the model.
 
 use std::path::Path;
 

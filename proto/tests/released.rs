@@ -31,7 +31,7 @@ fn released() -> Vec<(String, FileDescriptorSet)> {
 }
 
 fn messages(set: &FileDescriptorSet) -> BTreeMap<&str, &DescriptorProto> {
-    // Those of maps are nested, and follow from the field's type.
+    // Messages of map entries are nested, and follow from the field's type.
     set.file.iter().flat_map(|file| &file.message_type).map(|message| (message.name(), message)).collect()
 }
 
@@ -70,7 +70,7 @@ fn broken(old: &FileDescriptorSet, new: &FileDescriptorSet) -> Vec<String> {
     found
 }
 
-/// All that both sides must agree on about a field.
+/// The properties of a field that both sides must agree on.
 fn shape(message: &DescriptorProto, field: &FieldDescriptorProto) -> String {
     let oneof = match field.oneof_index {
         Some(index) if !field.proto3_optional() => message.oneof_decl[index as usize].name(),

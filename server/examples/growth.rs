@@ -1,14 +1,13 @@
-//! What a long history costs: start-up to the first answer, memory, and the time of a frame, at any number of
-//! stored trials of one study of six parameters.
+//! The costs of a long history: start-up to the first answer, memory, and the time of a frame, at any number
+//! of stored trials of one study of six parameters.
 //!
 //! `cargo run --release -p treewright-server --example growth -- DIRECTORY TRIALS [STATES]`
 //!
-//! The first 20,000 trials go through the daemon's own code, client after client. From then on the table is
-//! filled with the same rows again under new numbers, which is what that code would have written had the
-//! clients stayed in the states that are explored: the history then holds TRIALS trials, and all that is
-//! measured, loading them included, is real. Each measurement runs in a process of its own on the database as
-//! the one before left it: the first goes through all trials and saves a checkpoint, the second starts from
-//! that.
+//! The first 20,000 trials go through the daemon's own code, client after client. Then the table is filled
+//! with copies of their rows under new numbers, up to TRIALS trials. The daemon would have written such rows
+//! if the clients had stayed in the explored states. All measurements, with loading, are real. Each runs in a
+//! separate process on the database of the one before: the first replays all trials and saves a checkpoint,
+//! the second starts from it.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -118,7 +117,7 @@ async fn multiply(path: &Path, trials: u64) -> Done<()> {
     let options = sqlx::sqlite::SqliteConnectOptions::new().filename(path).foreign_keys(false);
     let mut database = sqlx::SqliteConnection::connect_with(&options).await?;
     database.execute("PRAGMA synchronous = OFF").await?;
-    // Given back at the end of the first part, they would stand in the way of the numbers that follow.
+    // Trials given back at the end of the first part would block the numbers that follow.
     database.execute("DELETE FROM trials WHERE state <> 'COMPLETED'").await?;
     let seeded: i64 = sqlx::query_scalar("SELECT max(number) FROM trials").fetch_one(&mut database).await?;
     let count: i64 =

@@ -19,7 +19,7 @@ use crate::config::{CreateConfig, Database, DatabaseConfig, TokenCommand};
 /// Why tokens could not be administered.
 #[derive(Debug, thiserror::Error)]
 pub enum TokenCommandError {
-    /// The database cannot be had.
+    /// The database cannot be opened.
     #[error("cannot open the database: {0}")]
     Database(#[from] OpenError),
     /// The database refuses.
@@ -41,16 +41,16 @@ impl TokenCommandError {
     }
 }
 
-/// The output of a command: for standard output, and for the person before the screen.
+/// The output of a command: for standard output, and for the user.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct CommandOutput {
     /// The result.
     pub out: String,
-    /// Words about it.
+    /// A note about the result.
     pub note: String,
 }
 
-/// Opens the tokens of a database, whatever its kind, also while daemons serve it.
+/// Opens the tokens of a database of either kind, also while daemons serve it.
 ///
 /// # Errors
 /// [`OpenError`] with the cause and a remedy.
@@ -62,7 +62,7 @@ pub async fn open(config: &DatabaseConfig) -> Result<Arc<dyn TokenStore>, OpenEr
     }
 }
 
-/// Does what the command says.
+/// Carries the command out.
 ///
 /// # Errors
 /// [`TokenCommandError`]; nothing was changed.
@@ -170,7 +170,7 @@ async fn revoke(
     forget: bool,
     now_ms: i64,
 ) -> Result<CommandOutput, TokenCommandError> {
-    // A whole token by mistake: its id is meant, and the rest must not be repeated.
+    // For a whole token, given by mistake, its id is used, and the rest must not be repeated.
     let parsed = Token::parse(id);
     let id = parsed.as_ref().map_or(id, Token::id);
     let done = if forget {

@@ -1,5 +1,5 @@
-//! Admission control: how many requests and streams may be worked on at once, and whether any are still
-//! taken.
+//! Admission control: the number of requests and streams in progress, and the refusal of new ones while
+//! draining.
 
 use std::sync::Arc;
 
@@ -8,8 +8,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use crate::error::Error;
 use crate::limits;
 
-/// Counts the requests and streams that are worked on, and takes none while draining. Clones share the
-/// counts.
+/// Counts the requests and streams in progress, and takes none while draining. Clones share the counts.
 #[derive(Clone, Debug)]
 pub struct Admission {
     requests: Arc<Semaphore>,
@@ -33,7 +32,7 @@ impl Default for AdmissionLimits {
     }
 }
 
-/// A place among the requests or streams that are worked on, until dropped.
+/// A place among the requests or streams in progress, until dropped.
 #[derive(Debug)]
 pub struct Admitted {
     _permit: OwnedSemaphorePermit,
@@ -85,7 +84,7 @@ impl Admission {
         }
     }
 
-    /// Begins to drain: what was admitted finishes, streams end after the frame they are at, nothing new is
+    /// Begins to drain: admitted requests finish, streams end after their present frame, and no new ones are
     /// taken.
     pub fn drain(&self) {
         self.draining.send_replace(true);
@@ -103,7 +102,7 @@ impl Admission {
         self.limits
     }
 
-    /// Requests and streams that are worked on.
+    /// Requests and streams in progress.
     #[must_use]
     pub fn in_progress(&self) -> (usize, usize) {
         let taken = |places: &Semaphore, limit: usize| {
@@ -120,7 +119,7 @@ impl Admission {
         let _ = self.draining.subscribe().wait_for(|draining| *draining).await;
     }
 
-    /// Waits until nothing is worked on. Only ends for certain after [`drain`](Self::drain).
+    /// Waits until nothing is in progress. Only ends for certain after [`drain`](Self::drain).
     pub async fn empty(&self) {
         for (semaphore, limit) in
             [(&self.requests, self.limits.requests), (&self.streams, self.limits.streams)]

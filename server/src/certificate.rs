@@ -1,4 +1,4 @@
-//! When a certificate ends: the one thing that is asked of it here and that the TLS library does not say.
+//! The end of a certificate's validity, which the TLS library does not give.
 
 /// The end of a certificate's validity, in seconds since 1970; none where it is no certificate.
 pub(crate) fn expiry_s(der: &[u8]) -> Option<i64> {

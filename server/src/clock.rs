@@ -1,17 +1,17 @@
-//! Time, as an argument: the daemon reads one clock, and tests set theirs.
+//! Clocks: the daemon reads the system's, and tests set theirs.
 
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// Tells the time.
+/// A clock.
 pub trait Clock: Send + Sync + 'static {
     /// Milliseconds since 1970, UTC.
     fn now_ms(&self) -> i64;
 }
 
-/// The system's clock, for what is agreed upon by the calendar, such as the end of a token. A step backwards,
-/// as after a correction by the network, is held back: the time it tells never decreases.
+/// The system's clock, for calendar times such as the end of a token. Its time never decreases: after a step
+/// backwards, as by a correction over the network, it waits.
 #[derive(Debug, Default)]
 pub struct SystemClock {
     latest_ms: AtomicI64,
@@ -25,7 +25,7 @@ impl Clock for SystemClock {
 }
 
 /// A clock for leases: it runs as evenly as the machine's monotonic one, and is drawn towards the system's
-/// time by at most a tenth of what has passed. So no correction, of seconds or of years, ends all leases at
+/// time by at most a tenth of the elapsed time. So no correction, of seconds or of years, ends all leases at
 /// once or none for long; and after a while it shows the right time again. (Slewing instead of stepping, as
 /// of D. Mills, "Computer Network Time Synchronization", chapter 3, and of `adjtime`.)
 #[derive(Debug)]
@@ -51,7 +51,7 @@ impl Default for SteadyClock {
 
 impl Clock for SteadyClock {
     fn now_ms(&self) -> i64 {
-        // A panic under the lock has not harmed it: it is two numbers that are set together.
+        // A poisoned lock is usable: its two numbers are set together.
         let mut steady = self.steady.lock().unwrap_or_else(PoisonError::into_inner);
         let shown = steady.advance(self.begun.elapsed(), since_1970());
         i64::try_from(shown.as_millis()).unwrap_or(i64::MAX)
@@ -66,7 +66,7 @@ struct Steady {
 }
 
 impl Steady {
-    /// Largest part of the time that has passed by which it runs faster or slower.
+    /// Largest share of the elapsed time by which it runs faster or slower.
     const SLEW: u32 = 10;
 
     fn advance(&mut self, monotonic: Duration, system: Duration) -> Duration {
@@ -156,7 +156,7 @@ mod tests {
             steady.advance(Duration::from_secs(second), jumped + Duration::from_secs(second));
         });
         assert_eq!(steady.shown, jumped + Duration::from_secs(400));
-        // Frequent and rare callers get the same time.
+        // Frequent and rare callers get one time.
         assert_eq!(steady.advance(Duration::from_secs(400), jumped), jumped + Duration::from_secs(400));
     }
 }

@@ -157,7 +157,7 @@ pub struct ServeConfig {
 }
 
 impl ServeConfig {
-    /// Checks what was given for the database, and that other replicas can reach this one.
+    /// Checks the database options, and that other replicas can reach this one.
     fn check_database(&self) -> Result<(), String> {
         let database = self.database.read()?;
         if self.socket_only && database.is_shared() && self.peers.advertise.is_none() {
@@ -170,7 +170,7 @@ impl ServeConfig {
     }
 
     /// Checks the TCP address that the system has opened for the daemon, if it has: it has to be the one of
-    /// `--listen`, by which it was decided who may enter.
+    /// `--listen`, on which the access rules rest.
     ///
     /// # Errors
     /// What is wrong with it, and what would be right.
@@ -186,7 +186,7 @@ impl ServeConfig {
         }
     }
 
-    /// Checks that nobody beyond this machine sees the figures or the dashboard by mistake.
+    /// Checks that the figures and the dashboard are not exposed beyond this machine by mistake.
     fn check_watchers(&self) -> Result<(), String> {
         let far = |address: &Option<SocketAddr>| address.filter(|address| !address.ip().is_loopback());
         let remedy = "use 127.0.0.1, or add --insecure if you trust the network";
@@ -202,7 +202,7 @@ impl ServeConfig {
         }
     }
 
-    /// Where other daemons on the same database reach this one, which listens there.
+    /// The address of this daemon for others on the same database; it listens there.
     #[cfg(feature = "postgres")]
     #[must_use]
     pub fn advertised(&self, listening: SocketAddr) -> String {
@@ -212,7 +212,7 @@ impl ServeConfig {
         })
     }
 
-    /// After how long a silence to end.
+    /// The idle time after which the daemon ends.
     #[must_use]
     pub fn idle_exit(&self) -> Option<Duration> {
         self.idle_exit_s.map(Duration::from_secs)
@@ -226,7 +226,7 @@ impl ServeConfig {
 }
 
 impl Cli {
-    /// Reads the arguments and checks what they mean together.
+    /// Reads the arguments and checks their combination.
     ///
     /// # Errors
     /// A message for people; [`clap::Error::exit`] prints it and ends with the right code.
@@ -255,8 +255,8 @@ impl Cli {
     }
 }
 
-/// The same command, for which a variable that is set and empty is as one that is not set: `VARIABLE=` in a
-/// file of settings, or `${VARIABLE:-}` in one for containers, means just that.
+/// The command with empty environment variables treated as unset, as `VARIABLE=` in a settings file or
+/// `${VARIABLE:-}` in a container file means them.
 fn without_empty_variables(command: clap::Command) -> clap::Command {
     let command = command.mut_args(|argument| {
         let value = argument.get_env().and_then(std::env::var_os);

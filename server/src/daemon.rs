@@ -23,13 +23,13 @@ use crate::serve::{self, Options, ServeError};
 use crate::tls::{Tls, TlsError};
 use crate::{limits, maintenance};
 
-/// Stands for a daemon that is reached from this machine alone.
+/// The address of a daemon that only this machine can reach.
 const LOCAL: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
 
 /// Why the daemon ended with an error. Each has an exit code of its own.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
-    /// The address cannot be had.
+    /// The address cannot be bound.
     #[error("cannot listen on {address}: {problem}; choose another address with --listen")]
     Listen {
         /// The address.
@@ -37,7 +37,7 @@ pub enum DaemonError {
         /// The system's error.
         problem: std::io::Error,
     },
-    /// The Unix socket cannot be had.
+    /// The Unix socket cannot be bound.
     #[error("cannot listen on {}: {problem}; choose another path with --socket", path.display())]
     Socket {
         /// The socket.
@@ -48,7 +48,7 @@ pub enum DaemonError {
     /// A socket that the system has opened must not be served.
     #[error("the socket passed on by the system cannot be used: {0}")]
     Inherited(String),
-    /// The address for metrics cannot be had.
+    /// The address for metrics cannot be bound.
     #[error("cannot listen on {address} for metrics: {problem}; choose another address with --metrics")]
     Metrics {
         /// The address.
@@ -56,7 +56,7 @@ pub enum DaemonError {
         /// The system's error.
         problem: std::io::Error,
     },
-    /// The address for the dashboard cannot be had.
+    /// The address for the dashboard cannot be bound.
     #[error(
         "cannot listen on {address} for the dashboard: {problem}; choose another address with --dashboard"
     )]
@@ -66,7 +66,7 @@ pub enum DaemonError {
         /// The system's error.
         problem: std::io::Error,
     },
-    /// The database cannot be had.
+    /// The database cannot be opened.
     #[error("cannot open the database: {0}")]
     Database(#[from] OpenError),
     /// The certificates cannot be used.
@@ -78,7 +78,7 @@ pub enum DaemonError {
     /// Serving failed.
     #[error(transparent)]
     Serve(#[from] ServeError),
-    /// Something that the system should provide is missing.
+    /// A service of the operating system is missing.
     #[error("the operating system refuses: {0}")]
     System(#[from] std::io::Error),
 }
@@ -99,7 +99,7 @@ impl DaemonError {
     }
 }
 
-/// Opens the database that was asked for.
+/// Opens the configured database.
 async fn open(
     config: &ServeConfig,
     database: &Database,
@@ -137,8 +137,7 @@ async fn open_tokens(config: &ServeConfig, database: &Database) -> Result<Arc<dy
 pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), DaemonError> {
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;
-    // Without certificates to read again it is ignored: who closes a terminal does not mean to end the
-    // daemon.
+    // Without certificates to reload it is ignored, because closing a terminal should not end the daemon.
     let hang_up = signal(SignalKind::hangup())?;
     let shares = shares(&config)?;
     let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };
@@ -155,7 +154,7 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     } else {
         config.check_inherited(listeners.address()).map_err(DaemonError::Inherited)?;
     }
-    // Without TCP nobody beyond this machine comes in, as with an address of this machine alone.
+    // Without TCP only this machine can connect, as with a loopback address.
     let address = listeners.address().unwrap_or(LOCAL);
     let watch = match config.metrics {
         Some(address) => {
@@ -241,7 +240,7 @@ fn shares(config: &ServeConfig) -> std::io::Result<DescriptorShares> {
     Ok(shares)
 }
 
-/// Says what is served, in the log and, in one line, on standard output.
+/// Announces the service, in the log and, in one line, on standard output.
 fn announce(
     config: &ServeConfig,
     database: &Database,

@@ -1,9 +1,8 @@
 //! The limit of open files and sockets of the process, and its shares.
 //!
-//! A daemon that takes more connections than it has descriptors can accept nobody, not even an orchestrator's
-//! question whether it lives. So the limit is raised as far as it may be (getrlimit(2): a process may raise
-//! its soft limit to the hard one), and connections get what is left beside the database and the other
-//! listeners.
+//! A daemon with more connections than descriptors can accept no further one, not even an orchestrator's
+//! probe. So the limit is raised as far as possible (getrlimit(2): a process may raise its soft limit to the
+//! hard one), and connections get the descriptors that the database and the other listeners do not need.
 
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
@@ -31,7 +30,7 @@ impl DescriptorShares {
         Self { connections, pages }
     }
 
-    /// The limits of connections, where these numbers were asked for, or none in particular.
+    /// The limits of connections, with the requested numbers, if any.
     #[must_use]
     pub fn limits(&self, total: Option<usize>, per_address: Option<usize>) -> ConnectionLimits {
         let total = total.unwrap_or(limits::CONNECTIONS).min(self.connections);
@@ -41,7 +40,7 @@ impl DescriptorShares {
     }
 }
 
-/// Raises the limit as far as the system allows, and says what it is then and what it was.
+/// Raises the limit as far as the system allows. Returns the new limit and the old one.
 ///
 /// # Errors
 /// The system's error.
@@ -53,7 +52,7 @@ pub fn raise() -> std::io::Result<(usize, usize)> {
     }
     match setrlimit(Resource::RLIMIT_NOFILE, hard, hard) {
         Ok(()) => Ok((count(hard), count(soft))),
-        // Some systems have a lower limit for all of a process's files than they say here.
+        // Some systems have a lower limit for a process's files than this one.
         Err(_) => Ok((count(soft), count(soft))),
     }
 }

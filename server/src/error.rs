@@ -13,7 +13,7 @@ pub enum Error {
     /// A field of the request is missing, malformed or over its limit.
     #[error("{field}: {problem}")]
     Invalid {
-        /// Which, as a path in the request message.
+        /// The field, as a path in the request message.
         field: String,
         /// The mistake, and how to mend it.
         problem: String,
@@ -32,7 +32,7 @@ pub enum Error {
         /// The inconsistency.
         problem: RestoreError,
     },
-    /// The request is for a study that is gone, though its name is in use.
+    /// The requested study is gone, and another has its name.
     #[error(
         "study {study:?} was deleted and created again, and this request is for the one before; open the study again"
     )]
@@ -40,7 +40,7 @@ pub enum Error {
         /// The study's id.
         study: String,
     },
-    /// The name of the trial stood for another one when it was handed out.
+    /// The trial was handed out under a name that another study had at that time.
     #[error(
         "trial {number} was handed out before study {study:?} was created or renamed, and this is another study; \
          open the study again"
@@ -51,13 +51,13 @@ pub enum Error {
         /// The trial's number.
         number: u64,
     },
-    /// The study is being read from the database, which goes on whether somebody waits for it or not.
+    /// The study is being loaded from the database, which goes on even if the request is cancelled.
     #[error("study {study:?} is being loaded; try again")]
     Loading {
         /// The study.
         study: String,
     },
-    /// Nothing is known to be best yet.
+    /// No best configuration is known yet.
     #[error("nothing has been measured {place} of study {study:?} yet; report a trial first")]
     NothingMeasured {
         /// The study.
@@ -71,7 +71,7 @@ pub enum Error {
         /// The study.
         study: String,
     },
-    /// Too much at once.
+    /// Too many requests or streams at once.
     #[error("the daemon is working on {limit} {what}, which is its limit; try again later")]
     Busy {
         /// The counted things.
@@ -79,13 +79,13 @@ pub enum Error {
         /// The limit.
         limit: usize,
     },
-    /// The daemon is on its way out.
+    /// The daemon is draining.
     #[error("the daemon is draining and takes no new requests; try again later")]
     Draining,
-    /// The caller has not shown that it may be answered at all.
+    /// The caller has shown no valid token.
     #[error("{0}")]
     Unauthenticated(&'static str),
-    /// The caller may not do this. The words are the same whether the object exists or not.
+    /// The caller may not do this. The words do not show whether the object exists.
     #[error("{0}; ask the operator of the daemon for a token that does")]
     Denied(&'static str),
     /// The token's quota is used up.
@@ -95,7 +95,7 @@ pub enum Error {
         what: &'static str,
         /// The greatest number.
         limit: u64,
-        /// When to try again; never for a quota that no time renews.
+        /// The wait before another try; none for a quota that time does not renew.
         retry: Option<Duration>,
     },
     /// The tokens cannot be read.
@@ -107,7 +107,7 @@ pub enum Error {
         /// The longest that a request may take.
         limit: Duration,
     },
-    /// A part of the daemon ended that should not have.
+    /// A part of the daemon failed unexpectedly.
     #[error("the daemon has a defect: {0}")]
     Defect(&'static str),
 }
@@ -119,7 +119,7 @@ impl From<Malformed> for Error {
 }
 
 impl Error {
-    /// A field is not as it should be.
+    /// A field is wrong.
     pub fn invalid(field: impl Into<String>, problem: impl std::fmt::Display) -> Self {
         Self::Invalid { field: field.into(), problem: problem.to_string() }
     }

@@ -1,7 +1,7 @@
-//! Passes single requests on to the replica that holds their study, below the level at which they are read:
-//! the request goes on as it came, with its credentials, and the answer comes back as it was given.
+//! Passes single requests on to the replica that holds their study, before they are decoded: the request and
+//! its credentials go on unchanged, and so does the answer.
 //!
-//! Frames of a Tune stream are passed on one by one by [`rpc`](crate::rpc), since each may concern another
+//! Frames of a Tune stream are passed on one by one by [`rpc`](crate::rpc), because each may concern another
 //! study.
 
 use std::convert::Infallible;
@@ -34,7 +34,7 @@ pub struct ForwardLayer {
 }
 
 impl ForwardLayer {
-    /// Forwards to these replicas; to nobody where there are none.
+    /// Forwards to these replicas, if there are any.
     #[must_use]
     pub fn new(peers: Option<Arc<Peers>>) -> Self {
         Self { peers }
@@ -70,7 +70,7 @@ where
     }
 
     fn call(&mut self, request: Request<Body>) -> Self::Future {
-        // The service that was asked whether it is ready is the one to call.
+        // The service that reported to be ready must be the one that is called.
         let next = self.inner.clone();
         let mut inner = std::mem::replace(&mut self.inner, next);
         match &self.peers {
@@ -94,7 +94,7 @@ where
     S::Future: Send,
 {
     let (mut parts, body) = request.into_parts();
-    // Beyond the limit the service itself refuses; here only memory is guarded.
+    // The service itself refuses larger messages; this limit only guards memory.
     let bytes = match Limited::new(body, limits::REQUEST_BYTES + MESSAGE_HEAD).collect().await {
         Ok(collected) => collected.to_bytes(),
         Err(_) => return Status::out_of_range("the request is too large, or broke off").into_http(),
@@ -129,7 +129,7 @@ where
 
     async fn here(&self) -> Result<(Response<Body>, Option<Redirect>), Status> {
         let mut request = self.request();
-        // However often it is tried, it counts once against its caller's quotas.
+        // All tries of a request count once against its caller's quotas.
         if self.was_tried.swap(true, Ordering::Relaxed) {
             request.extensions_mut().insert(Counted);
         }
@@ -165,8 +165,9 @@ where
     }
 }
 
-/// A replica's answer with its message and its trailers. One that is killed in between has not answered:
-/// passed on as it comes, its end would be an INTERNAL error of a replica that is well.
+/// A replica's answer with its message and its trailers. A replica that is killed in between has not
+/// answered. If the answer were passed on in pieces, the client would see an INTERNAL error of a healthy
+/// replica.
 async fn whole(channel: Channel, request: Request<Body>) -> Result<Response<Body>, Status> {
     let answer = channel.oneshot(request).await.map_err(|error| Status::from_error(error.into()))?;
     let (parts, body) = answer.into_parts();

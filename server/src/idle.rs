@@ -1,4 +1,4 @@
-//! The end of a daemon that nobody needs: one that a command line started for its user ends by itself.
+//! The end of an idle daemon: one that a command line started for its user ends by itself.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -7,12 +7,11 @@ use tokio::time::{Instant, MissedTickBehavior, interval};
 
 use crate::metrics::Metrics;
 
-/// How often it is looked whether anything was asked.
+/// The interval of the checks for requests.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// Waits until nothing was asked for so long. A question that is being worked on counts when it is answered,
-/// and clients that are connected ask now and then whether the daemon serves. Without a time it waits for
-/// ever.
+/// Waits until there was no request for this time. A request counts when it is answered, and connected
+/// clients ask now and then whether the daemon serves. Without a time it waits for ever.
 pub(crate) async fn idle_for(time: Option<Duration>, metrics: Arc<Metrics>) {
     let Some(time) = time else { return std::future::pending().await };
     let (mut asked, mut since) = (metrics.answers(), Instant::now());

@@ -1,10 +1,10 @@
 //! Descriptors that the daemon's parent process left open.
 //!
 //! A renderer that starts a daemon for its user ([`--idle-exit-s`](crate::config::ServeConfig::idle_exit_s))
-//! passes on every file and socket that it did not mark as its own: the daemon would keep its ports taken and
-//! its files open long after the renderer has ended. So such a daemon closes them first of all, as
-//! `daemon(7)` advises. It is done here and not by the client because only a process that has no threads and
-//! no files yet can know that nobody needs them.
+//! passes on every file and socket that it did not mark as its own. The daemon would keep the renderer's
+//! ports taken and its files open long after the renderer has ended. So such a daemon closes them first of
+//! all, as `daemon(7)` advises. The daemon does it, not the client, because only a process without threads
+//! and files can know that they are not in use.
 
 use std::os::fd::RawFd;
 
@@ -15,14 +15,14 @@ const STANDARD: RawFd = 2;
 const HANDED_OVER: &str = "LISTEN_FDS";
 
 /// Closes every descriptor but the three standard ones, unless systemd handed some over. To be called before
-/// anything is opened. Does nothing where the system does not list a process's descriptors in `/proc/self/fd`
+/// any file is opened. Does nothing where the system does not list a process's descriptors in `/proc/self/fd`
 /// or `/dev/fd`.
 pub fn close_descriptors() {
     if std::env::var_os(HANDED_OVER).is_some() {
         return;
     }
     for descriptor in open_descriptors() {
-        // The one with which they were listed is closed already.
+        // The descriptor of the listing is closed already.
         let _ = nix::unistd::close(descriptor);
     }
 }

@@ -1,15 +1,15 @@
 //! The Treewright daemon: serves the tuning core over gRPC.
 //!
 //! A request's way: [`connections`] and [`tls`] bring it, [`middleware`] gives it an id and asks [`access`]
-//! who sent it, [`admission`] limits how many are worked on at once, [`rpc`] reads it with [`convert`],
+//! for its sender, [`admission`] limits the requests in progress, [`rpc`] reads it with [`convert`],
 //! [`tuning`] does its work on a tuner in memory and on the store, [`convert`] writes the answer, and
 //! [`status`] turns errors into gRPC codes. Where several daemons share a database, [`forward`] and [`peers`]
-//! bring it to the one that holds its study. [`metrics`] counts all that, [`refusals`] logs what was refused,
-//! and `watch` shows the figures.
+//! bring it to the one that holds its study. [`metrics`] counts requests, [`refusals`] logs refused ones, and
+//! `watch` shows the figures.
 //!
-//! [`serve`] runs all that until a signal to stop; [`daemon`] adds what makes it a process.
-//! [`administration`] makes and revokes tokens, [`maintenance`] backs up, restores and checks database files,
-//! [`manual`] writes manual pages and completions.
+//! [`serve`] runs these parts until a signal to stop; [`daemon`] makes a process of them. [`administration`]
+//! makes and revokes tokens, [`maintenance`] backs up, restores and checks database files, [`manual`] writes
+//! manual pages and completions.
 
 pub mod access;
 pub mod administration;

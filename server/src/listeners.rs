@@ -1,8 +1,8 @@
-//! Where clients come in: TCP, Unix sockets, or sockets that systemd opened for the daemon ("socket
+//! The listeners for clients: TCP, Unix sockets, or sockets that systemd opened for the daemon ("socket
 //! activation", see `systemd.socket(5)` and `sd_listen_fds(3)`).
 //!
-//! A Unix socket can only be reached by the user whose daemon it is: its file is made unreadable to everybody
-//! else.
+//! A Unix socket can only be reached by the user whose daemon it is: its file is made unreadable to all
+//! others.
 
 use std::io;
 use std::net::SocketAddr;
@@ -15,14 +15,14 @@ use tokio::net::{TcpListener, UnixListener};
 /// Sockets on which connections are accepted.
 #[derive(Debug, Default)]
 pub struct Listeners {
-    /// Of sockets that were made here, whose files go at the end, before the sockets do.
+    /// The files of sockets that were made here. They are removed at the end, before the sockets close.
     files: Vec<SocketFile>,
     pub(crate) tcp: Vec<TcpListener>,
     pub(crate) unix: Vec<UnixListener>,
 }
 
 /// The file of a Unix socket; removed when dropped, unless another has taken its place. To be dropped while
-/// the socket still listens: after that somebody who finds it deserted may replace it at any moment.
+/// the socket still listens: afterwards another process may replace a deserted file at any moment.
 #[derive(Debug)]
 pub(crate) struct SocketFile {
     path: PathBuf,
@@ -43,7 +43,7 @@ fn identity(path: &Path) -> io::Result<(u64, u64)> {
 
 impl Drop for SocketFile {
     fn drop(&mut self) {
-        // Somebody may have removed it already.
+        // The file may be gone already.
         if identity(&self.path).is_ok_and(|file| file == self.file) {
             let _ = std::fs::remove_file(&self.path);
         }
@@ -89,11 +89,10 @@ impl Listeners {
         Ok(())
     }
 
-    /// Listens on a Unix socket as well, for this user alone. The file of one that nobody listens on any more
-    /// is replaced.
+    /// Listens on a Unix socket as well, for this user alone. The file of a deserted socket is replaced.
     ///
     /// # Errors
-    /// [`io::ErrorKind::AddrInUse`] when somebody does, and what the system says.
+    /// [`io::ErrorKind::AddrInUse`] when another process listens there, and the system's errors.
     pub async fn bind_unix(&mut self, path: &Path) -> io::Result<()> {
         let is_socket = std::fs::symlink_metadata(path).is_ok_and(|file| file.file_type().is_socket());
         let is_deserted = || {
@@ -132,7 +131,7 @@ impl Listeners {
         tcp.chain(self.unix.iter().filter_map(path)).collect()
     }
 
-    /// Takes the files of the sockets out, to be kept for as long as clients may come.
+    /// Takes the files of the sockets out, to be kept while clients may connect.
     pub(crate) fn take_files(&mut self) -> Vec<SocketFile> {
         std::mem::take(&mut self.files)
     }
@@ -166,7 +165,7 @@ mod tests {
         let mut ending = Listeners::default();
         ending.bind_unix(&path).await.expect("a socket");
         let files = ending.take_files();
-        // While the first still listens, somebody clears its file away and the next one comes.
+        // While the first still listens, its file is removed and another socket takes its name.
         std::fs::remove_file(&path).expect("its file");
         let mut next = Listeners::default();
         next.bind_unix(&path).await.expect("a socket");
@@ -183,7 +182,7 @@ mod tests {
         assert!(path.exists(), "its file stays");
         let mut listeners = Listeners::default();
         listeners.bind_unix(&path).await.expect("it is replaced");
-        // A file that is none of ours is not.
+        // A file that is not ours stays.
         let other = folder.path().join("notes.txt");
         std::fs::write(&other, "mine").expect("written");
         listeners.bind_unix(&other).await.expect_err("a file of somebody's");

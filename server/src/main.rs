@@ -77,14 +77,14 @@ fn maintained(done: Result<CommandOutput, MaintenanceError>) -> Result<CommandOu
     done.map_err(|error| (maintenance::exit_code(&error), error.to_string()))
 }
 
-/// Says what a command has to say: the result, or exit code and cause.
+/// Prints a command's result, or its cause of failure, and gives the exit code.
 fn finish(done: Result<CommandOutput, (u8, String)>) -> ExitCode {
     match done {
         Ok(said) => {
             if !said.note.is_empty() {
                 eprintln!("{}", said.note);
             }
-            // A token that nobody could read must not pass for one that was handed over.
+            // A token that could not be printed must not count as handed over.
             if !said.out.is_empty()
                 && let Err(error) = writeln!(std::io::stdout(), "{}", said.out)
             {

@@ -1,4 +1,4 @@
-//! `treewrightd backup`, `restore` and `check`: what a database file needs over the years.
+//! `treewrightd backup`, `restore` and `check`: maintenance of a database file.
 
 use std::path::{Path, PathBuf};
 use std::time::{Instant, UNIX_EPOCH};
@@ -8,7 +8,7 @@ use treewright_store::maintenance::{self, Inventory, MaintenanceError};
 use crate::administration::CommandOutput;
 use crate::config::{BackupConfig, FileDatabase, RestoreConfig};
 
-/// Exit code of a command that did not do what it should: as of `serve` where the database is at fault.
+/// Exit code of a failed command: that of `serve` where the database is at fault.
 #[must_use]
 pub fn exit_code(error: &MaintenanceError) -> u8 {
     match error {
@@ -28,7 +28,7 @@ pub async fn back_up(config: &BackupConfig) -> Result<CommandOutput, Maintenance
     let begun = Instant::now();
     let inventory = maintenance::back_up(&config.database.database, &config.to, config.replace).await?;
     let seconds = begun.elapsed().as_secs_f64();
-    // A daemon that cannot say when the last copy was made is no reason to call this one a failure.
+    // A failure to note the time of the copy does not make the copy a failure.
     let mark = backup_mark(&config.database.database);
     let note = match std::fs::write(&mark, "The date of this file says when the database was last copied.\n")
     {
@@ -40,7 +40,7 @@ pub async fn back_up(config: &BackupConfig) -> Result<CommandOutput, Maintenance
     Ok(CommandOutput { note, ..copied })
 }
 
-/// The file beside a database whose date says when it was last copied.
+/// The file beside a database whose date is that of the last backup.
 #[must_use]
 pub fn backup_mark(database: &Path) -> PathBuf {
     let mut name = database.as_os_str().to_owned();
@@ -68,10 +68,10 @@ pub async fn restore(config: &RestoreConfig) -> Result<CommandOutput, Maintenanc
     Ok(said(format!("restored {}: {}{before}", database.display(), shown(done.inventory))))
 }
 
-/// Looks at all of a database.
+/// Checks all of a database.
 ///
 /// # Errors
-/// [`MaintenanceError::Damaged`] with what was found.
+/// [`MaintenanceError::Damaged`] with the problems.
 pub async fn check(database: &FileDatabase) -> Result<CommandOutput, MaintenanceError> {
     let begun = Instant::now();
     let inventory = maintenance::check(&database.database).await?;

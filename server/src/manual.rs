@@ -1,5 +1,4 @@
-//! What a shell and `man` need of the program: completions and manual pages, made from the command line
-//! itself.
+//! Completions for shells and manual pages, made from the command line itself.
 
 use std::path::Path;
 
@@ -8,14 +7,14 @@ use clap::CommandFactory as _;
 use crate::administration::CommandOutput;
 use crate::config::Cli;
 
-/// What a shell needs to complete commands.
+/// The completion script of a shell.
 pub fn completions(shell: clap_complete::Shell) -> CommandOutput {
     let mut text = Vec::new();
     clap_complete::generate(shell, &mut Cli::command(), "treewrightd", &mut text);
     CommandOutput { out: String::from_utf8_lossy(&text).into_owned(), note: String::new() }
 }
 
-/// Writes a manual page for each command, and says where.
+/// Writes a manual page for each command, and names the folder.
 ///
 /// # Errors
 /// The folder cannot be written to.

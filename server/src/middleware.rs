@@ -1,9 +1,8 @@
-//! Request middleware: gives each request an id, finds out who sent it, limits its time, and counts how it
-//! ended.
+//! Request middleware: gives each request an id, authenticates it, limits its time, and counts its status.
 //!
-//! The request id comes from the client's `x-request-id` or is made here. It stands in the span in which
-//! everything about the request is logged, and goes back with the answer, so that a line in a renderer's log
-//! finds the lines in the daemon's.
+//! The request id comes from the client's `x-request-id` or is made here. It is in the span of all log lines
+//! about the request, and goes back with the answer, so that a line in a renderer's log leads to the lines in
+//! the daemon's.
 
 use std::convert::Infallible;
 use std::pin::Pin;
@@ -38,18 +37,19 @@ pub struct MiddlewareLayer {
 }
 
 struct MiddlewareState {
-    /// None where no tokens are asked for.
+    /// None where no tokens are required.
     access: Option<Arc<Access>>,
     /// None where there are no other replicas.
     replica_key: Option<ReplicaKey>,
     refusals: Refusals,
-    /// Tells the ids of this process from another's.
+    /// Separates the ids of this process from another's.
     process: u32,
     requests: AtomicU64,
 }
 
 impl MiddlewareLayer {
-    /// Middleware that asks for tokens where `access` is given, and knows requests of replicas by their key.
+    /// Middleware that requires tokens where `access` is given, and recognises requests of replicas by their
+    /// key.
     ///
     /// # Errors
     /// When the system has no randomness.
@@ -98,13 +98,13 @@ where
     }
 
     fn call(&mut self, mut request: Request<Body>) -> Self::Future {
-        // The service that was asked whether it is ready is the one to call.
+        // The service that reported to be ready must be the one that is called.
         let next = self.inner.clone();
         let inner = std::mem::replace(&mut self.inner, next);
         let shared = Arc::clone(&self.shared);
         let rule = rule_for(request.uri().path());
         let id = shared.request_id(request.headers());
-        // Passed on, the request keeps its name.
+        // A forwarded request keeps its id.
         request.headers_mut().insert(REQUEST_ID, id.clone());
         key::check(shared.replica_key.as_ref(), &mut request);
         let activity = request.extensions().get::<Arc<Activity>>().cloned();
@@ -125,7 +125,7 @@ where
         let work = async move {
             let since = Instant::now();
             let mut response = shared.serve(rule, activity.as_deref(), request, inner).await;
-            // Only an answer without a message carries its status in the head; others went well up to there.
+            // Only an answer without a message has its status in the head; others succeeded so far.
             let code = Status::from_header_map(response.headers()).map_or(Code::Ok, |status| status.code());
             shared.refusals.metrics().answered(rule.rpc, code, since.elapsed());
             response.headers_mut().insert(REQUEST_ID, id);

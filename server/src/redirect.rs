@@ -1,30 +1,29 @@
-//! Where a request that failed here is to be tried again: in the replica that holds its study, or here once
-//! more.
+//! The place for another try of a request that failed here: the replica that holds its study, or this one.
 //!
-//! It travels beside the gRPC status as two headers, so that a replica which passed a request on can read it.
+//! It travels beside the gRPC status as two headers, so that a forwarding replica can read it.
 
 use tonic::metadata::MetadataMap;
 use treewright_store::StoreError;
 
 use crate::error::Error;
 
-/// In an answer: which replica holds the study.
+/// In an answer: the address of the replica that holds the study.
 pub const HOLDER: &str = "treewright-holder";
 
-/// In an answer: the study that is meant, or that was reloaded before anything was done.
+/// In an answer: the study that is held elsewhere, or that was reloaded before the request was done.
 pub const STUDY: &str = "treewright-study";
 
-/// Why a request that failed here may go well elsewhere, or at another time. Nothing of it was done.
+/// Why a request that failed here may succeed elsewhere, or later. Nothing of it was done.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Redirect {
     /// Another replica holds the study.
     ToReplica {
         /// The study.
         study: String,
-        /// Where that replica is reached.
+        /// That replica's address.
         address: String,
     },
-    /// The study went to another replica while the request was worked on.
+    /// The study went to another replica during the request.
     Retry {
         /// The study.
         study: String,
@@ -32,7 +31,7 @@ pub enum Redirect {
 }
 
 impl Redirect {
-    /// Where an error sends the request; none where it is final.
+    /// The redirect of an error; none where it is final.
     #[must_use]
     pub fn of(error: &Error) -> Option<Self> {
         match error {
@@ -52,7 +51,7 @@ impl Redirect {
             Self::ToReplica { study, address } => (study, Some(address)),
             Self::Retry { study } => (study, None),
         };
-        // Ids of studies are plain characters; an address that is no header cannot be passed on to either.
+        // Ids of studies are plain characters; an address that is no header value cannot be used either.
         if let Ok(study) = study.parse() {
             metadata.insert(STUDY, study);
         }

@@ -17,7 +17,7 @@ use crate::metrics::Metrics;
 use crate::redirect::Redirect;
 use crate::status;
 
-/// Where refusals are counted and logged. Clones share the counts.
+/// Counts and logs refusals. Clones share the counts.
 #[derive(Clone, Debug)]
 pub struct Refusals {
     metrics: Arc<Metrics>,
@@ -51,8 +51,8 @@ impl Refusals {
         }
     }
 
-    /// Notes an error, unless the request is only not done here: where there are other replicas, one of them
-    /// or another attempt is about to do it.
+    /// Notes an error, unless other replicas exist and one of them or another attempt may still do the
+    /// request.
     pub(crate) fn note_here(&self, error: &Error, has_peers: bool) {
         if has_peers && Redirect::of(error).is_some() {
             tracing::debug!(%error, "not done here");
@@ -61,7 +61,7 @@ impl Refusals {
         }
     }
 
-    /// Counts and logs a request whose study was held by no replica within the time that there was.
+    /// Counts and logs a request whose study no replica held in time.
     pub(crate) fn note_unplaced(&self, study: &str) {
         let reason = "elsewhere";
         self.metrics.refused(reason);

@@ -31,10 +31,10 @@ use crate::tls::Tls;
 use crate::tuning::Tuning;
 use crate::watch::Watched;
 
-/// Time for answers that have been given to leave the house, once nobody works on a request.
+/// Time for the last answers to be sent, once no request is in progress.
 const FLUSH: Duration = Duration::from_millis(200);
 
-/// Why serving ended badly.
+/// Why serving failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The server could not be put together, or the listener failed.
@@ -45,20 +45,21 @@ pub enum ServeError {
     Task,
 }
 
-/// How to serve. Made of a [`Duration`] alone it is an open, plain server, which is what most tests want.
+/// The options of serving. From a [`Duration`] alone it is a server without access control and encryption, as
+/// most tests want.
 #[derive(Default)]
 pub struct Options {
     /// How long requests may take to finish at the end.
     pub drain: Duration,
-    /// Access control; without it, everybody may enter.
+    /// Access control; without it, every caller is admitted.
     pub access: Option<Arc<Access>>,
-    /// With which certificates; without them, in plain text.
+    /// The certificates; without them, plain text.
     pub tls: Option<Arc<Tls>>,
-    /// Where to answer those who watch, if anywhere.
+    /// The listener for monitoring, if any.
     pub watch: Option<TcpListener>,
-    /// Where to show the dashboard, if anywhere.
+    /// The listener for the dashboard, if any.
     pub dashboard: Option<TcpListener>,
-    /// The number of studies that are shown to them with their names: those used last.
+    /// The number of studies that metrics show by name: those used last.
     pub studies_shown: u16,
     /// The least number of trials of a study to keep, where not all are kept.
     pub keep_trials: Option<u64>,
@@ -67,11 +68,11 @@ pub struct Options {
     /// The number of connections that monitoring and the dashboard may each have;
     /// [`limits::PAGES_CONNECTIONS`] by default.
     pub pages: Option<usize>,
-    /// The file whose date says when the database was last copied.
+    /// The file whose date is that of the last backup.
     pub backup_mark: Option<PathBuf>,
     /// The most work at once.
     pub admission: AdmissionLimits,
-    /// Where everything is counted.
+    /// The metrics.
     pub metrics: Arc<Metrics>,
 }
 
@@ -83,8 +84,8 @@ impl From<Duration> for Options {
 
 /// Serves `store` on `listeners` until `shutdown`, then drains and closes the store.
 ///
-/// Draining: health turns NOT_SERVING, new requests are answered UNAVAILABLE, requests and stream frames
-/// that are being worked on are finished, streams end with UNAVAILABLE.
+/// Draining: health turns NOT_SERVING, new requests are answered UNAVAILABLE, requests and stream frames in
+/// progress are finished, streams end with UNAVAILABLE.
 ///
 /// # Errors
 /// [`ServeError`] when the server cannot run at all.
@@ -207,26 +208,26 @@ pub async fn run(
         None => {
             tracing::info!(drain_s = drain.as_secs(), "draining");
             set_health(&health, ServingStatus::NotServing).await;
-            // While the socket still listens: who finds its file gone makes a new one, and who finds somebody
-            // listening waits. Later the file could be the next daemon's.
+            // The files are removed while the socket still listens. The next daemon makes a new file where it
+            // is gone, and waits while this one listens. Later the file could be that daemon's.
             drop(socket_files);
             admission.drain();
             // The server must go on while those inside finish.
             let finish = async {
                 admission.empty().await;
-                // The next start need not learn again what is known now; it is only an accelerator.
+                // The last checkpoints only save the next start from learning again.
                 if timeout(limits::LAST_CHECKPOINTS, tuning.save_last_checkpoints()).await.is_err() {
                     tracing::info!("the last checkpoints took too long; the next start reads more trials");
                 }
                 // Before the answers have left, so that other replicas take over at once.
                 store.close().await;
                 sleep(FLUSH).await;
-                // Ends the streams of those who watch the health.
+                // Ends the streams of health watchers.
                 for service in ["", SERVICE_NAME] {
                     health.clear_service_status(service).await;
                 }
-                // Everybody was answered. Who does not read, a client that is frozen or gone, must not hold
-                // up the end.
+                // All requests are answered. A frozen or lost client that does not read must not delay the
+                // end.
                 sleep(limits::DRAIN_UNREAD).await;
                 tracing::info!("not every client reads its last answer; connections are cut");
             };
@@ -264,7 +265,7 @@ async fn set_health(health: &HealthReporter, status: ServingStatus) {
     }
 }
 
-/// Ends leases that have run out, also in studies that nobody asks about. Ends where the store can write no
+/// Ends leases that have run out, also in studies without requests. It ends where the store can write no
 /// more.
 async fn sweep(tuning: Arc<Tuning>, store: Arc<dyn Store>) {
     let mut ticks = interval(limits::SWEEP_PERIOD);
@@ -280,7 +281,7 @@ async fn sweep(tuning: Arc<Tuning>, store: Arc<dyn Store>) {
     }
 }
 
-/// Saves what was learnt now and then.
+/// Saves checkpoints now and then.
 async fn save_checkpoints(tuning: Arc<Tuning>) {
     let mut ticks = interval(limits::CHECKPOINT_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);

@@ -1,7 +1,7 @@
 //! The one place where errors become gRPC status codes, as the comments of the wire contract promise.
 //!
-//! Errors that pass with time say when to try again: a `google.rpc.RetryInfo` in the status' details, and
-//! `retry_after_ms` in an error inside a stream.
+//! Errors that pass with time carry the wait before another try: a `google.rpc.RetryInfo` in the status'
+//! details, and `retry_after_ms` in an error inside a stream.
 
 use std::time::Duration;
 
@@ -69,11 +69,11 @@ fn store_code(error: &StoreError) -> Code {
     }
 }
 
-/// How the gRPC library's refusals of a malformed message begin. It calls them INTERNAL, but nothing here is
-/// broken.
+/// The beginnings of the gRPC library's refusals of a malformed message. It calls them INTERNAL, but the
+/// daemon is healthy.
 const MALFORMED: [&str; 2] = ["failed to decode Protobuf message", "protocol error: "];
 
-/// A status with the code that it should have: INVALID_ARGUMENT for a message that cannot be read.
+/// A status with its proper code: INVALID_ARGUMENT for a message that cannot be read.
 #[must_use]
 pub fn corrected(status: Status) -> Status {
     let is_malformed = MALFORMED.iter().any(|begin| status.message().starts_with(begin));
@@ -83,7 +83,7 @@ pub fn corrected(status: Status) -> Status {
     status
 }
 
-/// Every word that [`reason`] says, and `elsewhere`, which no error is.
+/// Every word of [`reason`], and `elsewhere`, which is no error.
 pub const REASONS: [&str; 17] = [
     "invalid",
     "token",
@@ -104,8 +104,7 @@ pub const REASONS: [&str; 17] = [
     "defect",
 ];
 
-/// The kind of an error in one word, for counting. `store` is a database that does not do what it should, and
-/// nothing that a client can bring about.
+/// The kind of an error in one word, for counting. `store` is a failing database, which no client can cause.
 #[must_use]
 pub fn reason(error: &Error) -> &'static str {
     match error {
@@ -140,7 +139,7 @@ fn store_reason(error: &StoreError) -> &'static str {
     }
 }
 
-/// When the same request is worth another try; `None` where time alone mends nothing.
+/// The wait before another try of the same request; `None` where waiting does not help.
 #[must_use]
 pub fn retry_after(error: &Error) -> Option<Duration> {
     const SOON: Duration = Duration::from_millis(100);

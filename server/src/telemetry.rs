@@ -1,6 +1,5 @@
-//! The log, on standard error. Every text that looks like a token is blotted out on its way there, because at
-//! the finest level the libraries below log what they read from the wire. `traces` sends spans to a
-//! collector.
+//! The log, on standard error. Every text that looks like a token is hidden, because at the finest level the
+//! libraries log bytes from the wire. `traces` sends spans to a collector.
 
 #[cfg_attr(not(feature = "traces"), path = "telemetry/no_traces.rs")]
 pub mod traces;
@@ -28,12 +27,13 @@ pub enum LogFormat {
 /// Reads a filter such as `info,treewright_server=debug`.
 ///
 /// # Errors
-/// When it is no such filter, with the part that is not understood.
+/// The part of the text that is no filter.
 pub fn filter(text: &str) -> Result<Targets, ParseError> {
     text.parse()
 }
 
-/// Begins to log, and to make spans where they are sent somewhere. Only the first call in a process counts.
+/// Begins to log, and to make spans for a collector, if there is one. Only the first call in a process
+/// counts.
 pub fn begin(format: LogFormat, filter: Targets, traces: Option<&Traces>) {
     let log = tracing_subscriber::fmt::layer().with_writer(|| Blotting(io::stderr()));
     let log = match format {
@@ -45,7 +45,7 @@ pub fn begin(format: LogFormat, filter: Targets, traces: Option<&Traces>) {
     let _ = all.try_init();
 }
 
-/// Blots out the secrets of tokens in what is written through it. A line of the log comes as one piece.
+/// Hides the secrets of tokens in written text. A line of the log comes as one piece.
 struct Blotting<W>(W);
 
 impl<W: Write> Write for Blotting<W> {

@@ -19,23 +19,23 @@ use tonic::transport::{Certificate, ClientTlsConfig, Identity};
 
 use crate::{certificate, limits};
 
-/// Where certificates lie, as PEM.
+/// The paths of certificates, as PEM.
 #[derive(Clone, Debug, Default)]
 pub struct TlsFiles {
     /// The daemon's certificate, and those between it and its authority.
     pub certificate: PathBuf,
     /// Its private key.
     pub key: PathBuf,
-    /// Authorities of which clients must show a certificate; none asks for none.
+    /// Authorities for clients' certificates; without it clients need none.
     pub client_authority: Option<PathBuf>,
-    /// Authorities by which other replicas' certificates are judged; without them those of the clients, and
-    /// without these the system's.
+    /// Authorities for other replicas' certificates; without it those for clients, and without these the
+    /// system's.
     pub peer_authority: Option<PathBuf>,
     /// The name to expect in other replicas' certificates, where it is not the one in their address.
     pub peer_name: Option<String>,
 }
 
-/// Why TLS cannot be had.
+/// Why TLS cannot be set up.
 #[derive(Debug, thiserror::Error)]
 pub enum TlsError {
     /// A file cannot be read.
@@ -46,7 +46,7 @@ pub enum TlsError {
         /// The system's error.
         problem: std::io::Error,
     },
-    /// A file is not what it should be.
+    /// A file has no usable content.
     #[error("{}: {problem}", path.display())]
     Content {
         /// The file.
@@ -75,14 +75,14 @@ struct Contents {
     peer_authority: Option<Vec<u8>>,
 }
 
-/// TLS settings made from the certificate files as they were when they were last read.
+/// TLS settings from the last usable certificate files.
 struct Made {
     server: Arc<ServerConfig>,
     /// For connections to other replicas. The daemon shows its own certificate there.
     client: ClientTlsConfig,
-    /// When the first of the certificates that it shows ends, in seconds since 1970.
+    /// The earliest end of its certificates, in seconds since 1970.
     expiry_s: i64,
-    /// Counts up, so that who made connections can tell that they are of yesterday.
+    /// Rises with each reload, so that connections with old settings can be found.
     number: u64,
 }
 
@@ -90,7 +90,7 @@ struct Made {
 pub struct Tls {
     files: TlsFiles,
     current: RwLock<Made>,
-    /// The contents that were last looked at, usable or not.
+    /// The contents that were last read, usable or not.
     seen: Mutex<Contents>,
 }
 
@@ -98,7 +98,7 @@ impl Tls {
     /// Reads the files.
     ///
     /// # Errors
-    /// Which of them cannot be used, and why.
+    /// The file that cannot be used, and why.
     pub fn load(files: TlsFiles) -> Result<Self, TlsError> {
         let contents = files.read()?;
         let made = files.make(&contents, 0)?;
@@ -118,16 +118,16 @@ impl Tls {
         (made.number, made.client.clone())
     }
 
-    /// When the first of the certificates in force ends, in seconds since 1970.
+    /// The earliest end of the certificates in force, in seconds since 1970.
     #[must_use]
     pub fn expiry_s(&self) -> i64 {
         self.current.read().unwrap_or_else(PoisonError::into_inner).expiry_s
     }
 
-    /// Looks at the files again. True when new certificates are in force.
+    /// Reads the files again. True when new certificates are in force.
     ///
     /// # Errors
-    /// Why changed files cannot be used; said once for each change. The old ones stay in force.
+    /// Why changed files cannot be used; logged once for each change. The old ones stay in force.
     pub fn reload(&self) -> Result<bool, TlsError> {
         let contents = self.files.read()?;
         let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
@@ -144,7 +144,7 @@ impl Tls {
         Ok(true)
     }
 
-    /// Follows the files until dropped. A signal has them looked at before their time.
+    /// Follows the files until dropped. A signal has them read at once.
     pub async fn follow(&self, mut hang_up: Signal) {
         let mut unreadable = false;
         loop {
@@ -221,7 +221,7 @@ impl TlsFiles {
         let key = PrivateKeyDer::from_pem_slice(&contents.key)
             // An error message might quote it.
             .map_err(|_| content(&self.key, "no private key in PEM".to_owned()))?;
-        // Every gRPC library of the last years speaks 1.3, and what it left behind need not be guarded.
+        // Every gRPC library of the last years speaks 1.3, so older versions are not supported.
         let builder = ServerConfig::builder_with_provider(Arc::clone(&provider))
             .with_protocol_versions(&[&version::TLS13])
             .map_err(|error| self.mismatch(&error))?;

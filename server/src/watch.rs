@@ -1,9 +1,9 @@
-//! The second listener, for those who watch: `/metrics` for Prometheus, `/livez` and `/readyz` for an
+//! The second listener, for monitoring: `/metrics` for Prometheus, `/livez` and `/readyz` for an
 //! orchestrator.
 //!
-//! Alive is a process that answers at all; ready is one whose requests would be served: it is not draining,
-//! and the database answers. The two are apart because a restart mends the one and not the other. Plain
-//! HTTP/1.1, which is what the askers speak; nobody outside the machine sees it by default.
+//! A process that answers is alive. It is ready if it would serve requests: it is not draining, and the
+//! database answers. The two differ because a restart only mends the first. The protocol is plain HTTP/1.1,
+//! as monitors speak it. By default only this machine can reach it.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ use crate::{limits, maintenance};
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 const PLAIN: &str = "text/plain; charset=utf-8";
 
-/// The parts that are looked at for each request.
+/// The parts of the daemon that a request reads.
 pub(crate) struct Watched {
     pub(crate) tuning: Arc<Tuning>,
     pub(crate) store: Arc<dyn Store>,
@@ -34,7 +34,7 @@ pub(crate) struct Watched {
     pub(crate) unfinished: Unfinished,
     /// The certificates in force.
     pub(crate) tls: Option<Arc<Tls>>,
-    /// The file whose date says when the database was last copied.
+    /// The file whose date is that of the last backup.
     pub(crate) backup_mark: Option<PathBuf>,
     pub(crate) metrics: Arc<Metrics>,
     /// The number of studies that are shown with their names.
@@ -47,7 +47,7 @@ impl Watched {
         if self.admission.is_draining() {
             return Err("draining".to_owned());
         }
-        // No study can have this name: a database that says so has looked.
+        // No study can have this name: a database that answers so is alive.
         match tokio::time::timeout(limits::READY, self.store.get_study("*")).await {
             Ok(Ok(_) | Err(StoreError::StudyNotFound { .. })) => Ok(()),
             Ok(Err(error)) => Err(error.to_string()),
@@ -68,7 +68,7 @@ impl Watched {
             streams,
             studies_in_memory,
             open_leases,
-            // A database that does not answer must not hide the rest.
+            // A silent database must not hide the other figures.
             size: tokio::time::timeout(limits::READY, self.store.size())
                 .await
                 .ok()

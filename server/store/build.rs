@@ -1,5 +1,4 @@
-//! Rebuilds the store when a migration is added: the compiler cannot see that the list of files in a folder
-//! has changed.
+//! Rebuilds the store when a migration is added, because the compiler does not see new files in a folder.
 
 fn main() {
     println!("cargo::rerun-if-changed=../../migrations");

@@ -1,4 +1,4 @@
-//! Tokens over a real socket: who gets in, to which studies, and for how long.
+//! Tokens over a real socket: admission, visible studies, and expiry.
 
 mod common;
 
@@ -203,7 +203,7 @@ async fn other_studies_are_out_of_reach_and_out_of_sight() {
     }
     assert_eq!(seen, ["studies/farm-1", "studies/farm-2", "studies/hall"]);
 
-    // The same words, whether the study exists or not, whatever is asked.
+    // Every RPC gives the same words whether the study exists or not.
     let mut said = std::collections::BTreeSet::new();
     let mut refused = |status: Option<Status>| {
         let status = status.expect("refused");
@@ -266,7 +266,7 @@ async fn quotas_end_and_say_when_to_try_again() {
     assert!(wait > Duration::from_secs(60) && wait <= Duration::from_secs(86_400), "{wait:?}");
     guarded.server.clock.advance_ms(86_400_000 / 24 - 1);
 
-    // As many at once as a second has room for, and then not one more.
+    // As many at once as a second allows, and no more.
     let mut refused = None;
     for _ in 0..400 {
         if let Err(status) = caller.get_study(get("hall")).await {

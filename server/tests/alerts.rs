@@ -1,8 +1,7 @@
 //! The alerting rules of `server/deploy`, played over a simulated week by `promtool test rules`
-//! (<https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_rules/>): each fires for what it
-//! watches for, when it happens, and nothing fires for what is everyday. Each evaluation takes promtool
-//! milliseconds, so all rules together are evaluated every half hour of the week, and each alone every minute
-//! around what it watches for.
+//! (<https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_rules/>): each fires for its
+//! event in time, and none fires for everyday events. Each evaluation takes promtool milliseconds, so all
+//! rules together are evaluated every half hour of the week, and each alone every minute around its event.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -99,14 +98,14 @@ fn quiet_week() -> Week {
     week
 }
 
-/// Something that happens, and the alert that is to fire for it.
+/// An event, and the alert that must fire for it.
 struct Event {
     alert: &'static str,
     /// The figures of the series in place of a quiet week's; none where those of another event hold.
     series: Vec<(&'static str, Figures)>,
     /// The last minute before it.
     begins: usize,
-    /// When it surely fires.
+    /// The minutes in which it must fire.
     fires: std::ops::Range<usize>,
     /// Minutes after that in which it may fire and need not.
     margin: usize,
@@ -239,7 +238,7 @@ fn notation(figures: &[f64]) -> String {
 /// A question about an alert at a minute.
 fn asked(alert: &str, minute: usize, fires: bool, labels: &str) -> String {
     let expected = if fires { format!("[{{exp_labels: {{{labels}}}}}]") } else { "[]".to_owned() };
-    // promtool compares annotations as well, of which no rule here is asked.
+    // promtool compares annotations as well, and the rules here have none.
     format!("      - {{eval_time: {minute}m, alertname: {alert}, exp_alerts: {expected}}}\n")
 }
 
@@ -344,7 +343,7 @@ fn each_alert_fires_when_it_should_in_a_simulated_week_and_at_no_other_time() {
         }
         let name = folder.path().join(event.alert);
         tests.push(test(&name, &[rule], 1, loud.end, &week, &closely));
-        // Before and after it is silent, whatever else happens.
+        // Before and after its event it is silent.
         for minute in (HOUR..WEEK).step_by(3 * HOUR).filter(|minute| !loud.contains(minute)) {
             silent += &asked(event.alert, minute, false, "");
         }

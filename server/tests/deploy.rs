@@ -118,7 +118,7 @@ fn the_kubernetes_manifest_starts_daemons_with_tls_and_tokens() {
         let name = &mount.unwrap_or_else(|| panic!("{file} is in no volume"))["name"];
         assert!(list(&pod["volumes"]).iter().any(|volume| volume["name"] == *name), "{name}");
     }
-    // The probes ask for what is served, where it is served.
+    // The probes ask for served paths on the right port.
     let ports: BTreeMap<String, u64> = list(&container["ports"])
         .iter()
         .map(|port| (text(&port["name"]).to_owned(), port["containerPort"].as_u64().expect("a port")))
@@ -172,7 +172,7 @@ async fn samples() -> BTreeSet<String> {
     let mut client = server.client().await;
     let mut study = common::study();
     study.policy.get_or_insert_default().predictor = wire::PredictorMethod::Auto as i32;
-    // The figures of what is maximised, too.
+    // Figures of a maximised metric as well.
     study.objective.get_or_insert_default().maximised = vec!["render_ms".to_owned()];
     let creation = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study) };
     client.create_study(creation).await.expect("created");

@@ -1,4 +1,4 @@
-//! The holders of trials: leases that end, are renewed or given back, and clients that race.
+//! Leases that end, are renewed or given back, and clients that race.
 
 mod common;
 

@@ -80,7 +80,7 @@ async fn an_open_trial_survives_a_restart() {
     drop(client);
     server.stop().await;
 
-    // The third start is long after; nothing of what was acknowledged is missing.
+    // The third start is long after; no acknowledged change is missing.
     let server = Server::on_disk(&path, START_MS + 1_000_000).await;
     let mut client = server.client().await;
     assert!(done(&mut client, &held.name, 9.0).await.duplicate);
@@ -114,7 +114,7 @@ async fn nothing_is_acknowledged_that_could_not_be_stored() {
     let status = client.suggest(common::ask("b", 10.0)).await.unwrap_err();
     assert_eq!(status.code(), Code::Unavailable);
 
-    // With the disk back, the tuner is what the store holds: the report is new, the number is free.
+    // With the disk back, the tuner equals the store: the report is new, the number is free.
     store.broken.store(false, Ordering::SeqCst);
     assert!(!done(&mut client, &held.name, 4.0).await.duplicate);
     let next = suggest(&mut client, "b", 10.0).await;

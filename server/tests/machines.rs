@@ -1,4 +1,4 @@
-//! Machines of one study: whose measurements hold for whom, over the wire and after a restart.
+//! Machines of one study: the reach of their measurements, over the wire and after a restart.
 
 mod common;
 
@@ -44,7 +44,7 @@ async fn a_new_machine_starts_from_its_group_and_new_software_from_the_fleet() {
     }
     assert!(best < 20.0, "{best}");
 
-    // Another number of threads, four times as slow: the default, then what the first found best.
+    // Another number of threads, four times as slow: the default, then the best of the first.
     let default = frame(&mut client, "second", "4.4.0", 4, 4.0).await;
     assert_eq!(default.mode(), wire::Mode::Default);
     let taken_over = frame(&mut client, "second", "4.4.0", 4, 4.0).await;
@@ -68,7 +68,7 @@ async fn a_new_machine_starts_from_its_group_and_new_software_from_the_fleet() {
         assert!((told.cost - factor * best).abs() < 1e-9, "{told:?}");
     }
 
-    // The same after a restart; and a machine of the same hardware with other software is no group any more.
+    // A restart changes nothing, and a machine of the same hardware with other software is no group any more.
     server.stop().await;
     let server = Server::on_disk(&path, common::START_MS + 1000).await;
     let mut client = server.client().await;

@@ -1,4 +1,4 @@
-//! Three replicas on one PostgreSQL: whichever is asked, the one that holds the study answers.
+//! Three replicas on one PostgreSQL: the one that holds the study answers requests to any of them.
 
 mod common;
 
@@ -36,7 +36,7 @@ async fn replicas(database: &Database) -> ([Server; 3], [Client; 3]) {
     (servers, clients)
 }
 
-/// The key that replicas show each other, read from where they find it.
+/// The key that replicas show each other, read from the database.
 async fn replica_key(database: &Database) -> String {
     let found = sqlx::query_scalar("SELECT key FROM replica_key");
     let key: Vec<u8> = found.fetch_one(&mut database.connect().await).await.expect("there is a key");
@@ -131,7 +131,7 @@ async fn a_replica_that_drains_leaves_its_studies_to_the_others() {
     let trial = suggest(&mut first, "a", 10.0).await;
     suggest(&mut client, "b", 10.0).await;
     holder.begin_stop();
-    // Asked while the holder goes: nothing is refused, no matter which replica takes the study over.
+    // Asked while the holder goes: no request is refused, and either replica may take the study over.
     let reported = done(&mut client, &trial.name, 3.0).await;
     assert!(!reported.duplicate);
     assert!(done(&mut other, &trial.name, 3.0).await.duplicate);
@@ -259,8 +259,8 @@ async fn what_is_passed_on_counts_once_and_quotas_are_one_for_all_replicas() {
     let mut bytes = creation.get_ref().encoded_len() as u64;
     holder.create_study(creation).await.expect("created");
 
-    // The first makes its replica the holder. The others go by the second, whatever they say they are; one of
-    // them in a frame.
+    // The first makes its replica the holder. The others go through the second under any claimed identity;
+    // one of them in a frame.
     holder.suggest(show(ask("a", 1.0), None)).await.expect("a trial");
     other.suggest(show(ask("b", 1.0), None)).await.expect("a trial");
     other.suggest(show(ask("c", 1.0), Some("1"))).await.expect("a trial");
@@ -276,7 +276,7 @@ async fn what_is_passed_on_counts_once_and_quotas_are_one_for_all_replicas() {
     let (used, _) = tokens.usage(token.id(), 0).await.expect("read");
     assert_eq!(used, Usage { studies: 1, trials: 4, bytes });
 
-    // Two more trials, and then the quota is used up wherever the client turns.
+    // After two more trials the quota is used up at every replica.
     for client in ["e", "f"] {
         other.suggest(show(ask(client, 1.0), None)).await.expect("a trial");
     }

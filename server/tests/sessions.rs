@@ -7,7 +7,7 @@ use tonic::Code;
 use treewright_proto::convert::timestamp_to_wire;
 use treewright_proto::v1::{self as wire, Rule};
 
-/// Explores a good deal, also where the study itself does not.
+/// Explores often, also where the study itself does not.
 const WISHES: wire::SessionPolicy = wire::SessionPolicy {
     epsilon: Some(1.0),
     trials_per_state: Some(6),
@@ -19,7 +19,7 @@ fn explorer(session: u64, wishes: Option<wire::SessionPolicy>) -> wire::SuggestR
     wire::SuggestRequest { session, session_policy: wishes, ..ask("explorer", 5.0) }
 }
 
-/// A study whose operator wants nothing explored.
+/// A study whose policy does not explore.
 async fn calm(client: &mut Client) -> wire::Study {
     let policy = wire::Policy { epsilon: Some(0.0), trials_per_state: 3, ..wire::Policy::default() };
     let study = wire::Study { policy: Some(policy), ..study() };
@@ -57,7 +57,7 @@ async fn wishes_hold_for_their_session_alone() {
     let (trial, _) = frame(&mut client, explorer(1, Some(WISHES))).await;
     assert_ne!(trial.mode(), wire::Mode::Explore, "{trial:?}");
     assert_eq!(policy(&mut client).await, before);
-    // The same client's next session wants nothing of the kind, in the state in which the last one explored.
+    // The client's next session has no wishes, in the state in which the last one explored.
     let (trial, rule) = frame(&mut client, explorer(2, None)).await;
     assert_eq!(rule, Rule::Finished, "{trial:?}");
     server.stop().await;

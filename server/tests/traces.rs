@@ -17,7 +17,7 @@ use tonic::{Request, Response, Status};
 use treewright_proto::v1 as wire;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 
-/// Hands on what it is sent.
+/// Passes received spans on.
 struct Collector(mpsc::UnboundedSender<Span>);
 
 #[tonic::async_trait]
@@ -78,7 +78,7 @@ async fn a_request_s_span_has_the_id_of_its_line_in_the_log() {
     request.metadata_mut().insert("traceparent", format!("00-{trace}-00f067aa0ba902b7-01").parse().unwrap());
     client.get_study(request).await.expect_err("there is none");
 
-    // The end sends what waits.
+    // The end sends waiting spans.
     let sent = Command::new("kill").args(["-TERM", &daemon.id().to_string()]).status().unwrap();
     assert!(sent.success());
     let span = loop {

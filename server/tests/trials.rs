@@ -182,7 +182,7 @@ async fn malformed_questions_and_results_are_refused() {
 async fn predictions_and_the_best_rest_on_reports() {
     let server = Server::in_memory().await;
     let mut client = server.client().await;
-    // Answers what was measured nearest, and never between two measurements.
+    // It answers the nearest measured configuration, and none between two measurements.
     let predictor = wire::PredictorMethod::NearestNeighbour.into();
     let nearest = wire::Policy { epsilon: Some(1.0), predictor, ..Default::default() };
     let study = wire::Study { policy: Some(nearest), ..common::study() };

@@ -1,4 +1,4 @@
-//! Those who watch: figures, liveness and readiness over a real socket.
+//! Monitoring: figures, liveness and readiness over a real socket.
 
 mod common;
 

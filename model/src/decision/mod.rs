@@ -1,11 +1,10 @@
 //! Decisions: why a client gets a configuration, as data.
 //!
-//! A [`Decision`] is stored with a trial, and later steps read it: whether the trial is learnt, where it is
-//! stopped, and the search's view of it. Its [`mode`](Decision::mode), and the [`Reason`] and
+//! A [`Decision`] is stored with a trial, and later steps read it: they learn the trial or not, stop it at a
+//! cap, and answer the search. Its [`mode`](Decision::mode), and the [`Reason`] and
 //! [`Explanation`](crate::reason::Explanation) that people and clients see, are made from it
-//! ([`Decision::reason`]) and never read back. The types leave no room for answers that contradict
-//! themselves, such as one that exploits by the rule that says to explore. [`recorded`] reads what earlier
-//! versions stored in its place.
+//! ([`Decision::reason`]) and never read back. The types exclude contradictions, such as exploiting by a rule
+//! of exploring. [`recorded`] reads the rows of earlier versions.
 
 pub mod recorded;
 mod words;
@@ -22,23 +21,23 @@ use crate::standing::Gain;
 pub struct Decision {
     /// The choice, with its rule.
     pub choice: Choice,
-    /// The cost of the trial is not learnt. That its configuration cannot be run is.
+    /// The cost of the trial is not learnt. An infeasible configuration is still learnt.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub silent: bool,
-    /// The text of an earlier version for people, where it was stored by one.
+    /// An earlier version's text for people, if that version stored the decision.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub said: Option<String>,
-    /// Where the trial was measured, if it was carried over from another study or database.
+    /// The origin of a trial that was carried over from another study or database.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<String>,
-    /// The session of the client that it was handed out to last; 0 where it names none. Another session that
-    /// asks for the trial again shows that this one ended without a report.
+    /// The client's session at the last hand-out; 0 where it names none. If another session asks for the
+    /// trial again, this one ended without a report.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub session: u64,
     /// The number of leases of the configuration lost in the state without a report or any measurement of it.
     #[serde(default, skip_serializing_if = "is_none_lost")]
     pub lost_leases: u32,
-    /// Its client renewed the lease: it shows that it lives, so that silence means something.
+    /// Its client renewed the lease and so shows that it lives, which makes its silence significant.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub heartbeat: bool,
 }
@@ -59,31 +58,31 @@ pub enum Choice {
     Pinned,
     /// The client asked for the configuration.
     Wanted,
-    /// The study answers the default and only looks on.
+    /// The study answers the default and only observes.
     Shadow {
-        /// The configuration that would have been answered.
+        /// The answer without shadow operation.
         instead_of: RawConfiguration,
-        /// By how much that is expected to be cheaper than the default, as a share.
+        /// The share by which that is expected to be cheaper than the default.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         expected_gain: Option<f64>,
     },
-    /// Something is measured to learn of it.
+    /// A configuration is measured to learn its cost.
     Explore(Explore),
     /// A configuration known to be good is run.
     Exploit(Exploit),
 }
 
-/// Something is measured to learn of it.
+/// A configuration is measured to learn its cost.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Explore {
-    /// What.
+    /// The explored point.
     pub point: ExploredPoint,
     /// Why the client explores.
     pub rule: ExploreRule,
     /// The expected gain and cost of exploring at the decision.
     #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
     pub estimate: ExplorationEstimate,
-    /// How the client's regret budget stood.
+    /// The state of the client's regret budget.
     #[serde(rename = "means", default, skip_serializing_if = "BudgetStatus::is_empty")]
     pub budget: BudgetStatus,
     /// The client is to stop the trial as soon as its cost exceeds this, in the objective's units.
@@ -108,9 +107,9 @@ pub enum ExploredPoint {
         search: SearchMethod,
         /// The step that asked for it; not [`Step::Default`].
         step: Step,
-        /// How often the configuration had been measured in the state.
+        /// The number of earlier measurements of the configuration in the state.
         measurements: u64,
-        /// The states that the point was taken over from, nearest first.
+        /// The states that gave the point, nearest first.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         neighbours: Vec<Neighbour>,
     },
@@ -131,8 +130,8 @@ pub enum ExploredPoint {
     Incumbent {
         /// It is the default configuration.
         is_default: bool,
-        /// The round of the state's confirmation, from 1; `None` while others are explored, where it tells
-        /// how fast the machine is.
+        /// The round of the state's confirmation, from 1; `None` while others are explored, where it shows
+        /// the speed of the machine.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         round: Option<u64>,
     },
@@ -141,29 +140,29 @@ pub enum ExploredPoint {
 /// A configuration known to be good is run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exploit {
-    /// The source that calls it good.
+    /// The source of the choice.
     pub source: ExploitSource,
     /// Why the client does not explore.
     pub rule: ExploitRule,
     /// The expected gain and cost of exploring at the decision.
     #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
     pub estimate: ExplorationEstimate,
-    /// How the client's regret budget stood.
+    /// The state of the client's regret budget.
     #[serde(rename = "means", default, skip_serializing_if = "BudgetStatus::is_empty")]
     pub budget: BudgetStatus,
 }
 
-/// The source that calls a configuration good.
+/// The source of an exploited configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExploitSource {
-    /// Nobody: it is the default configuration.
+    /// The default configuration, without any source.
     Default,
     /// The state's own measurements.
     BestKnown {
         /// The number of configurations with a verdict there.
         tried: u64,
-        /// How often this one was measured.
+        /// The number of measurements of this one.
         measurements: u64,
         /// The state, and the cost.
         state: Neighbour,
@@ -171,47 +170,47 @@ pub enum ExploitSource {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         gain: Option<Gain>,
     },
-    /// The state's own measurements, by which nothing is proven to be better than the default configuration.
+    /// The state's own measurements, by which no configuration is proven to be better than the default.
     Incumbent {
         /// The number of configurations with a verdict there.
         tried: u64,
-        /// The most that any of them may gain, with a probability of 95 %, as a share.
+        /// The most that any configuration may gain, with a probability of 95 %, as a share.
         gain_at_most: f64,
     },
     /// The configuration that serves the known states best, where nothing was measured yet.
     Portfolio {
         /// The number of states that it was chosen for.
         states: u64,
-        /// The nearest of them.
+        /// The nearest of these states.
         neighbours: Vec<Neighbour>,
     },
     /// A predictor.
     Predictor(Predicted),
-    /// Other machines that met the same input.
+    /// Other machines with the same input.
     Machines(ByMachines),
 }
 
 /// The answer of a predictor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Predicted {
-    /// Which one.
+    /// The predictor.
     pub predictor: PredictorMethod,
     /// The cost that it expects, and one standard deviation of a measurement from it.
     pub expected: (f64, f64),
-    /// The known states that it rests on, nearest first, at most 5.
+    /// The known states behind the answer, nearest first, at most 5.
     pub neighbours: Vec<Neighbour>,
 }
 
 /// The measurements of other machines in a state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ByMachines {
-    /// How near the machines are whose measurements count most.
+    /// The level of the machines whose measurements count most.
     pub level: MachineLevel,
     /// The number of machines that measured it.
     pub machines: u64,
     /// The number of their measurements.
     pub measurements: u64,
-    /// How the asking machine's software differs from what it ran before, if it does.
+    /// The change of the asking machine's software since its last states, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub software_change: Option<String>,
     /// Their states.
@@ -222,9 +221,9 @@ pub struct ByMachines {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExploreRule {
-    /// The dice said so.
+    /// The dice decided.
     Dice,
-    /// Nothing is known that could be exploited.
+    /// No known configuration could be exploited.
     NothingKnown,
 }
 
@@ -232,19 +231,19 @@ pub enum ExploreRule {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExploitRule {
-    /// It was only asked what would be exploited.
+    /// The question runs no trial.
     Asked,
-    /// The dice said so.
+    /// The dice decided.
     Dice,
     /// The state's search is over.
     Finished,
-    /// It explores, but the search waits for what others are measuring.
+    /// It explores, but the search waits for other clients' measurements.
     Waiting,
     /// The regret budget does not allow it yet.
     Budget,
     /// The expected gain does not pay for it, or is below the noise.
     Gain,
-    /// The configuration exploited here did clearly worse than this.
+    /// The exploited configuration did clearly worse here than this one.
     RolledBack,
     /// The study is frozen.
     Frozen,
@@ -254,10 +253,10 @@ pub enum ExploitRule {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ExplorationEstimate {
-    /// The probability of exploring that the dice were thrown with.
+    /// The probability of exploring at the throw of the dice.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epsilon: Option<f64>,
-    /// By how much exploring is expected to lower the cost of each later frame, as a share.
+    /// The share by which exploring is expected to lower the cost of each later frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_gain: Option<f64>,
     /// The number of frames that are expected to profit.
@@ -266,7 +265,7 @@ pub struct ExplorationEstimate {
     /// The expected cost of exploring in all, in frames of the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exploring_cost: Option<f64>,
-    /// The number of configurations with a verdict in the state at which it is weighed again.
+    /// The number of configurations with a verdict in the state at the next estimate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub until: Option<u64>,
 }
@@ -278,24 +277,25 @@ impl ExplorationEstimate {
     }
 }
 
-/// How a client's regret budget stood before an answer; costs in the objective's units. Rows call it `means`.
+/// The state of a client's regret budget before an answer; costs in the objective's units. Rows call it
+/// `means`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct BudgetStatus {
     /// The rest of the client's budget, in the objective's units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget_left: Option<f64>,
-    /// The part of it that was reserved for this trial, or would have had to be: the most that it can cost
-    /// above the reference.
+    /// The part of it that the trial needs as a reserve: the most that the trial can cost above the
+    /// reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub set_aside: Option<f64>,
-    /// The cost of what would have been run without exploring.
+    /// The cost of the reference, which would run without exploring.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference_cost: Option<f64>,
 }
 
 impl BudgetStatus {
-    /// Whether there is nothing to tell.
+    /// Whether no field is set.
     pub fn is_empty(&self) -> bool {
         *self == BudgetStatus::default()
     }
@@ -325,16 +325,16 @@ pub enum Step {
     RandomSearch,
     /// A vertex of a new simplex around the best point.
     Restart,
-    /// The point that a model expects most of.
+    /// The most promising point of a model.
     Model,
-    /// The point that a model of the measurements around the best expects most of.
+    /// The most promising point of a model of the measurements around the best.
     Local,
-    /// A configuration that was measured before and looks best: once more, to tell luck from merit.
+    /// Another measurement of the seemingly best configuration, to separate luck from merit.
     Replicate,
 }
 
 impl Step {
-    /// The name that reasons carry.
+    /// The name in reasons.
     pub fn name(self) -> &'static str {
         match self {
             Step::Default => "default",
@@ -354,20 +354,20 @@ impl Step {
     }
 }
 
-/// How near to one machine the machine is that a measurement comes from.
+/// The level of the machine of a measurement, relative to one machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MachineLevel {
-    /// Its own: processor, instruction set, threads and software are the same.
+    /// The machine itself: processor, instruction set, threads and software are the same.
     Machine,
-    /// That of machines with the same processor and software.
+    /// Its group: machines with the same processor and software.
     Group,
-    /// That of all others.
+    /// All other machines.
     Fleet,
 }
 
 impl MachineLevel {
-    /// The name that reasons carry.
+    /// The name in reasons.
     pub fn name(self) -> &'static str {
         match self {
             MachineLevel::Machine => "machine",
@@ -378,7 +378,7 @@ impl MachineLevel {
 }
 
 impl Choice {
-    /// A decision for it, of which is learnt.
+    /// A decision for it, whose trial is learnt.
     pub fn decided(self) -> Decision {
         Decision {
             choice: self,
@@ -418,7 +418,7 @@ impl Decision {
         }
     }
 
-    /// The rule of the policy that it follows; `None` where it was only asked what would be exploited.
+    /// The rule of the policy that it follows; `None` for a question that runs no trial.
     pub fn rule(&self) -> Option<Rule> {
         Some(match &self.choice {
             Choice::Pinned => Rule::Pinned,
@@ -448,12 +448,12 @@ impl Decision {
         })
     }
 
-    /// Whether something else than the default is measured to learn of it.
+    /// Whether a configuration other than the default is measured to learn its cost.
     pub fn explores(&self) -> bool {
         self.mode() == Mode::Explore
     }
 
-    /// Whether the trial explores its state, whatever it runs, and is none of a confirmation: it counts
+    /// Whether the trial explores its state with any configuration, outside a confirmation: it then counts
     /// towards the budget of the search.
     pub fn is_run_of_search(&self) -> bool {
         matches!(self.choice, Choice::Explore(_)) && self.rule() != Some(Rule::Confirming)
@@ -468,8 +468,8 @@ impl Decision {
         }
     }
 
-    /// Whether it was taken over from other machines to be measured here, or carried over with what was
-    /// measured elsewhere.
+    /// Whether its configuration was taken over from other machines, or its result was carried over from
+    /// elsewhere.
     pub fn is_from_elsewhere(&self) -> bool {
         self.origin.is_some()
             || matches!(&self.choice, Choice::Explore(Explore { point: ExploredPoint::ByMachines(_), .. }))

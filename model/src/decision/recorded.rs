@@ -1,8 +1,8 @@
-//! Decisions as earlier versions stored them: a mode and a [`Reason`], whose words had to be read back.
+//! Decisions of earlier versions, stored as a mode and a [`Reason`], whose words have to be parsed.
 //!
 //! They are converted once, where rows are read. The counts of a sentence (measurements, machines) are not
-//! known any more, so the sentence itself is kept as it was. An answer that contradicted itself, which
-//! exploited by a rule that says to explore, becomes the true one: its search was waiting.
+//! known any more, so the sentence itself is kept. A contradictory answer, which exploited by a rule of
+//! exploring, becomes the true one: its search was waiting.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -19,14 +19,14 @@ use crate::reason::{Explanation, Mode, Neighbour, Reason, Rule};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Recorded {
-    /// As this version does.
+    /// The form of this version.
     Decision(Decision),
-    /// As versions without [`Decision`] did.
+    /// The form of versions without [`Decision`].
     Reason(Reason),
 }
 
 impl Recorded {
-    /// The decision; `mode` is what was stored beside it.
+    /// The decision; `mode` is the mode that was stored beside it.
     pub fn decision(self, mode: Mode) -> Decision {
         match self {
             Recorded::Decision(decision) => decision,
@@ -35,7 +35,7 @@ impl Recorded {
     }
 }
 
-/// The value of an enum that is spelt so.
+/// The value of an enum with this spelling.
 fn named<T: for<'a> Deserialize<'a>>(name: &str) -> Option<T> {
     serde_json::from_value(Value::from(name)).ok()
 }
@@ -200,7 +200,7 @@ mod tests {
             assert_eq!((reason.summary.as_str(), decision.silent), ("As it was.", true));
             assert_eq!(decision.abort_above(), abort_above);
             assert_eq!(reason.explanation.budget_left, Some(1.0));
-            // And what this version stores is read as it is.
+            // A row of this version is read unchanged.
             let text = serde_json::to_string(&decision).expect("plain data");
             let again: Recorded = serde_json::from_str(&text).expect("a row");
             assert_eq!(again, Recorded::Decision(decision));

@@ -1,4 +1,4 @@
-//! Decisions in words: every sentence that people read of an answer is made here, and nowhere else.
+//! Decisions in words: all sentences for people about an answer are made here.
 
 use super::{
     ByMachines, Choice, Decision, Exploit, ExploitRule, ExploitSource, Explore, ExploredPoint, MachineLevel,
@@ -35,7 +35,7 @@ pub(super) fn reason(decision: &Decision) -> Reason {
     }
 }
 
-/// The names of what chose the configuration and of the step that asked for it, as reasons carry them.
+/// The names of the source of the configuration and of the asking step, as in reasons.
 fn source(choice: &Choice) -> (&'static str, &'static str) {
     match choice {
         Choice::Pinned => (PINNED, ""),
@@ -223,8 +223,8 @@ fn of_predictor(predicted: &Predicted) -> String {
     }
 }
 
-/// The deviation of an expected cost as a share of it: what is expected stands beside these words, in the
-/// unit that the study is told in.
+/// The deviation of an expected cost as a share of it. The cost itself stands beside these words, in the
+/// study's view.
 fn uncertainty((cost, deviation): (f64, f64)) -> String {
     if cost > 0.0 { format!(" (± {:.1} %)", 100.0 * deviation / cost) } else { String::new() }
 }

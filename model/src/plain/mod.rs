@@ -1,5 +1,5 @@
-//! Values and what holds them without the kinds of the values, as JSON for people and other programs has
-//! them: `{"quality":2}`, where stored rows have `{"quality":{"integer":2}}`.
+//! Values without their kinds, in JSON for people and other programs: `{"quality":2}`, where stored rows have
+//! `{"quality":{"integer":2}}`.
 
 mod spec;
 
@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 
 use crate::value::{RawConfiguration, Value};
 
-/// Serialises what it refers to, values as their bare numbers, words and switches.
+/// Serialises its target, with values as bare numbers, words and switches.
 #[derive(Clone, Copy, Debug)]
 pub struct Plain<'a, T: ?Sized>(pub &'a T);
 
@@ -37,7 +37,7 @@ impl Serialize for Plain<'_, RawConfiguration> {
 /// For `#[serde(serialize_with = "…::plain")]`.
 ///
 /// # Errors
-/// Those of the serializer.
+/// The errors of the serializer.
 pub fn plain<T, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error>
 where
     for<'a> Plain<'a, T>: Serialize,

@@ -31,12 +31,12 @@ impl PolicyChange {
         Self { clear: fields.into_iter().map(Into::into).collect(), ..Self::default() }
     }
 
-    /// The values to send: what is cleared is left out, so that the daemon takes its default.
+    /// The values to send. Cleared fields are left out, so that the daemon takes its defaults.
     #[must_use]
     pub fn values(&self) -> PolicySettings {
         let mut set = self.set.clone();
         for field in &self.clear {
-            // Unknown names are refused by the daemon, which knows what there is.
+            // The daemon refuses unknown names.
             set.unset(field);
         }
         set

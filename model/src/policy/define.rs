@@ -1,4 +1,4 @@
-//! The structs that follow from the table, with all that is done field by field.
+//! The structs that follow from the table, with all operations on their fields.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,8 +19,8 @@ macro_rules! define_policy {
         $name:ident: $decided:ty | $said:ty = $default:expr, unset $unset:literal,
             in $range:expr, as $placeholder:literal;
     )+) => {
-        /// How a study decides. `C` is [`Configuration`] once checked,
-        /// [`RawConfiguration`](crate::configuration::RawConfiguration) as read.
+        /// A study's policy. `C` is [`Configuration`] once checked,
+        /// [`RawConfiguration`](crate::configuration::RawConfiguration) before.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(default)]
         pub struct Policy<C = Configuration> {
@@ -50,7 +50,7 @@ macro_rules! define_policy {
                 Ok(())
             }
 
-            /// Takes one field over from another policy.
+            /// Copies one field from another policy.
             ///
             /// # Errors
             /// [`PolicyError::Field`] when there is no such field.
@@ -67,8 +67,8 @@ macro_rules! define_policy {
             }
         }
 
-        /// A policy as it is said: what is `None` takes the default of the daemon that decides. Searches,
-        /// predictors and operations of other versions are carried along.
+        /// A policy as given: for `None` the daemon's default holds. Searches, predictors and operations of
+        /// other versions are carried along.
         #[derive(Clone, Debug, Default, PartialEq, Serialize)]
         pub struct PolicySettings {
             $(
@@ -101,7 +101,7 @@ macro_rules! define_policy {
                 },
             ];
 
-            /// Nothing is said: everything takes the daemon's default.
+            /// Settings without any field: the daemon's defaults hold.
             #[must_use]
             pub fn new() -> Self {
                 Self::default()
@@ -132,7 +132,7 @@ macro_rules! define_policy {
                 Ok(())
             }
 
-            /// Sets a field to what people write for it.
+            /// Sets a field from text.
             ///
             /// # Errors
             /// [`PolicyError::Text`], [`PolicyError::Field`].
@@ -145,7 +145,7 @@ macro_rules! define_policy {
                 Ok(())
             }
 
-            /// A field as it is shown; `None` where it is not set, or where there is no such field.
+            /// A field as text; `None` where it is not set, or where there is no such field.
             pub fn show(&self, field: &str) -> Option<String> {
                 match field {
                     $(stringify!($name) => self.$name.as_ref().map(SettingValue::show),)+
@@ -154,7 +154,7 @@ macro_rules! define_policy {
                 }
             }
 
-            /// Says nothing of a field any more. Unknown names are passed over.
+            /// Unsets a field. Unknown names are ignored.
             pub fn unset(&mut self, field: &str) {
                 match field {
                     $(stringify!($name) => self.$name = None,)+
@@ -163,7 +163,7 @@ macro_rules! define_policy {
                 }
             }
 
-            /// Decides: what is not said takes its default.
+            /// Makes the policy: unset fields take their defaults.
             ///
             /// # Errors
             /// [`PolicyError::Unrecognised`] for a search, predictor or operation that is not known here.

@@ -13,7 +13,7 @@ pub struct Few {
     pub runs: u64,
 }
 
-/// How often each configuration runs on average, and how many go on to the confirmation.
+/// The mean number of runs of each configuration, and the number of configurations in the confirmation.
 const RUNS_EACH: f64 = 1.8;
 const CONTENDERS: u64 = 3;
 /// The most rounds of a confirmation on a quiet machine.

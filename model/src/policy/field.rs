@@ -6,10 +6,10 @@ use crate::assignment::Assignment;
 use crate::value::Value;
 use crate::words::{OpenEnum, Word};
 
-/// Which numbers a field takes.
+/// The allowed numbers of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Range {
-    /// There is nothing to check: a switch or a word.
+    /// No check: a switch or a word.
     Any,
     /// From the first to the second, both included.
     Within(f64, f64),
@@ -67,19 +67,19 @@ impl PolicyField {
 
 /// The form in which a field is set.
 pub trait SettingValue: Sized + Clone {
-    /// As a program gives it.
+    /// The form for programs.
     type Input;
 
-    /// Takes what a program gives.
+    /// Converts a program's value.
     fn from_input(input: Self::Input) -> Self;
 
-    /// Reads what people write. The error says what would be right.
+    /// Reads text. The error names the allowed values.
     fn parse(text: &str) -> Result<Self, String>;
 
-    /// As it is shown.
+    /// The value as text.
     fn show(&self) -> String;
 
-    /// As a number, where it is one.
+    /// The value as a number, where it is one.
     fn number(&self) -> Option<f64> {
         None
     }
@@ -153,7 +153,7 @@ impl<T: Word + fmt::Display> SettingValue for OpenEnum<T> {
         OpenEnum::Known(input)
     }
 
-    /// Dashes count as underscores, so that people may write words like flags.
+    /// Dashes count as underscores, so that words can be written like flags.
     fn parse(text: &str) -> Result<Self, String> {
         let known = T::from_word(&text.replace('-', "_")).map(OpenEnum::Known);
         known.ok_or_else(|| format!("`{text}` is none of {}", Self::words().join(", ")))
@@ -168,9 +168,9 @@ impl<T: Word + fmt::Display> SettingValue for OpenEnum<T> {
     }
 }
 
-/// A field as it is decided, from what is said.
+/// A decided field, from a setting.
 pub trait Setting<S>: Sized {
-    /// Decides. The error is the number of what is not known here.
+    /// Decides the field. The error is the number of an unknown value.
     fn decide(said: S) -> Result<Self, i32>;
 
     /// The setting for it; `None` is the default.

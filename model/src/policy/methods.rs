@@ -6,7 +6,7 @@ use crate::words::{Word, words};
 /// A method of the registry, or `auto`.
 #[derive(Clone, Copy, Debug)]
 pub struct RegisteredMethod<T> {
-    /// Which.
+    /// The method.
     pub method: T,
     /// Its number on the wire, never 0.
     pub number: i32,
@@ -14,7 +14,7 @@ pub struct RegisteredMethod<T> {
 }
 
 impl<T> RegisteredMethod<T> {
-    /// What it is, in a sentence or two of plain text.
+    /// Its description, in a sentence or two of plain text.
     pub fn about(&self) -> String {
         self.about.iter().map(|line| line.trim()).collect::<Vec<_>>().join(" ")
     }
@@ -52,7 +52,7 @@ macro_rules! define_methods {
         }
 
         impl $name {
-            /// The name that reasons carry.
+            /// The name in reasons.
             pub fn name(self) -> &'static str {
                 self.word()
             }
@@ -96,11 +96,10 @@ words! {
         /// Explores, exploits and learns.
         #[default]
         Tune = "tune",
-        /// Neither explores nor learns: answers stay what they are. That a configuration cannot be run is
-        /// taken all the same.
+        /// Neither explores nor learns: answers do not change. Infeasible configurations are still learnt.
         Freeze = "freeze",
-        /// Every client gets the default configuration; what would have been answered stands in the reason.
-        /// Reports are learnt.
+        /// Every client gets the default configuration; the reason holds the answer of the policy. Reports
+        /// are learnt.
         Shadow = "shadow",
     }
 }

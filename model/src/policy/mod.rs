@@ -1,9 +1,9 @@
-//! How a study decides what a client gets: as it is decided ([`Policy`]), as it is said ([`PolicySettings`]),
-//! and changes to it ([`PolicyChange`]).
+//! The policy of a study: decided ([`Policy`]), as given by a client ([`PolicySettings`]), and changes to it
+//! ([`PolicyChange`]).
 //!
-//! `table` lists the fields once, `define` makes the structs and their checks of it, `field` holds what a
-//! field can be, `registry` lists the searches and predictors, `methods` makes enums of them, `change` says
-//! what replaces which fields.
+//! `table` lists the fields once, `define` makes the structs and their checks from it, `field` holds the
+//! kinds of fields, `registry` lists the searches and predictors, `methods` makes enums of them, `change`
+//! replaces fields.
 
 mod change;
 mod define;
@@ -51,7 +51,7 @@ pub enum PolicyError {
         field: &'static str,
         /// As given.
         number: i32,
-        /// The words for what there is.
+        /// The known words.
         known: String,
     },
     /// The text for a field cannot be read.
@@ -93,8 +93,8 @@ impl PolicySettings {
     pub const PRESETS: &'static [&'static str] = &["paper"];
 
     /// The paper's policy: the dice are thrown once for each change of state, a search is the 80 iterations
-    /// of a stochastic Nelder-Mead simplex, the nearest known state answers, and nothing is run twice or
-    /// confirmed.
+    /// of a stochastic Nelder-Mead simplex, the nearest known state answers, and no configuration is run
+    /// twice or confirmed.
     #[must_use]
     pub fn paper() -> Self {
         Self::new()
@@ -112,7 +112,7 @@ impl PolicySettings {
     /// A preset by its name.
     ///
     /// # Errors
-    /// [`PolicyError::Text`] with the names that there are.
+    /// [`PolicyError::Text`] with the known names.
     pub fn preset(name: &str) -> Result<Self, PolicyError> {
         match name {
             "paper" => Ok(Self::paper()),
@@ -125,7 +125,7 @@ impl PolicySettings {
 }
 
 impl<C> Policy<C> {
-    /// How long a lease lasts, in milliseconds.
+    /// The duration of a lease, in milliseconds.
     pub fn lease_ms(&self) -> i64 {
         i64::from(self.lease_s) * 1000
     }

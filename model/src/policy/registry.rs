@@ -1,16 +1,16 @@
-//! The registry of searches and predictors: one row for each, and nothing else in this software lists them.
+//! The registry of searches and predictors: one row for each, and the only list of them.
 //!
-//! A row says what a method is, its number on the wire, its word, and the constructor of the type that
-//! carries it out. From the rows follow the enums of this crate and with them command lines, settings and
-//! their schema; the module, the storage and the choice in `treewright-core`, which alone looks at the first
-//! and the last column; the conversion in `treewright-proto`; and the values and comments of the wire
-//! contract, which a command writes (`proto/tests/generated.rs`).
+//! A row has a method's description, its number on the wire, its word, and the constructor of its type. From
+//! the rows follow the enums of this crate and with them command lines, settings and their schema; the
+//! module, the storage and the choice in `treewright-core`, which alone uses the first and the last column;
+//! the conversion in `treewright-proto`; and the values and comments of the wire contract, which a command
+//! writes (`proto/tests/generated.rs`).
 //!
-//! A word or a number that was ever released stays what it is.
+//! A released word or number never changes.
 
-/// Hands the searches to another macro, as rows
-/// `NAME = number on the wire, "word", module::Type::constructor;`, each with what it is. The module is one
-/// of `treewright_core::search`; the constructor takes a `SearchSetup`.
+/// Hands the searches to another macro, as rows `NAME = number on the wire, "word",
+/// module::Type::constructor;`, each with its description. The module is one of `treewright_core::search`;
+/// the constructor takes a `SearchSetup`.
 #[macro_export]
 macro_rules! search_methods {
     ($apply:ident) => {

@@ -1,12 +1,11 @@
-//! The one list of a policy's fields. The structs, their checks, the field mask, the command line and what is
-//! shown follow from it, and so does the wire conversion (`treewright_proto::convert`), which does not
+//! The one list of a policy's fields. The structs, their checks, the field mask, the command line and the
+//! shown texts follow from it, and so does the wire conversion (`treewright_proto::convert`), which does not
 //! compile while this list and the proto's `message Policy` differ. Another field is one row here and one in
 //! the proto.
 
-/// Hands the table to another macro, as rows of
-/// `name: type as it is decided | type as it is said = default, unset "default in words", in range, as "placeholder";`
-/// each with its documentation. The field `pinned`, whose type differs from form to form, is not among the
-/// rows.
+/// Hands the table to another macro, as rows of `name: decided type | given type = default, unset "default in
+/// words", in range, as "placeholder";` each with its documentation. The field `pinned`, whose type differs
+/// from form to form, is not among the rows.
 #[macro_export]
 macro_rules! policy_table {
     ($apply:ident) => {

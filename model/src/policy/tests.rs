@@ -16,7 +16,7 @@ fn what_holds_where_nothing_is_said_is_what_the_table_says() {
                 read.set_text(field.name, &shown).expect("what is shown can be read");
                 assert_eq!(read.show(field.name), Some(shown), "{}", field.name);
             }
-            // Then the default is that something is not done, which only words can say.
+            // The default then turns a feature off, and only words describe it.
             None => assert!(read.set_text(field.name, field.unset).is_err(), "{}", field.name),
         }
     }

@@ -1,5 +1,5 @@
-//! A typed builder of parameter spaces. What follows a parameter (`default`, `log`, `active_if`)
-//! belongs to that parameter, and only what makes sense for its type compiles.
+//! A typed builder of parameter spaces. Calls after a parameter (`default`, `log`, `active_if`) belong to
+//! that parameter, and only those for its type compile.
 
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
@@ -7,16 +7,16 @@ use std::ops::RangeInclusive;
 use crate::space::{Condition, Constraint, ConstraintError, Domain, Parameter, Scale, Space, SpaceError};
 use crate::value::Value;
 
-/// The last thing named was an integer parameter.
+/// The last call named an integer parameter.
 #[derive(Debug)]
 pub enum IntegerParameter {}
-/// The last thing named was a float parameter.
+/// The last call named a float parameter.
 #[derive(Debug)]
 pub enum FloatParameter {}
-/// The last thing named was a boolean parameter.
+/// The last call named a boolean parameter.
 #[derive(Debug)]
 pub enum BooleanParameter {}
-/// The last thing named was a categorical parameter.
+/// The last call named a categorical parameter.
 #[derive(Debug)]
 pub enum CategoricalParameter {}
 
@@ -92,8 +92,7 @@ impl<Last> SpaceBuilder<Last> {
         self.parameter(name, Domain::Categorical { values: values.into_iter().map(Into::into).collect() })
     }
 
-    /// A parameter that is there as a value, e.g. one of a list. It is checked like those that are written
-    /// out.
+    /// A parameter given as a value, e.g. from a list. It is checked like any other.
     #[must_use]
     pub fn with_parameter(mut self, parameter: Parameter) -> SpaceBuilder {
         let Parameter { name, domain, default, active_if } = parameter;
@@ -116,7 +115,7 @@ impl<Last> SpaceBuilder<Last> {
         self.turn()
     }
 
-    /// A constraint that is there as a value, e.g. one of another space.
+    /// A constraint given as a value, e.g. from another space.
     #[must_use]
     pub fn with_constraint(mut self, constraint: Constraint) -> SpaceBuilder {
         self.constraints.push(Ok(constraint));
@@ -186,8 +185,8 @@ of_a_parameter!(BooleanParameter, bool);
 of_a_parameter!(CategoricalParameter, impl Into<Value>);
 
 impl SpaceBuilder<IntegerParameter> {
-    /// Only values that are so far apart, from the smallest on: a [`Constraint`]. Those of `16..=256` with a
-    /// step of 16 are 16, 32, 48 and so on.
+    /// Only values in steps of this size, from the smallest on: a [`Constraint`]. The values of `16..=256`
+    /// with a step of 16 are 16, 32, 48 and so on.
     #[must_use]
     pub fn step(mut self, step: i64) -> Self {
         if let Some(Draft { name, domain: Domain::Integer { min, .. }, .. }) = self.parameters.last() {

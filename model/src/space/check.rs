@@ -1,4 +1,4 @@
-//! The rules that spaces and configurations fulfil.
+//! The rules of spaces and configurations.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,9 +11,8 @@ use crate::space::{Condition, Constraint, Domain, Parameter, Rule, Space, SpaceE
 use crate::value::Value;
 
 impl Space {
-    /// Checks everything that the limits and the meaning of a space demand: names, ranges, defaults,
-    /// conditions that only name earlier parameters, constraints that fit the parameters and that the
-    /// defaults fulfil.
+    /// Checks the limits and the rules of a space: names, ranges, defaults, conditions that only name earlier
+    /// parameters, constraints that fit the parameters and that the defaults fulfil.
     pub fn new(parameters: Vec<Parameter>, constraints: Vec<Constraint>) -> Result<Self, SpaceError> {
         check_count("parameters", parameters.len(), 1, PARAMETERS_MAX)?;
         check_count("constraints", constraints.len(), 0, CONSTRAINTS_MAX)?;
@@ -101,7 +100,7 @@ impl Space {
         }
     }
 
-    /// Which parameters are active under `values` (one per parameter).
+    /// The activity of each parameter under `values` (one per parameter).
     pub(super) fn active(&self, values: &[Value]) -> Vec<bool> {
         let mut active = Vec::with_capacity(values.len());
         for index in 0..values.len() {
@@ -206,7 +205,7 @@ fn check_constraint(constraint: &Constraint, parameters: &[Parameter]) -> Result
 }
 
 impl Rule {
-    /// Whether values of all parameters fulfil it, whoever is active.
+    /// Whether values of all parameters fulfil it, if every parameter counts as active.
     pub(super) fn is_fulfilled(&self, values: &[Value]) -> bool {
         match self.order {
             Some((lesser, greater)) => values[lesser].as_number() <= values[greater].as_number(),

@@ -5,8 +5,8 @@ use crate::space::Space;
 use crate::value::Value;
 
 impl Space {
-    /// The point of a configuration of this space: `dimension()` coordinates in 0..1. Inactive parameters
-    /// sit at their default's coordinate, so that they do not separate what behaves alike.
+    /// The point of a configuration of this space: `dimension()` coordinates in 0..1. Inactive parameters sit
+    /// at their default's coordinate, so that they do not separate equal configurations.
     pub fn encode(&self, configuration: &Configuration) -> Vec<f64> {
         let coordinates = self.parameters.iter().zip(&self.default_point);
         coordinates
@@ -30,8 +30,8 @@ impl Space {
         self.collect(&values, &active)
     }
 
-    /// Moves a point to where its configuration is encoded, and says which parameters are active there: what
-    /// `encode(decode(point))` gives.
+    /// Moves a point to the encoding of its configuration, as `encode(decode(point))` does, and returns the
+    /// active parameters.
     ///
     /// # Panics
     /// When `point` does not have `dimension()` coordinates.
@@ -53,7 +53,7 @@ impl Space {
         assert_eq!(point.len(), self.dimension(), "a point has one coordinate per parameter");
         let mut values: Vec<Value> =
             self.parameters.iter().zip(point).map(|(parameter, &x)| parameter.domain.decode(x)).collect();
-        // A repair can switch other parameters on or off, but only so often.
+        // A repair can switch other parameters on or off, but only a limited number of times.
         for _ in 0..=self.parameters.len() {
             let active = self.active(&values);
             if self.violations(&values, &active).next().is_none() {

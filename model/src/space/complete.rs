@@ -1,4 +1,4 @@
-//! A whole configuration from some values, as people and programs give them.
+//! A whole configuration from some values, for people and programs.
 
 use crate::assignment::Assignment;
 use crate::configuration::{Configuration, RawConfiguration};
@@ -6,11 +6,11 @@ use crate::space::{Constraint, Domain, Parameter, Space, SpaceError};
 use crate::value::Value;
 
 impl Space {
-    /// A whole configuration from some values: the others are the recommended ones.
+    /// A whole configuration from some values, completed with the recommended ones.
     ///
-    /// A value takes along what it needs: where `bins` exists only with `split = sah`, `bins = 8` alone means
+    /// A value implies its conditions: where `bins` exists only with `split = sah`, `bins = 8` alone means
     /// that split. Where a given and a recommended value break a constraint, the recommended one gives way.
-    /// Whole numbers are taken for float parameters, too, so that people may write `2` for `2.0`.
+    /// Float parameters also take whole numbers, so that people may write `2` for `2.0`.
     ///
     /// # Errors
     /// [`SpaceError`] with the value that is unknown, inactive or outside its domain, or the constraint that
@@ -63,8 +63,8 @@ impl Space {
         }
     }
 
-    /// Adds what given values need and nobody has decided otherwise. Conditions name earlier parameters, so
-    /// that one walk from the last to the first follows every chain.
+    /// Adds the values that given ones need, where these are not given themselves. Conditions name earlier
+    /// parameters, so that one walk from the last to the first follows every chain.
     fn with_needs(&self, given: &Assignment) -> RawConfiguration {
         let mut given = given.as_raw().clone();
         for (index, parameter) in self.parameters().iter().enumerate().rev() {
@@ -90,7 +90,7 @@ impl Domain {
         value.is_none_or(|value| self.contains(value))
     }
 
-    /// The value as the domain has it: whole numbers are taken for floats.
+    /// The value in the domain's kind: whole numbers become floats.
     fn as_of(&self, value: &Value) -> Value {
         let floats = match self {
             Domain::Float { .. } => true,

@@ -1,5 +1,5 @@
-//! Spaces with expressions among their constraints: only valid configurations, near the wanted ones, counted
-//! as they are.
+//! Spaces with expressions among their constraints: only valid configurations, near the wanted ones, and
+//! correct counts.
 
 use proptest::prelude::*;
 
@@ -157,7 +157,7 @@ proptest! {
             let values: Vec<Value> = all.parameters().iter().map(|one| wanted.values()[&one.name].clone()).collect();
             let nearest = feasible.iter().map(|one| distance(&all, &values, one)).fold(f64::INFINITY, f64::min);
             let own = distance(&all, &values, &space.decode(point));
-            // Orders are folded first, which is as good as near.
+            // Orders are folded first, which may move values further than the nearest.
             let folds = space.constraints().iter().any(|one| one.as_order().is_some());
             prop_assert!(folds || (own - nearest).abs() < 1e-12, "{} against {}", own, nearest);
         }

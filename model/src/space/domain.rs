@@ -71,8 +71,8 @@ impl Domain {
 
     /// The value at `coordinate`, which is clamped to 0..1 (NaN counts as 0).
     ///
-    /// Floats are rounded to twelve significant digits: that keeps the names of configurations short and
-    /// lets values that people write survive the way there and back.
+    /// Floats are rounded to twelve significant digits: so names of configurations are short, and values
+    /// written by people survive encoding and decoding.
     pub fn decode(&self, coordinate: f64) -> Value {
         let x = if coordinate.is_nan() { 0.0 } else { coordinate.clamp(0.0, 1.0) };
         match self {

@@ -1,8 +1,8 @@
-//! Parameters that constraints tie together.
+//! Groups of parameters that constraints connect.
 //!
-//! Constraints that share a parameter hang together, and so do a parameter and the one that decides whether
-//! it is active. Groups that share nothing are repaired each for itself, which makes the work a sum instead
-//! of a product, and parameters that no constraint names stay where they are.
+//! Constraints that share a parameter are connected, and so are a parameter and the one that decides whether
+//! it is active. Each group is repaired separately, which makes the work a sum instead of a product.
+//! Parameters without a constraint are not moved.
 
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
@@ -12,14 +12,14 @@ use crate::space::Space;
 use crate::space::listing::Listing;
 use crate::value::Value;
 
-/// Parameters that hang together.
+/// Connected parameters.
 #[derive(Debug)]
 pub(super) struct Group {
     /// Indices of the parameters, rising.
     pub(super) members: Vec<usize>,
     /// Indices of the constraints.
     rules: Vec<usize>,
-    /// All ways to fulfil them, where they are few. Made when it is first asked for.
+    /// All solutions of the constraints, where they are few. Made at its first use.
     listing: OnceLock<Option<Listing>>,
 }
 
@@ -55,7 +55,7 @@ impl Space {
 }
 
 impl Group {
-    /// All ways to fulfil its constraints, where they are few.
+    /// All solutions of its constraints, where they are few.
     pub(super) fn listing(&self, space: &Space) -> Option<&Listing> {
         let listing = || Listing::of(space, &self.members, LISTED_MAX, LISTING_STEPS_MAX);
         self.listing.get_or_init(listing).as_ref()

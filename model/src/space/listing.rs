@@ -1,7 +1,8 @@
-//! All ways to fulfil some constraints, where they are few, and the nearest of them to a point.
+//! All solutions of some constraints, where they are few, and the nearest of them to a point.
 //!
-//! They form a tree with one level for each parameter, so that ways that begin alike share their beginning. A
-//! walk over it takes the nearest values first and leaves out what is already further away than the best.
+//! They form a tree with one level for each parameter, so that solutions with equal first values share them.
+//! A walk over it takes the nearest values first and skips branches that are already further away than the
+//! best.
 
 use crate::configuration::Configuration;
 use crate::limits::{ENUMERATED_MAX, LISTED_MAX, LISTING_STEPS_MAX, REPAIR_STEPS_MAX};
@@ -9,22 +10,23 @@ use crate::space::partial::Partial;
 use crate::space::{Domain, Space};
 use crate::value::Value;
 
-/// The ways to fulfil the constraints among some parameters.
+/// The solutions of the constraints among some parameters.
 #[derive(Debug)]
 pub(super) struct Listing {
     members: Vec<usize>,
     /// The values of each parameter.
     values: Vec<Vec<Value>>,
-    /// For each parameter the values that begin so far, those with the same beginning next to each other.
+    /// For each parameter the branches of its level; branches with the same parent are next to each other.
     levels: Vec<Vec<Branch>>,
 }
 
-/// A value with what may follow it.
+/// A value with its continuations.
 #[derive(Clone, Copy, Debug)]
 struct Branch {
     /// The index of the value; [`INACTIVE`] where the parameter is inactive.
     value: u32,
-    /// Where its continuations begin in the next level. They end where those of the next branch begin.
+    /// The index of its first continuation in the next level. Its continuations end at the first one of the
+    /// next branch.
     first: u32,
 }
 
@@ -61,8 +63,9 @@ impl Space {
 }
 
 impl Listing {
-    /// Lists what fulfils all constraints among `members`, which hold all that decides whether one of them is
-    /// active. `None` where that is more than `most`, or takes more than so many steps.
+    /// Lists the solutions of all constraints among `members`, which include every parameter that decides
+    /// whether a member is active. `None` where there are more than `most`, or where it takes more than
+    /// `steps` steps.
     pub(super) fn of(space: &Space, members: &[usize], most: usize, steps: usize) -> Option<Self> {
         let values_max = if space.rules.is_empty() { most } else { LISTED_MAX };
         let domains = members.iter().map(|&member| &space.parameters[member].domain);
@@ -74,7 +77,7 @@ impl Listing {
         listing.extend(0, most, &mut Partial::new(space, steps)).then_some(listing)
     }
 
-    /// Adds all that follows what is set; `false` where it is too much.
+    /// Adds all continuations of the values that are set; `false` where there are too many.
     fn extend(&mut self, depth: usize, most: usize, partial: &mut Partial<'_>) -> bool {
         let Some(&member) = self.members.get(depth) else {
             return true;
@@ -112,7 +115,7 @@ impl Listing {
         level[branch].first as usize..end
     }
 
-    /// Calls `take` with all values, once for each way.
+    /// Calls `take` with all values, once for each solution.
     fn each(
         &self,
         depth: usize,
@@ -133,7 +136,7 @@ impl Listing {
     }
 
     /// The values of the members that are nearest to those wanted, the first of equals: exactly, unless more
-    /// than [`REPAIR_STEPS_MAX`] values are looked at in vain. Inactive ones are left as they are.
+    /// than [`REPAIR_STEPS_MAX`] values are tried in vain. Inactive ones are left as they are.
     pub(super) fn nearest(&self, space: &Space, wanted: &mut [Value]) -> bool {
         let distances = self.members.iter().zip(&self.values);
         let distances = distances.map(|(&member, values)| {

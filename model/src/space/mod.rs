@@ -1,14 +1,13 @@
 //! Typed parameter spaces: parameters, domains, conditions and constraints.
 //!
-//! A [`Space`] is checked once, when it is made; after that every [`Configuration`] it hands out is valid,
-//! and so is everything that is built on it. `check` holds the rules, `domain` the map of one domain to the
-//! unit interval, `builder` how programs write a space down, `constraint` the language of constraints,
-//! `complete` how a whole configuration is made of some values, `codec` the map of whole configurations to
-//! the unit cube in which searches work.
+//! A [`Space`] is checked once, when it is made. From then on every [`Configuration`] that it makes is valid.
+//! `check` holds the rules, `domain` the map of one domain to the unit interval, `builder` the interface for
+//! programs, `constraint` the language of constraints, `complete` the completion of some values to a
+//! configuration, `codec` the map of whole configurations to the unit cube in which searches work.
 //!
 //! Points of the cube that break constraints are repaired: `repair` does it where all are orders of two
-//! parameters, `nearest` where there are expressions. `group` has the parameters that constraints tie
-//! together, `listing` all ways to fulfil them where these are few.
+//! parameters, `nearest` where there are expressions. `group` has the parameters that constraints connect,
+//! `listing` all solutions where these are few.
 
 mod builder;
 mod check;
@@ -41,7 +40,7 @@ use crate::space::constraint::{Extent, Node};
 use crate::space::group::Group;
 use crate::value::Value;
 
-/// How a numeric range is spread over the unit interval.
+/// The map of a numeric range to the unit interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scale {
@@ -74,8 +73,8 @@ pub enum Domain {
         /// Spread over the unit interval.
         scale: Scale,
     },
-    /// One of 1 to 64 distinct values of one kind: integers or floats, which are ordered by size whatever
-    /// lies between them, or text, which has no order.
+    /// One of 1 to 64 distinct values of one kind: integers or floats, which are ordered by size, or text,
+    /// which has no order.
     Categorical {
         /// The choices.
         values: Vec<Value>,
@@ -100,7 +99,7 @@ pub struct Parameter {
     pub name: String,
     /// The values that it may have.
     pub domain: Domain,
-    /// The recommended value, inside the domain: the baseline everything is judged against.
+    /// The recommended value, inside the domain: the baseline of all comparisons.
     pub default: Value,
     /// The parameter exists only while this holds.
     pub active_if: Option<Condition>,
@@ -116,9 +115,9 @@ pub struct Space {
     condition_of: Vec<Option<usize>>,
     /// The constraints, over indices of parameters.
     rules: Vec<Rule>,
-    /// The parameters that constraints tie together; none where all constraints are orders.
+    /// The parameters that constraints connect; none where all constraints are orders.
     groups: Arc<[Group]>,
-    /// What each parameter may be.
+    /// The possible values of each parameter.
     ranges: Vec<Extent<'static>>,
     default: Configuration,
     /// The default values' coordinates.
@@ -135,7 +134,7 @@ struct Rule {
     order: Option<(usize, usize)>,
 }
 
-/// Everything else follows from these two.
+/// All other fields follow from these two.
 impl PartialEq for Space {
     fn eq(&self, other: &Self) -> bool {
         self.parameters == other.parameters && self.constraints == other.constraints
@@ -323,8 +322,8 @@ impl Space {
         &self.default
     }
 
-    /// Checks a set of values: exactly the active parameters, each in its domain, every constraint
-    /// fulfilled. The error names what is wrong.
+    /// Checks a set of values: exactly the active parameters, each in its domain, every constraint fulfilled.
+    /// The error names the mistake.
     pub fn configuration(&self, values: RawConfiguration) -> Result<Configuration, SpaceError> {
         self.check_configuration(values)
     }

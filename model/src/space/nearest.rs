@@ -1,11 +1,10 @@
-//! Repair of values that break constraints: the nearest that fulfil them.
+//! Repair of values that break constraints, to the nearest ones that fulfil them.
 //!
 //! Near means a small sum of squares of the differences along each parameter's scale; texts without an order
-//! are all equally far apart. Where the ways to fulfil the constraints of a group of parameters are listed,
-//! the nearest is found among them. Elsewhere values near the wanted ones are tried, one parameter after the
-//! other; each constraint is looked at as soon as it can be told that it cannot hold any more, and what is
-//! already further away than the best is left out. The defaults are what is found first, since they fulfil
-//! every constraint.
+//! are all equally far apart. Where the solutions of a group of parameters are listed, the nearest is found
+//! among them. Elsewhere values near the wanted ones are tried, one parameter after the other. A constraint
+//! ends a branch as soon as it cannot hold any more, and so does a distance beyond the best. The search
+//! begins with the defaults, which fulfil every constraint.
 
 use crate::limits::{ENUMERATED_MAX, REPAIR_PATIENCE, REPAIR_STEPS_MAX};
 use crate::space::group::Group;
@@ -15,15 +14,16 @@ use crate::value::Value;
 
 /// Squared distance between two texts without an order, as between `false` and `true`.
 const APART: f64 = 0.25;
-/// Values that are tried of a domain of more than [`ENUMERATED_MAX`]: so many at equal steps along the scale,
+/// Number of values at equal steps along the scale that are tried in a domain of more than
+/// [`ENUMERATED_MAX`].
 const GRID: usize = 32;
-/// and as many whole numbers on each side of the wanted one.
+/// Number of whole numbers that are tried on each side of the wanted one.
 const AROUND: i64 = 32;
-/// Halvings of the way from a value that was found to the wanted one.
+/// Halvings of the way from a found value to the wanted one.
 const HALVINGS: usize = 32;
 
 impl Domain {
-    /// How far apart two values are, squared; along the whole domain it is 1.
+    /// The squared distance of two values; along the whole domain it is 1.
     pub(super) fn distance(&self, one: &Value, other: &Value) -> f64 {
         match (self.place(one), self.place(other)) {
             (Some(one), Some(other)) => (one - other) * (one - other),
@@ -32,7 +32,7 @@ impl Domain {
         }
     }
 
-    /// Where a value lies along the domain, 0 to 1, if it has an order.
+    /// The place of a value along the domain, 0 to 1, if it has an order.
     fn place(&self, value: &Value) -> Option<f64> {
         let Domain::Categorical { values } = self else { return Some(self.encode(value)) };
         let number = value.as_number()?;
@@ -65,9 +65,9 @@ impl Domain {
 struct Hunt<'a> {
     group: &'a Group,
     partial: Partial<'a>,
-    /// What is tried for each member, with its distance.
+    /// The values to try for each member, with their distances.
     candidates: Vec<Vec<(f64, Value)>>,
-    /// What was found, and how far away it is.
+    /// The best values so far, with their distance.
     best: Option<(f64, Vec<Value>)>,
 }
 
@@ -98,8 +98,7 @@ impl Space {
         true
     }
 
-    /// Moves values, of which those that are `fixed` stay, so that all constraints hold. `false` where none
-    /// were found.
+    /// Moves values that are not `fixed` so that all constraints hold. `false` where none were found.
     pub(super) fn move_around(&self, values: &mut [Value], fixed: impl Fn(usize) -> bool) -> bool {
         for group in self.groups.iter() {
             if !group.is_broken(self, values, &self.active(values)) {
@@ -163,7 +162,7 @@ impl<'a> Hunt<'a> {
         let is_active = self.partial.is_active(member);
         for index in 0..self.candidates[depth].len() {
             let (distance, value) = &self.candidates[depth][index];
-            // What an inactive parameter would be does not matter.
+            // The value of an inactive parameter does not matter.
             let distance = if is_active { *distance } else { 0.0 };
             let is_worse = self.best.as_ref().is_some_and(|(best, _)| sum + distance >= *best);
             if is_worse || self.partial.steps == 0 {

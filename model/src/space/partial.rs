@@ -1,4 +1,4 @@
-//! Values of some parameters, as a walk over all of them sets one after the other.
+//! Values of some parameters, which a walk over all of them sets one after the other.
 
 use crate::space::Space;
 use crate::space::constraint::Extent;
@@ -7,16 +7,16 @@ use crate::value::Value;
 /// Values of some parameters, set one after the other.
 pub(super) struct Partial<'a> {
     pub(super) space: &'a Space,
-    /// Those that are not set yet have any value.
+    /// Values that are not set yet are arbitrary.
     pub(super) values: Vec<Value>,
     active: Vec<bool>,
     is_set: Vec<bool>,
-    /// How many more values may be set.
+    /// The number of values that may still be set.
     pub(super) steps: usize,
 }
 
 impl<'a> Partial<'a> {
-    /// Nothing is set yet.
+    /// No values are set.
     pub(super) fn new(space: &'a Space, steps: usize) -> Self {
         let count = space.dimension();
         let values = space.defaults().cloned().collect();
@@ -28,7 +28,7 @@ impl<'a> Partial<'a> {
         self.space.is_active(index, &self.values, &self.active)
     }
 
-    /// Sets a value. `false` where no values of the others make the constraints hold that name it.
+    /// Sets a value. `false` where its constraints cannot hold for any values of the others.
     pub(super) fn set(&mut self, index: usize, value: &Value, is_active: bool) -> bool {
         self.steps = self.steps.saturating_sub(1);
         self.values[index].clone_from(value);

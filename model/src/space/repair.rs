@@ -1,22 +1,22 @@
 //! Repair of points of the cube that break constraints `lesser <= greater`, where there are no others.
 //!
 //! First the two values are swapped where both domains allow it: the cube is folded along the diagonal, so
-//! uniform points stay uniform over the allowed triangle and the map stays continuous (clamping would heap a
-//! good part of all samples onto the edge). Narrowing bounds removes the remaining violations.
+//! uniform points stay uniform over the allowed triangle and the map stays continuous (clamping would put
+//! many samples onto the edge). Narrowing bounds removes the remaining violations.
 
 use crate::space::{Domain, Space};
 use crate::value::Value;
 
 impl Space {
-    /// Repairs `values` for this set of active parameters. `false` when no values exist that fulfil the
-    /// constraints among them.
+    /// Repairs `values` for this set of active parameters. `false` when no values fulfil the constraints
+    /// among them.
     pub(super) fn repair(&self, values: &mut [Value], active: &[bool]) -> bool {
         self.fold(values, active)
             || self.violations(values, active).next().is_none()
             || self.narrow(values, active)
     }
 
-    /// Swaps the values of broken orders. `true` when nothing is broken any more.
+    /// Swaps the values of broken orders. `true` when no order is broken any more.
     pub(super) fn fold(&self, values: &mut [Value], active: &[bool]) -> bool {
         // Bubble sort along the constraints: as many rounds as there are parameters sort any chain.
         for _ in 0..self.parameters.len() {
@@ -76,8 +76,8 @@ impl Space {
         self.parameters[index].domain.bounds().is_some()
     }
 
-    /// Carries lower bounds up and upper bounds down along the constraints until nothing moves. `false`
-    /// when a range became empty.
+    /// Carries lower bounds up and upper bounds down along the constraints until no bound moves. `false` when
+    /// a range became empty.
     fn propagate(&self, ranges: &mut [(f64, f64)], active: &[bool]) -> bool {
         let whole = |index: usize| matches!(self.parameters[index].domain, Domain::Integer { .. });
         loop {

@@ -163,7 +163,7 @@ fn chains_and_unequal_domains_are_repaired_by_narrowing() {
     ];
     let space = Space::new(parameters, vec![order("a", "b"), order("b", "c")]).expect("valid");
     let configuration = space.decode(&[1.0, 1.0, 0.0]);
-    // c rises to b's lowest value, b falls to what c allows, a falls to b.
+    // c rises to b's lowest value, b falls to the most that c allows, a falls to b.
     assert_eq!(configuration.key(), "a=5.0;b=5;c=5.0");
 }
 

@@ -1,4 +1,4 @@
-//! Enums, by number. 0 is what was not said.
+//! Enums, by number. 0 is an unset value.
 
 use treewright_model::policy::{Method, Operation, PredictorMethod, SearchMethod};
 use treewright_model::space::Scale;
@@ -17,7 +17,7 @@ pub trait WireEnum: Copy {
     fn from_number(number: i32) -> Option<OpenEnum<Self>>;
 }
 
-/// The values are called the same on both sides; one that is missing on either does not compile.
+/// The values have the same names on both sides; one that is missing on either does not compile.
 macro_rules! wire_enums {
     ($($name:ident { $($value:ident),+ $(,)? })+) => {
         $(
@@ -53,8 +53,8 @@ wire_enums! {
     OmissionReason { Inactive, Insensitive, BelowNoise, BelowCost, Constant, Redundant }
 }
 
-/// Searches and predictors have the numbers of their registry. That the contract gives these numbers to the
-/// same names is held by a test here, and written by another (`tests/generated.rs`).
+/// Searches and predictors have the numbers of their registry. A test here checks that the contract gives
+/// these numbers to the same names, and another writes them (`tests/generated.rs`).
 macro_rules! registered_enums {
     ($($name:ident)+) => {
         $(

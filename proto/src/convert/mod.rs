@@ -1,21 +1,21 @@
 //! Between messages and the types of `treewright-model`, for the daemon and for clients alike.
 //!
-//! Reading is tolerant where a newer version may say more: numbers of enums that are not known here become
+//! Reading is tolerant of newer versions: unknown numbers of enums become
 //! [`OpenEnum::Unrecognised`](treewright_model::words::OpenEnum), and code that must decide by them refuses
-//! them then. A message that lacks a required field is [`Malformed`], with the field.
+//! them. A message that lacks a required field is [`Malformed`], with the field.
 //!
-//! | module | what it converts |
+//! | module | converts |
 //! |---|---|
 //! | `enums` | enums, by number |
 //! | `values` | values and configurations |
 //! | `space` | parameter spaces |
 //! | `study` | specifications of studies |
 //! | `policy` | policies, field by field as the model's table lists them |
-//! | `session` | what a session wants for itself |
-//! | `standing` | what is proven of answers |
+//! | `session` | policies of sessions |
+//! | `standing` | standings of answers |
 //! | `time` | points in time |
 //! | `trial` | trials, outcomes and machines |
-//! | `reason` | why an answer was given |
+//! | `reason` | reasons of answers |
 
 mod enums;
 mod numbers;
@@ -46,18 +46,18 @@ pub use values::{
     value_to_wire,
 };
 
-/// A field of a message is missing or makes no sense.
+/// A field of a message is missing or malformed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{field}: {problem}")]
 pub struct Malformed {
-    /// Which, as a path in the message.
+    /// The field, as a path in the message.
     pub field: String,
     /// The mistake, and how to mend it.
     pub problem: String,
 }
 
 impl Malformed {
-    /// A field is not as it should be.
+    /// A field is malformed.
     pub fn new(field: impl Into<String>, problem: impl std::fmt::Display) -> Self {
         Self { field: field.into(), problem: problem.to_string() }
     }
@@ -67,7 +67,7 @@ impl Malformed {
         Self::new(field, "is required")
     }
 
-    /// No alternative of a `oneof` is set, or one that only a newer version knows.
+    /// No alternative of a `oneof` is set, or an unknown one.
     pub fn no_kind(field: impl Into<String>, known: &str) -> Self {
         Self::new(field, format!("is required; known here are {known}"))
     }

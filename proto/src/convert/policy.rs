@@ -1,5 +1,5 @@
-//! Policies, field by field as the model's table lists them. A field that stands in the table or in
-//! `message Policy` alone does not compile here.
+//! Policies, field by field as the model's table lists them. A field that is only in one of the table and
+//! `message Policy` does not compile here.
 
 use treewright_model::policy::PolicySettings;
 use treewright_model::words::{OpenEnum, Word};
@@ -8,11 +8,11 @@ use super::values::{configuration_from_wire, configuration_to_wire};
 use super::{Malformed, WireEnum};
 use crate::v1;
 
-/// A field that is said, as the wire has it in `W`.
+/// A field that is set, in the wire's type `W`.
 trait WireField<W>: Sized {
     fn to_wire(said: Option<Self>) -> W;
 
-    /// The error says what is wrong.
+    /// The error names the mistake.
     fn from_wire(wire: W) -> Result<Option<Self>, String>;
 }
 
@@ -27,7 +27,7 @@ impl<T> WireField<Option<T>> for T {
     }
 }
 
-/// Counts, where 0 stands for what is not said.
+/// Counts, where 0 stands for an unset field.
 impl WireField<i32> for u32 {
     fn to_wire(said: Option<u32>) -> i32 {
         said.map_or(0, |count| i32::try_from(count).unwrap_or(i32::MAX))
@@ -39,7 +39,7 @@ impl WireField<i32> for u32 {
     }
 }
 
-/// Switches that are off unless they are said to be on.
+/// Switches that are off by default.
 impl WireField<bool> for bool {
     fn to_wire(said: Option<bool>) -> bool {
         said.unwrap_or_default()
@@ -70,7 +70,7 @@ macro_rules! define_conversion {
         $name:ident: $decided:ty | $said:ty = $default:expr, unset $unset:literal,
             in $range:expr, as $placeholder:literal;
     )+) => {
-        /// A policy as it is said.
+        /// A policy's settings.
         #[must_use]
         pub fn policy_to_wire(policy: PolicySettings) -> v1::Policy {
             v1::Policy {
@@ -79,7 +79,7 @@ macro_rules! define_conversion {
             }
         }
 
-        /// Reads a policy; methods that are not known here are carried along.
+        /// Reads a policy; unknown methods are carried along.
         ///
         /// # Errors
         /// [`Malformed`] with the field.

@@ -1,11 +1,11 @@
-//! Why an answer was given. It is written only: clients show what they read, and decide nothing by it.
+//! Reasons of answers. They are only written: clients show them, and decide nothing by them.
 
 use treewright_model::trial::{Explanation, Neighbour, Reason};
 
 use super::{WireEnum, configuration_to_wire, signed};
 use crate::v1;
 
-/// How an answer came about.
+/// The reason of an answer.
 #[must_use]
 pub fn reason_to_wire(reason: &Reason) -> v1::Reason {
     v1::Reason {

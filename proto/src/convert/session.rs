@@ -5,7 +5,7 @@ use treewright_model::session::SessionPolicy;
 use crate::convert::{timestamp_from_wire, timestamp_to_wire};
 use crate::v1;
 
-/// `None` where nothing is wanted.
+/// `None` for a policy without fields.
 #[must_use]
 pub fn session_policy_to_wire(policy: SessionPolicy) -> Option<v1::SessionPolicy> {
     let SessionPolicy { epsilon, trials_per_state, abort_above, explore_until_ms } = policy;
@@ -20,7 +20,7 @@ pub fn session_policy_to_wire(policy: SessionPolicy) -> Option<v1::SessionPolicy
     })
 }
 
-/// As it was sent: a caller validates it before use.
+/// The policy as sent: a caller validates it before use.
 #[must_use]
 pub fn session_policy_from_wire(wire: v1::SessionPolicy) -> SessionPolicy {
     let v1::SessionPolicy { epsilon, trials_per_state, abort_above, explore_until } = wire;

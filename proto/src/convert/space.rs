@@ -32,7 +32,7 @@ pub fn space_from_wire(field: &str, space: v1::Space) -> Result<Space, Malformed
     Space::new(parameters, constraints).map_err(|error| Malformed::new(field, error))
 }
 
-/// Clients that know no expressions read orders as they always did.
+/// Orders keep their own form, for clients without expressions.
 fn constraint_to_wire(constraint: &Constraint) -> v1::Constraint {
     match constraint.as_order() {
         Some((lesser, greater)) => v1::Constraint {
@@ -114,7 +114,7 @@ fn parameter_from_wire(field: &str, wire: v1::Parameter) -> Result<Parameter, Ma
     })
 }
 
-/// A scale that is not known here is refused: what it means for distances cannot be guessed.
+/// An unknown scale is refused, because its meaning for distances cannot be guessed.
 pub(super) fn scale_from_wire(field: &str, number: i32) -> Result<Scale, Malformed> {
     match Scale::from_number(number) {
         None => Ok(Scale::default()),

@@ -6,7 +6,7 @@ use treewright_model::words::OpenEnum;
 use super::{WireEnum, signed, unsigned};
 use crate::v1;
 
-/// How the answer of a state stands.
+/// The standing of a state's answer.
 #[must_use]
 pub fn standing_to_wire(standing: &Standing) -> v1::Standing {
     let Confirmation { stage, rounds, rounds_max, measurements, gain } = standing.confirmation;
@@ -28,7 +28,7 @@ pub fn standing_to_wire(standing: &Standing) -> v1::Standing {
     }
 }
 
-/// Reads how the answer of a state stands. A stage of a newer version counts as one that goes on.
+/// Reads the standing of a state's answer. A stage of a newer version counts as one in progress.
 #[must_use]
 pub fn standing_from_wire(wire: v1::Standing) -> Standing {
     let confirmation = wire.confirmation.unwrap_or_default();

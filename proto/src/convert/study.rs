@@ -10,7 +10,7 @@ use super::space::{scale_from_wire, space_from_wire, space_to_wire};
 use super::{Malformed, WireEnum};
 use crate::v1;
 
-/// A specification, without what only the daemon knows (name, identity, time and statistics).
+/// A specification, without the daemon's own fields (name, identity, time and statistics).
 #[must_use]
 pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1::Study {
     let indicator = |indicator: &Indicator| v1::Indicator {

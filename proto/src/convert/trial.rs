@@ -31,7 +31,7 @@ pub fn trial_to_wire<C: Values>(name: String, trial: &Trial<C>) -> v1::Trial {
     }
 }
 
-/// How a trial ended.
+/// The outcome of a trial.
 #[must_use]
 pub fn outcome_to_wire(outcome: &Outcome) -> v1::Outcome {
     use v1::outcome::Kind;
@@ -44,7 +44,7 @@ pub fn outcome_to_wire(outcome: &Outcome) -> v1::Outcome {
     v1::Outcome { kind: Some(kind) }
 }
 
-/// Reads how a trial ended; `None` for a kind that is not known here, or none at all.
+/// Reads the outcome of a trial; `None` for an unknown kind, or none.
 #[must_use]
 pub fn outcome_from_wire(outcome: v1::Outcome) -> Option<Outcome> {
     use v1::outcome::Kind;

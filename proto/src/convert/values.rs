@@ -32,7 +32,7 @@ fn value(value: v1::Value) -> Option<Value> {
 /// Reads a value.
 ///
 /// # Errors
-/// [`Malformed`] when it is empty, or of a kind that is not known here.
+/// [`Malformed`] when it is empty, or of an unknown kind.
 pub fn value_from_wire(field: &str, wire: v1::Value) -> Result<Value, Malformed> {
     value(wire).ok_or_else(|| Malformed::no_kind(field, "integer, float, text and boolean"))
 }
@@ -81,8 +81,7 @@ pub fn configuration_from_wire(field: &str, wire: v1::Configuration) -> Result<R
     }
 }
 
-/// Reads what can be read of a configuration. The second part names parameters whose values are of a kind
-/// that is not known here.
+/// Reads the known values of a configuration. The second part names parameters with values of unknown kinds.
 #[must_use]
 pub fn readable_configuration(wire: v1::Configuration) -> (RawConfiguration, Vec<String>) {
     let (mut values, mut unreadable) = (RawConfiguration::new(), Vec::new());

@@ -1,27 +1,27 @@
-//! Every limit of the core in one place: how much is remembered of studies, states, clients and machines. The
-//! limits of what is said to the daemon are those of [`treewright_model::limits`], and stand here too.
+//! Every limit of the core in one place: the memory of studies, states, clients and machines. The limits of
+//! requests to the daemon come from [`treewright_model::limits`], and stand here too.
 //!
 //! A limit that is reached is answered with an error that names the field and the limit, never with
 //! silent truncation.
 
 pub use treewright_model::limits::*;
 
-/// Most states of a study. They are looked up in an index; a million anchors of 17 indicators are 136 MB, and
-/// up to three times as much in it. What is met beyond them counts as the nearest known state of its machine.
+/// Most states of a study. A million anchors of 17 indicators are 136 MB, and up to three times this size in
+/// their index. Beyond the limit, indicators count as the nearest known state of their machine.
 pub const STATES_MAX: usize = if cfg!(test) { 2000 } else { 1_000_000 };
 /// States beyond [`STATES_MAX`], for machines that have none yet.
 pub const STATES_OF_NEW_MACHINES_MAX: usize = if cfg!(test) { 2 } else { 4096 };
 /// Most trials one client may hold open, one per state.
 pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;
-/// Most clients a study remembers the visits of. One more displaces the one whose last decision is longest
-/// ago among those that hold no trial.
+/// Most clients a study remembers the visits of. One more displaces the client with the oldest last decision
+/// among those that hold no trial.
 pub const CLIENTS_MAX: usize = if cfg!(test) { 200 } else { 100_000 };
 
-/// Most kinds of machine, by fingerprint, that a study distinguishes at a time. One more displaces the one
-/// that has met no new state for longest. That one's measurements stay as another's, and its fingerprint
+/// Most kinds of machine, by fingerprint, that a study distinguishes at a time. One more displaces the
+/// machine whose last new state is oldest. Its measurements stay as another machine's, and its fingerprint
 /// remains.
 pub const MACHINES_MAX: usize = if cfg!(test) { 6 } else { 256 };
-/// Most states of other machines that are linked to a state as the same input seen by others: the first.
+/// Most states of other machines with the same input that are linked to a state: the first ones.
 pub const SIBLINGS_MAX: usize = 32;
 
 /// Largest packed value, in bytes before it was packed: a damaged length must not take all memory.
@@ -36,9 +36,9 @@ pub const REFERENCES_MAX: usize = 4;
 /// Most configurations that are remembered of one state: the best and those met last. A forgotten one may be
 /// sampled again.
 pub const RECORDS_PER_STATE_MAX: usize = 1024;
-/// Most configurations that are remembered of all states of a study together, as long as there are no more
-/// than half as many states; else the best of each and its default. Those of states that were not met for
-/// longest are forgotten first. With six parameters this is about 50 MB.
+/// Most configurations that are remembered of all states of a study together, as long as there are at most
+/// half as many states; else the best of each and its default. Configurations of states whose last report is
+/// oldest are forgotten first. With six parameters this is about 50 MB.
 pub const RECORDS_PER_STUDY_MAX: usize = if cfg!(test) { 1200 } else { 65_536 };
 /// Most trials from before a change of predictor that the new one is taught.
 pub const MODELS_TRIALS_MAX: u64 = if cfg!(test) { 40 } else { 20_000 };
@@ -46,14 +46,15 @@ pub const MODELS_TRIALS_MAX: u64 = if cfg!(test) { 40 } else { 20_000 };
 pub const RELEARNT_MAX: usize = 512;
 /// Most updates of the models that reports defer; with more, a report computes them itself.
 pub const DEFERRED_UPDATES_MAX: usize = 64;
-/// Least number of trials between checkpoints, which a restart then has to replay.
+/// Least number of trials between checkpoints. A restart has to replay them.
 pub const CHECKPOINT_TRIALS_MIN: u64 = 4096;
-/// Bytes of the last one for which a checkpoint waits one trial: checkpoints write less than the trials do.
+/// A checkpoint waits one trial for this number of bytes of the last one, so that checkpoints write less than
+/// trials.
 pub const CHECKPOINT_BYTES_PER_TRIAL: u64 = 512;
 
 /// Most clients whose machines' speed is remembered: those that reported last.
 pub const SPEEDS_MAX: usize = 4096;
-/// Most states of a study in which it is open whether they or a machine have changed.
+/// Most open rechecks of a study: states in which either the state or a machine has changed.
 pub const RECHECKS_MAX: usize = 64;
 /// Most trials of a client that are taken back when the speed of its machine jumped.
 pub const UNHELD_MAX: usize = 64;
@@ -65,17 +66,18 @@ pub const DENOISED_STATES_MAX: usize = 1024;
 /// Most configurations that an assessment of a state looks at: its work grows with their cube, up to some
 /// 25 milliseconds with their measurements apart (`benches/estimate.rs`).
 pub const ASSESSED_MAX: usize = 96;
-/// Most measurements or bundles of them that an assessment keeps apart by when they ran; beyond, one for each
-/// configuration.
+/// Most cells of an assessment, which are measurements that ran close to each other; with more, each
+/// configuration is one cell.
 pub const CELLS_MAX: usize = 160;
 /// Least excess of these over configurations before a machine can be seen to change its speed.
 pub const DRIFT_CELLS_LEAST: usize = 4;
-/// Most configurations of a state that is assessed while others wait: a quarter of a millisecond at most.
+/// Most configurations of a state that is assessed while other clients wait: a quarter of a millisecond at
+/// most.
 pub const ASSESSED_SHARED_MAX: usize = 12;
 /// Most states of a study whose last assessment is kept.
 pub const ASSESSMENTS_MAX: usize = 1024;
 
-/// Most measurements of one configuration in one state that its cost rests on: the latest.
+/// Most measurements of one configuration in one state that count in its cost: the latest.
 pub const EVIDENCE_MAX: usize = 16;
 /// Most repeated measurements that the noise of a state is judged by: the latest.
 pub const NOISE_SAMPLES_MAX: usize = 32;
@@ -93,17 +95,18 @@ pub const PORTFOLIO_CANDIDATES_MAX: usize = 128;
 /// Most configurations of a state that its progress is judged by: the work grows with the cube of their
 /// number.
 pub const PROGRESS_SAMPLES_MAX: usize = 40;
-/// Most states that the gain to expect of a search is judged by: those met last.
+/// Most states by which the expected gain of a search is judged: those met last.
 pub const GAIN_STATES_MAX: usize = 1024;
 
-/// Most points of a search in one suggestion that turn out to be known already. Each is answered from the
-/// table; beyond this number an unseen configuration is drawn at random instead.
+/// Most known points of a search in one suggestion. Each is answered from the table; beyond this number an
+/// unseen configuration is drawn at random instead.
 pub const KNOWN_POINTS_PER_SUGGESTION_MAX: usize = 32;
 /// Most points in reserve beyond the next one, for clients that ask while their search cannot be planned.
 pub const POINTS_IN_RESERVE_MAX: usize = 12;
 /// Most random configurations that are drawn to find an unseen one.
 pub const UNSEEN_DRAWS_MAX: usize = 64;
-/// How often a configuration may fail in one state, without a verdict on it, before it is given up there.
+/// Number of failures of a configuration in one state, without a verdict on it, after which it is given up
+/// there.
 pub const FAILURES_PER_CONFIGURATION_MAX: u32 = 3;
 
 /// Lost leases of a configuration in a state without a measurement of it, after which it counts as
@@ -118,8 +121,8 @@ pub const NEIGHBOURS_MAX: usize = 5;
 pub const CANDIDATES_MAX: usize = 48;
 /// Most machines, and most groups of them, that have a least-squares model of their own.
 pub const MODELS_MAX: usize = 32;
-/// The smallest cost that the radial basis model tells from zero: its reward is the inverse of the cost,
-/// and sums of rewards must stay finite.
+/// The smallest cost that the radial basis model distinguishes from zero: its reward is the inverse of the
+/// cost, and sums of rewards must stay finite.
 pub const REWARD_COST_MIN: f64 = 1e-100;
 /// Most features of the radial basis model. ceil(3.5 x (128 parameters + 128 indicators)).
 pub const FEATURES_MAX: usize = 896;

@@ -1,16 +1,15 @@
-//! The machines of a study: how far one may rely on what another has measured.
+//! The machines of a study, and the weight of one machine's measurements for another.
 //!
-//! The same frame costs more on one machine than on another, by a factor above all; but the best
-//! configuration may differ as well. So a measurement belongs to the machine that took it, which is
-//! processor, instruction set, threads and software together (the client's [`Fingerprint`]). Machines of the
-//! same processor and software make a group, and all machines of the study make the fleet ([`MachineLevel`]).
-//! How much a machine relies on its group and on the fleet is learnt: each of its measurements is compared
-//! with what the others' measurements predicted. The paper leaves this to future work ("hierarchical
-//! optimization or per node optimization is promising", its section 9); the method is partial pooling (Gelman
-//! et al., "Bayesian Data Analysis", chapter 5).
+//! Costs of one frame differ between machines, mostly by a factor, but the best configuration may differ as
+//! well. So a measurement belongs to its machine: processor, instruction set, threads and software together
+//! (the client's [`Fingerprint`]). Machines of the same processor and software make a group, and all machines
+//! of the study make the fleet ([`MachineLevel`]). The weights of the group and of the fleet for a machine
+//! are learnt: each of its measurements is compared with the prediction from the others' measurements. The
+//! paper leaves this to future work ("hierarchical optimization or per node optimization is promising", its
+//! section 9); the method is partial pooling (Gelman et al., "Bayesian Data Analysis", chapter 5).
 //!
-//! Other software makes another machine and another group. What was measured before a change of Embree or of
-//! the build counts as the fleet's from then on, and never again as the machine's own.
+//! Other software makes another machine and another group. Measurements from before a change of Embree or of
+//! the build count as the fleet's from then on, and never again as the machine's own.
 
 use std::collections::BTreeMap;
 
@@ -22,8 +21,8 @@ use crate::ids::MachineId;
 use crate::limits::MACHINES_MAX;
 use crate::trial::Fingerprint;
 
-/// By how much, as a logarithm, a group's and the fleet's word on a configuration are taken to be off before
-/// anything was compared, and how many comparisons that is worth.
+/// The prior error of a group's and the fleet's estimate of a configuration, as a logarithm, and the prior's
+/// weight in comparisons.
 const MISS_PRIOR: [f64; 2] = [0.05, 0.15];
 const MISS_PRIOR_WEIGHT: f64 = 4.0;
 /// Gains and losses against the default elsewhere are expected here as well. This is the square of the
@@ -31,15 +30,15 @@ const MISS_PRIOR_WEIGHT: f64 = 4.0;
 const CARRIED_PRIOR: f64 = 0.25;
 /// Factor by which an older comparison counts less: machines may change.
 const MISS_FADE: f64 = 0.98;
-/// No single comparison counts as more than this: a factor of twenty.
+/// The largest error that one comparison counts as: a factor of twenty.
 const MISS_MAX: f64 = 3.0;
-/// Number of latest comparisons whose mean is the factor between a machine's costs and the others'.
+/// Number of latest comparisons that are averaged for the factor between a machine's costs and the others'.
 const EFFECT_MEMORY: f64 = 64.0;
 /// Distance that is added in quadrature to a state of the machine, the group and the fleet; indicators span 0
 /// to 1.
 const DISTANCE: [f64; 3] = [0.0, 0.05, 0.1];
 
-/// The square of the distance that a state of that level is further away by.
+/// The square of the distance that is added for a state of that level.
 pub(crate) fn distance_2(level: MachineLevel) -> f64 {
     let distance = DISTANCE[level as usize];
     distance * distance
@@ -48,13 +47,13 @@ pub(crate) fn distance_2(level: MachineLevel) -> f64 {
 /// Statistics of a machine from comparisons with others. Costs are logarithms.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct PoolingStatistics {
-    /// By how much its costs are above those of the others.
+    /// The logarithm of the factor of its costs over those of the others.
     effect: f64,
     compared: f64,
-    /// How the differences to the default carry over from the group and from the fleet: sums of products of
-    /// theirs and its own, and of squares of theirs.
+    /// The regression of its differences to the default on those of the group and of the fleet: sums of
+    /// products of theirs and its own, and of squares of theirs.
     carried: [(f64, f64); 2],
-    /// Mean square of how far the group and the fleet were off, and the weight of that.
+    /// Mean square errors of the group and of the fleet, and their weights.
     misses: [(f64, f64); 2],
 }
 
@@ -80,7 +79,7 @@ pub struct Origin {
 struct Machine {
     exact: u64,
     group: u64,
-    /// Everything but the software.
+    /// A number for processor, instruction set and threads, without the software.
     hardware: u64,
     fingerprint: Option<Fingerprint>,
     /// Rises with every state that any machine founds.
@@ -90,8 +89,8 @@ struct Machine {
 
 /// The machines of a study in the order in which they came. A client that names no machine is one of its own.
 ///
-/// At most [`MACHINES_MAX`] are distinguished at a time. One more displaces the one that has met no new state
-/// for longest: its measurements stay as the others', and if it comes back it begins as a new machine.
+/// At most [`MACHINES_MAX`] are distinguished at a time. One more displaces the machine whose last new state
+/// is oldest. Its measurements stay as the others', and if it comes back it begins as a new machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Machines {
     machines: Vec<Machine>,
@@ -100,7 +99,7 @@ pub struct Machines {
     founded: u64,
 }
 
-/// The first machine of a study, by which all others are measured.
+/// The first machine of a study, to which all others are compared.
 pub(crate) const FIRST: MachineId = MachineId(0);
 
 /// The place of a machine in the list.
@@ -114,7 +113,8 @@ impl Machines {
         self.current.get(&exact(fingerprint)).copied()
     }
 
-    /// Notes that a machine founds a state. Gives its place, and that of the machine it displaced, if any.
+    /// Notes that a machine founds a state. Returns its place, and that of the machine that it displaced, if
+    /// any.
     pub fn note_founder(&mut self, fingerprint: Option<&Fingerprint>) -> (MachineId, Option<MachineId>) {
         self.founded += 1;
         if let Some(place) = self.find(fingerprint) {
@@ -161,7 +161,7 @@ impl Machines {
         self.machines.is_empty()
     }
 
-    /// How near `other` is to `machine`: the same, of its group, or of the fleet only.
+    /// The level of `other` for `machine`: the machine itself, its group, or the fleet.
     pub fn level(&self, machine: MachineId, other: MachineId) -> MachineLevel {
         let group = |place: MachineId| self.machines.get(index(place)).map(|machine| machine.group);
         match machine == other {
@@ -180,7 +180,7 @@ impl Machines {
         })
     }
 
-    /// The factor that takes a cost on `from` to what it is expected to be on `to`; exactly 1 on one machine.
+    /// The factor that converts a cost on `from` to the expected cost on `to`; exactly 1 for one machine.
     pub(crate) fn factor(&self, from: MachineId, to: MachineId) -> f64 {
         if from == to { 1.0 } else { libm::exp(self.effect(to) - self.effect(from)) }
     }
@@ -190,7 +190,7 @@ impl Machines {
         self.machines.get(index(machine)).map_or(0.0, |machine| machine.pooling.effect)
     }
 
-    /// The variance of what a level says of a machine's configurations.
+    /// The variance of a level's estimates of a machine's configurations.
     pub(crate) fn miss_2(&self, machine: MachineId, level: MachineLevel) -> f64 {
         match level {
             MachineLevel::Machine => 0.0,
@@ -202,10 +202,10 @@ impl Machines {
         }
     }
 
-    /// Notes by how much a machine's measurement was off what the others' costs, and the factors so far, made
-    /// expect.
+    /// Notes the error of the prediction of a machine's measurement from the others' costs and the factors so
+    /// far.
     pub(crate) fn compare(&mut self, machine: MachineId, off: f64) {
-        // The first machine is the measure of all others.
+        // All others are compared to the first machine.
         if let Some(Machine { pooling, .. }) =
             self.machines.get_mut(index(machine)).filter(|_| machine > FIRST)
         {
@@ -215,9 +215,9 @@ impl Machines {
         }
     }
 
-    /// Which share of a configuration's difference to the default carries over to a machine, 0 to 1: least
-    /// squares through the origin, beginning at 1. It is 0 where others' favourites do worse than the default
-    /// here.
+    /// The share of a configuration's difference to the default that carries over to a machine, 0 to 1: least
+    /// squares through the origin, with a prior of 1. It is 0 where others' best configurations do worse than
+    /// the default here.
     pub(crate) fn share(&self, machine: MachineId, level: MachineLevel) -> f64 {
         match level {
             MachineLevel::Machine => 1.0,
@@ -228,7 +228,7 @@ impl Machines {
         }
     }
 
-    /// Notes that a configuration which a level has at `theirs` from the default was measured at `own`.
+    /// Notes a configuration's difference to the default: `theirs` on a level, and `own` on the machine.
     pub(crate) fn carry(&mut self, machine: MachineId, level: MachineLevel, theirs: f64, own: f64) {
         if level == MachineLevel::Machine {
             return;
@@ -247,8 +247,8 @@ impl Machines {
         assert!(*sum >= 0.0 && *weight >= 1.0, "squares of {sum} over {weight}");
     }
 
-    /// How the software of a machine differs from that of the machine of the same hardware that came last
-    /// before it: "embree 4.3.0 -> 4.4.0". `None` where there was no such machine.
+    /// The change of a machine's software since the latest earlier machine of the same hardware: "embree
+    /// 4.3.0 -> 4.4.0". `None` where there was no such machine.
     pub(crate) fn change_of_software(&self, machine: MachineId) -> Option<String> {
         let own = &self.machines[index(machine)];
         let now = &own.fingerprint.as_ref()?.software;
@@ -271,14 +271,14 @@ impl Machines {
         self.machines.iter().map(|machine| machine.pooling).collect()
     }
 
-    /// Takes over what [`pooling`](Machines::pooling) gave of the machines that were there then.
+    /// Takes over statistics from [`pooling`](Machines::pooling) for the first machines.
     pub(crate) fn take_over(&mut self, pooling: &[PoolingStatistics]) {
         let pairs = self.machines.iter_mut().zip(pooling);
         pairs.for_each(|(machine, pooling)| machine.pooling = *pooling);
     }
 }
 
-/// A number for the texts. Their lengths keep them apart.
+/// A number for the texts. Their lengths separate them.
 fn number<'a>(texts: impl IntoIterator<Item = &'a str>) -> u64 {
     let joined: String = texts.into_iter().map(|text| format!("{}:{text}", text.len())).collect();
     fnv::hash(joined.bytes())
@@ -376,7 +376,7 @@ mod tests {
             (machines.factor(MachineId(0), MachineId(1)) - 2.0).abs() < 1e-12
                 && (machines.factor(MachineId(1), MachineId(0)) - 0.5).abs() < 1e-12
         );
-        // The first machine is the measure.
+        // All others are compared to the first machine.
         machines.compare(MachineId(0), 1.0);
         assert_eq!((machines.effect(MachineId(0)), machines.factor(MachineId(1), MachineId(1))), (0.0, 1.0));
     }
@@ -395,7 +395,7 @@ mod tests {
         );
         assert_eq!(machines.find(Some(&of(1))), None);
         assert_eq!(machines.find(Some(&of(0))), Some(MachineId(0)));
-        // It comes back as a new one.
+        // It comes back as a new machine.
         assert_eq!(
             machines.note_founder(Some(&of(1))),
             (MachineId(MACHINES_MAX as u64 + 1), Some(MachineId(2)))

@@ -12,8 +12,8 @@ pub(crate) struct Factor {
 const JITTER: f64 = 1e-10;
 
 impl Factor {
-    /// Factorises `matrix` (`size` by `size`, lower triangle used). Where rounding has made it indefinite
-    /// the diagonal is raised until it is not; `None` only for entries that are not finite.
+    /// Factorises `matrix` (`size` by `size`, lower triangle used). Where rounding has made it indefinite,
+    /// the diagonal is raised until it is definite; `None` only for entries that are not finite.
     pub(crate) fn of(matrix: &[f64], size: usize) -> Option<Factor> {
         assert_eq!(matrix.len(), size * size, "a matrix is square");
         let largest = (0..size).map(|i| matrix[i * size + i]).fold(0.0, f64::max);

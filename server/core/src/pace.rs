@@ -1,16 +1,16 @@
-//! The speed of a state's machine that lasted for a while, relative to the state's first measurement.
+//! The lasting speed of a state's machine, relative to the state's first measurement.
 //!
 //! The table of a state has costs at the speed of its first measurement, when other programs may have run.
-//! People see the costs of the machine at its fastest lasting speed.
+//! Costs for people are those at the machine's fastest lasting speed.
 
 use serde::{Deserialize, Serialize};
 
-/// Most factors of speed that are kept, the latest ones; the least number that is judged; and the share of
-/// them that was faster by chance.
+/// The number of latest factors of speed that are kept, the least number that is judged, and the share of
+/// them that may be fast by chance.
 const KEPT_MAX: usize = 64;
 const KEPT_LEAST: usize = 8;
 const LASTS: f64 = 0.15;
-/// Speeds that differ by less, or by fewer deviations of a measurement, are the same.
+/// The least difference of a lasting speed, as a logarithm and in deviations of a measurement.
 const CHANGE: f64 = 0.1;
 const NOISE: f64 = 1.5;
 
@@ -19,13 +19,13 @@ const NOISE: f64 = 1.5;
 pub struct Pace {
     /// Logarithms of the factors that the latest costs were divided by.
     latest: Vec<f64>,
-    /// The lowest that lasted.
+    /// The logarithm of the lowest factor that lasted.
     lowest: f64,
 }
 
 impl Pace {
-    /// Notes how fast the client's machine was in a trial: the factor that its cost is divided by. `noise` is
-    /// the standard deviation of the logarithm of one measurement: noise is taken for speed now and then.
+    /// Notes the factor of the machine's speed by which a trial's cost is divided. `noise` is the standard
+    /// deviation of the logarithm of one measurement, which may be mistaken for speed.
     pub fn note(&mut self, factor: f64, noise: f64) {
         if factor == 1.0 && self.latest.is_empty() {
             return;
@@ -51,8 +51,7 @@ impl Pace {
         self.lowest = (self.lowest - shift).min(0.0);
     }
 
-    /// By which factor the costs of the table are to be multiplied to be those of the machine at its fastest;
-    /// at most 1.
+    /// The factor that converts the costs of the table to those of the machine at its fastest; at most 1.
     pub fn factor(&self) -> f64 {
         assert!(self.lowest <= 0.0, "a lowest speed of {}", self.lowest);
         libm::exp(self.lowest)

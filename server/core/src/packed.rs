@@ -8,7 +8,7 @@ use thiserror::Error;
 
 use crate::limits::UNPACKED_BYTES_MAX;
 
-/// Why bytes are not what they should be.
+/// Why bytes cannot be unpacked.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("packed data cannot be read: {0}")]
 pub struct PackedError(pub(crate) String);
@@ -19,13 +19,13 @@ pub(crate) fn pack<T: Serialize>(value: &T) -> Vec<u8> {
     lz4_flex::compress_prepend_size(&bytes)
 }
 
-/// Packs plain data by the order of its fields: quicker, for what need not outlive a version.
+/// Packs plain data by the order of its fields: quicker, for data that need not outlive a version.
 pub(crate) fn pack_in_order<T: Serialize>(value: &T) -> Vec<u8> {
     let bytes = rmp_serde::to_vec(value).expect("plain data in memory can always be written");
     lz4_flex::compress_prepend_size(&bytes)
 }
 
-/// Reads what [`pack`] or [`pack_in_order`] wrote.
+/// Reads the bytes that [`pack`] or [`pack_in_order`] wrote.
 pub(crate) fn unpack<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, PackedError> {
     let (size, packed) =
         lz4_flex::block::uncompressed_size(bytes).map_err(|error| PackedError(error.to_string()))?;
@@ -33,7 +33,7 @@ pub(crate) fn unpack<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, PackedError
         return Err(PackedError(format!("{size} bytes are more than {UNPACKED_BYTES_MAX}")));
     }
     let bytes = lz4_flex::decompress(packed, size).map_err(|error| PackedError(error.to_string()))?;
-    // The reader of the format is compiled once, and not once for every type that a value holds.
+    // A concrete reader is compiled only once, not once for every type of a value.
     let mut reader = rmp_serde::Deserializer::from_read_ref(&bytes[..]);
     erased_serde::deserialize(&mut <dyn erased_serde::Deserializer<'_>>::erase(&mut reader))
         .map_err(|error| PackedError(error.to_string()))

@@ -1,8 +1,8 @@
 //! Every random decision of the core, each from a stream of its own.
 //!
-//! A stream is named by the study's seed, by what it is for and by two numbers (a state, a step). ChaCha is
-//! a pseudo-random function of its key, so streams with different names are independent, and nothing but
-//! the counters has to be stored to draw the same numbers again after a restart.
+//! A stream is named by the study's seed, its purpose and two numbers (a state, a step). ChaCha is a
+//! pseudo-random function of its key, so streams with different names are independent. Only the counters have
+//! to be stored to draw the same numbers again after a restart.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -18,7 +18,7 @@ pub(crate) enum Purpose {
     Centres = 3,
     /// An unseen configuration where a search has none: state, trial.
     Unseen = 4,
-    /// Where a contextual model looks for configurations: exploit or explore, question.
+    /// The points that a contextual model tries: exploit or explore, question.
     Contextual = 5,
 }
 

@@ -1,12 +1,12 @@
-//! The results of one state: every configuration that was run in it, and its measured costs.
+//! The results of one state: every configuration that ran there, and its measured costs.
 //!
 //! This is the table of paper section 6.1 ("a table of previous states, configurations, and the observed
 //! runtime") and the database of section 6 that keeps the same pair of state and configuration from being
 //! sampled twice. Finding and adding a result takes time logarithmic in the number of configurations.
 //!
 //! The cost of a configuration is a robust mean of its latest measurements, so that one outlier does no harm
-//! (see [`crate::robust`]). Where those of one configuration have changed for good (the machine's clock,
-//! another program), the costs of the others are scaled likewise until they are measured again.
+//! (see [`crate::robust`]). Where the costs of one configuration have changed for good (the machine's clock,
+//! another program), those of the others are scaled likewise until they are measured again.
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
@@ -56,7 +56,7 @@ pub struct Record {
     pub evidence: Evidence,
     /// The most recent trial that measured it; 0 without any.
     pub last_trial: u64,
-    /// When that was, in milliseconds of the caller's clock.
+    /// The time of that trial, in milliseconds of the caller's clock.
     pub last_measure_ms: i64,
     /// The highest lower bound of a trial that was stopped early.
     pub lower_bound: Option<f64>,
@@ -67,9 +67,9 @@ pub struct Record {
     /// Trials that reported that it cannot be run. Earlier versions did not count them.
     #[serde(default)]
     crashes: u32,
-    /// A trial said something of it that its client had not asked for by itself.
+    /// A trial that the tuner chose, not its client, gave a result.
     is_searched: bool,
-    /// Rises with every trial that was learnt of any configuration here: which was met last.
+    /// The place of its last trial in the order of all trials here.
     touch: u64,
 }
 
@@ -79,14 +79,14 @@ impl Record {
         self.measurements > 0 || self.infeasible || self.lower_bound.is_some()
     }
 
-    /// Judges whether it can be run: not where it never was, nor where it crashes more often than it runs.
+    /// Judges whether it can be run: it cannot if it never ran, or if it crashes more often than it runs.
     fn judge(&mut self) {
         let crashes = u64::from(self.crashes);
         let often = crashes >= u64::from(FAILURES_PER_CONFIGURATION_MAX) && crashes >= self.measurements;
         self.infeasible = crashes > 0 && (self.measurements == 0 || often);
     }
 
-    /// Whether it cannot be run, as far as is known: it never could, or cannot any more.
+    /// Whether it cannot be run: it never could, or cannot any more.
     pub fn fails(&self) -> bool {
         self.infeasible || self.measurements == 0 && self.failures > 0
     }
@@ -97,13 +97,13 @@ impl Record {
     }
 }
 
-/// When a trial was measured, and by whom; what was carried over from elsewhere has no such moment.
+/// The client and the time of a trial; a result carried over from elsewhere has neither.
 fn moment(trial: &Trial) -> Option<Moment> {
     let of = || Moment { client: fnv::hash(trial.client_id.bytes()), time: trial.number };
     trial.decision.origin.is_none().then(of)
 }
 
-/// Every configuration that ran in one state, with what was measured of it.
+/// Every configuration that ran in one state, with its measurements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ResultTable {
     records: Vec<Record>,
@@ -114,25 +114,25 @@ pub struct ResultTable {
     ranking: BTreeSet<Rank>,
     tried: usize,
     searched: usize,
-    /// How far repeated measurements were from what was known before, as shares.
+    /// The distances of repeated measurements from the cost known before, as shares of it.
     repeats: Vec<f64>,
-    /// Logarithms, without a sign, of how far they were from the measurement before of the same configuration
-    /// by the same client: where that ran just before, and where it was longer ago.
+    /// Absolute logarithms of the ratios of consecutive measurements of one configuration by one client: of
+    /// immediate repeats, and of later ones.
     at_once: Vec<f64>,
     later: Vec<f64>,
     outliers: u64,
     drifts: u64,
-    /// How often the speed of a client's machine jumped.
+    /// The number of jumps of clients' machines.
     disturbances: u64,
     touches: u64,
     latest: u64,
-    /// Completed trials by which the state was explored, repeats among them, but for those of confirmations.
+    /// Completed trials that explored the state, repeats included and confirmations excluded.
     #[serde(default)]
     runs: u64,
-    /// How fast the clients' machines were.
+    /// The speeds of the clients' machines.
     #[serde(default)]
     pace: Pace,
-    /// Something of it was measured elsewhere and carried over.
+    /// Some of its results were measured elsewhere and carried over.
     #[serde(default)]
     is_carried_over: bool,
 }
@@ -206,7 +206,7 @@ impl ResultTable {
         }
     }
 
-    /// Notes how far a measurement is from what is known of the configuration.
+    /// Notes the distance of a measurement from the configuration's known cost.
     fn note_repeat(&mut self, index: usize, cost: f64, moment: Option<Moment>) {
         let Record { evidence, mean_cost, .. } = &self.records[index];
         if evidence.count() == 0 || *mean_cost <= 0.0 {
@@ -281,19 +281,19 @@ impl ResultTable {
         self.disturbances += 1;
     }
 
-    /// Forgets everything, because the state costs something else now. The version rises all the same.
+    /// Forgets all results, because the costs of the state have changed. The version rises as well.
     pub fn begin_again(&mut self) {
         let (touches, latest, disturbances) = (self.touches + 1, self.latest, self.disturbances);
         let pace = std::mem::take(&mut self.pace);
         *self = Self { touches, latest, disturbances, pace, ..Self::default() };
     }
 
-    /// Notes how fast the client's machine was in a trial: the factor that its cost is divided by.
+    /// Notes the factor of the machine's speed by which a trial's cost is divided.
     pub fn note_pace(&mut self, factor: f64) {
         self.pace.note(factor, self.noise().unwrap_or(0.0));
     }
 
-    /// By which factor costs are to be multiplied to be those of the machine at its fastest; at most 1.
+    /// The factor that converts costs to those of the machine at its fastest; at most 1.
     pub fn pace(&self) -> f64 {
         self.pace.factor()
     }
@@ -339,8 +339,8 @@ impl ResultTable {
         Some((middle / reach, (middle * reach).min(f64::MAX)))
     }
 
-    /// A cost of a configuration as it is believed before it is learnt: one that lies far from everything
-    /// here is drawn in, unless the same configuration was measured before at about as much.
+    /// The believed cost of a measurement before it is learnt: a cost far from all others here is drawn in,
+    /// unless the configuration had about this cost before.
     pub fn believed(&self, configuration: &Configuration, cost: f64) -> f64 {
         let record = self.record(configuration).filter(|record| record.measurements > 0);
         if record.is_some_and(|record| !is_torn(record.mean_cost, cost)) {
@@ -349,7 +349,7 @@ impl ResultTable {
         self.reach().map_or(cost, |(low, high)| cost.clamp(low, high))
     }
 
-    /// The best or the incumbent, measured once and far from everything else: it may be a find or a mistake.
+    /// The best or the incumbent, if it was measured once and lies far from all others: a find or a mistake.
     pub fn doubtful(&self, incumbent: &Configuration) -> Option<&Record> {
         let (low, high) = self.reach()?;
         let once = |record: &&Record| record.measurements == 1 && !record.infeasible;
@@ -368,7 +368,7 @@ impl ResultTable {
     }
 
     /// Forgets all but about `most` configurations: half of those that stay are the best, the others those
-    /// met last, and `default` is among them. What is forgotten may be sampled again; that it had a verdict
+    /// met last, and `default` is among them. A forgotten configuration may be sampled again; its verdict
     /// still counts.
     pub fn forget(&mut self, most: usize, default: &Configuration) {
         if self.records.len() <= most {
@@ -393,12 +393,12 @@ impl ResultTable {
         assert_eq!(self.index.len(), self.records.len(), "every record is found by its configuration");
     }
 
-    /// All that is remembered, in no order that means anything.
+    /// All remembered configurations, in an arbitrary order.
     pub fn records(&self) -> &[Record] {
         &self.records
     }
 
-    /// Whether something of it was measured elsewhere and carried over, so that no search has asked for it.
+    /// Whether some results were measured elsewhere and carried over, so that no search has asked for them.
     pub fn is_carried_over(&self) -> bool {
         self.is_carried_over
     }
@@ -418,7 +418,7 @@ impl ResultTable {
         self.latest
     }
 
-    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
+    /// Completes a table from a checkpoint. `false` when a configuration does not fit the space.
     pub(crate) fn settle(&mut self, space: &Space) -> bool {
         self.index_all();
         self.rank_all();
@@ -426,15 +426,14 @@ impl ResultTable {
         fits && self.index.len() == self.records.len()
     }
 
-    /// How much repeated measurements of one configuration differ, relative to the cost: a robust standard
-    /// deviation, at most about 1.5. `None` before anything was measured twice.
+    /// The relative difference of repeated measurements of one configuration: a robust standard deviation, at
+    /// most about 1.5. `None` before anything was measured twice.
     pub fn noise(&self) -> Option<f64> {
         let mut repeats = self.repeats.clone();
         (!repeats.is_empty()).then(|| MAD_TO_DEVIATION * median(&mut repeats))
     }
 
-    /// Whether the speed of the machine is seen to wander: what is repeated at once agrees much better than
-    /// what is repeated later.
+    /// Whether the speed of the machine wanders: immediate repeats then agree much better than later ones.
     pub fn wanders(&self) -> bool {
         let typical = |samples: &[f64]| median(&mut samples.to_vec());
         self.at_once.len().min(self.later.len()) >= WANDERS_AFTER
@@ -446,12 +445,12 @@ impl ResultTable {
         self.outliers
     }
 
-    /// How often costs were found to have changed for good.
+    /// The number of lasting changes of costs.
     pub fn drifts(&self) -> u64 {
         self.drifts
     }
 
-    /// How often the speed of a client's machine jumped while the state was measured.
+    /// The number of jumps of clients' machines while the state was measured.
     pub fn disturbances(&self) -> u64 {
         self.disturbances
     }
@@ -495,7 +494,7 @@ impl ResultTable {
         self.ranking.iter().map(|rank| &self.records[rank.index])
     }
 
-    /// The best of them.
+    /// The best measured configuration that can be run.
     pub fn best(&self) -> Option<&Record> {
         self.ranked().next()
     }
@@ -505,29 +504,29 @@ impl ResultTable {
         self.tried
     }
 
-    /// Those of them that no client had asked for by itself: they count towards a search's budget.
+    /// The tried configurations that the tuner chose, not a client: they count towards a search's budget.
     pub fn searched(&self) -> usize {
         self.searched
     }
 
-    /// Completed trials that explored the state, confirmations apart: what a budget counts.
+    /// The number of trials that count towards a budget: those that explored, without confirmations.
     pub fn runs(&self) -> usize {
         usize::try_from(self.runs).unwrap_or(usize::MAX)
     }
 
-    /// Whether what cannot be run just now was run before, and is not given up for it.
+    /// Whether the configuration ran before, so that one failure does not make it infeasible.
     pub fn is_flaky(&self, configuration: &Configuration) -> bool {
         self.record(configuration).is_some_and(|record| record.measurements > 0 && !record.infeasible)
     }
 
-    /// How many configurations need not be tried any more: they have a verdict, or were given up.
+    /// The number of configurations that have a verdict or were given up.
     pub fn decided(&self) -> usize {
         let is_given_up =
             |record: &&Record| !record.is_tried() && record.failures >= FAILURES_PER_CONFIGURATION_MAX;
         self.tried + self.records.iter().filter(is_given_up).count()
     }
 
-    /// Whether a cost is the same whenever it is measured, as far as is known: counts are, times are not.
+    /// Whether repeats of a cost were always equal: counts are, times are not.
     pub fn is_exact(&self) -> bool {
         self.repeats.len() >= EXACT_AFTER && self.repeats.iter().all(|share| *share == 0.0)
     }
@@ -584,7 +583,7 @@ impl ResultTable {
     }
 }
 
-/// A state of the study with what is known of it.
+/// A known state of the study with its measurements.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownState {
     /// Rises by one from 1 within the study.

@@ -28,15 +28,15 @@ const SHARE_LEAST: f64 = 0.01;
 /// Two or three measurements of one configuration that lie further apart than by this factor are not all of
 /// it: one comes from a clock that was read wrongly, or from a program that ended early.
 pub const TORN: f64 = 10.0;
-/// How far from the middle of what all configurations cost a single measurement is believed, in deviations of
-/// their logarithms, and at the least.
+/// The reach of belief: the largest distance of a single measurement from the middle of all configurations'
+/// costs, in deviations of their logarithms, and its least value.
 const REACH: f64 = 6.0;
 const REACH_LEAST: f64 = std::f64::consts::LN_10;
-/// Least number of configurations that say what is far.
+/// Least number of configurations before the reach is judged.
 pub const REACH_AFTER: usize = 6;
 /// Deviations beyond which one of several measurements counts as if it were no further away.
 const WILD: f64 = 4.0;
-/// The least deviation of logarithms that measurements are taken to have for that.
+/// The least deviation that is assumed for logarithms of measurements.
 const SPREAD_LEAST: f64 = 0.005;
 
 /// Weight of all configurations' noise in that of one, in measurements of its own.
@@ -77,8 +77,8 @@ pub fn trusted(values: &[f64], usual: Option<f64>) -> Vec<usize> {
     places
 }
 
-/// How far from the middle the logarithm of a single measurement is believed, where those of all
-/// configurations have such a deviation.
+/// The reach of belief for the logarithm of a single measurement, where those of all configurations have this
+/// deviation.
 pub fn reach_of(deviation: f64) -> f64 {
     let reach = (REACH * deviation).max(REACH_LEAST);
     assert!(reach >= REACH_LEAST, "a reach of {reach}");
@@ -140,14 +140,14 @@ pub struct Evidence {
     moments: Vec<Option<Moment>>,
 }
 
-/// What a measurement shows beside its value.
+/// The kind of a measurement beside the earlier ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Deviation {
     /// Nothing out of the common.
     Usual,
     /// It is far from all before.
     Outlier,
-    /// Costs have changed by this factor for good; what was measured before is forgotten.
+    /// Costs have changed by this factor for good; earlier measurements are forgotten.
     Changed(f64),
 }
 
@@ -214,7 +214,7 @@ impl Evidence {
         Some((*self.recent.last()?, *self.moments.last()?))
     }
 
-    /// Whether there are too few measurements, too far apart, to tell by them alone which of them count.
+    /// Whether there are so few measurements, so far apart, that they alone do not show which of them count.
     pub fn is_torn(&self) -> bool {
         matches!(*self.recent, [a, b] if is_torn(a, b))
     }
@@ -241,7 +241,7 @@ impl Evidence {
         ((USUAL_COUNT * usual * usual + scatter) / freedom).sqrt()
     }
 
-    /// Multiplies all that is kept, because what it was measured on has changed its speed.
+    /// Multiplies the kept measurements, because the machine has changed its speed.
     pub fn scale(&mut self, factor: f64) {
         for cost in &mut self.recent {
             *cost = (*cost * factor).min(f64::MAX);

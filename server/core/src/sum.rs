@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A compensated sum: what rounding takes from the running sum is kept and put back at the end (Neumaier,
+/// A compensated sum: the rounding errors of the running sum are kept and added at the end (Neumaier,
 /// "Rundungsfehleranalyse einiger Verfahren zur Summation endlicher Summen", ZAMM 54, 1974). Its error does
-/// not grow with the number of terms. Serialised as the running sum and what was taken from it.
+/// not grow with the number of terms. Serialised as the running sum and its rounding error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sum(f64, f64);
 

@@ -1,5 +1,5 @@
-//! The sender of a request: anybody, where no tokens are asked for, or the holder of a token, whose rights
-//! and quotas it then carries to where the request is understood.
+//! The sender of a request: any caller, where no tokens are required, or the holder of a token, with the
+//! token's rights and quotas.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
@@ -17,13 +17,13 @@ use crate::limits;
 /// The sender of a request. Cheap to clone.
 #[derive(Clone, Debug)]
 pub enum Caller {
-    /// No tokens are asked for.
+    /// No tokens are required.
     Anyone,
     /// The holder of a token.
     Holder(Arc<Holder>),
 }
 
-/// A token that was shown since the daemon started. Its terms may change while streams are open.
+/// A token that was used since the daemon started. Its terms may change while streams are open.
 pub struct Holder {
     pub(super) id: String,
     /// None once the token is forgotten.
@@ -36,20 +36,20 @@ pub struct Holder {
     refused: AtomicU64,
 }
 
-/// The usage of the token, as far as this daemon knows.
+/// The usage of the token that this daemon knows.
 #[derive(Clone, Copy, Debug, Default)]
 struct Used {
     day: i64,
     all: Usage,
     today: Usage,
-    /// The part of today's that is not stored yet.
+    /// The part of today's usage that is not stored yet.
     unsaved: Usage,
-    /// Asked for and not yet come about. It counts against the quotas and is not stored.
+    /// Reserved usage counts against the quotas and is not stored.
     reserved: Usage,
 }
 
 impl Used {
-    /// Begins a new day when it is one.
+    /// Begins a new day if the day has changed.
     fn turn(&mut self, today: i64) {
         if self.day != today {
             *self = Self { day: today, today: Usage::default(), ..*self };
@@ -82,7 +82,7 @@ impl Holder {
         }
     }
 
-    /// The terms as they are now, for whom the token is still good.
+    /// The present terms of a token that is still valid.
     pub(super) fn terms(&self) -> Result<Arc<TokenRecord>, Error> {
         self.seen.check()?;
         let terms = self.terms.read().unwrap_or_else(PoisonError::into_inner).clone();
@@ -99,7 +99,7 @@ impl Holder {
         self.terms.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Whether there is a limit to what it may use in all or in a day.
+    /// Whether it has a quota in all or in a day.
     pub(super) fn is_limited(&self) -> bool {
         self.stored().is_some_and(|terms| Quota { requests_per_s: None, ..terms.quota } != Quota::default())
     }
@@ -109,19 +109,19 @@ impl Holder {
         *self.terms.write().unwrap_or_else(PoisonError::into_inner) = terms.map(Arc::new);
     }
 
-    /// Takes what is not stored yet, with its day.
+    /// Takes the usage that is not stored yet, with its day.
     pub(super) fn take_unsaved(&self) -> Option<(i64, Usage)> {
         let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
         let unsaved = std::mem::take(&mut used.unsaved);
         (unsaved != Usage::default()).then_some((used.day, unsaved))
     }
 
-    /// Puts back what could not be stored. Of a day that is over, it counts for the new one.
+    /// Puts back usage that could not be stored. Usage of a past day counts for the new one.
     pub(super) fn put_back(&self, unsaved: Usage) {
         self.used.lock().unwrap_or_else(PoisonError::into_inner).unsaved.add(unsaved);
     }
 
-    /// Learns what all replicas have stored, this one included.
+    /// Takes over the stored usage of all replicas, this one included.
     pub(super) fn learn(&self, day: i64, (mut all, mut today): (Usage, Usage)) {
         let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
         if used.day == day {
@@ -131,8 +131,7 @@ impl Holder {
         }
     }
 
-    /// Adds to what was used or, for something that may not come about, to what is reserved, where the quota
-    /// allows it.
+    /// Adds to the usage, or to the reserved usage of a request that may fail, where the quota allows it.
     fn spend(&self, more: Usage, reserve: bool) -> Result<(), Error> {
         let quota = self.terms()?.quota;
         let now_ms = self.clock.now_ms();
@@ -166,7 +165,7 @@ impl Holder {
         Ok(())
     }
 
-    /// Ends a reservation. What came about counts as used.
+    /// Ends a reservation. If its request succeeded, it counts as used.
     fn settle(&self, what: Usage, came_about: bool) {
         let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
         debug_assert_eq!(what.bytes, 0, "bytes are not reserved");
@@ -199,7 +198,7 @@ impl std::fmt::Debug for Holder {
 }
 
 impl Caller {
-    /// The token's public part; empty where none is asked for.
+    /// The token's public part; empty where none is required.
     #[must_use]
     pub fn id(&self) -> &str {
         match self {
@@ -208,7 +207,7 @@ impl Caller {
         }
     }
 
-    /// Whether the token is still good for this, at this moment.
+    /// Whether the token permits this at the moment.
     ///
     /// # Errors
     /// [`Error::Unauthenticated`] and [`Error::Denied`].
@@ -223,7 +222,7 @@ impl Caller {
         }
     }
 
-    /// Whether studies beyond this one's reach are hidden.
+    /// Whether some studies are hidden from the caller.
     #[must_use]
     pub fn is_limited(&self) -> bool {
         matches!(self, Self::Holder(holder) if holder.stored().is_none_or(|terms| !terms.studies.0.is_empty()))
@@ -238,7 +237,7 @@ impl Caller {
         }
     }
 
-    /// A study that the caller may know of. The answer is the same whether it exists or not.
+    /// Checks that the caller may know of a study. The answer does not show whether the study exists.
     ///
     /// # Errors
     /// [`Error::Denied`].
@@ -285,7 +284,7 @@ impl Caller {
     }
 }
 
-/// Something reserved of a quota, given back unless it is kept.
+/// A reserved part of a quota, given back unless it is kept.
 #[derive(Debug)]
 #[must_use = "dropped, it is given back"]
 pub struct Spent<'a> {
@@ -295,7 +294,7 @@ pub struct Spent<'a> {
 }
 
 impl Spent<'_> {
-    /// It came about.
+    /// The request succeeded: the part counts as used.
     pub fn keep(mut self) {
         self.came_about = true;
     }
@@ -309,8 +308,8 @@ impl Drop for Spent<'_> {
     }
 }
 
-/// When the stored tokens were last read. A copy that is too old lets nobody in: somebody may have been shut
-/// out meanwhile.
+/// When the stored tokens were last read. A copy that is too old admits no caller, because a token may have
+/// been revoked meanwhile.
 #[derive(Debug)]
 pub(super) struct LastRead(Mutex<Instant>);
 
@@ -323,7 +322,7 @@ impl LastRead {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
     }
 
-    /// Whether the copy is still to be believed.
+    /// Whether the copy is still recent enough.
     pub(super) fn check(&self) -> Result<(), Error> {
         let age = self.0.lock().unwrap_or_else(PoisonError::into_inner).elapsed();
         if age <= limits::TOKENS_STALE {

@@ -1,16 +1,15 @@
-//! Access control: reads the token that a request shows, and keeps a copy of the stored ones in memory.
+//! Access control: reads the token of a request, and keeps a copy of the stored ones in memory.
 //!
-//! [`token`] is the form of a token, [`rules`] what each RPC needs, [`caller`] who was let in and what they
-//! may still use, `rate` counts requests a second.
+//! [`token`] is the form of a token, [`rules`] the scope that each RPC needs, [`caller`] an admitted caller
+//! with the rest of the quotas, `rate` the limit of requests a second.
 //!
 //! The copy follows the database: its revision is read ten times a second, so a token that was made, changed
-//! or revoked, by whomever and through whichever replica, counts at once, also on streams that are open.
-//! While the database cannot be read the copy stays as it was, for
-//! [`TOKENS_STALE`](crate::limits::TOKENS_STALE); then nobody is let in, since somebody may have been shut
-//! out meanwhile.
+//! or revoked through any replica counts at once, also on open streams. While the database cannot be read the
+//! copy stays, for [`TOKENS_STALE`](crate::limits::TOKENS_STALE). Then no caller is admitted, because a token
+//! may have been revoked meanwhile.
 //!
-//! The usage of a token is counted here and added up in the database, from where the sum of all replicas
-//! comes back. They exceed a quota at most by the usage between two such moments.
+//! The usage of a token is counted here and added up in the database, which returns the sum of all replicas.
+//! Together they exceed a quota at most by the usage between two such exchanges.
 
 pub mod caller;
 mod rate;
@@ -31,7 +30,7 @@ use caller::{Caller, Holder, LastRead};
 use rules::Need;
 use token::Token;
 
-/// The tokens that let callers in.
+/// The tokens that admit callers.
 pub struct Access {
     store: Arc<dyn TokenStore>,
     clock: Arc<dyn Clock>,
@@ -43,7 +42,7 @@ pub struct Access {
 struct KnownTokens {
     revision: Option<i64>,
     records: HashMap<String, TokenRecord>,
-    /// Those that were shown since the start, which keeps memory small whatever is stored.
+    /// The tokens that were used since the start, so that memory does not grow with the stored ones.
     holders: HashMap<String, Arc<Holder>>,
 }
 
@@ -66,7 +65,7 @@ impl Access {
         known.records.values().filter(|record| record.is_live(now_ms)).count()
     }
 
-    /// Looks whether the stored tokens have changed, and if so reads them.
+    /// Reads the stored tokens if they have changed.
     ///
     /// # Errors
     /// When they cannot be read; the copy stays as it was.
@@ -94,7 +93,7 @@ impl Access {
         Ok(())
     }
 
-    /// Follows the database, and stores what was used, until it is dropped.
+    /// Follows the database, and stores usage, until it is dropped.
     pub async fn follow(&self) {
         let mut looks = interval(limits::TOKENS_PERIOD);
         let mut saves = interval(limits::USAGE_PERIOD);
@@ -120,7 +119,7 @@ impl Access {
         }
     }
 
-    /// Stores what was used here, and learns what was used everywhere.
+    /// Stores the usage here, and reads the usage everywhere.
     pub async fn save(&self) {
         let holders: Vec<_> = {
             let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
@@ -150,13 +149,13 @@ impl Access {
         }
     }
 
-    /// Stores what was used and closes the store.
+    /// Stores usage and closes the store.
     pub async fn close(&self) {
         self.save().await;
         self.store.close().await;
     }
 
-    /// Lets a request in that shows what is needed.
+    /// Admits a request with the needed credential.
     ///
     /// # Errors
     /// [`Error::Unauthenticated`] for no token and for one that is wrong or has ended, [`Error::Denied`] for
@@ -181,7 +180,7 @@ impl Access {
             let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
             (known.records.get(token.id()).cloned(), known.holders.get(token.id()).cloned())
         };
-        // An id that is not known takes as long as one that is.
+        // An unknown id takes as long as a known one.
         let hash = record.as_ref().map_or([0; 32], |record| record.hash);
         let record = record.filter(|_| token.fits(&hash)).ok_or(WRONG)?;
         assert_eq!(record.id, token.id());
@@ -196,7 +195,7 @@ impl Access {
         Ok(caller)
     }
 
-    /// The place in memory of a token that is shown for the first time.
+    /// The place in memory of a token that is used for the first time.
     async fn hold(&self, record: TokenRecord) -> Result<Arc<Holder>, Error> {
         let used = self.store.usage(&record.id, day(self.clock.now_ms())).await.map_err(Error::Tokens)?;
         let mut known = self.known.write().unwrap_or_else(PoisonError::into_inner);
@@ -211,7 +210,7 @@ impl Access {
 /// The `authorization` of a request.
 #[derive(Clone, Copy)]
 pub enum Authorization<'a> {
-    /// There is none.
+    /// The header is missing.
     Missing,
     /// It is not a bearer token, or there are several.
     Malformed,
@@ -220,7 +219,7 @@ pub enum Authorization<'a> {
 }
 
 impl<'a> Authorization<'a> {
-    /// Reads it from the headers.
+    /// Reads the authorization from the headers.
     #[must_use]
     pub fn of(headers: &'a http::HeaderMap) -> Self {
         let mut values = headers.get_all(http::header::AUTHORIZATION).iter();
@@ -245,7 +244,7 @@ mod tests {
 
     const TUNE: Need = Need::Scope(Scope::Tune);
 
-    /// A token in a store, and who reads it.
+    /// A token in a store, and the access control that reads it.
     async fn access(quota: Quota) -> (Arc<MemoryTokens>, Access, String) {
         let (tokens, token) = (Arc::new(MemoryTokens::new()), Token::make().unwrap());
         let record = TokenRecord {
@@ -292,7 +291,7 @@ mod tests {
         access.save().await;
         assert_eq!(tokens.usage(caller.id(), 0).await.unwrap().0.trials, 1);
 
-        // Another replica uses the rest, which is learnt with the next of one's own.
+        // Another replica uses the rest, which shows at the next exchange.
         let elsewhere = Usage { trials: 1, ..Usage::default() };
         tokens.add_usage(0, &[(caller.id().to_owned(), elsewhere)]).await.unwrap();
         caller.spend_request(10).unwrap();

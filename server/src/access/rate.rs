@@ -1,9 +1,9 @@
 //! Limit of requests a second: the generic cell rate algorithm (ITU-T I.371), a token bucket that needs no
 //! filling.
 //!
-//! One moment is kept: when the bucket would be full again. Each request moves it on by its share of a
-//! second; one that would move it more than a second ahead is refused, and the difference is when to try
-//! again.
+//! Only one time is kept: when the bucket would be full again. Each request moves it on by its share of a
+//! second. A request that would move it more than a second ahead is refused, and the excess is the wait until
+//! the next try.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -19,7 +19,7 @@ pub(super) struct Rate {
 const SECOND: Duration = Duration::from_secs(1);
 
 impl Rate {
-    /// Takes a request out, or says how long to wait for one.
+    /// Takes a request out, or returns the wait for one.
     pub(super) fn take(&self, per_s: u32, now: Instant) -> Result<(), Duration> {
         let share = SECOND / per_s.max(1);
         let mut full_again = self.full_again.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,18 +1,18 @@
-//! The scope that each RPC needs, in one table. An RPC outside it is refused, so that a new one is closed
-//! until somebody decides about it. A test holds the table against the wire contract.
+//! The scope that each RPC needs, in one table. An RPC outside it is refused, so that a new one stays closed
+//! until it has a row. A test compares the table with the wire contract.
 
 use treewright_store::tokens::Scope;
 
 /// The credential that a request needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// Nothing: load balancers may ask whether the daemon serves.
+    /// No credential: load balancers may ask whether the daemon serves.
     Nothing,
     /// A token with this scope, or a wider one.
     Scope(Scope),
 }
 
-/// An RPC: its name for people, and what it needs.
+/// An RPC, with its name for people and its credential.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AccessRule {
     /// The path of the HTTP request.
@@ -54,7 +54,7 @@ pub const RULES: &[AccessRule] = &[
     rule("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", "Reflection", READ),
 ];
 
-/// The rule for a path. Unknown paths need a token with every right, and are then answered UNIMPLEMENTED.
+/// The rule for a path. Unknown paths need the widest scope, and are then answered UNIMPLEMENTED.
 #[must_use]
 pub fn rule_for(path: &str) -> AccessRule {
     let known = RULES.iter().find(|rule| rule.path == path);

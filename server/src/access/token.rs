@@ -1,8 +1,8 @@
 //! The text of a token: `tw1_ID_SECRET`.
 //!
 //! The id is public: it finds the token in the database and names it in logs. The secret is 256 random bits
-//! from the system, in URL-safe base64. Only its SHA-256 is kept; why that suffices stands in
-//! `treewright_store::tokens`.
+//! from the system, in URL-safe base64. Only its SHA-256 is kept; `treewright_store::tokens` explains why
+//! that suffices.
 
 use std::fmt;
 
@@ -21,14 +21,14 @@ const ID_DIGITS: usize = 12;
 /// Characters of the secret: 32 bytes in base64 without padding.
 pub const SECRET_CHARACTERS: usize = 43;
 
-/// A token as its holder has it. Its secret is in no output but [`Token::text`].
+/// A token with its secret, which is only in the output of [`Token::text`].
 pub struct Token {
     id: String,
     secret: [u8; 32],
 }
 
 impl Token {
-    /// Makes a new one of the system's randomness.
+    /// Makes a new token from the system's randomness.
     ///
     /// # Errors
     /// When the system has none.
@@ -41,7 +41,7 @@ impl Token {
         Ok(Self { id, secret })
     }
 
-    /// Reads a token; `None` when it has not the form of one.
+    /// Reads a token; `None` if the text has another form.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let (id, secret) = text.strip_prefix(TOKEN_MARK)?.split_once('_')?;
@@ -59,7 +59,7 @@ impl Token {
         &self.id
     }
 
-    /// The whole token. To be shown to its holder once, and to nobody else.
+    /// The whole token, to be shown to its holder once.
     #[must_use]
     pub fn text(&self) -> String {
         let text = format!("{TOKEN_MARK}{}_{}", self.id, URL_SAFE_NO_PAD.encode(self.secret));
@@ -75,7 +75,7 @@ impl Token {
         Sha256::digest(self.secret).into()
     }
 
-    /// Whether this is the token with that hash. Takes the same time whatever they have in common.
+    /// Whether this is the token with that hash. The comparison takes constant time.
     #[must_use]
     pub fn fits(&self, hash: &[u8; 32]) -> bool {
         self.hash().ct_eq(hash).into()

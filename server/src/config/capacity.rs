@@ -1,4 +1,4 @@
-//! The options that say how much the daemon takes on at once.
+//! The options that limit the daemon's load.
 
 use clap::Args;
 

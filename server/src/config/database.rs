@@ -1,5 +1,5 @@
-//! Which database: a file, or a PostgreSQL server. An address may hold a password, so what was given is never
-//! shown as it is, neither in a log nor in an error.
+//! The database: a file, or a PostgreSQL server. An address may hold a password, so it is never shown as
+//! given, neither in a log nor in an error.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -26,7 +26,7 @@ pub struct DatabaseConfig {
     pub database_wait_s: u64,
 }
 
-/// What was given as the database. Only a file is shown.
+/// The database option as given. Only the path of a file is shown.
 #[derive(Clone)]
 pub struct DatabaseArgument(String);
 
@@ -47,10 +47,10 @@ impl std::fmt::Debug for DatabaseArgument {
     }
 }
 
-/// Where everything is kept.
+/// The database of the daemon.
 #[derive(Clone, Debug)]
 pub enum Database {
-    /// A file of this daemon's own.
+    /// A file that this daemon alone serves.
     File(PathBuf),
     /// A database that several daemons may share.
     #[cfg(feature = "postgres")]
@@ -76,7 +76,7 @@ impl std::fmt::Display for Database {
 }
 
 impl DatabaseConfig {
-    /// Reads what was given, with the password from its file.
+    /// Reads the option, with the password from its file.
     ///
     /// # Errors
     /// What is wrong and what would be right, without any password.

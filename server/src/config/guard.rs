@@ -1,4 +1,4 @@
-//! The options that say who may enter, and over what.
+//! The options of encryption and authentication.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;

@@ -41,7 +41,7 @@ impl PeersConfig {
         })
     }
 
-    /// Checks that the others can reach this daemon, and that nobody passes credentials on in plain text by
+    /// Checks that the others can reach this daemon, and that no credentials are passed on in plain text by
     /// mistake.
     pub(super) fn check(
         &self,

@@ -36,7 +36,7 @@ pub(crate) struct UnderWay {
     activity: Arc<Activity>,
 }
 
-/// Bytes of a request or an answer that are unfinished, until dropped.
+/// Unfinished bytes of a request or an answer, until dropped.
 #[derive(Debug)]
 pub(crate) struct HeldBytes {
     activity: Arc<Activity>,
@@ -69,7 +69,7 @@ impl Activity {
         HeldBytes { activity: Arc::clone(self), bytes }
     }
 
-    /// A request on the connection was authorised: it has its slot for as long as it is used.
+    /// A request on the connection was authorised: the connection keeps its slot while it is in use.
     pub(crate) fn settle(&self) {
         if !self.with(|state| std::mem::replace(&mut state.is_known, true)) {
             self.slot.settle();
@@ -89,7 +89,7 @@ impl Activity {
         UnderWay { activity: Arc::clone(self) }
     }
 
-    /// Until when something must happen.
+    /// The time until which the client must act.
     pub(super) fn deadline(&self) -> Instant {
         let state = self.with(|state| *state);
         debug_assert!(state.last.is_none_or(|last| last >= self.opened), "it was used before it was opened");
@@ -109,7 +109,7 @@ impl Drop for UnderWay {
             debug_assert!(state.under_way > 0, "a request ends twice");
             state.under_way -= 1;
             state.last = Some(Instant::now());
-            // While nobody can begin something: else what is under way could pass for idle.
+            // Under the lock, so that a busy connection is never marked as idle.
             activity.slot.used(state.under_way > 0);
         });
     }

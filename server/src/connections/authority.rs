@@ -1,11 +1,11 @@
-//! Requests over a Unix socket, whatever their `:authority` says.
+//! Requests over a Unix socket with any `:authority`.
 //!
 //! Over a Unix socket there is no host to name. Clients on gRPC's C core (C++, Python, Ruby, C#) name the
-//! path of the socket, percent-encoded, which the HTTP library takes for a malformed host and refuses. Nobody
-//! reads the authority here, so characters that cannot stand in a host are replaced on their way in. Each by
-//! one other: the lengths of frames and strings, and with them the sizes of HPACK's tables, stay what the
-//! client believes (RFC 9113, section 4.1; RFC 7541, sections 5 and 6). Strings in Huffman code are left
-//! alone, which the C core does not use for it.
+//! path of the socket, percent-encoded, which the HTTP library refuses as a malformed host. The daemon does
+//! not use the authority, so characters that cannot stand in a host are replaced on their way in, one for
+//! one. So the lengths of frames and strings, and the sizes of HPACK's tables, stay those of the client (RFC
+//! 9113, section 4.1; RFC 7541, sections 5 and 6). Strings in Huffman code, which the C core does not use
+//! here, stay as they are.
 
 use std::io;
 use std::pin::Pin;
@@ -23,7 +23,7 @@ const PRIORITY: u8 = 0x20;
 /// Place of `:authority` in HPACK's static table.
 const AUTHORITY: usize = 1;
 
-/// A Unix socket whose requests name hosts that can be.
+/// A Unix socket whose requests name valid hosts.
 pub(super) struct LocalStream {
     socket: UnixStream,
     rewriter: Rewriter,
@@ -78,14 +78,14 @@ impl AsyncWrite for LocalStream {
     }
 }
 
-/// Follows the frames of a connection, however its bytes are cut.
+/// Follows the frames of a connection in pieces of any length.
 #[derive(Debug, Default)]
 struct Rewriter {
-    /// Of the preface that have come.
+    /// Bytes of the preface that have arrived.
     preface: usize,
     head: [u8; 9],
     head_bytes: usize,
-    /// Of the frame's payload that are to come.
+    /// Bytes of the frame's payload that are missing.
     payload: usize,
     /// Bytes of a frame of headers before its fields.
     before_fields: usize,
@@ -146,7 +146,7 @@ impl Rewriter {
 #[derive(Debug, Default)]
 struct Fields {
     at: Part,
-    /// An integer of several bytes: its value so far, and by how much the next seven bits are shifted.
+    /// An integer of several bytes: its value so far, and the shift of the next seven bits.
     integer: Option<(usize, u32)>,
     is_authority: bool,
     is_huffman: bool,
@@ -198,7 +198,7 @@ impl Fields {
         }
     }
 
-    /// The first byte of a field says what it is (RFC 7541, section 6).
+    /// Reads the first byte of a field, which gives its kind (RFC 7541, section 6).
     fn field(&mut self, byte: u8) {
         let (at, mask) = match byte {
             0x80.. => (Part::Number, 0x7f),
@@ -246,7 +246,7 @@ impl Fields {
 
     fn more(&mut self, byte: u8) -> Option<usize> {
         let (value, shift) = self.integer?;
-        // One that is too large is refused by the HTTP library; what follows does not matter then.
+        // The HTTP library refuses too large an integer, so the bytes after it do not matter.
         let value = value.saturating_add(usize::from(byte & 0x7f).checked_shl(shift).unwrap_or(usize::MAX));
         self.integer = (byte & 0x80 != 0).then_some((value, shift + 7));
         self.integer.is_none().then_some(value)

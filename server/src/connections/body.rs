@@ -1,4 +1,4 @@
-//! Bodies of requests and answers, of which the bytes count for as long as they are unfinished.
+//! Bodies of requests and answers, whose bytes count while they are unfinished.
 //!
 //! The head of a request counts, then the message under way, with the length that its prefix gives, because
 //! that much memory is reserved for it (the frames of gRPC: a flag, a length in four bytes, the message).
@@ -24,13 +24,13 @@ const PREFIX_BYTES: usize = 5;
 #[derive(Debug, Default)]
 struct Messages {
     prefix: [u8; PREFIX_BYTES],
-    /// The number of bytes of the prefix that have come.
+    /// The number of bytes of the prefix that have arrived.
     prefix_bytes: usize,
-    /// Bytes of the message that are to come.
+    /// Missing bytes of the message.
     missing: usize,
     /// Size of the message under way, in bytes.
     under_way: usize,
-    /// Size of the largest one, whose room the gRPC library keeps for those that follow.
+    /// Size of the largest message, whose memory the gRPC library keeps for later ones.
     kept: usize,
 }
 
@@ -49,7 +49,7 @@ impl Messages {
                 let [flag, length @ ..] = self.prefix;
                 // A longer one is refused by the gRPC library as soon as it reads this.
                 self.missing = (u32::from_be_bytes(length) as usize).min(limits::REQUEST_BYTES);
-                // How large a compressed one becomes is not known before.
+                // The size of a compressed message is not known before.
                 self.under_way = if flag == 0 { self.missing } else { limits::REQUEST_BYTES };
             }
             let taken = bytes.len().min(self.missing);
@@ -62,8 +62,7 @@ impl Messages {
         self.check();
     }
 
-    /// What holds between two pieces: a message is under way once its prefix is there, and as long as some of
-    /// it is missing.
+    /// Checks the state between two pieces: a message is under way from its whole prefix to its last byte.
     fn check(&self) {
         assert_eq!(self.missing > 0, self.prefix_bytes == PREFIX_BYTES, "{self:?}");
         assert_eq!(self.missing > 0, self.under_way > 0, "{self:?}");
@@ -200,7 +199,7 @@ mod tests {
                 most = most.max(messages.held());
             }
             assert!(messages.is_between() && messages.held() == 0, "{size}: {messages:?}");
-            // Of messages that come as a whole nothing is held.
+            // Whole messages hold no bytes.
             assert_eq!(most, if size < all.len() { 100 } else { 0 }, "{size}");
         }
     }

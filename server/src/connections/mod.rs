@@ -1,11 +1,11 @@
-//! Accepts connections up to a limit, encrypts them where that is wished, and ends those that only wait.
+//! Accepts connections up to a limit, encrypts them if configured, and ends those that only wait.
 //!
-//! A connection must get on: its TLS handshake, the first bytes of HTTP/2 and its first authorised request
-//! each have a time limit, and one on which nothing is under way for long is closed. So a client that opens
-//! many and says little or nothing ("slow loris") cannot hold slots that others need. `activity` keeps that
-//! time, `slots` counts connections and decides who makes room, `unfinished` limits the bytes of unfinished
+//! A connection must make progress: its TLS handshake, the first bytes of HTTP/2 and its first authorised
+//! request each have a time limit, and an idle connection is closed after a while. So a client that opens
+//! many and sends little ("slow loris") cannot hold slots that others need. `activity` keeps that time,
+//! `slots` counts connections and decides who makes room, `unfinished` limits the bytes of unfinished
 //! messages, and `body` counts them. `pages` serves the listeners for browsers and monitoring by the same
-//! rules. Once a request has begun, its limits stand in [`middleware`](crate::middleware).
+//! rules. [`middleware`](crate::middleware) has the limits of a request that has begun.
 
 mod activity;
 mod authority;
@@ -47,7 +47,7 @@ pub(crate) struct Connection {
     transport: Box<dyn Transport>,
     activity: Arc<Activity>,
     deadline: Pin<Box<Sleep>>,
-    /// Where it is counted once when it is lost.
+    /// The metrics that count its loss, once.
     metrics: Option<Arc<Metrics>>,
 }
 
@@ -66,8 +66,8 @@ struct Acceptor {
     metrics: Arc<Metrics>,
 }
 
-/// The connections of all listeners. One that nobody makes room for is closed at once, which its client sees
-/// as UNAVAILABLE. Handshakes run side by side, so that a slow one holds up nobody.
+/// The connections of all listeners. One without room is closed at once, which its client sees as
+/// UNAVAILABLE. Handshakes run side by side, so that a slow one does not delay others.
 pub(crate) fn accept(
     listeners: Listeners,
     tls: Option<Arc<Tls>>,
@@ -133,7 +133,7 @@ impl Acceptor {
         });
     }
 
-    /// A Unix socket needs no encryption: nobody but its two ends reads it.
+    /// A Unix socket needs no encryption, because only its two ends read it.
     async fn take_local(&self, stream: UnixStream) {
         if let Some(activity) = self.slot(None).await {
             self.hand_over(Box::new(LocalStream::new(stream)), activity).await;
@@ -160,7 +160,7 @@ impl Acceptor {
     }
 }
 
-/// Waits a moment after a connection could not be accepted: there is no use in asking again at once.
+/// Waits a moment after a failure to accept a connection: an immediate retry would fail as well.
 async fn pause(error: &io::Error) {
     tracing::warn!(%error, "a connection could not be accepted");
     tokio::time::sleep(std::time::Duration::from_millis(50)).await;
@@ -199,7 +199,7 @@ impl Connection {
     }
 
     fn count_lost(&mut self, reason: &'static str) {
-        // Once: reading and writing both find out.
+        // Counted once, because reading and writing both notice it.
         if let Some(metrics) = self.metrics.take() {
             metrics.connection_lost(reason);
         }
@@ -213,7 +213,7 @@ impl Connection {
         written
     }
 
-    /// Whether the connection has not got on in time.
+    /// Whether the connection has missed its deadline.
     fn poll_overdue(&mut self, context: &mut Context<'_>) -> Poll<()> {
         loop {
             ready!(self.deadline.as_mut().poll(context));

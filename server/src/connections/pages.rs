@@ -1,9 +1,8 @@
-//! Listeners for browsers and monitoring: HTTP/1.1, a few connections, and the last to come is served.
+//! Listeners for browsers and monitoring: HTTP/1.1, a few connections, and the newest is always served.
 //!
-//! Where all are taken, one makes room by the [rule](super::slots) of all connections, with one difference:
-//! nothing that is under way keeps it, as those who ask here come again by themselves. So neither connections
-//! that say nothing nor ones that never end their question keep an orchestrator from asking whether the
-//! daemon lives.
+//! Where all are taken, one makes room by the [rule](super::slots) of all connections, with one difference: a
+//! request under way does not protect it, because browsers and monitors ask again by themselves. So neither
+//! silent connections nor ones with endless requests keep an orchestrator from probing the daemon.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -30,7 +29,7 @@ pub(crate) trait Pages: Send + Sync + 'static {
     /// Whether a connection may ask several times.
     const KEEPS_ALIVE: bool;
 
-    /// After so long a connection ends.
+    /// The longest life of a connection.
     const STAY: Duration;
 
     /// Answers one request. It calls [`ConnectionSlot::settle`] once the request is known to be authorised.
@@ -67,7 +66,7 @@ pub(crate) async fn serve<P: Pages>(listener: TcpListener, pages: P, connections
                 .keep_alive(P::KEEPS_ALIVE)
                 .serve_connection(TokioIo::new(stream), service);
             tokio::select! {
-                // An error is the asker's affair.
+                // An error only concerns the client.
                 _ = timeout(P::STAY, served) => {}
                 () = slot.dismissed() => {}
             }

@@ -1,12 +1,12 @@
 //! Limits of the number of connections, and the choice of the one that leaves when there are too many.
 //!
-//! A connection is a *newcomer* until a request on it was authorised. Newcomers have a share of the slots and
-//! no more. No connection is refused as long as another can be dismissed. That is the oldest newcomer of the
-//! address with the most newcomers. Where there are none, it is the longest unused connection of the address
-//! with the most connections. So connections without a token, however many, shut out no client that has one.
-//! A client only has to send its first request before its turn to leave comes, and a dismissed idle client
-//! connects again with its next request. Connections on which something is under way stay. A new connection
-//! waits until the other has left, so that the limit is never exceeded.
+//! A connection is a *newcomer* until a request on it was authorised. Newcomers may only have a share of the
+//! slots. No connection is refused while another can be dismissed: the oldest newcomer of the address with
+//! the most newcomers or, without newcomers, the longest unused connection of the address with the most
+//! connections. So any number of connections without a token shuts out no client that has one. A client has
+//! to send its first request before it is dismissed, and a dismissed idle client connects again with its next
+//! request. Connections with a request under way stay. A new connection waits until the other has left, so
+//! that the limit is never exceeded.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::future::poll_fn;
@@ -25,9 +25,9 @@ use crate::limits;
 pub struct ConnectionLimits {
     /// In all.
     pub total: usize,
-    /// On which no request was authorised yet.
+    /// Connections without an authorised request.
     pub newcomers: usize,
-    /// From one address; of IPv6, from one network of 64 bits.
+    /// Connections from one address, or from one IPv6 network of 64 bits.
     pub per_address: usize,
 }
 
@@ -45,8 +45,8 @@ impl Default for ConnectionLimits {
     }
 }
 
-/// From where a connection comes: an address, or none for local sockets. Of IPv6 the network counts, of which
-/// one machine has as many addresses as it likes (RFC 4291, section 2.5.4).
+/// The origin of a connection: an address, or none for local sockets. For IPv6 it is the network, because one
+/// machine can use all its addresses (RFC 4291, section 2.5.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Origin(Option<IpAddr>);
 
@@ -70,11 +70,11 @@ pub(crate) struct ConnectionSlots {
 
 #[derive(Debug, Default)]
 struct OpenConnections {
-    /// By number, and so in the order in which they came.
+    /// Connections by number, which is the order in which they came.
     open: BTreeMap<u64, OpenConnection>,
     crowds: HashMap<Origin, Crowd>,
     newcomers: usize,
-    /// Were dismissed and have not closed yet.
+    /// The number of dismissed connections that have not closed yet.
     leaving: usize,
     last_number: u64,
 }
@@ -108,11 +108,11 @@ pub(crate) struct ConnectionSlot {
 #[derive(Debug, Default)]
 pub(super) struct Notice {
     told: Mutex<(bool, Option<Waker>)>,
-    /// The counted use after which nothing was under way any more; [`BUSY`] while something is.
+    /// The number of the last use; [`BUSY`] while a request is under way.
     last_use: AtomicU64,
 }
 
-/// Stands for a connection on which something is under way.
+/// Marks a connection with a request under way.
 const BUSY: u64 = u64::MAX;
 
 /// Counts uses of connections, so that they can be put in order without a clock.
@@ -129,14 +129,14 @@ impl ConnectionSlots {
         self.taken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A slot for a connection from there, once the one that makes room for it has left.
+    /// A slot for a connection from an origin, once another has made room for it.
     ///
     /// # Errors
-    /// Which limit is reached, in one word for counting.
+    /// The reached limit, in one word for counting.
     pub(super) async fn take(&self, origin: Origin) -> Result<ConnectionSlot, &'static str> {
         let taking = async {
             loop {
-                // Hears of connections that leave from here on.
+                // Registered first, so that no leaving connection is missed.
                 let left = self.left.notified();
                 if let Some(slot) = self.try_take(origin)? {
                     return Ok(slot);
@@ -185,7 +185,7 @@ impl ConnectionSlots {
         self.limits.total
     }
 
-    /// Connections that are open, and those of them that are newcomers.
+    /// The number of open connections, and of newcomers among them.
     pub(crate) fn counts(&self) -> (usize, usize) {
         let taken = self.lock();
         (taken.open.len(), taken.newcomers)
@@ -193,7 +193,7 @@ impl ConnectionSlots {
 }
 
 impl OpenConnections {
-    /// Tells one to leave, from there or from anywhere; false where none can.
+    /// Dismisses one, from an origin or from any; false where none can leave.
     fn dismiss(&mut self, of: Option<Origin>) -> bool {
         let Some(number) = self.first_newcomer(of).or_else(|| self.longest_idle(of)) else { return false };
         let Some(one) = self.open.get_mut(&number) else { return false };
@@ -211,7 +211,7 @@ impl OpenConnections {
         true
     }
 
-    /// What holds between two changes. Who is dismissed is no newcomer any more.
+    /// Checks the state between two changes. A dismissed connection is no newcomer any more.
     fn check(&self) {
         let (open, newcomers, leaving) = (self.open.len(), self.newcomers, self.leaving);
         debug_assert!(
@@ -222,7 +222,7 @@ impl OpenConnections {
         debug_assert_eq!(self.crowds.is_empty(), self.open.is_empty());
     }
 
-    /// The newcomer that came first of all from there, or of the address with most of them.
+    /// The oldest newcomer of an origin, or of the address with the most newcomers.
     fn first_newcomer(&self, of: Option<Origin>) -> Option<u64> {
         let crowd = match of {
             Some(origin) => self.crowds.get(&origin),
@@ -231,8 +231,8 @@ impl OpenConnections {
         crowd?.newcomers.first().copied()
     }
 
-    /// The known one that was not used for longest of all from there, or of the address with most connections
-    /// that has an idle one.
+    /// The longest unused known connection of an origin, or of the address with the most connections among
+    /// those with an idle one.
     fn longest_idle(&self, of: Option<Origin>) -> Option<u64> {
         let heaviest = self.crowds.iter().max_by_key(|(_, crowd)| crowd.open - crowd.leaving);
         let heaviest = heaviest.map(|(origin, _)| *origin);
@@ -254,12 +254,12 @@ impl OpenConnections {
 }
 
 impl ConnectionSlot {
-    /// From where the connection comes.
+    /// The origin of the connection.
     pub(super) fn origin(&self) -> Origin {
         self.origin
     }
 
-    /// Tells the connection to leave.
+    /// The notice that dismisses the connection.
     pub(super) fn notice(&self) -> &Arc<Notice> {
         &self.notice
     }
@@ -274,7 +274,7 @@ impl ConnectionSlot {
         self.slots.lock().settle(self.number, self.origin);
     }
 
-    /// Something is under way on the connection, or nothing any more.
+    /// Notes whether a request is under way on the connection.
     pub(super) fn used(&self, is_busy: bool) {
         let now = if is_busy { BUSY } else { USES.fetch_add(1, Ordering::Relaxed) };
         self.notice.last_use.store(now, Ordering::Relaxed);
@@ -393,7 +393,7 @@ mod tests {
         let next = room(&slots, from(3));
         assert!(must_go(&flood[0]) && !must_go(&flood[1]));
         assert!(!must_go(&stranger) && !must_go(&next), "those who are few stay");
-        // The same among those who are known and idle.
+        // The rule also holds among known idle connections.
         drop(flood.remove(0));
         for slot in flood.iter().rev().chain([&stranger, &next]) {
             slot.settle();
@@ -453,7 +453,7 @@ mod tests {
         assert_eq!(slots.take(from(1)).await.expect_err("it does not leave"), "limit");
     }
 
-    /// In any order of coming and going, the counts are those of the held slots.
+    /// The counts are those of the held slots in any order of coming and going.
     #[test]
     fn counts_are_those_of_what_is_held() {
         let slots = slots(8, 4, 5);

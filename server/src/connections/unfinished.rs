@@ -1,10 +1,11 @@
-//! One budget in bytes for everything that is unfinished: requests whose message has not come as a whole, and
-//! answers that their client has not read.
+//! One budget in bytes for all unfinished data: requests whose message is incomplete, and answers that their
+//! client has not read.
 //!
 //! One connection is cheap, but thousands that hold back the end of a message, or do not read their answers,
 //! are not. Unfinished bytes are counted by connection and by address. When they exceed the budget, the
-//! address that holds most of them gives way with the connection on which nothing was finished for longest:
-//! it is closed, and its bytes are freed. A client that gets on is not touched, and one that was tries again.
+//! address that holds most of them loses the connection on which no message was finished for longest: it is
+//! closed, and its bytes are freed. A client that makes progress is not affected, and a closed one tries
+//! again.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -32,7 +33,7 @@ struct Ledger {
 struct LedgerEntry {
     origin: Origin,
     bytes: usize,
-    /// The ledger's `finished` when something was last finished here.
+    /// The ledger's `finished` when a message was last finished here.
     since: u64,
     notice: Arc<Notice>,
     is_leaving: bool,
@@ -102,7 +103,7 @@ impl Unfinished {
 }
 
 impl Ledger {
-    /// Tells one connection to leave; false where there is none.
+    /// Dismisses one connection; false where there is none.
     fn dismiss(&mut self) -> bool {
         let heaviest = self.by_origin.iter().max_by_key(|(_, bytes)| **bytes).map(|(origin, _)| *origin);
         let there = self.by_connection.values_mut();
@@ -128,7 +129,7 @@ impl Ledger {
         }
     }
 
-    /// What holds between two changes: nothing is kept of what is finished.
+    /// Checks the state between two changes: finished data leaves no entry.
     fn check(&self) {
         let (places, connections) = (self.by_origin.len(), self.by_connection.len());
         debug_assert!(places <= connections, "{places} places for {connections} connections");
@@ -171,7 +172,7 @@ mod tests {
         unfinished.add(&other, 1);
         assert!(must_go(&slow) && !must_go(&moving) && !must_go(&other));
         assert_eq!(unfinished.bytes(), 71);
-        // Its bytes until it is gone do not count, and its end changes nothing.
+        // Bytes of a dismissed connection do not count, and its end changes nothing.
         unfinished.add(&slow, 50);
         unfinished.remove(&slow, 80);
         assert_eq!(unfinished.bytes(), 71);

@@ -1,5 +1,4 @@
-//! Requests as the daemon decides by them. How messages become types of the model stands in
-//! `treewright_proto::convert`.
+//! Requests in the daemon's types. `treewright_proto::convert` converts messages to types of the model.
 
 use std::collections::BTreeMap;
 
@@ -17,14 +16,14 @@ use treewright_proto::v1;
 use super::names::{self, StudyName, TrialName};
 use crate::error::Error;
 
-/// A result as a client tells it.
+/// A client's report.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
-    /// Of which trial.
+    /// The trial.
     pub trial: TrialName,
     /// The raw measurements.
     pub measurements: BTreeMap<String, f64>,
-    /// How it ended.
+    /// The outcome.
     pub outcome: Outcome,
 }
 
@@ -33,9 +32,9 @@ pub struct Report {
 pub struct Suggest {
     /// The study.
     pub study: StudyName,
-    /// The client that asks, and its state.
+    /// The client's question.
     pub ask: Ask,
-    /// The configuration that the client wants to measure, if it does not leave that to the service.
+    /// The configuration that the client wants to measure, unless the service chooses.
     pub wanted: Option<RawConfiguration>,
 }
 
@@ -73,7 +72,7 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
     })
 }
 
-/// Where a wanted configuration was measured before.
+/// The place where a wanted configuration was measured before.
 fn origin(text: String, has_wanted: bool) -> Result<Option<String>, Error> {
     match text.as_str() {
         "" => Ok(None),

@@ -8,12 +8,12 @@ use treewright_core::ids::StudyUid;
 use crate::error::Error;
 use crate::limits::{NAME_BYTES, STUDY_ID_CHARACTERS};
 
-/// A study as a request names it.
+/// A study's name in a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StudyName {
-    /// The study's id; after it was looked up by its identity, the one that it has by now.
+    /// The study's id; after a look-up by identity, its present id.
     pub id: String,
-    /// Its identity, where the request says it.
+    /// Its identity, if the request gives one.
     pub uid: Option<StudyUid>,
 }
 

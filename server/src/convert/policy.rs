@@ -8,7 +8,7 @@ use treewright_proto::v1;
 
 use crate::error::Error;
 
-/// A change of a policy: the given values, and which of them count.
+/// A change of a policy: the given values, and the fields that count.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyUpdate {
     given: RawPolicy,
@@ -27,14 +27,13 @@ impl PolicyUpdate {
         let counts = |name: &str| {
             paths.iter().any(|path| path == "policy" || path.strip_prefix("policy.") == Some(name))
         };
-        // Fields that are sent outside the mask are ignored: a newer client may send more than is known here.
+        // Fields that are sent outside the mask are ignored: a newer client may send unknown ones.
         for field in PolicySettings::FIELDS.iter().filter(|field| !counts(field.name)) {
             said.unset(field.name);
         }
         let given = said.decide().map_err(|error| Error::invalid("study", error))?;
         let update = Self { given, paths };
-        // The paths are tried on a policy of no consequence, so that a wrong one is refused before a
-        // study is touched.
+        // The paths are tried on a default policy, so that a wrong one is refused before a study changes.
         update.merged(RawPolicy::default())?;
         Ok(update)
     }
@@ -42,7 +41,7 @@ impl PolicyUpdate {
     /// The policy that results from `current`, checked against the study's space.
     ///
     /// # Errors
-    /// [`Error::Invalid`] with what does not fit.
+    /// [`Error::Invalid`] with the field that does not fit.
     pub fn apply(&self, current: &Policy, space: &Space) -> Result<Policy, Error> {
         self.merged(current.to_raw())?.check(space).map_err(|error| Error::invalid("study", error))
     }

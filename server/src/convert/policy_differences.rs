@@ -1,13 +1,12 @@
-//! Where the policy that a client gives to CreateStudy is another than the stored one.
+//! The differences between a client's policy in CreateStudy and the stored one.
 
 use treewright_core::policy::{Policy, PolicySettings};
 use treewright_proto::convert::policy_from_wire;
 use treewright_proto::v1;
 
-/// The fields that `given` sets and that mean something else than `stored`; `meant` is `given` as it was
-/// read.
+/// The fields that `given` sets to other values than `stored`; `meant` is the parsed `given`.
 pub fn policy_differences(given: &v1::Policy, meant: &Policy, stored: &Policy) -> Vec<String> {
-    // It was read once already, so that it can be read again.
+    // The policy was parsed once already, so this cannot fail.
     let said = |policy: v1::Policy| policy_from_wire("policy", policy).unwrap_or_default();
     let (given, unset) = (said(given.clone()), said(v1::Policy::default()));
     let (meant, stored): (PolicySettings, PolicySettings) = (meant.clone().into(), stored.clone().into());

@@ -1,5 +1,5 @@
-//! Answers as the daemon gives them, under their resource names. How types of the model become messages
-//! stands in `treewright_proto::convert`.
+//! The daemon's answers, under their resource names. `treewright_proto::convert` converts types of the model
+//! to messages.
 
 use treewright_core::trial::Trial;
 use treewright_core::tuner::{Best, Prediction};
@@ -31,7 +31,7 @@ pub fn study(record: &StudyRecord) -> v1::Study {
     }
 }
 
-/// A trial of a study, which is named as the request named it.
+/// A trial of a study, under the request's name of the study.
 #[must_use]
 pub fn trial<C: Values>(study: &StudyName, trial: &Trial<C>) -> v1::Trial {
     trial_to_wire(trial_name(study, trial.number), trial)

@@ -1,6 +1,6 @@
-//! Net benefit: what running the study's answers saved in a day over running the default everywhere, with
-//! everything that exploring cost. Frames that were measured cost what they cost; what is uncertain is what
-//! the default would have cost in their place, which each state's standing tells with its interval.
+//! Net benefit: the savings in a day of the study's answers over the default everywhere, less the cost of
+//! exploring. The costs of measured frames are known. The default's costs in their place are uncertain; each
+//! state's standing gives them with an interval.
 
 use std::collections::BTreeMap;
 use std::ops::AddAssign;
@@ -21,10 +21,10 @@ pub(super) struct DefaultCost {
 }
 
 impl DefaultCost {
-    /// From the answer's cost and its gain over the default; `None` where that was not measured.
+    /// From the answer's cost and its gain over the default; `None` where the default was not measured.
     pub(super) fn of(standing: &Standing) -> Option<Self> {
         let gain = standing.gain?;
-        // A share of 1 would be a default of any cost.
+        // A share of 1 would allow any cost of the default.
         let default = |share: f64| standing.cost / (1.0 - share.min(0.999));
         let mean = default(gain.share);
         let error = match (gain.low, gain.high) {
@@ -85,8 +85,8 @@ impl AddAssign for Benefit {
     }
 }
 
-/// One unit of an objective in seconds, by the ends of its metrics' names; `None` where it is no time, as
-/// where something is maximised.
+/// One unit of an objective in seconds, by the endings of its metrics' names; `None` where it is no time, or
+/// where a metric is maximised.
 pub(super) fn unit_s(objective: Option<&v1::Objective>) -> Option<f64> {
     let objective = objective.filter(|objective| objective.maximised.is_empty())?;
     let unit = |name: &str| {
@@ -99,7 +99,7 @@ pub(super) fn unit_s(objective: Option<&v1::Objective>) -> Option<f64> {
     units.iter().all(|unit| *unit == first).then_some(first)
 }
 
-/// A configuration that serves all states: its values as text, and what it costs in each state where it was
+/// A configuration that serves all states: its values as text, and its cost in each state where it was
 /// measured.
 pub(super) struct Fixed {
     pub(super) configuration: String,

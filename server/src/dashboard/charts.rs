@@ -1,5 +1,5 @@
-//! Pictures of the dashboard as SVG, drawn on the server: what a page shows needs no script. Colours are
-//! classes of the style sheet, so that they follow the reader's light or dark scheme.
+//! Pictures of the dashboard as SVG, drawn on the server, so that pages need no script. Colours are classes
+//! of the style sheet, so that they follow the reader's light or dark scheme.
 
 mod map;
 
@@ -16,17 +16,17 @@ pub(super) const COLOURS: usize = 5;
 /// A trial in a tuning curve.
 pub(super) struct CurvePoint {
     pub(super) number: f64,
-    /// Without one it could not be used.
+    /// `None` for a trial without a usable cost.
     pub(super) cost: Option<f64>,
-    /// How it is drawn.
+    /// The class of its style.
     pub(super) class: &'static str,
 }
 
-/// A cost that others are held against, as a line across the curve.
+/// A cost to compare with, as a line across the curve.
 pub(super) struct Level {
     pub(super) cost: f64,
     pub(super) name: &'static str,
-    /// How it is drawn.
+    /// The class of its style.
     pub(super) class: &'static str,
 }
 
@@ -49,7 +49,7 @@ impl Frame {
         self.top + self.height * (1.0 - share(value, self.y))
     }
 
-    /// Border, round numbers up the side, and the ends of what goes across.
+    /// Border, round numbers up the side, and the ends of the horizontal axis.
     fn axes(&self, svg: &mut String, x_label: &str, y_label: &str) {
         let Frame { left, top, width, height, x, y } = self;
         put(
@@ -95,7 +95,7 @@ fn ticks((low, high): (f64, f64)) -> Vec<f64> {
     marks.take_while(|mark| *mark <= high).collect()
 }
 
-/// Some room below what is positive, as far as it stays so.
+/// The lower end of an axis, with some room below but not below zero where values are positive.
 fn above_zero(low: f64, room: f64) -> f64 {
     if low >= 0.0 { (low - room).max(0.0) } else { low - room }
 }
@@ -161,7 +161,7 @@ pub(super) fn figure(value: f64) -> String {
     }
 }
 
-/// Costs by trial, the best so far, and what they are held against, as a study tells them.
+/// Costs by trial, the best so far, and the levels, in the study's view of costs.
 pub(super) fn curve(points: &[CurvePoint], levels: &[Level], view: &CostView) -> String {
     debug_assert!(
         points.is_sorted_by(|a, b| a.number < b.number),
@@ -175,7 +175,7 @@ pub(super) fn curve(points: &[CurvePoint], levels: &[Level], view: &CostView) ->
         return nothing("Nothing has been measured yet.");
     };
     let high = match view.is_maximised() {
-        // What is bad lies near 0 and flattens nothing.
+        // Bad values lie near 0 and do not flatten the others.
         true => all.1,
         false => of_levels().fold(most(values()).unwrap_or(all.0), f64::max),
     };
@@ -258,7 +258,7 @@ pub(super) fn bars(rows: &[(String, f64)]) -> String {
     svg + "</svg>"
 }
 
-/// An axis of a parameter: its name and what stands at its ends.
+/// An axis of a parameter: its name and the labels of its ends.
 pub(super) struct Axis {
     pub(super) name: String,
     pub(super) low: String,
@@ -299,7 +299,7 @@ pub(super) fn parallel(axes: &[Axis], runs: &[(Vec<Option<f64>>, usize)]) -> Str
     svg + "</svg>"
 }
 
-/// Costs over one parameter's places, as a study tells them.
+/// Costs over one parameter's places, in the study's view of costs.
 pub(super) fn slice(axis: &Axis, points: &[(f64, f64)], view: &CostView) -> String {
     let values = || points.iter().map(|point| view.value(point.1));
     let Some((low, high)) = range(values()) else { return nothing("Never active.") };
@@ -375,7 +375,7 @@ pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)], 
     svg + "</svg>"
 }
 
-/// A trial in time: its row's name, begin and end in seconds, and how it is drawn.
+/// A trial in time: its row's name, begin and end in seconds, and the class of its style.
 pub(super) struct Span {
     pub(super) row: String,
     pub(super) begin_s: f64,

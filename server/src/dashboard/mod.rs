@@ -3,8 +3,8 @@
 //! Pages are made on the server and work without scripts; a small one fetches a page again when an event of
 //! the server says that its study has changed. Everything comes from this port, and the content security
 //! policy allows nothing else. Pages ask through the handlers of the RPCs, with the caller of the token that
-//! the browser shows, and the database answers readers beside the writer. Only forms of [`steering`] change
-//! anything. The data behind a page has limits, so that a study of many trials opens as fast as one of few.
+//! the browser shows, and the database answers readers beside the writer. Only forms of [`steering`] change a
+//! study. The data behind a page has limits, so that a study of many trials opens as fast as one of few.
 
 mod benefit;
 mod charts;
@@ -45,7 +45,7 @@ use treewright_store::StoreError;
 use treewright_store::tokens::Scope;
 
 const HTML: &str = "text/html; charset=utf-8";
-/// Everything from here, nothing inline, nowhere framed.
+/// All content from this port, none inline, and no framing.
 const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self'; img-src 'self' \
                       data:; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 /// How often a visitor waits for a study that is being read into memory; each time is up to a second.
@@ -55,10 +55,10 @@ const COOKIE: &str = "treewright_token";
 
 type Body = BoxBody<Bytes, Infallible>;
 
-/// Everything that pages are made from.
+/// The inputs of the pages.
 pub(crate) struct Dashboard {
     pub(crate) tuning: Arc<Tuning>,
-    /// Without it everybody may look.
+    /// Without it no token is required.
     pub(crate) access: Option<Arc<Access>>,
     pub(crate) refusals: Refusals,
 }
@@ -74,7 +74,7 @@ impl Dashboard {
     async fn respond(self: &Arc<Self>, request: Request<Incoming>, slot: &ConnectionSlot) -> Response<Body> {
         let (parts, body) = request.into_parts();
         if self.access.is_none() && !names_this_machine(&parts.headers) {
-            // Else a page of the Internet could have its name lead here, and read what no token guards.
+            // Otherwise a page of the Internet could point its name here, and read data that no token guards.
             return text(StatusCode::MISDIRECTED_REQUEST, "ask by address or as localhost\n".to_owned());
         }
         let path = parts.uri.path();
@@ -97,7 +97,7 @@ impl Dashboard {
         }
     }
 
-    /// Lets somebody in who shows a token that may read.
+    /// Admits a visitor whose token may read.
     async fn authorize(&self, authorization: Authorization<'_>) -> Result<Caller, Error> {
         match &self.access {
             None => Ok(Caller::Anyone),
@@ -123,7 +123,7 @@ impl Dashboard {
         }
     }
 
-    /// Lets somebody in who asks for a page, which counts as a request.
+    /// Admits a request for a page, and counts it.
     async fn enter(&self, path: &str, headers: &HeaderMap) -> Result<Caller, Error> {
         let kept = token_of(headers);
         let authorization = match &kept {
@@ -131,7 +131,7 @@ impl Dashboard {
             None => Authorization::of(headers),
         };
         let caller = self.authorize(authorization).await.inspect_err(|error| {
-            // A browser without a token only has to be shown where to log in.
+            // A browser without a token only gets the page to log in.
             if !matches!(authorization, Authorization::Missing) {
                 self.refusals.note(error);
             }
@@ -184,7 +184,7 @@ impl Dashboard {
         }
     }
 
-    /// Changes a study, and leads back to a page that shows it.
+    /// Changes a study, and redirects to a page that shows it.
     async fn steer(
         &self,
         path: &str,
@@ -226,8 +226,8 @@ impl Dashboard {
         }
     }
 
-    /// An event for each change of a study, or of the list of studies, until the browser goes or the token
-    /// ends.
+    /// An event for each change of a study, or of the list of studies, until the browser disconnects or the
+    /// token ends.
     fn events(self: &Arc<Self>, caller: Caller, study: Option<String>) -> Response<Body> {
         let (events, stream) = mpsc::channel(1);
         let dashboard = Arc::clone(self);
@@ -236,7 +236,7 @@ impl Dashboard {
             loop {
                 let Ok(now) = dashboard.moment(&caller, study.as_deref()).await else { break };
                 let is_change = last.as_ref().is_some_and(|last| *last != now);
-                // A comment keeps the connection, and finds out whether somebody is there.
+                // A comment keeps the connection alive, and shows whether the browser is still there.
                 let event = if is_change { "event: change\ndata:\n\n" } else { ":\n\n" };
                 last = Some(now);
                 if events.send(Ok(Frame::data(Bytes::from_static(event.as_bytes())))).await.is_err() {
@@ -250,7 +250,7 @@ impl Dashboard {
         guarded(response)
     }
 
-    /// A text that changes when something has happened.
+    /// The counts of the study, or of the listed studies, which change with every event.
     async fn moment(
         &self,
         caller: &Caller,
@@ -313,13 +313,13 @@ fn full(text: impl Into<Bytes>) -> Body {
     BodyExt::boxed(Full::new(text.into()))
 }
 
-/// Adds what holds for every answer.
+/// Adds the headers of every answer.
 fn guarded(mut response: Response<Body>) -> Response<Body> {
     let headers = response.headers_mut();
     for (name, value) in [
         (header::CONTENT_SECURITY_POLICY, POLICY),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        // Other sites learn nothing, and forms of these pages say where they come from.
+        // Other sites get no address, and forms of these pages name their origin.
         (header::REFERRER_POLICY, "same-origin"),
         (header::X_FRAME_OPTIONS, "DENY"),
     ] {
@@ -365,7 +365,7 @@ fn redirect(to: &str, cookie: Option<String>) -> Response<Body> {
     response
 }
 
-/// A page that says what went wrong.
+/// A page with an error.
 fn failure(frame: PageFrame, error: &Error) -> Response<Body> {
     let (status, title) = match status::code(error) {
         Code::NotFound => (StatusCode::NOT_FOUND, "Not found"),

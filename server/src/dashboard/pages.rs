@@ -1,5 +1,4 @@
-//! The pages: what each shows, read through the same handlers as RPCs are, so that a token sees here what it
-//! sees there.
+//! The pages. They read through the handlers of the RPCs, so that a token sees the same data in both.
 
 mod compare;
 mod map;
@@ -29,13 +28,13 @@ pub(super) use trials::trials;
 
 /// Most studies on the first page.
 const STUDIES: i32 = 200;
-/// Most trials that pictures rest on: the latest.
+/// Most trials in pictures: the latest.
 const TRIALS: usize = 1000;
 
 /// The frame around every page.
 #[derive(Clone, Copy)]
 pub(super) struct PageFrame {
-    /// Somebody has logged in, and may want to log out.
+    /// The visitor has logged in, and may log out.
     pub(super) has_token: bool,
 }
 
@@ -47,7 +46,7 @@ struct Head {
     what: String,
     tab: &'static str,
     defaults: Defaults,
-    /// How its costs are told.
+    /// Its view of costs.
     view: CostView,
     /// The query that the links of tabs carry along.
     query: String,
@@ -241,7 +240,7 @@ fn row(trial: &v1::Trial, head: &Head) -> TrialRow {
     }
 }
 
-/// How it ended, or where it stands; and why.
+/// Its outcome or its state, and why.
 fn outcome(trial: &v1::Trial, view: &CostView) -> (String, String) {
     use v1::outcome::Kind;
     match trial.outcome.as_ref().and_then(|outcome| outcome.kind.as_ref()) {

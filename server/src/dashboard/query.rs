@@ -1,4 +1,4 @@
-//! The part of an address behind its question mark, which a form sends too.
+//! The query of an address, in which a form is sent as well.
 
 /// Names and values.
 #[derive(Debug, Default)]

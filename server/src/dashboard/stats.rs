@@ -1,4 +1,5 @@
-//! Where values lie between the ends of their parameters, and how much of the cost each parameter explains.
+//! Places of values between the ends of their parameters, and the share of the cost that each parameter
+//! explains.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +10,7 @@ use super::charts::Axis;
 
 /// Groups of a numeric parameter's values.
 const GROUPS: usize = 5;
-/// Fewest different configurations that say anything of importances.
+/// Least number of different configurations for importances.
 const CONFIGURATIONS_MIN: usize = 20;
 
 /// A parameter's axis.
@@ -26,17 +27,17 @@ pub(super) fn axis(parameter: &Parameter) -> Axis {
     Axis { name: parameter.name.clone(), low, high }
 }
 
-/// Where a value lies between its parameter's ends, 0 to 1, on the parameter's own scale.
+/// The place of a value between its parameter's ends, 0 to 1, on the parameter's own scale.
 pub(super) fn place(parameter: &Parameter, value: &Value) -> f64 {
     parameter.domain.encode(value).clamp(0.0, 1.0)
 }
 
-/// A configuration's place for each parameter, `None` where that is inactive, and what it cost.
+/// A configuration's place for each parameter, `None` where that is inactive, and its cost.
 pub(super) type Run = (Vec<Option<f64>>, f64);
 
 /// For each parameter the share of the variance of the logarithm of the cost that groups of its values
-/// predict in configurations left out, largest first; empty where there is too little to say. That a
-/// parameter is inactive is a group of its own. Runs of one configuration count as one, so that few
+/// predict in configurations left out, largest first; empty where there are too few configurations. Inactive
+/// values of a parameter form a separate group. Runs of one configuration count as one, so that few
 /// configurations do not seem to explain each other. Estimated as `treewright analyze` does it (Plischke,
 /// Borgonovo and Smith, 2013; Allen, 1974).
 pub(super) fn importances(parameters: &[Parameter], runs: &[Run]) -> Vec<(String, f64)> {
@@ -44,7 +45,7 @@ pub(super) fn importances(parameters: &[Parameter], runs: &[Run]) -> Vec<(String
     let runs = distinct(runs);
     let count = runs.len() as f64;
     let mean = runs.iter().map(|(_, log)| log).sum::<f64>() / count.max(1.0);
-    // How far off the mean of the others is.
+    // The squared error of the mean of the others.
     let without = |log: f64, mean: f64, count: f64| ((log - mean) * count / (count - 1.0)).powi(2);
     if runs.len() < CONFIGURATIONS_MIN {
         return Vec::new();

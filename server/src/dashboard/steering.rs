@@ -1,4 +1,4 @@
-//! Changes of a study's policy from its pages, for visitors whose token may change it.
+//! Changes of a study's policy from its pages, for visitors with the needed scope.
 //!
 //! A form that another site sends in a browser's name changes nothing: the cookie stays away from it, and a
 //! form has to come from a page of this port ([`is_own_form`]). Forms name their study by its identity, so
@@ -43,8 +43,8 @@ pub(super) fn may_steer(caller: &Caller) -> bool {
     }
 }
 
-/// Whether a form comes from a page of this port, as browsers say it, or from a program that shows its token
-/// itself.
+/// Whether a form comes from a page of this port by the browser's headers, or from a program with a token of
+/// its own.
 pub(super) fn is_own_form(headers: &HeaderMap) -> bool {
     let text = |name: &header::HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
     if let Some(site) = text(&header::HeaderName::from_static("sec-fetch-site")) {

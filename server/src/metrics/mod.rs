@@ -1,8 +1,8 @@
 //! Figures for Prometheus. `watch` serves them.
 //!
-//! A process makes one set of figures in `main` and hands it down. Labels have few values, whatever clients
-//! send: RPCs come from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in `status`,
-//! and of studies only some are shown (`studies`). The names and units follow OpenMetrics 1.0.
+//! A process makes one set of figures in `main` and hands it down. Labels have few values for any input of
+//! clients: RPCs come from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in
+//! `status`, and only some studies are shown (`studies`). The names and units follow OpenMetrics 1.0.
 
 mod process;
 mod studies;
@@ -34,20 +34,20 @@ struct RpcLabel {
     rpc: &'static str,
 }
 
-/// An RPC and how it ended.
+/// An RPC and its status code.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct EndingLabel {
     rpc: &'static str,
     code: &'static str,
 }
 
-/// Why something was refused, lost or closed.
+/// The reason of a refusal or a lost connection.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct ReasonLabel {
     reason: &'static str,
 }
 
-/// Which version runs.
+/// The running version.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct BuildLabel {
     version: &'static str,
@@ -74,7 +74,7 @@ pub struct Metrics {
     thinking_seconds: Histogram,
     unthought: Counter,
     store_queue: Gauge,
-    /// When something was last found to be on the disk.
+    /// The time of the last durable write.
     last_durable: Mutex<Instant>,
     expired_leases: Counter,
     late_reports: Counter,
@@ -84,7 +84,7 @@ pub struct Metrics {
     studies: StudyFamilies,
 }
 
-/// Figures that are looked up at every request.
+/// Figures that are set at every request for metrics.
 #[derive(Debug, Default)]
 struct MomentGauges {
     connections: Gauge,
@@ -114,9 +114,9 @@ struct MomentGauges {
 pub(crate) struct Moment {
     /// Connections that are open.
     pub(crate) connections: usize,
-    /// Those of them on which no request was authorised yet.
+    /// Open connections without an authorised request.
     pub(crate) newcomers: usize,
-    /// Requests that are being worked on.
+    /// Requests in progress.
     pub(crate) in_flight: usize,
     /// Tune streams that are open.
     pub(crate) streams: usize,
@@ -130,11 +130,11 @@ pub(crate) struct Moment {
     pub(crate) limits: (usize, usize, usize),
     /// Whether the daemon is ending.
     pub(crate) draining: bool,
-    /// Bytes of requests that have not come as a whole, and of answers that were not read.
+    /// Bytes of incomplete requests, and of unread answers.
     pub(crate) unfinished: usize,
-    /// When the certificate that is shown ends, in seconds since 1970; none without one.
+    /// The end of the certificate in use, in seconds since 1970; none without one.
     pub(crate) certificate_expiry_s: Option<i64>,
-    /// When the database was last copied, in seconds since 1970; none where nobody knows.
+    /// The time of the last backup, in seconds since 1970; none where it is unknown.
     pub(crate) last_backup_s: Option<i64>,
     /// The studies that are shown.
     pub(crate) studies: Vec<StudyFigures>,
@@ -143,7 +143,7 @@ pub(crate) struct Moment {
 /// Why connections are lost.
 const LOSSES: [&str; 5] = ["limit", "address", "made_room", "tls", "overdue"];
 
-/// What comes of requests that are passed on.
+/// The outcomes of forwarded requests.
 const FORWARDED: [&str; 2] = ["answered", "silent"];
 
 /// Reports that wait at a client.
@@ -306,8 +306,7 @@ impl Metrics {
         self.begin_at_zero();
     }
 
-    /// Makes every counter with every label, so that the first time that something happens is seen as an
-    /// increase.
+    /// Makes every counter with every label, so that the first event shows as an increase.
     fn begin_at_zero(&self) {
         for reason in LOSSES {
             drop(self.connections_lost.get_or_create(&ReasonLabel { reason }));
@@ -339,7 +338,7 @@ impl Metrics {
         self.answers.load(Ordering::Relaxed)
     }
 
-    /// Something was refused.
+    /// Counts a refusal.
     pub(crate) fn refused(&self, reason: &'static str) {
         assert!(status::REASONS.contains(&reason), "{reason} is not counted from the start");
         self.refusals.get_or_create(&ReasonLabel { reason }).inc();
@@ -369,7 +368,7 @@ impl Metrics {
         self.expired_leases.inc_by(leases as u64);
     }
 
-    /// A client whose question was answered has said how many of its reports wait to be sent.
+    /// A client with an answered question has given the number of its waiting reports.
     pub(crate) fn outbox_told(&self, reports: u32) {
         self.client_outbox.observe(f64::from(reports));
     }
@@ -406,7 +405,7 @@ impl Metrics {
 
     /// All figures in OpenMetrics' text form.
     pub(crate) fn text(&self, moment: &Moment) -> Result<String, std::fmt::Error> {
-        // Held to the end, so that two who ask at once do not mix their moments.
+        // Held to the end, so that two requests at once do not mix their moments.
         let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
         self.studies.show(&moment.studies);
         let now = &self.now;
@@ -442,7 +441,7 @@ impl Metrics {
     }
 }
 
-/// A place in the queue to the disk, also of a request that is given up while it waits.
+/// A place in the queue to the disk, even of a request that is cancelled while it waits.
 struct QueuePlace<'a> {
     queue: &'a Gauge,
     since: Instant,

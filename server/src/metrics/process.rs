@@ -2,8 +2,8 @@
 
 use nix::sys::resource::{Resource, getrlimit};
 
-/// The value of `sysconf(_SC_CLK_TCK)` on every Linux that Rust runs on: user space sees ticks of 10 ms,
-/// whatever the kernel's own are.
+/// The value of `sysconf(_SC_CLK_TCK)` on every Linux that Rust runs on: user space sees ticks of 10 ms, for
+/// any tick of the kernel.
 const TICKS_PER_S: f64 = 100.0;
 
 /// Processor time of this process, user and system, as Linux counts it.
@@ -23,9 +23,9 @@ pub(super) fn resident_bytes() -> Option<u64> {
     Some(kilobytes * 1024)
 }
 
-/// Open files and sockets of this process, and how many it may have.
+/// Open files and sockets of this process, and their limit.
 pub(super) fn descriptors() -> Option<(u64, u64)> {
-    // The one with which they are listed is among them.
+    // The descriptor of the listing is among them.
     let open = std::fs::read_dir("/proc/self/fd").ok()?.count().saturating_sub(1);
     let (most, _) = getrlimit(Resource::RLIMIT_NOFILE).ok()?;
     Some((open as u64, most))

@@ -1,5 +1,4 @@
-//! The figures of one study: what its frames cost, how much of that is regret, how wrong its models are and
-//! how old.
+//! The figures of one study: the cost of its frames, their regret, and the errors and the age of its models.
 
 use treewright_core::cost_view::CostView;
 use treewright_core::trial::{Mode, Trial, TrialState};
@@ -19,18 +18,18 @@ pub(crate) struct FrameCounts {
     /// Reported frames with a cost, and those costs, by mode.
     pub(crate) frames: [u64; MODES.len()],
     pub(crate) cost: [f64; MODES.len()],
-    /// Their cost above the best configuration known of their state at that time.
+    /// Their cost above that of the best known configuration of their state at that time.
     pub(crate) regret: [f64; MODES.len()],
-    /// The sums of what they reached of a metric that is maximised and counts alone; else 0.
+    /// The sums of their values of a metric that is maximised and counts alone; else 0.
     pub(crate) reached: [f64; MODES.len()],
     /// Leases that ran out.
     pub(crate) expired: u64,
-    /// When the models last learnt, by the daemon's clock.
+    /// The time at which the models last learnt, by the daemon's clock.
     pub(crate) learnt_ms: Option<i64>,
 }
 
 impl FrameCounts {
-    /// Counts what a tuner has just decided.
+    /// Counts a tuner's latest decisions.
     pub(crate) fn add(&mut self, tuner: &Tuner, changes: &[Change]) {
         let view = tuner.spec().objective.view();
         for trial in changes.iter().flat_map(|change| &change.trials) {
@@ -79,6 +78,6 @@ pub(crate) struct StudyFigures {
     pub(crate) errors: Vec<(&'static str, f64)>,
     /// Completed trials that the last checkpoint does not cover: they would be learnt again at a start.
     pub(crate) unsaved_trials: u64,
-    /// Since when the models have not learnt, in milliseconds; none before the first report in memory.
+    /// The time since the models last learnt, in milliseconds; none before the first report in memory.
     pub(crate) model_age_ms: Option<i64>,
 }

@@ -1,9 +1,8 @@
-//! The key by which replicas know each other.
+//! The key by which replicas recognise each other.
 //!
-//! A request that a replica passes on carries the client's token, and is judged by it as if it had come from
-//! the client itself. The key only tells that it has been counted already and is not to be passed on again.
-//! Every replica finds it in the database; a client cannot know it, and what it sends in its place is taken
-//! away by the middleware.
+//! A forwarded request carries the client's token, and is authorised by it as if it came from the client. The
+//! key only shows that the request was counted already and must not be forwarded again. Every replica finds
+//! the key in the database. A client cannot know it, and the middleware removes a false one.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
@@ -12,10 +11,10 @@ use subtle::ConstantTimeEq as _;
 
 use crate::access::token::TOKEN_MARK;
 
-/// Marks a request that another replica passed on.
+/// Marks a request that another replica forwarded.
 pub const FORWARDED: &str = "treewright-forwarded";
 
-/// In the extensions of a request: its quotas were counted, here or at the replica that passed it on.
+/// In the extensions of a request: it was counted against its quotas, here or at the forwarding replica.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Counted;
 
@@ -27,7 +26,7 @@ impl ReplicaKey {
     /// The key of these bytes.
     #[must_use]
     pub fn new(bytes: &[u8; 32]) -> Self {
-        // With the mark of a token, so that it is blotted out of the log like one.
+        // With the mark of a token, so that the log hides it as well.
         let text = format!("{TOKEN_MARK}replicas_{}", URL_SAFE_NO_PAD.encode(bytes));
         let mut value = HeaderValue::from_str(&text).unwrap_or(HeaderValue::from_static(""));
         assert!(!value.is_empty(), "the replicas' key cannot be sent");
@@ -45,7 +44,7 @@ impl ReplicaKey {
     }
 }
 
-/// Takes the mark from a request that does not come from a replica, and notes that one which does has been
+/// Removes the mark from a request that does not come from a replica, and notes that one from a replica was
 /// counted.
 pub(crate) fn check<B>(key: Option<&ReplicaKey>, request: &mut Request<B>) {
     let mut values = request.headers().get_all(FORWARDED).iter();

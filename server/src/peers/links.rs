@@ -1,7 +1,7 @@
 //! Connections to the other replicas, over TLS where they ask for it.
 //!
 //! A connection is made when it is first used, mends itself, and is shared by all requests. New certificates
-//! replace all connections. The log says once that a replica is away, and once that it is back.
+//! replace all connections. The log has one line when a replica is away, and one when it is back.
 
 use std::collections::HashMap;
 use std::error::Error;
@@ -24,7 +24,7 @@ pub(super) struct Links {
 
 #[derive(Default)]
 struct KnownLinks {
-    /// Of the certificates with which the connections were made.
+    /// The number of the certificates with which the connections were made.
     number: u64,
     by_address: HashMap<String, PeerLink>,
 }
@@ -43,7 +43,7 @@ impl Links {
     pub(super) fn channel(&self, address: &str) -> Result<Channel, Status> {
         let (number, config) = match &self.tls {
             Some(tls) => tls.outgoing(),
-            // Something before the other replica may speak TLS for it.
+            // A proxy before the other replica may speak TLS for it.
             None => (0, ClientTlsConfig::new().with_native_roots()),
         };
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
@@ -75,7 +75,7 @@ impl Links {
         Ok(channel)
     }
 
-    /// A replica answered, whatever it said.
+    /// A replica gave an answer of any kind.
     pub(super) fn answered(&self, address: &str) {
         self.metrics.forwarded("answered");
         if self.note(address, false) {
@@ -96,7 +96,7 @@ impl Links {
         }
     }
 
-    /// Notes how a replica is; true when that has changed.
+    /// Notes whether a replica is silent; true when that has changed.
     fn note(&self, address: &str, is_silent: bool) -> bool {
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(link) = known.by_address.get_mut(address) else {
@@ -106,7 +106,7 @@ impl Links {
     }
 }
 
-/// An error with what caused it: the outermost alone says no more than "transport error".
+/// An error with its causes: the outermost alone only says "transport error".
 fn causes(error: &(dyn Error + 'static)) -> String {
     let mut said = error.to_string();
     let mut next = error.source();

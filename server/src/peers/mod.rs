@@ -1,12 +1,13 @@
-//! The other replicas: how a request gets to the one that holds its study.
+//! The other replicas, and the way of a request to the one that holds its study.
 //!
 //! Where several daemons share a database, a study's tuner lives in one of them. A replica that is asked
-//! about a study of another's passes the request on, as it came, and the answer back. A request is passed on
-//! once: a replica that gets it marked and does not hold the study says so, and the first looks again for the
-//! holder. If the holder is gone, the database lets the first take the study itself. [`find_answer`] is that
-//! search; single requests, frames of a stream and the fault simulator each say how they try here and there.
+//! about another's study forwards the request unchanged, and returns the answer. A request is forwarded once:
+//! a replica that receives a marked request and does not hold the study refuses it, and the first looks for
+//! the holder again. If the holder is gone, the database lets the first take the study itself.
+//! [`find_answer`] is that search; single requests, frames of a stream and the fault simulator each define
+//! their own attempts.
 //!
-//! `links` are the connections, `key` is how a replica tells another's request from a client's.
+//! `links` are the connections, `key` separates requests of replicas from those of clients.
 
 pub(crate) mod key;
 mod links;
@@ -44,16 +45,16 @@ pub trait Seeking: Sync {
     /// Its answer.
     type Answer: Send;
 
-    /// Tries in this replica: the answer, and where to try again what could not be done here.
+    /// Tries in this replica: the answer, and the place for another try of the rest.
     ///
     /// # Errors
-    /// What ends the search.
+    /// An error that ends the search.
     fn here(&self) -> impl Future<Output = Result<(Self::Answer, Option<Redirect>), Status>> + Send;
 
     /// Tries in another replica, marked as passed on; none where that leaves the question open.
     ///
     /// # Errors
-    /// What ends the search.
+    /// An error that ends the search.
     fn there(
         &self,
         study: &str,
@@ -63,17 +64,17 @@ pub trait Seeking: Sync {
     /// The replica did not answer, or does not hold the study any more.
     fn doubt(&self, study: &str);
 
-    /// No replica did what was asked for, in the time that there was.
+    /// No replica did the request in time.
     fn gave_up(&self, study: &str) {
         let _ = study;
     }
 }
 
-/// Looks for the replica that answers a request until [`limits::PEER_PATIENCE`] is over; then the last answer
-/// of this replica stands. A request that was passed on is not passed on again.
+/// Looks for the replica that answers a request until [`limits::PEER_PATIENCE`] is over; then this replica's
+/// last answer counts. A forwarded request is not forwarded again.
 ///
 /// # Errors
-/// Those of the request's own attempts.
+/// The errors of the request's own attempts.
 pub async fn find_answer<S: Seeking>(request: &S, was_forwarded: bool) -> Result<S::Answer, Status> {
     let mut patience = Patience::new();
     loop {
@@ -97,7 +98,7 @@ pub async fn find_answer<S: Seeking>(request: &S, was_forwarded: bool) -> Result
     }
 }
 
-/// How long a request has been looking for the replica that does it.
+/// The time of a request's search for the replica that does it.
 struct Patience {
     until: Instant,
     pause: Duration,
@@ -120,7 +121,7 @@ impl Patience {
 }
 
 impl Peers {
-    /// The replicas that share `store`; none where nobody else does. `tls` is how those are reached that
+    /// The replicas that share `store`; none for a store of one process. `tls` is used for replicas that
     /// speak TLS.
     #[must_use]
     pub fn of(store: &Arc<dyn Store>, tls: Option<Arc<Tls>>, refusals: Refusals) -> Option<Arc<Self>> {
@@ -129,13 +130,13 @@ impl Peers {
         Some(Arc::new(Self { store: Arc::clone(store), key, links, refusals }))
     }
 
-    /// By what replicas know each other's requests.
+    /// The key by which replicas recognise each other's requests.
     #[must_use]
     pub fn key(&self) -> &ReplicaKey {
         &self.key
     }
 
-    /// Marks a request that is to be passed on, and finds the connection for it.
+    /// Marks a request to forward, and finds its connection.
     pub(crate) fn pass_on(&self, address: &str, headers: &mut HeaderMap) -> Result<Channel, Status> {
         self.key.show(headers);
         self.links.channel(address)
@@ -146,7 +147,7 @@ impl Peers {
         self.store.doubt(study);
     }
 
-    /// The replica answered, whatever it said.
+    /// The replica gave an answer of any kind.
     pub(crate) fn answered(&self, address: &str) {
         self.links.answered(address);
     }
@@ -156,8 +157,8 @@ impl Peers {
         self.links.silent(address, error);
     }
 
-    /// Waits for a replica's answer for as long as it is taken for alive: one that is frozen keeps its
-    /// connections and says nothing. None when it was given up.
+    /// Waits for a replica's answer as long as the replica counts as alive: a frozen one keeps its
+    /// connections and stays silent. None when the replica was given up.
     pub(crate) async fn while_held<T>(
         &self,
         study: &str,
@@ -181,13 +182,13 @@ impl Peers {
         }
     }
 
-    /// Nobody did what was asked for, in the time that there was.
+    /// No replica did the request in time.
     pub(crate) fn gave_up(&self, study: &str) {
         self.refusals.note_unplaced(study);
     }
 
     /// Passes one frame of a Tune stream on. `metadata` is the stream's own. The inner error is the replica's
-    /// answer to the whole stream, such as that the token has ended; the outer one says that it did not
+    /// answer to the whole stream, such as the end of the token; the outer one means that the replica did not
     /// answer.
     pub(crate) async fn frame(
         &self,
@@ -214,7 +215,7 @@ impl Peers {
     }
 }
 
-/// Whether a status was made on this side, of a connection that failed, rather than sent by the replica.
+/// Whether a status comes from a failed connection on this side, not from the replica.
 fn has_broken(status: &Status) -> bool {
     std::error::Error::source(status).is_some() || status.code() == Code::Unknown
 }

@@ -1,5 +1,5 @@
 //! Frames of a Tune stream where several replicas share the studies: each goes to the replica that holds its
-//! study, and what concerns two studies goes its two ways.
+//! study, and a frame about two studies is split.
 
 use std::sync::Arc;
 
@@ -10,19 +10,19 @@ use treewright_proto::v1 as wire;
 use crate::peers::{FORWARDED, Peers, Seeking, find_answer, is_open};
 use crate::redirect::Redirect;
 
-/// Answers frames with what is at hand in this replica.
+/// Answers frames in this replica.
 pub(super) trait Attempt: Sync {
     /// Counts a frame against its caller's quotas. A refusal is its answer; an error ends the stream.
     fn count(&self, frame: &wire::TuneRequest) -> Result<Option<wire::TuneResponse>, Status>;
 
-    /// The answer, and where to try again what could not be done here. An error ends the stream.
+    /// The answer, and the place for another try of the rest. An error ends the stream.
     fn attempt(
         &self,
         frame: wire::TuneRequest,
     ) -> impl Future<Output = Result<(wire::TuneResponse, Option<Redirect>), Status>> + Send;
 }
 
-/// The way of one stream's frames.
+/// The routing of one stream's frames.
 pub(super) struct FrameRouter {
     peers: Option<Arc<Peers>>,
     /// The metadata that the client sent with the stream, its credentials among them.
@@ -30,7 +30,7 @@ pub(super) struct FrameRouter {
 }
 
 impl FrameRouter {
-    /// Whether what is not done here may be done elsewhere.
+    /// Whether another replica may do the rest of a frame.
     pub(super) fn has_peers(&self) -> bool {
         self.peers.is_some()
     }
@@ -46,7 +46,7 @@ impl FrameRouter {
         frame: wire::TuneRequest,
         here: &impl Attempt,
     ) -> Result<wire::TuneResponse, Status> {
-        // However often and wherever it is tried, it counts once.
+        // All tries of a frame, here and elsewhere, count once.
         if let Some(refused) = here.count(&frame)? {
             return Ok(refused);
         }
@@ -128,8 +128,8 @@ impl<A: Attempt> Seeking for SeekingFrame<'_, A> {
     }
 }
 
-/// Whether the trial that is reported is one of the study that is asked. Malformed names go together; they
-/// are refused all the same.
+/// Whether the reported trial belongs to the study of the question. Malformed names count as one study; they
+/// are refused later.
 fn concern_one_study(report: &wire::ReportRequest, suggest: &wire::SuggestRequest) -> bool {
     match report.trial.split_once("/trials/") {
         Some((study, _)) => study == suggest.study,

@@ -2,7 +2,7 @@
 //!
 //! `studies` and `trials` hold the handlers by topic, `tune` the stream. Their common part is here: every
 //! request counts against its caller's quotas, is admitted, and is logged once when it is refused. Handlers
-//! read names through `reach`, so that nobody reaches a study that is not theirs.
+//! read names through `reach`, so that no caller reaches a hidden study.
 
 mod frames;
 mod reach;
@@ -32,13 +32,13 @@ pub struct Service {
     tuning: Arc<Tuning>,
     admission: Admission,
     peers: Option<Arc<Peers>>,
-    /// Whether the middleware says who sent each request.
+    /// Whether the middleware has authenticated each request.
     behind_middleware: bool,
     refusals: Refusals,
 }
 
 impl Service {
-    /// The service on its use cases, open to every holder of it.
+    /// The service on its use cases, without access control.
     #[must_use]
     pub fn new(tuning: Arc<Tuning>, admission: Admission) -> Self {
         let refusals = Refusals::new(Arc::clone(tuning.metrics()));
@@ -57,7 +57,7 @@ impl Service {
         Self { peers, ..self }
     }
 
-    /// The sender of a request, as the middleware found out.
+    /// The sender of a request, from the middleware.
     fn caller<Q>(&self, request: &Request<Q>) -> Result<Caller, Error> {
         match request.extensions().get::<Caller>() {
             Some(caller) => Ok(caller.clone()),
@@ -68,7 +68,7 @@ impl Service {
         }
     }
 
-    /// Lets a request in, does its work, and answers.
+    /// Admits a request, does its work, and answers.
     async fn answer<Q: Message, T>(
         &self,
         request: Request<Q>,

@@ -1,4 +1,4 @@
-//! Which study a request means, and whether its caller may know of it.
+//! The study of a request, and the check that its caller may know of it.
 
 use crate::access::caller::Caller;
 use crate::convert::names::{self, StudyName, TrialName};
@@ -32,8 +32,8 @@ pub(super) async fn trial(
     Ok(TrialName { study: find(tuning, caller, study).await?, number })
 }
 
-/// The study that a request names, under the id that it has by now. Tokens are good for ids. A study out of
-/// the caller's reach is denied with the same words whether it exists or not.
+/// The study that a request names, under its present id, for which tokens are valid. A hidden study is denied
+/// with the same words whether it exists or not.
 ///
 /// # Errors
 /// [`Error::Denied`], and those of [`Tuning::find`].

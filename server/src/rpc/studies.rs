@@ -70,7 +70,7 @@ pub(crate) async fn list(
             Some(cursor::open(token, &LIST_QUESTION).map_err(|error| Error::invalid("page_token", error))?)
         }
     };
-    // One more than fits tells whether another page follows.
+    // One study more than fits shows whether another page follows.
     let records = visible(tuning, caller, after, size + 1).await?;
     assert!(records.len() <= size as usize + 1, "{} studies for a page of {size}", records.len());
     let mut studies = Vec::new();

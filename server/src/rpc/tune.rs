@@ -34,9 +34,9 @@ pub(super) struct TuneStream {
     pub(super) tuning: Arc<Tuning>,
     pub(super) admission: Admission,
     pub(super) caller: Caller,
-    /// Its frames were counted by the replica that passed them on.
+    /// The forwarding replica counted its frames.
     pub(super) is_counted: bool,
-    /// Another replica may do a request that is not done here.
+    /// Another replica may do a request that this one cannot.
     pub(super) has_peers: bool,
     pub(super) refusals: Refusals,
     /// Held until the stream ends: a place among the streams, and the connection's right to stay.
@@ -44,8 +44,8 @@ pub(super) struct TuneStream {
 }
 
 impl TuneStream {
-    /// Serves until the client ends the stream, its token ends or the daemon drains. The work is a task of
-    /// its own, so that a client that vanishes does not cut a frame in two.
+    /// Serves until the client ends the stream, its token ends or the daemon drains. The work is a separate
+    /// task, so that a vanished client does not interrupt a frame.
     pub(super) fn serve(self, way: FrameRouter, mut frames: Streaming<wire::TuneRequest>) -> TuneAnswers {
         let (answers, stream) = mpsc::channel(limits::TUNE_ANSWERS_WAITING);
         let work = async move {
@@ -72,8 +72,8 @@ impl TuneStream {
                     Err(status) => Err(status::corrected(status)),
                 };
                 let last = answer.is_err();
-                // A client that no longer listens wants no more answers, and one that does not read them in
-                // time must not keep a place among the streams.
+                // A client that has left wants no more answers, and one that does not read them in time must
+                // not keep a place among the streams.
                 let patience = async {
                     tokio::select! {
                         () = sleep(limits::TUNE_UNREAD) => {}
@@ -96,7 +96,7 @@ impl TuneStream {
         ReceiverStream::new(stream)
     }
 
-    /// Parts what went well from what did not.
+    /// Separates the result from the error.
     fn split<T>(&self, result: Option<Result<T, Error>>) -> (Option<T>, Option<wire::TuneError>) {
         match result {
             None => (None, None),
@@ -120,7 +120,7 @@ impl TuneStream {
         Ok((suggest, self.caller.spend_trial()?))
     }
 
-    /// The answer to a frame of which nothing was done.
+    /// The answer to a refused frame, of which nothing was done.
     fn refuse(&self, frame: &wire::TuneRequest, error: &Error) -> wire::TuneResponse {
         self.refusals.note(error);
         wire::TuneResponse {
@@ -190,14 +190,14 @@ impl Attempt for TuneStream {
             report_error: report_error.or(taking_error),
             suggest_error: suggest_error.or(suggesting_error),
         };
-        // Each part has one answer, and what was not asked has none.
+        // Each requested part has one answer, and no other part has one.
         assert_eq!(is_reported, response.reported.is_some() != response.report_error.is_some());
         assert_eq!(is_asked, response.trial.is_some() != response.suggest_error.is_some());
         Ok((response, redirect))
     }
 }
 
-/// How a frame ended: as its first part that did not go well.
+/// The code of a frame: that of its first failed part.
 fn code(answer: &Result<wire::TuneResponse, Status>) -> Code {
     match answer {
         Ok(answer) => {

@@ -1,9 +1,9 @@
 //! Spans for a collector of OpenTelemetry, over OTLP and gRPC.
 //!
 //! Each request is a span, with the fields that its lines in the log have: `id`, `rpc` and `token`. A
-//! client's `traceparent` (W3C Trace Context) makes it part of the client's trace, and goes along where a
-//! replica passes the request on. Spans wait in a bounded queue and are sent by a thread of their own: a
-//! collector that is slow or away costs spans and nothing else.
+//! client's `traceparent` (W3C Trace Context) makes it part of the client's trace, and goes along with a
+//! forwarded request. Spans wait in a bounded queue and are sent by a separate thread: a slow or missing
+//! collector only costs spans.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -22,7 +22,7 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::registry::LookupSpan;
 
-/// The header that says which trace a request belongs to.
+/// The header with the trace of a request.
 const TRACE_PARENT: &str = "traceparent";
 
 /// Spans on their way to a collector.
@@ -42,8 +42,8 @@ impl Traces {
         Ok(Self(provider.build()))
     }
 
-    /// The part of the log that makes spans. Only those of the daemon itself: libraries below it may name
-    /// what they read from the wire.
+    /// The layer that makes spans. Only those of the daemon itself count: libraries may put bytes from the
+    /// wire into theirs.
     pub(super) fn layer<S>(&self) -> impl Layer<S> + use<S>
     where
         S: Subscriber + for<'span> LookupSpan<'span>,
@@ -53,7 +53,7 @@ impl Traces {
         layer.with_location(false).with_threads(false).with_tracked_inactivity(false).with_filter(ours)
     }
 
-    /// Sends what waits, for a while, and ends.
+    /// Sends waiting spans, for a while, and ends.
     pub fn end(self) {
         if let Err(error) = self.0.shutdown_with_timeout(Duration::from_secs(5)) {
             tracing::warn!(%error, "the last spans did not reach the collector");
@@ -65,7 +65,7 @@ impl Traces {
 pub(crate) fn adopt(span: &Span, headers: &HeaderMap) {
     if headers.contains_key(TRACE_PARENT) {
         let parent = TraceContextPropagator::new().extract(&Headers(headers));
-        // Nobody may be listening.
+        // There may be no collector.
         let _ = span.set_parent(parent);
     }
 }
@@ -83,7 +83,7 @@ impl Extractor for Headers<'_> {
     }
 }
 
-/// Says once that the collector takes no spans, and once that it takes them again.
+/// Logs once that the collector takes no spans, and once that it takes them again.
 #[derive(Debug)]
 struct Noting<E> {
     exporter: E,

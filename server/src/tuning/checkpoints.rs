@@ -1,4 +1,4 @@
-//! Checkpoints: what the tuners in memory have learnt is saved now and then, so that a start reads few
+//! Checkpoints: the knowledge of the tuners in memory is saved now and then, so that a start reads few
 //! trials.
 //!
 //! Under the study's lock only pointers are copied; packing and writing happen beside it. The changes that a
@@ -31,7 +31,7 @@ impl Live {
         if !is_due(self.saved, completed) {
             return None;
         }
-        // Should saving fail, the next attempt comes after as many trials again.
+        // After a failure the next attempt comes after as many trials again.
         self.saved.completion = completed;
         let before = self.commit(store, &[]);
         Some(DueCheckpoint { learnt: self.tuner.learnt(), fence: self.fence().clone(), before })
@@ -62,7 +62,7 @@ impl Tuning {
                 Ok(Saved { completion, bytes, .. }) => {
                     tracing::debug!(study, completion, bytes, "checkpoint saved");
                 }
-                // It is only an accelerator.
+                // A checkpoint only saves time.
                 Err(error) => tracing::warn!(study, %error, "a checkpoint was not saved"),
             }
         }
@@ -124,7 +124,7 @@ pub(super) mod tests {
         tuning.suggest(suggest).await.expect("a trial")
     }
 
-    /// A frame of a client; what it got.
+    /// A frame of a client; returns its trial.
     pub(in crate::tuning) async fn frame(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
         let trial = suggested(tuning, client_id, place).await;
         let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).expect("active");
@@ -138,11 +138,11 @@ pub(super) mod tests {
         trial
     }
 
-    /// Two clients, frame after frame; what they got.
+    /// Two clients, frame after frame; returns their trials.
     pub(in crate::tuning) async fn frames(tuning: &Tuning, numbers: std::ops::Range<u64>) -> Vec<Trial> {
         let mut trials = Vec::new();
         for number in numbers {
-            // Later on in places that are new, where the models have a say.
+            // Later frames are in new places, where the models count.
             let shift = if number > CHECKPOINT_TRIALS_MIN + 300 { 0.05 } else { 0.0 };
             let place = (number / 10 % 9) as f64 / 9.0 + shift;
             trials.push(frame(tuning, &format!("client-{}", number % 2), place).await);

@@ -1,4 +1,4 @@
-//! Where long computations run: in threads of their own, some of which give way to those that answer.
+//! Threads for long computations, some of which yield to the threads that answer.
 
 use std::sync::OnceLock;
 
@@ -7,8 +7,8 @@ use tokio::runtime::{Builder, Handle, Runtime, RuntimeFlavor};
 use crate::error::Error;
 use crate::limits::COMPUTING_NICENESS;
 
-/// Learning and packing take a while, in which other studies go on. A runtime of one thread has no other
-/// place for it, and one that simulates time must not depend on how fast another thread is.
+/// Runs learning and packing in another thread, so that other studies go on. A runtime of one thread runs
+/// them itself, because simulated time must not depend on the speed of another thread.
 pub(super) async fn compute<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Error> {
@@ -16,7 +16,7 @@ pub(super) async fn compute<T: Send + 'static>(
 }
 
 /// Computes with a smaller share of busy processors: for fits and plans, without which an answer is worse but
-/// not later. Otherwise many exploring clients would slow down everybody's answers.
+/// not later. Otherwise many exploring clients would slow down all answers.
 pub(super) async fn compute_aside<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Error> {
@@ -43,7 +43,8 @@ async fn compute_on<T: Send + 'static>(
     }
 }
 
-/// Lowers the priority of the calling thread. Elsewhere than on Linux it would be that of the process.
+/// Lowers the priority of the calling thread. On other systems than Linux this would lower that of the
+/// process.
 fn give_way() {
     #[cfg(target_os = "linux")]
     if let Err(error) = rustix::process::nice(COMPUTING_NICENESS) {

@@ -1,4 +1,4 @@
-//! Suggest and report, as two requests or as one: what a client does every frame.
+//! Suggest and report, as two requests or as one: the requests of a client's frame.
 
 use treewright_core::trial::{RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, TunerError};
@@ -10,10 +10,10 @@ use crate::convert::from_proto::{Report, Suggest};
 use crate::error::Error;
 use crate::redirect::Redirect;
 
-/// How often a report of a closed trial is tried, should another request change such a trial meanwhile.
+/// The number of tries of a report for a closed trial while other requests change closed trials.
 const TRIES: usize = 8;
 
-/// A report that was taken, or had been before.
+/// A report that was taken now or before.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reported {
     /// The trial as this report completed it.
@@ -22,7 +22,7 @@ pub enum Reported {
     Duplicate(Box<RawTrial>),
 }
 
-/// The answers to the parts of a frame that were asked.
+/// The answers to the requested parts of a frame.
 pub struct FrameAnswer {
     /// To the report.
     pub reported: Option<Result<Reported, Error>>,
@@ -31,7 +31,7 @@ pub struct FrameAnswer {
 }
 
 impl FrameAnswer {
-    /// Where to try again what could not be done here.
+    /// The place for another try of the rest.
     #[must_use]
     pub fn redirect(&self) -> Option<Redirect> {
         let reported = self.reported.as_ref().and_then(|result| result.as_ref().err());
@@ -44,7 +44,7 @@ impl FrameAnswer {
 enum ReportOutcome {
     /// It completes an open trial.
     Now(Box<Trial>, Change),
-    /// The trial is not open; the store knows what became of it.
+    /// The trial is not open; the store has its record.
     Closed,
     /// It is refused.
     Refused(Error),
@@ -59,7 +59,7 @@ impl Tuning {
         self.suggest_after(suggest, None).await
     }
 
-    /// Answers a suggestion for which a preparation may be known to be needed.
+    /// Answers a suggestion, with a preparation that is known to be needed, if any.
     async fn suggest_after(&self, suggest: Suggest, begun: Option<Preparation>) -> Result<Trial, Error> {
         let (trial, receipt) = self
             .with_plan(&suggest.study.id, begun, |live, store, prepared, now_ms| {
@@ -107,8 +107,8 @@ impl Tuning {
     }
 
     async fn joint_frame(&self, report: Report, suggest: Suggest) -> FrameAnswer {
-        /// The report, what was suggested or has to be prepared first, when it is durable, and whether
-        /// updates of the models were deferred.
+        /// The reported trial, the suggestion or its preparation, the receipt of both, and whether updates of
+        /// the models were deferred.
         type Joint = (Box<Trial>, Result<Result<Trial, TunerError>, Preparation>, Receipt, bool);
         let study = suggest.study.id.clone();
         let computed: Result<Option<Joint>, Error> = self
@@ -148,7 +148,7 @@ impl Tuning {
                     },
                 }
             }
-            // A report that is late, repeated or wrong goes its own way, and the suggestion another.
+            // A late, repeated or wrong report and the suggestion are handled separately.
             Ok(None) => FrameAnswer {
                 reported: Some(self.report(report).await),
                 suggested: Some(self.suggest(suggest).await),
@@ -212,7 +212,7 @@ enum Queued {
 
 /// A point in a study's life at which a trial was not open.
 pub(super) struct ClosedMark {
-    /// Durable once everything before that point is, and so readable.
+    /// Durable, and so readable, once every write before that point is.
     pub(super) receipt: Receipt,
     pub(super) fence: Fence,
     pub(super) closed_changes: u64,
@@ -228,7 +228,7 @@ impl Live {
         }
     }
 
-    /// Answers a question, or says what has to be prepared first.
+    /// Answers a question, or returns its preparation.
     fn suggest(
         &mut self,
         suggest: &Suggest,
@@ -263,9 +263,9 @@ impl Live {
         self.fence().is_same(fence) && self.closed_changes == closed_changes
     }
 
-    /// Checks a closed trial that comes from the store. One that is open there, or that this copy of the
-    /// study never handed out, shows that another replica has the study by now: the copy is given up, and the
-    /// next request meets a fresh one.
+    /// Checks a closed trial that comes from the store. A trial that is open there, or that this copy of the
+    /// study never handed out, shows that another replica holds the study now. The copy is then dropped, and
+    /// the next request loads a fresh one.
     pub(super) fn check(&self, trial: RawTrial) -> Result<Trial, Error> {
         if trial.state == TrialState::Open || trial.number > self.tuner.statistics().trials {
             self.fence().break_up();
@@ -309,7 +309,7 @@ fn queue(live: &mut Live, store: &dyn Store, taken: ReportOutcome) -> Queued {
     }
 }
 
-/// A line for each change of a client's state, and one for each trial for those who want all.
+/// Logs each change of a client's state, and at a finer level each trial.
 fn note(suggest: &Suggest, trial: &Trial, change: &Change) {
     let last = change.trials.last().map(|trial| trial.number);
     assert_eq!((last, trial.state), (Some(trial.number), TrialState::Open), "what is handed out is stored");

@@ -14,18 +14,19 @@ use super::compute::compute;
 use crate::error::Error;
 use crate::limits;
 
-/// The last checkpoint of a study: what it covers, and its length.
+/// The last checkpoint of a study: its coverage and its length.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Saved {
-    /// Up to where it was last tried.
+    /// The completion of the last attempt.
     pub(super) completion: u64,
-    /// Up to where it covers the trials for certain: it is on the disk, and this program can read it.
+    /// The completion up to which it surely covers the trials: it is on the disk, and this program can read
+    /// it.
     pub(super) stored: u64,
     pub(super) bytes: u64,
 }
 
 impl Saved {
-    /// Whether enough trials were completed since then for another one to be worth its bytes.
+    /// Whether enough trials were completed since then to pay for another checkpoint.
     pub(super) fn is_due(self, completed: u64, after: u64) -> bool {
         let after = after.max(self.bytes / CHECKPOINT_BYTES_PER_TRIAL);
         completed.saturating_sub(self.completion) >= after
@@ -36,9 +37,9 @@ impl Saved {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Identity {
     pub(super) uid: StudyUid,
-    /// Trials with numbers up to this were handed out before the study got its name.
+    /// Trials up to this number were handed out before the study got its name.
     pub(super) named_after: u64,
-    /// The number of trial numbers that were left to other studies of the name.
+    /// The number of trial numbers that other studies of the name used.
     pub(super) skipped: u64,
 }
 
@@ -57,8 +58,8 @@ pub(super) async fn load(store: &dyn Store, study: &str, now_ms: i64) -> Result<
     read(store, loaded, now_ms).await
 }
 
-/// Reads what a loaded study has learnt. Another daemon may take it meanwhile; the copy is then as it was
-/// when it was loaded, and its fence has broken or the store will refuse what it decides.
+/// Reads the knowledge of a loaded study. Another daemon may take the study meanwhile. The copy then keeps
+/// its state at loading, and its fence has broken or the store will refuse its changes.
 async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Error> {
     let Loaded { fence, study: record, snapshot, mut open_trials, checkpoint } = loaded;
     let study = fence.study().to_owned();
@@ -66,7 +67,7 @@ async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Er
         open_trials.iter().all(|trial| trial.state == TrialState::Open),
         "only these are under lease"
     );
-    // A lease that was given before the clock was set back must not last until that time comes again.
+    // A lease from before the clock was set back must not last until that time comes again.
     for trial in &mut open_trials {
         let lease_ms = trial.lease_expire_ms.saturating_sub(trial.create_ms);
         trial.lease_expire_ms = trial.lease_expire_ms.min(now_ms.saturating_add(lease_ms));
@@ -76,7 +77,7 @@ async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Er
     let identity = Identity { uid: record.uid, named_after: record.named_after, skipped };
     let spec = Arc::new(record.spec);
     let failed = |problem| Error::Restore { study: study.clone(), problem };
-    // One from a database that was put back in part could be ahead of the trials.
+    // A checkpoint from a partly restored database could be ahead of the trials.
     let checkpoint = checkpoint.filter(|one| one.completion <= known);
     let bytes = checkpoint.as_ref().map_or(0, |one| one.bytes.len() as u64);
     let begun = Arc::clone(&spec);
@@ -89,7 +90,7 @@ async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Er
     let saved = Saved { completion: restoring.after(), stored: restoring.after(), bytes };
     loop {
         let mut trials = store.completed_trials(&fence, restoring.after(), limits::TRIALS_PER_READ).await?;
-        // Later ones are of another daemon, which has the study by now: this copy must not mix with them.
+        // Later trials are of another daemon, which holds the study now: this copy must not mix with them.
         trials.retain(|trial| trial.completion.is_some_and(|at| at <= known));
         if trials.is_empty() {
             break;
@@ -101,7 +102,7 @@ async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Er
     Ok(Read { tuner, identity, fence, saved })
 }
 
-/// Learns trials that follow each other, as far as they are what comes next: a change of predictor goes back.
+/// Learns consecutive trials while they are the next ones: a change of predictor goes back.
 fn learn(mut restoring: Restoring, trials: &[Trial]) -> Result<Restoring, RestoreError> {
     for trial in trials {
         restoring.learn(trial)?;

@@ -1,11 +1,11 @@
-//! The use cases of the daemon, apart from the wire: what each request does to tuner and store.
+//! The use cases of the daemon, apart from the wire: the work of each request on tuner and store.
 //!
-//! The order is always the same: take the tuner's lock, compute, queue the change, let go of the lock, wait
-//! until the change is durable, answer. Nothing is answered that is not on the disk. No model is fitted under
-//! the lock: `planning` does that before. `runtime` holds the tuners in memory, `loading` reads a study from
-//! the database, `checkpoints` saves what was learnt so that less has to be read, `retention` removes old
-//! trials, `frames` suggests and reports, `trials` does what concerns one trial, `studies` what concerns a
-//! study, `presence` knows when the daemon was away, `figures` collects what the metrics show.
+//! Each one takes the tuner's lock, computes, queues the change, releases the lock, waits until the change is
+//! durable, and answers. So every answer rests on durable changes. No model is fitted under the lock:
+//! `planning` does that before. `runtime` holds the tuners in memory, `loading` reads a study from the
+//! database, `checkpoints` saves knowledge so that less has to be read, `retention` removes old trials,
+//! `frames` suggests and reports, `trials` and `studies` have the other requests by topic, `presence` notes
+//! absences of the daemon, `figures` collects the metrics' data.
 
 mod checkpoints;
 mod compute;
@@ -44,8 +44,8 @@ pub struct Tuning {
     checkpoint_after: u64,
     /// Permits for plans that are computed at once.
     planning_permits: Arc<Semaphore>,
-    /// One caller at a time saves checkpoints: a slow one must not put an older checkpoint in the place of a
-    /// newer one, by which trials may have been removed.
+    /// One caller at a time saves checkpoints: a slow one must not replace a newer checkpoint, on whose
+    /// ground trials may have been removed.
     saving: Semaphore,
     runtimes: Mutex<Runtimes>,
 }
@@ -77,14 +77,14 @@ impl Tuning {
         Self { environment, checkpoint_after, planning_permits, saving, runtimes: Mutex::default() }
     }
 
-    /// Counts in `metrics`, instead of in figures that nobody else sees.
+    /// Counts in `metrics`, instead of private figures.
     #[must_use]
     pub fn with_metrics(self, metrics: Arc<Metrics>) -> Self {
         let environment = Environment { metrics, ..(*self.environment).clone() };
         Self { environment: Arc::new(environment), ..self }
     }
 
-    /// Where everything is counted.
+    /// The metrics.
     #[must_use]
     pub fn metrics(&self) -> &Arc<Metrics> {
         &self.environment.metrics
@@ -94,19 +94,20 @@ impl Tuning {
         &*self.environment.store
     }
 
-    /// The time by the clock that leases go by, in milliseconds since 1970.
+    /// The time of the clock for leases, in milliseconds since 1970.
     #[must_use]
     pub fn now_ms(&self) -> i64 {
         self.environment.clock.now_ms()
     }
 
-    /// Saves checkpoints after `trials` completed trials, where the usual number would hide them from a test.
+    /// Saves checkpoints after `trials` completed trials, for tests, in which the usual number would be too
+    /// high.
     #[must_use]
     pub fn with_checkpoints_after(self, trials: u64) -> Self {
         Self { checkpoint_after: trials, ..self }
     }
 
-    /// Computes on a study's tuner, with every lease that has run out ended before.
+    /// Computes on a study's tuner, after it has ended every lease that has run out.
     async fn with_tuner<T>(
         &self,
         study: &str,
@@ -123,14 +124,14 @@ impl Tuning {
             .await;
         match &computed {
             Ok(_) | Err(Error::Loading { .. }) => {}
-            // Chiefly names of no study, which must not fill the memory.
+            // Names of missing studies must not fill the memory.
             Err(_) => self.forget(study),
         }
         computed
     }
 
-    /// The place of a study in memory. Where room is short, the least recently used one goes; what it
-    /// has queued is stored all the same.
+    /// The place of a study in memory. Where room is short, the least recently used one is dropped; its
+    /// queued changes are still stored.
     fn runtime(&self, study: &str) -> Arc<Runtime> {
         let mut runtimes = self.runtimes.lock().unwrap_or_else(PoisonError::into_inner);
         runtimes.uses += 1;
@@ -161,8 +162,7 @@ impl Tuning {
         runtime?.peek(|live| live.identity.uid)
     }
 
-    /// Begins to read a study into memory, where it is not there yet: who will ask for it soon need not wait
-    /// as long then.
+    /// Begins to load a study that is not in memory yet, so that soon requests wait less.
     pub(crate) fn begin_loading(&self, study: &str) {
         self.runtime(study).begin_loading();
     }

@@ -1,11 +1,11 @@
-//! For which states' searches somebody plans at the moment.
+//! The states whose searches are being planned for.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Weak};
 
 use treewright_core::ids::StateId;
 
-/// The states of a study whose search is being planned for: each as long as somebody holds its token.
+/// The states of a study whose search is being planned for: each as long as a request holds its token.
 #[derive(Debug, Default)]
 pub(super) struct PlannedSearches(HashMap<StateId, Weak<()>>);
 

@@ -1,10 +1,10 @@
 //! Plans for suggestions, computed in threads of their own and without the study's lock, while the study
 //! serves others.
 //!
-//! Under the study's lock a question is answered from tables, or it gives a plan request: copies of what has
-//! to be computed first. Not more of them are computed at once than there are processors, and one at a time
-//! plans for the search of a state. Who finds all of that taken gets what was thought of in reserve, or is
-//! answered from the tables: a client would rather run something good now than wait for something better.
+//! Under the study's lock a question is answered from tables, or it gives a plan request: copies of the
+//! inputs of a computation. At most one for each processor runs at once, and one at a time plans for the
+//! search of a state. A question without a permit gets a point from the reserve, or an answer from the
+//! tables: a good configuration now is worth more than a better one later.
 
 use std::sync::Arc;
 
@@ -43,7 +43,7 @@ impl Live {
     }
 }
 
-/// The results that a question comes with.
+/// The results of preparations for a question.
 #[derive(Debug, Default)]
 pub(super) struct Prepared {
     /// The plan; none before it is known whether one is needed.
@@ -53,9 +53,9 @@ pub(super) struct Prepared {
 }
 
 impl Tuning {
-    /// Computes on a study's tuner until `step` has its answer. Where it asks for a preparation, that is
-    /// computed without the tuner's lock, and `step` is called again. `begun` is one that is known to be
-    /// needed already.
+    /// Computes on a study's tuner until `step` has its answer. A preparation that it asks for is computed
+    /// without the tuner's lock, and `step` is called again. `begun` is a preparation that is known to be
+    /// needed.
     pub(super) async fn with_plan<T: Send>(
         &self,
         study: &str,
@@ -108,14 +108,14 @@ impl Tuning {
     }
 
     /// A permit to compute, if one is free in time. It goes with the work into another thread, so that it is
-    /// held until the work has ended, also when nobody waits for the result any more.
+    /// held until the work has ended, even after the request was cancelled.
     async fn planning_permit(&self) -> Option<OwnedSemaphorePermit> {
         let permit = Arc::clone(&self.planning_permits).acquire_owned();
         timeout(PLANNING_WAIT, permit).await.ok()?.ok()
     }
 
     /// Waits for the disk, and computes meanwhile the updates of the models that reports have deferred,
-    /// unless another request is about it.
+    /// unless another request computes them.
     pub(super) async fn durable(
         &self,
         study: &str,
@@ -130,8 +130,8 @@ impl Tuning {
         }
     }
 
-    /// Computes the updates that reports have deferred, if there is a processor for it in time; it is no loss
-    /// if not. Its caller holds `updating`: two at once would compute the same.
+    /// Computes the updates that reports have deferred, if a processor is free in time; otherwise they wait.
+    /// Its caller holds `updating`, so that the work is not done twice.
     async fn update_models(&self, runtime: &Runtime) {
         debug_assert!(runtime.updating.try_lock().is_err(), "two compute the same updates");
         let deferred =

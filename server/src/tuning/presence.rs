@@ -1,17 +1,17 @@
-//! When the daemon was there to take reports: a lease that ends while it is away says nothing of its
+//! Absences of the daemon: a lease that ends while the daemon cannot take reports says nothing of its
 //! configuration.
 //!
-//! It is away before it has loaded a study, and where the sweep of leases, which comes by every second, has
-//! not come by for long: the process was stopped, the machine slept, or the database did not answer.
+//! It is away before it has loaded a study, and where the sweep of leases, which runs every second, has not
+//! run for long: the process was stopped, the machine slept, or the database did not answer.
 
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use crate::limits::{ABSENCE_MIN, RETURN_GRACE};
 
-/// When the daemon was there last. Times are milliseconds of the daemon's clock for leases.
+/// The last presence of the daemon. Times are milliseconds of the daemon's clock for leases.
 #[derive(Debug)]
 pub(super) struct Presence {
-    /// When the last sweep began that could read the database; the largest number before the first.
+    /// The begin of the last sweep that could read the database; the largest number before the first.
     swept_ms: AtomicI64,
     pardoned_until_ms: AtomicI64,
 }
@@ -23,7 +23,7 @@ impl Default for Presence {
 }
 
 impl Presence {
-    /// Up to when leases that end do not count as lost, seen from `now_ms`.
+    /// The time up to which leases that end do not count as lost, as of `now_ms`.
     pub(super) fn pardoned_until_ms(&self, now_ms: i64) -> i64 {
         let away_ms = now_ms.saturating_sub(self.swept_ms.load(Ordering::Relaxed));
         if away_ms < ABSENCE_MIN.as_millis() as i64 {
@@ -33,14 +33,14 @@ impl Presence {
         self.pardoned_until_ms.fetch_max(until_ms, Ordering::Relaxed).max(until_ms)
     }
 
-    /// Leases were looked after at `now_ms`.
+    /// Notes a sweep of leases at `now_ms`.
     pub(super) fn swept(&self, now_ms: i64) {
         self.pardoned_until_ms(now_ms);
         self.swept_ms.store(now_ms, Ordering::Relaxed);
     }
 }
 
-/// Up to when leases are pardoned after a return at `now_ms`: clients need a moment to notice it.
+/// The time up to which leases are pardoned after a return at `now_ms`: clients need a moment to notice it.
 pub(super) fn back_since(now_ms: i64) -> i64 {
     now_ms.saturating_add(RETURN_GRACE.as_millis() as i64)
 }
@@ -59,7 +59,7 @@ mod tests {
         assert_eq!(presence.pardoned_until_ms(71_500), i64::MIN);
         assert_eq!(presence.pardoned_until_ms(80_998), i64::MIN, "a slow sweep is no absence");
         assert_eq!(presence.pardoned_until_ms(80_999), 90_999);
-        // A request that comes first after the absence tells it, and the sweep does not forget it.
+        // The first request after the absence notices it, and the sweep keeps it.
         presence.swept(81_100);
         assert_eq!(presence.pardoned_until_ms(81_200), 91_100);
         presence.swept(81_300);

@@ -1,11 +1,11 @@
-//! Retention: of a long history only the latest trials are kept, and what the study still rests on.
+//! Retention: of a long history only the latest trials are kept, and those that the study still needs.
 //!
-//! A trial goes when all of this holds: it is over; the number of trials to keep were handed out after it; a
-//! checkpoint on the disk covers it, so that its result is known without it (one that had run out may be
-//! reported late, even while it is being removed: then it stays); no model may still need it; and it is not
-//! the last measurement of a configuration that its state remembers. Those stay, so that a later version of
-//! the daemon, which cannot read the checkpoint, still knows each state's best. Trials go in small steps
-//! beside the requests.
+//! A trial is removed if it is over, if the number of trials to keep were handed out after it, if a
+//! checkpoint on the disk covers its result, if no model may still need it, and if it is not the last
+//! measurement of a configuration that its state remembers. An expired trial may be reported late, even
+//! during its removal: then it stays. Last measurements stay so that a later version of the daemon, which
+//! cannot read the checkpoint, still knows each state's best. Trials are removed in small steps beside the
+//! requests.
 
 use std::time::Duration;
 
@@ -20,18 +20,18 @@ use super::runtime::Live;
 use crate::error::Error;
 use crate::limits::{TRIALS_PER_READ, TRIALS_PER_REMOVAL};
 
-/// Where trials can go.
+/// A removal of trials that is due.
 struct DueRemoval {
     learnt: Learnt,
     fence: Fence,
-    /// Highest number that may go.
+    /// Highest number that may be removed.
     number: u64,
-    /// Highest completion that may go.
+    /// Highest completion that may be removed.
     completion: u64,
 }
 
 impl Live {
-    /// Whether trials may have become superfluous since the last look: there is a newer checkpoint.
+    /// The removal that is due where a newer checkpoint exists since the last one.
     fn take_thinning(&mut self, keep: u64, models: u64) -> Option<DueRemoval> {
         let stored = self.saved.stored;
         debug_assert!(self.thinned <= stored, "trials behind {stored} were removed, up to {}", self.thinned);
@@ -41,9 +41,8 @@ impl Live {
             return None;
         }
         self.thinned = stored;
-        // A change of predictor teaches the new models the latest trials before it. The last of all always
-        // stays: the study's counts are read from it, and a checkpoint that seems to be ahead of them is
-        // passed over.
+        // A change of predictor teaches the new models the latest trials before it. The last trial always
+        // stays: the study's counts are read from it, and a checkpoint ahead of them would be ignored.
         let mut completion = stored.min(counts.completed_trials.saturating_sub(models.max(1)));
         let since = self.tuner.models_since();
         if stored <= since {
@@ -65,7 +64,7 @@ impl Tuning {
         self.thin_beyond(keep, MODELS_TRIALS_MAX).await;
     }
 
-    /// Removes old trials where a change of predictor asks for no more than `models` completed trials.
+    /// Removes old trials where a change of predictor needs at most `models` completed trials.
     pub async fn thin_beyond(&self, keep: u64, models: u64) {
         for (study, runtime) in self.in_memory() {
             let Some(due) = runtime.peek(|live| live.take_thinning(keep, models)).flatten() else {
@@ -82,7 +81,7 @@ impl Tuning {
         }
     }
 
-    /// The number of trials that were removed, and of those looked at that stay.
+    /// The numbers of removed trials, and of checked trials that stay.
     async fn thin(&self, due: DueRemoval) -> Result<(u64, u64), Error> {
         let DueRemoval { learnt, fence, number, completion } = due;
         let measured_by = compute_aside(move || learnt.measured_by()).await?;
@@ -106,7 +105,7 @@ impl Tuning {
                 assert!(count <= some.len() as u64, "{count} trials were removed for {}", some.len());
                 self.metrics().removed(count);
                 removed += count;
-                // At most half of the disk's time is for this.
+                // Removal takes at most half of the disk's time.
                 sleep(begun.elapsed().min(Duration::from_secs(1))).await;
             }
         }
@@ -141,7 +140,7 @@ mod tests {
         page.expect("a page").trials.len() as u64
     }
 
-    /// Whether trials were removed or not, and whenever the daemon starts, what it answers is the same.
+    /// The daemon's answers depend neither on removed trials nor on its starts.
     #[tokio::test]
     async fn without_its_old_trials_a_study_answers_as_with_them() {
         let many = CHECKPOINT_TRIALS_MIN + 700;
@@ -151,7 +150,7 @@ mod tests {
             let mut tuning = tuning(store).await;
             let mut all = frames(&tuning, 0..many).await;
             if thins {
-                // Nothing goes that no checkpoint covers.
+                // Only trials that a checkpoint covers are removed.
                 tuning.thin_beyond(KEEP, KEEP).await;
                 assert_eq!(stored(store, "").await, many);
                 tuning.save_checkpoints().await;
@@ -181,7 +180,7 @@ mod tests {
         assert_eq!(answers[0], answers[1]);
     }
 
-    /// As after an upgrade: what is left is learnt again.
+    /// As after an upgrade: the remaining trials are learnt again.
     #[tokio::test]
     async fn without_its_checkpoint_a_study_still_knows_its_best() {
         let many = CHECKPOINT_TRIALS_MIN + 100;

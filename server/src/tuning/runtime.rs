@@ -1,12 +1,12 @@
-//! The tuner of one study in memory: a cache of what the store holds.
+//! The tuner of one study in memory: a cache of the store.
 //!
 //! A use case locks it, computes, queues the change in the order of the computations, unlocks, and only then
 //! waits for the disk. The lock is a plain one and is never held across an await. The cache is valid as long
 //! as its [`Fence`] holds: once a write under it failed, the study is loaded again.
 //!
-//! Loading belongs to the daemon, not to the request that needs it: it is a task of its own that goes on when
-//! the request is cancelled, so that clients with short deadlines find the study in memory when they come
-//! again. A request waits for it [`LOADING_WAIT`] at most.
+//! Loading is a task of the daemon, not of the request that needs it. It goes on when the request is
+//! cancelled, so that clients with short deadlines find the study in memory when they ask again. A request
+//! waits for it [`LOADING_WAIT`] at most.
 
 use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
@@ -27,7 +27,7 @@ use crate::error::Error;
 use crate::limits::LOADING_WAIT;
 use crate::metrics::{FrameCounts, Metrics};
 
-/// How often a study is loaded for one request, should its fence break at once each time.
+/// The number of loads of a study for one request, if its fence breaks at once each time.
 const LOADS_PER_REQUEST: usize = 3;
 
 /// The cache of one study.
@@ -37,7 +37,7 @@ pub(super) struct Runtime {
     live: Mutex<Option<Live>>,
     /// The last load, which may be under way. Locked before `live` where both are.
     loading: Mutex<Option<Loading>>,
-    /// Held by the task that computes the updates of the models that reports have deferred.
+    /// Held by the task that computes the deferred updates of the models.
     pub(super) updating: tokio::sync::Mutex<()>,
 }
 
@@ -47,8 +47,8 @@ struct Loading {
     task: AbortHandle,
 }
 
-/// How a load ended, for all that wait for it. They are woken in the order in which they came, so that a
-/// simulated world goes the same way each time (tokio's `watch` draws lots).
+/// The end of a load, for all waiting requests. They are woken in the order in which they came, so that a
+/// simulated world is reproducible (tokio's `watch` draws lots).
 #[derive(Default)]
 struct Ending {
     /// `None` where the load panicked or was given up.
@@ -67,7 +67,7 @@ impl Ending {
     }
 
     fn end(&self, result: Option<Result<(), Error>>) {
-        // The first end is the end.
+        // Only the first end counts.
         let _ = self.result.set(result);
         self.wake.notify_waiters();
     }
@@ -88,7 +88,7 @@ impl Drop for Loading {
     }
 }
 
-/// A tuner and the right to store what it decides.
+/// A tuner and the right to store its changes.
 #[derive(Debug)]
 pub(super) struct Live {
     pub(super) tuner: Tuner,
@@ -100,18 +100,18 @@ pub(super) struct Live {
     pub(super) closed_changes: u64,
     /// The last checkpoint.
     pub(super) saved: Saved,
-    /// The states whose search somebody plans for.
+    /// The states whose search is being planned for.
     pub(super) planned_searches: PlannedSearches,
-    /// For those who watch.
+    /// Counts for the metrics.
     pub(super) tally: FrameCounts,
-    /// Up to which completion there was a checkpoint when trials were last looked through for what can go.
+    /// The completion of the checkpoint at the last removal of trials.
     pub(super) thinned: u64,
     /// The tuner has to be read again: its policy needs models that it lacks.
     pub(super) is_stale: bool,
 }
 
 impl Live {
-    /// Queues what the tuner decided. Must be called under the lock under which it was decided.
+    /// Queues the tuner's changes. Must be called under the lock under which they were computed.
     pub(super) fn commit(&mut self, store: &dyn Store, changes: &[Change]) -> Receipt {
         debug_assert!(!self.is_stale, "what a stale tuner decides is not to be stored");
         let (handed_out, mut all) =
@@ -122,7 +122,7 @@ impl Live {
         store.commit(&self.fence, changes)
     }
 
-    /// Ends the leases that have run out, so that nothing is decided on their ground.
+    /// Ends the leases that have run out, so that no decision rests on them.
     pub(super) fn expire(&mut self, store: &dyn Store, now_ms: i64) {
         if self.tuner.next_expiry_ms().is_none_or(|next_ms| next_ms >= now_ms) {
             return;
@@ -141,12 +141,12 @@ impl Live {
             );
         }
         if !change.is_empty() {
-            // Later changes in the queue wait for it too; and should it fail, the fence breaks.
+            // Later changes in the queue wait for it as well, and if it fails, the fence breaks.
             drop(self.commit(store, &[change]));
         }
     }
 
-    /// Whether a request means this study and one of its trials. One that does not say the study's identity
+    /// Checks that a request means this study and one of its trials. A request without the study's identity
     /// may come from a client of an earlier study of that name.
     pub(super) fn knows(&self, name: &TrialName) -> Result<(), Error> {
         let study = &name.study;
@@ -159,7 +159,7 @@ impl Live {
         }
     }
 
-    /// The fence, to tell one load of a study from the next.
+    /// The fence, which identifies a load of a study.
     pub(super) fn fence(&self) -> &Fence {
         &self.fence
     }
@@ -172,7 +172,7 @@ impl Runtime {
         Arc::new(Self { study: study.to_owned(), environment, live, loading, updating })
     }
 
-    /// Computes on the tuner, loading it first where that is needed.
+    /// Computes on the tuner, and loads it first if needed.
     pub(super) async fn with<T>(
         self: &Arc<Self>,
         compute: impl FnOnce(&mut Live) -> T + Send,
@@ -197,7 +197,7 @@ impl Runtime {
         }
     }
 
-    /// Looks at the tuner, if there is one and it is current.
+    /// Reads the tuner, if there is a current one.
     pub(super) fn peek<T>(&self, look: impl FnOnce(&mut Live) -> T) -> Option<T> {
         current(&mut self.lock()).map(look)
     }
@@ -236,7 +236,7 @@ impl Runtime {
     }
 }
 
-/// Makes what was read the tuner of a study, if the study still has a place in memory.
+/// Makes the loaded tuner that of a study, if the study still has a place in memory.
 fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
     let Read { mut tuner, identity, fence, saved } = read;
     assert_eq!(fence.study(), study, "another study was read");

@@ -27,8 +27,8 @@ impl Tuning {
         Ok(created)
     }
 
-    /// The study that a request names: the one with its identity, under the id that it has by now, where the
-    /// request says one; else the one of that id, which need not exist.
+    /// The study that a request names: the one with its identity, under its present id, if the request gives
+    /// one; else the one of that id, which need not exist.
     ///
     /// # Errors
     /// [`Error::Replaced`] where the id is that of another study, and when the store cannot be read.
@@ -42,7 +42,7 @@ impl Tuning {
         match self.store().find_study(uid).await? {
             Some(id) => Ok(StudyName { id, uid: Some(uid) }),
             None => {
-                // Where there is none at all, that is the answer.
+                // If no study has the id, that error is the answer.
                 let other = self.store().get_study(&name.id).await?;
                 Err(Error::Replaced { study: other.id })
             }
@@ -103,7 +103,7 @@ impl Tuning {
         self.get_study(study).await
     }
 
-    /// Deletes a study with all it holds.
+    /// Deletes a study with all its data.
     ///
     /// # Errors
     /// When there is none, or the store cannot be written.
@@ -114,11 +114,11 @@ impl Tuning {
         Ok(())
     }
 
-    /// Ends the leases that have run out, in every study. To be called now and then; requests for a study
-    /// do it for that study themselves.
+    /// Ends the leases that have run out, in every study. To be called now and then; a request for a study
+    /// also ends that study's leases.
     ///
     /// # Errors
-    /// The first that occurred; the other studies are swept all the same.
+    /// The first error; the other studies are still swept.
     pub async fn sweep_leases(&self) -> Result<(), Error> {
         let now_ms = self.now_ms();
         let due = self.store().studies_with_due_leases(now_ms).await?;

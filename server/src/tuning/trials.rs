@@ -11,7 +11,7 @@ use super::frames::ClosedMark;
 use crate::convert::names::TrialName;
 use crate::error::Error;
 
-/// How often a closed trial is looked at, should another request change such a trial meanwhile.
+/// The number of reads of a closed trial while other requests change closed trials.
 const TRIES: usize = 8;
 
 /// The result of a request for a trial under the tuner's lock.
@@ -92,7 +92,7 @@ impl Tuning {
         }
     }
 
-    /// Reads a trial that is not open, once everything before is stored.
+    /// Reads a trial that is not open, once all earlier writes are stored.
     pub(super) async fn closed_trial(&self, name: &TrialName, before: Receipt) -> Result<RawTrial, Error> {
         self.metrics().durable(before).await?;
         self.get_trial(name).await
@@ -141,8 +141,8 @@ impl Tuning {
         Ok(predicted?)
     }
 
-    /// The best known configuration, in the state of the indicators or anywhere. The trials that it rests on
-    /// are stored.
+    /// The best known configuration, in the state of the indicators or anywhere. The trials behind it are
+    /// stored.
     ///
     /// # Errors
     /// As the wire contract names them.

@@ -1,4 +1,4 @@
-//! From rows to answers: what both databases do alike once the rows are read.
+//! From rows to answers: the steps that both databases share once the rows are read.
 
 use treewright_core::ids::StudyUid;
 use treewright_core::trial::{RawTrial, Trial};
@@ -29,7 +29,7 @@ row! {
 }
 
 impl StudyRow {
-    /// Whether the names rise, and lie behind `after`.
+    /// Whether the names rise and follow `after`.
     pub(crate) fn follow(rows: &[Self], after: &str) -> bool {
         let names = std::iter::once(after).chain(rows.iter().map(|row| row.name.as_str()));
         names.is_sorted_by(|before, name| before < name)
@@ -64,12 +64,12 @@ pub(crate) fn study_not_found(study: &str) -> StoreError {
     StoreError::StudyNotFound { study: study.to_owned() }
 }
 
-/// Whether each number is higher than the one before, and the first one than `after`.
+/// Whether the numbers rise, from above `after`.
 pub(crate) fn rise_behind(after: u64, numbers: impl Iterator<Item = u64>) -> bool {
     std::iter::once(after).chain(numbers).is_sorted_by(|before, number| before < number)
 }
 
-/// The rows that a study is loaded from.
+/// The rows of a study that is loaded.
 pub(crate) struct StudyRows {
     pub(crate) study: StudyRow,
     pub(crate) states: Vec<StateRecord>,
@@ -112,7 +112,7 @@ impl StudyRows {
     }
 }
 
-/// Numbers and completions as they are read.
+/// Numbers and completions from rows as they are read.
 pub(crate) fn closed(rows: Vec<(i64, Option<i64>)>) -> Result<Vec<ClosedTrial>, StoreError> {
     let trial = |(number, completion): (i64, Option<i64>)| {
         Ok(ClosedTrial { number: unsigned(number)?, completion: completion.map(unsigned).transpose()? })
@@ -120,7 +120,7 @@ pub(crate) fn closed(rows: Vec<(i64, Option<i64>)>) -> Result<Vec<ClosedTrial>, 
     rows.into_iter().map(trial).collect()
 }
 
-/// A page of the rows that were found: one row more than fits tells that another page follows.
+/// A page of the found rows: one row more than fits means that another page follows.
 pub(crate) fn page(rows: Vec<TrialRow>, query: &TrialQuery) -> Result<TrialPage, StoreError> {
     let size = query.size as usize;
     assert!(size > 0, "a page of nothing never comes to an end");

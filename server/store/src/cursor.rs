@@ -1,9 +1,8 @@
-//! Page tokens: where a page ended, so that the next one goes on behind it.
+//! Page tokens: the end of a page, behind which the next one goes on.
 //!
-//! A token holds the last row's key rather than a count of rows, so that trials that are reported
-//! between two pages neither repeat rows nor skip any that keep their place. It also holds a digest of
-//! the question, so that a token is only good for the filter and order it came from, and a check sum,
-//! so that a mangled one is refused instead of misread.
+//! A token holds the last row's key rather than a count of rows, so that trials reported between two pages
+//! neither repeat rows nor skip any that keep their place. A digest of the question binds it to its filter
+//! and order, and a check sum shows a mangled token.
 
 use std::fmt::Write as _;
 
@@ -11,7 +10,7 @@ use treewright_core::fnv;
 
 use crate::limits;
 
-/// A page token that this server did not give out, or gave out for another question.
+/// A page token that this server did not issue, or issued for another question.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "page_token does not belong to this request; repeat the request that gave it, with the same filter and order, or begin again without a token"
@@ -42,7 +41,7 @@ impl Cursor {
         token
     }
 
-    /// Reads a token; an empty one is no place.
+    /// Reads a token; an empty one names no place.
     ///
     /// # Errors
     /// [`PageTokenError`] when the token was not made by [`token`](Self::token) for the same question.
@@ -104,7 +103,7 @@ pub fn open(token: &str, question: &[&str]) -> Result<String, PageTokenError> {
 }
 
 /// A check sum over the text and the question's parts. It guards against mistakes, not against malice: a
-/// forged token could only ask for a page its sender may read anyway.
+/// forged token only asks for a page that its sender may read anyway.
 fn digest(text: &str, question: &[&str]) -> u64 {
     fnv::hash(std::iter::once(&text).chain(question).flat_map(|part| part.bytes().chain([0xff])))
 }

@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-/// Why a store cannot do what was asked. Nothing of the request was stored.
+/// Why a store refuses a request. Nothing of the request was stored.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum StoreError {
     /// No study has this id.
     #[error("study {study:?} does not exist")]
     StudyNotFound {
-        /// The id that was asked for.
+        /// The requested id.
         study: String,
     },
     /// The id is taken by another specification.
@@ -21,7 +21,7 @@ pub enum StoreError {
         /// The first difference, in words.
         difference: String,
     },
-    /// Another study has the id that a study is to get.
+    /// Another study has the new id.
     #[error("study {study:?} exists already; choose another id, or delete or rename that study")]
     NameTaken {
         /// The id.
@@ -38,7 +38,7 @@ pub enum StoreError {
     TrialNotFound {
         /// The study.
         study: String,
-        /// The number that was asked for.
+        /// The requested number.
         number: u64,
     },
     /// The change was computed on a copy of the study that is no longer current.
@@ -52,7 +52,7 @@ pub enum StoreError {
     Elsewhere {
         /// The study.
         study: String,
-        /// Where the replica is reached.
+        /// The replica's address.
         address: String,
     },
     /// Too many writes wait.
@@ -70,10 +70,10 @@ pub enum StoreError {
     /// The store has been closed.
     #[error("the database is closed; the daemon is shutting down")]
     Closed,
-    /// A stored row does not say what it should, or a change breaks a rule of the tables.
+    /// A stored row is invalid, or a change breaks a rule of the tables.
     #[error("the database is inconsistent: {problem}; restore it from a backup and report this as a defect")]
     Inconsistent {
-        /// The damage that was found.
+        /// The damage.
         problem: String,
     },
 }
@@ -159,12 +159,12 @@ pub enum OpenError {
         /// SQLite's error.
         problem: String,
     },
-    /// A database of ours that is not as it should be.
+    /// A database of ours that is damaged.
     #[error("{} is damaged ({problems}); restore a backup with `treewrightd restore`, and keep the damaged file: `treewrightd check` says more", path.display())]
     Damaged {
         /// The path.
         path: PathBuf,
-        /// What was found.
+        /// The problems.
         problems: String,
     },
     /// An SQLite database that something else made.
@@ -199,7 +199,7 @@ pub enum OpenError {
         /// Its error.
         problem: String,
     },
-    /// PostgreSQL answers and will not let us in.
+    /// PostgreSQL refuses to let us in.
     #[error(
         "PostgreSQL at {server} refuses ({problem}); check user, password and database, and that the user may create tables there"
     )]

@@ -1,11 +1,11 @@
-//! Fences and receipts: how a copy of a study in memory stays honest.
+//! Fences and receipts: they keep a study's copy in memory consistent with the database.
 //!
-//! A daemon keeps each study's tuner in memory and writes what it decides. Should one write fail, the
-//! copy is ahead of the database, and everything computed on it since must not be stored either. So each
-//! load of a study hands out a [`Fence`]; every change names the fence it was computed under; and the
-//! store breaks the fence at the first failure, at a newer load, and when the study is deleted. A change
-//! under a broken fence is refused. (The idea is that of the fencing token for leases in distributed
-//! locks; see Kleppmann, "Designing Data-Intensive Applications", chapter 8.)
+//! A daemon keeps each study's tuner in memory and writes its decisions. If a write fails, the copy is ahead
+//! of the database, and no later change computed on it may be stored. So each load of a study hands out a
+//! [`Fence`], and every change names its fence. The store breaks the fence at the first failure, at a newer
+//! load, and when the study is deleted. It refuses changes under a broken fence. (The idea is that of the
+//! fencing token for leases in distributed locks; see Kleppmann, "Designing Data-Intensive Applications",
+//! chapter 8.)
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -27,13 +27,13 @@ struct FenceState {
 }
 
 impl Fence {
-    /// A fence that holds, for a store of one's own. `key`: whatever finds the study in its tables.
+    /// A fence that holds, for stores outside this crate. `key` finds the study in their tables.
     #[must_use]
     pub fn new(study: &str, key: i64) -> Self {
         Self::of_epoch(study, key, 0)
     }
 
-    /// A fence that the database knows as well: a replica that takes the study later raises its epoch.
+    /// A fence with the epoch in the database, which a replica raises when it takes the study later.
     pub(crate) fn of_epoch(study: &str, key: i64, epoch: i64) -> Self {
         Self(Arc::new(FenceState { study: study.to_owned(), key, epoch, broken: AtomicBool::new(false) }))
     }
@@ -54,7 +54,7 @@ impl Fence {
         self.0.epoch
     }
 
-    /// Whether what was loaded is still current. Once false, it stays so: load again.
+    /// Whether the loaded copy is still current. Once false, it stays false: load again.
     #[must_use]
     pub fn holds(&self) -> bool {
         !self.0.broken.load(Ordering::Acquire)
@@ -78,25 +78,25 @@ impl Fence {
 }
 
 /// The promise of an answer from the disk: the change has its place in the order of writes, and
-/// [`durable`](Receipt::durable) tells when it is stored.
+/// [`durable`](Receipt::durable) waits until it is stored.
 #[derive(Debug)]
 #[must_use = "nothing may be told to a client before the receipt is durable"]
 pub struct Receipt(pub(crate) oneshot::Receiver<Result<(), StoreError>>);
 
 impl Receipt {
-    /// A receipt for a change that was refused at once; the fence breaks. For stores of one's own.
+    /// A receipt for a change that was refused at once; the fence breaks. For stores outside this crate.
     pub fn refused(fence: &Fence, error: StoreError) -> Self {
         fence.break_up();
         Self::settled(Err(error))
     }
 
-    /// A receipt for a change that waits, and where its result goes. For stores of one's own.
+    /// A receipt for a waiting change, and the sender of its result. For stores outside this crate.
     pub fn pending() -> (oneshot::Sender<Result<(), StoreError>>, Self) {
         let (sender, receiver) = oneshot::channel();
         (sender, Self(receiver))
     }
 
-    /// A receipt for something that has been decided already.
+    /// A receipt for a change whose result is known.
     pub(crate) fn settled(result: Result<(), StoreError>) -> Self {
         let (sender, receiver) = oneshot::channel();
         let sent = sender.send(result);

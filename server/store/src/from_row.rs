@@ -1,7 +1,7 @@
 //! Structs that are read from rows by the names of their columns.
 //!
-//! sqlx has a derive macro for this, but its crate compiles both databases once more for the compiler's own
-//! use: a minute and a half of a first build for five structs.
+//! sqlx has a derive macro for this, but its crate compiles both databases a second time: a minute and a half
+//! of a first build for five structs.
 
 /// Declares a struct and `sqlx::FromRow` for it: each field is read from the column of its name.
 macro_rules! row {

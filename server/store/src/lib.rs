@@ -1,14 +1,14 @@
 //! Persistence of studies, states, trials and visits.
 //!
-//! [`Store`] is the interface: one method is one transaction is one use case. [`MemoryStore`] is its
+//! [`Store`] is the interface: each method is one transaction and one use case. [`MemoryStore`] is its
 //! simplest implementation and the oracle of the tests, [`SqliteStore`] the one that survives `kill -9`,
 //! [`PostgresStore`] the one that several daemons share. All pass one contract suite. Domain types go in and
-//! come out; rows are an affair of the stores.
+//! come out; rows stay inside the stores.
 //!
-//! [`filter`] is the language in which trials are asked for, [`cursor`] the page tokens, [`fence`] what keeps
-//! a copy in memory honest, [`tokens`] who may do what, [`maintenance`] how database files are copied, put
-//! back and checked.
-// Some of what both databases share is only asked for by PostgreSQL.
+//! [`filter`] is the query language for trials, [`cursor`] the page tokens, [`fence`] the guard of a copy in
+//! memory, [`tokens`] the rights of clients, [`maintenance`] the copying, restoring and checking of database
+//! files.
+// Some of the shared code is only used by PostgreSQL.
 #![cfg_attr(not(feature = "postgres"), allow(dead_code))]
 
 mod assembly;
@@ -40,7 +40,7 @@ pub use sqlite::{SqliteStore, SqliteTokens};
 pub use store::{ClosedTrial, Created, Loaded, Store, StoreSize, StudyRecord, TrialPage, TrialQuery};
 pub use tokens::{MemoryTokens, TokenStore};
 
-/// Whether `text` is meant as the address of a PostgreSQL database rather than as the path of a file.
+/// Whether `text` is the address of a PostgreSQL database rather than the path of a file.
 #[must_use]
 pub fn is_postgres_address(text: &str) -> bool {
     text.starts_with("postgres://") || text.starts_with("postgresql://")

@@ -26,7 +26,7 @@ pub struct MemoryStore {
 #[derive(Debug, Default)]
 struct MemoryTables {
     studies: BTreeMap<String, MemoryStudy>,
-    /// Names that studies had, and the highest trial number that was handed out under each.
+    /// Former names of studies, and the highest trial number of each.
     former_names: BTreeMap<String, u64>,
     last_key: i64,
     closed: bool,
@@ -57,8 +57,8 @@ impl MemoryStore {
         Self::default()
     }
 
-    /// A panic under the lock would leave whole values behind, since each write is checked before it is
-    /// done; so a poisoned lock is as good as any.
+    /// A poisoned lock is usable: each write is checked before it is done, so a panic leaves whole values
+    /// behind.
     fn lock(&self) -> Result<MutexGuard<'_, MemoryTables>, StoreError> {
         let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         if inner.closed { Err(StoreError::Closed) } else { Ok(inner) }
@@ -87,7 +87,7 @@ impl MemoryTables {
             let noted = self.former_names.entry(id.to_owned()).or_default();
             *noted = last.max(*noted);
         }
-        // Of too many, the one with the lowest number is no longer listed: the empty name stands for it.
+        // Where there are too many, the name with the lowest number is merged into the empty name.
         let listed = || self.former_names.iter().filter(|(name, _)| !name.is_empty());
         if listed().count() > limits::FORMER_NAMES as usize
             && let Some((name, last)) =
@@ -111,8 +111,7 @@ impl MemoryTables {
     }
 }
 
-/// An identity that nobody had before. The standard library's hashes are keyed with randomness from the
-/// system.
+/// A new identity. The standard library's hashes are keyed with randomness from the system.
 fn random_uid() -> StudyUid {
     StudyUid(RandomState::new().build_hasher().finish())
 }
@@ -143,12 +142,12 @@ impl MemoryStudy {
         }
     }
 
-    /// The highest trial number that was handed out, or left to others.
+    /// The highest trial number that was handed out or skipped.
     fn last_trial(&self) -> u64 {
         self.trials.keys().last().copied().unwrap_or(0).max(self.named_after)
     }
 
-    /// The counts of what is kept in two places.
+    /// Compares the counts of data that is kept in two places.
     fn check(&self) {
         let (completed, trials) = (self.completed.len(), self.trials.len());
         assert!(completed <= trials, "{completed} completed of {trials} trials");

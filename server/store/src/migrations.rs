@@ -1,7 +1,7 @@
 //! The schema of each database, from its first version to the one that this program knows.
 //!
-//! The files of `migrations/` are part of the program; which of them there are is listed here, and a test
-//! compares. (sqlx's own macro would list them, at the cost of what `from_row` says.)
+//! The files of `migrations/` are part of the program. The list here is compared with the folder by a test.
+//! (sqlx's own macro would list them, at the build time that `from_row` names.)
 
 use std::borrow::Cow;
 
@@ -60,8 +60,7 @@ fn migration((name, text): (&'static str, &'static str)) -> Migration {
     let (version, description) = name.split_once('_').expect("NUMBER_NAME");
     Migration::new(
         version.parse().expect("a number"),
-        // As sqlx reads it from a file's name: it stands so in databases that were migrated by earlier
-        // versions.
+        // The form in which sqlx reads it from a file's name, and in which earlier versions stored it.
         Cow::Owned(description.replace('_', " ")),
         MigrationType::Simple,
         SqlStr::from_static(text),
@@ -75,7 +74,7 @@ mod tests {
 
     use super::*;
 
-    /// The list is that which sqlx reads from the folder, down to the check sums that databases hold.
+    /// The list equals sqlx's own reading of the folder, including the check sums that databases hold.
     #[tokio::test]
     async fn every_file_is_listed_as_sqlx_reads_it() {
         let top = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../migrations");

@@ -1,8 +1,8 @@
-//! Filters, orders and cursors as SQL, whatever the database. Every value and every name is bound, never
-//! spliced into the text.
+//! Filters, orders and cursors as SQL for every database. Every value and every name is bound, never spliced
+//! into the text.
 //!
 //! [`filter`](crate::filter) defines the meaning of a filter; here it becomes the part of a statement that
-//! all databases share. A [`Dialect`] adds each one's own way to bind values, and to read and compare a
+//! all databases share. A [`Dialect`] adds a database's own way to bind values, and to read and compare a
 //! member of a JSON document.
 
 use treewright_core::trial::TrialState;
@@ -14,7 +14,7 @@ use crate::limits;
 use crate::rows::signed;
 use crate::store::TrialQuery;
 
-/// A statement under construction, in one database's own words.
+/// A statement under construction, in one database's dialect.
 pub(crate) trait Dialect {
     /// Adds fixed text.
     fn text(&mut self, sql: &str) -> &mut Self;
@@ -34,7 +34,7 @@ pub(crate) trait Dialect {
     fn parameter(&mut self, name: &str, operator: Operator, literal: &Literal) -> &mut Self;
 }
 
-/// The question for one page, and for one row more, which tells whether another page follows.
+/// The question for one page and one row more, which shows whether another page follows.
 pub(crate) fn trial_page<D: Dialect>(
     sql: &mut D,
     columns: &str,
@@ -51,8 +51,8 @@ pub(crate) fn trial_page<D: Dialect>(
     }
     let direction = if query.order.descending { " DESC" } else { "" };
     if query.order.key == OrderKey::Number {
-        // Of its own, so that a key serves it. Open trials are few: they are found by their index, and put in
-        // order.
+        // The number alone, so that a key serves the order. Open trials are few: they are found by their
+        // index and sorted.
         let number = if query.filter.comparisons.iter().any(is_open) { "number + 0" } else { "number" };
         if let Some(after) = &query.after {
             let beyond = if query.order.descending { " < " } else { " > " };
@@ -88,7 +88,7 @@ fn push_behind<D: Dialect>(sql: &mut D, query: &TrialQuery, value: Option<f64>, 
     }
 }
 
-/// A value of the key, read as the key is read.
+/// A value of the key, read like the key.
 fn push_key_value<'d, D: Dialect>(sql: &'d mut D, key: &OrderKey, value: f64) -> &'d mut D {
     match key {
         OrderKey::Number | OrderKey::Cost => sql.real(value),
@@ -104,7 +104,7 @@ fn push_key<'d, D: Dialect>(sql: &'d mut D, key: &OrderKey) -> &'d mut D {
     }
 }
 
-/// Whether only trials under a lease are asked for.
+/// Whether a comparison asks for trials under a lease only.
 fn is_open(comparison: &FieldComparison) -> bool {
     matches!(comparison, FieldComparison::State(Operator::Equal, TrialState::Open))
 }
@@ -115,7 +115,8 @@ fn push_comparison<D: Dialect>(sql: &mut D, comparison: &FieldComparison) {
         assert!(value.is_finite(), "a comparison with {value}");
     }
     match comparison {
-        // As text, because an index of a part is only used where the question is known to lie in it.
+        // Fixed text, because a partial index is only used where the statement shows that it covers the
+        // question.
         open if is_open(open) => {
             sql.text("state = 'OPEN'");
         }

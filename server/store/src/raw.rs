@@ -1,4 +1,4 @@
-//! A trial as readers get it: its configuration is a plain map, since a trial that is only shown need not be
+//! A trial for readers: its configuration is a plain map, because a trial that is only shown need not be
 //! checked against the study's space again.
 
 use treewright_core::trial::{RawTrial, Trial};

@@ -1,8 +1,8 @@
 //! The questions that only read, once for both databases.
 //!
-//! They are the same but for the type of a connection, and what sqlx asks of a type to be any database's
-//! connection is longer than the questions. So they are written out for each by [`reads!`], in a module that
-//! has the database's statements as `sql`, its `filter` and its `failed` at hand.
+//! They differ only in the type of a connection, but sqlx's bounds for a generic connection are longer than
+//! the questions. So [`reads!`] writes them out for each database, in a module with the database's statements
+//! as `sql`, its `filter` and its `failed`.
 
 /// The functions that read, for one type of connection.
 macro_rules! reads {
@@ -65,13 +65,12 @@ macro_rules! reads {
             rows.into_iter().map(StudyRow::into_record).collect()
         }
 
-        /// Reads all of a study but its closed trials, as it is at one moment.
+        /// Reads all of a study but its closed trials, as of one moment.
         pub(super) async fn load(connection: &mut $connection, fence: Fence) -> Result<Loaded, StoreError> {
             use sqlx::Connection as _;
 
             let key = fence.key();
-            // One moment for all of it: the study may go to another daemon, which writes on, while this one
-            // reads.
+            // All reads see one moment: another daemon may take the study and write while this one reads.
             let mut moment = connection.begin_with(sql::BEGIN_READING).await.map_err(failed)?;
             let connection = &mut *moment;
             let study: Option<StudyRow> = sqlx::query_as(sql::STUDY_BY_KEY)
@@ -96,7 +95,7 @@ macro_rules! reads {
             StudyRows { study, states, visits, open_trials, checkpoint }.into_loaded(fence)
         }
 
-        /// Row by row, since a study may have a million of them.
+        /// Reads states row by row, because a study may have a million of them.
         async fn states(connection: &mut $connection, key: i64) -> Result<Vec<StateRecord>, StoreError> {
             let mut rows = sqlx::query_as::<_, StateRow>(sql::STATES_OF_STUDY).bind(key).fetch(connection);
             let mut states = Vec::new();
@@ -151,7 +150,7 @@ macro_rules! reads {
             Ok(trials)
         }
 
-        /// Reads which trials of a stretch of numbers are over.
+        /// Reads the closed trials of a stretch of numbers.
         pub(super) async fn closed(
             connection: &mut $connection,
             fence: &Fence,
@@ -186,7 +185,7 @@ macro_rules! reads {
             let not_found = || StoreError::TrialNotFound { study: study.to_owned(), number };
             let row: Option<TrialRow> = sqlx::query_as(sql::TRIAL_BY_NUMBER)
                 .bind(key)
-                // A number that the column cannot hold is a number that no trial has.
+                // No trial has a number that the column cannot hold.
                 .bind(signed(number).map_err(|_| not_found())?)
                 .fetch_optional(&mut *connection)
                 .await

@@ -1,5 +1,5 @@
-//! Rows: what the tables of both databases hold, and the way from and to domain types. Nothing outside the
-//! stores sees them.
+//! Rows of the tables of both databases, and their conversion from and to domain types. Only the stores see
+//! them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -68,7 +68,7 @@ pub(crate) struct PartRow {
 }
 
 impl PartRow {
-    /// The bytes of a checkpoint, cut into what is written at once.
+    /// The bytes of a checkpoint, cut into parts that are written at once.
     pub(crate) fn cut(bytes: &[u8]) -> Vec<&[u8]> {
         assert!(!bytes.is_empty(), "a checkpoint of nothing has no parts to be found by");
         let parts: Vec<&[u8]> = bytes.chunks(CHECKPOINT_PART_BYTES).collect();
@@ -97,7 +97,8 @@ row! {
         pub(crate) number: i64,
         pub(crate) since: i64,
         pub(crate) decision: String,
-        /// The estimate that earlier versions stored beside a decision to explore; part of it since.
+        /// The estimate that earlier versions stored beside a decision to explore. It is now part of the
+        /// decision.
         pub(crate) weighed: Option<String>,
         pub(crate) account: Option<String>,
     }
@@ -110,7 +111,7 @@ pub(crate) struct Rows {
     pub(crate) states: Vec<StateRow>,
     pub(crate) visits: Vec<VisitRow>,
     pub(crate) trials: Vec<TrialRow>,
-    /// Clients whose visits go.
+    /// Clients whose visits are removed.
     pub(crate) forgotten: Vec<String>,
 }
 
@@ -261,8 +262,8 @@ impl StateRow {
     }
 }
 
-/// The search of a state, unless another version wrote it in a way that this one cannot read. A new one then
-/// begins with what the state knows; to refuse the whole study for it would help nobody.
+/// The search of a state, unless another version wrote it in an unreadable form. A new one then begins with
+/// the state's table; refusing the whole study would be worse.
 fn readable<E: std::fmt::Display>(state: i64, search: Result<Exploration, E>) -> Option<Exploration> {
     search
         .inspect_err(
@@ -325,8 +326,9 @@ pub(crate) fn into_specification(specification: &str, policy: &str) -> Result<St
     serde_json::from_value(json).map_err(|error| inconsistent(format!("column specification: {error}")))
 }
 
-/// A configuration as people and filters read it: `{"max_leaf_size":8,"robust":false,"travel_cost":1.5}`. A
-/// point or exponent marks a float, and JSON text keeps it.
+/// A configuration in the form for people and filters:
+/// `{"max_leaf_size":8,"robust":false,"travel_cost":1.5}`. A point or exponent marks a float, and JSON text
+/// keeps it.
 fn configuration_to_json(values: &RawConfiguration) -> String {
     let fields = values.iter().map(|(name, value)| {
         let value = match value {

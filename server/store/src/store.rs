@@ -1,4 +1,4 @@
-//! The store as the daemon sees it: one method, one transaction, one use case.
+//! The store's interface for the daemon: each method is one transaction and one use case.
 
 use async_trait::async_trait;
 use treewright_core::ids::StudyUid;
@@ -19,14 +19,14 @@ pub struct StudyRecord {
     pub id: String,
     /// Its identity, which outlasts its name.
     pub uid: StudyUid,
-    /// Trials with numbers up to this were handed out before it got its name, by itself or by other studies.
+    /// Trials up to this number were handed out before the study got its name, by itself or by other studies.
     pub named_after: u64,
-    /// The highest trial number that was ever handed out, or left to other studies. [`StudyCounts::trials`]
-    /// of `statistics` counts its own.
+    /// The highest trial number that was handed out or skipped. [`StudyCounts::trials`] of `statistics`
+    /// counts the study's own trials.
     pub last_trial: u64,
     /// The specification, with the policy in force.
     pub spec: StudySpec,
-    /// When it was created, in milliseconds since 1970.
+    /// The time of its creation, in milliseconds since 1970.
     pub create_ms: i64,
     /// Counts.
     pub statistics: StudyCounts,
@@ -46,7 +46,7 @@ pub struct StoreSize {
 pub struct Created {
     /// The study as it is stored.
     pub study: StudyRecord,
-    /// False when an equal study was there already.
+    /// False when an equal study existed already.
     pub is_new: bool,
 }
 
@@ -54,7 +54,7 @@ pub struct Created {
 /// trials](Store::completed_trials).
 #[derive(Debug)]
 pub struct Loaded {
-    /// The right to change the study from here on. Earlier fences of the study are broken.
+    /// The right to change the study from now on. Earlier fences of the study are broken.
     pub fence: Fence,
     /// The study.
     pub study: StudyRecord,
@@ -69,11 +69,11 @@ pub struct Loaded {
 /// A question for trials.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrialQuery {
-    /// Which.
+    /// The filter of the trials.
     pub filter: Filter,
-    /// In which order.
+    /// The order of the trials.
     pub order: Order,
-    /// Behind which row; none for the first page.
+    /// The row behind which the page begins; none for the first page.
     pub after: Option<Cursor>,
     /// Most entries of the page: 1 to [`PAGE_SIZE`](crate::limits::PAGE_SIZE).
     pub size: u32,
@@ -84,11 +84,11 @@ pub struct TrialQuery {
 pub struct TrialPage {
     /// The trials, in order.
     pub trials: Vec<RawTrial>,
-    /// Where the next page goes on; none on the last.
+    /// The place of the next page; none on the last.
     pub next: Option<Cursor>,
 }
 
-/// A trial that is over, as retention sees it.
+/// A closed trial, in the form for retention.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClosedTrial {
     /// Its number.
@@ -105,7 +105,7 @@ pub struct ClosedTrial {
 #[async_trait]
 pub trait Store: Send + Sync + 'static {
     /// Creates a study with an identity of its own, or finds an equal one under the same id. Its trial
-    /// numbers begin after those that earlier studies of that id have handed out.
+    /// numbers begin after those of earlier studies of that id.
     async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError>;
 
     /// Reads a study.
@@ -114,11 +114,11 @@ pub trait Store: Send + Sync + 'static {
     /// Reads at most `size` studies by rising id, behind `after`.
     async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError>;
 
-    /// The id that the study with this identity has now; none where there is no such study.
+    /// The present id of the study with this identity; none where there is no such study.
     async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError>;
 
-    /// Gives a study another id, and breaks its fence. Its trial numbers go on after its own and those that
-    /// earlier studies of that id have handed out. [`StoreError::NameTaken`] when a study has the id.
+    /// Gives a study another id, and breaks its fence. Its trial numbers go on after its own and those of
+    /// earlier studies of the new id. [`StoreError::NameTaken`] when a study has the id.
     async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError>;
 
     /// Deletes a study with its states, trials and visits, and breaks its fence.
@@ -129,20 +129,20 @@ pub trait Store: Send + Sync + 'static {
     /// another holds the study.
     async fn load(&self, study: &str) -> Result<Loaded, StoreError>;
 
-    /// The secret by which the processes that share this store know each other; none where nobody else may
-    /// serve it.
+    /// The secret by which processes that share this store recognise each other; none where only one process
+    /// may serve it.
     fn replica_key(&self) -> Option<[u8; 32]> {
         None
     }
 
-    /// Forgets which other replica holds the study, because it could not be reached: the next load looks
-    /// again. Stores that are not shared have nothing to forget.
+    /// Forgets the other replica that holds the study, because it could not be reached. The next load reads
+    /// the holder again. Stores that are not shared do nothing.
     fn doubt(&self, study: &str) {
         let _ = study;
     }
 
-    /// Whether the other replica that is reached at `address` is still taken for alive and holds the study.
-    /// True where that cannot be found out at the moment.
+    /// Whether the other replica at `address` still counts as alive and holds the study. True while this
+    /// cannot be found out.
     async fn is_held_by(&self, study: &str, address: &str) -> bool {
         let _ = (study, address);
         true
@@ -153,16 +153,15 @@ pub trait Store: Send + Sync + 'static {
         None
     }
 
-    /// Queues changes that belong together: all are stored or none. Also an empty list waits for every
-    /// change before it.
+    /// Queues changes that are stored all or none. An empty list, too, waits for every earlier change.
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt;
 
     /// Queues a new policy, and with it [`Snapshot::models_since`].
     fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt;
 
     /// Reads the completed trials behind a place in the order of completion, in that order, at most `size` of
-    /// them. They never change, so the fence only names the study: it may have broken meanwhile, and others
-    /// may have been completed since. Costs the same wherever in the history it is asked.
+    /// them. They never change, so the fence only names the study and may be broken. The cost does not depend
+    /// on the place in the history.
     async fn completed_trials(
         &self,
         fence: &Fence,
@@ -170,9 +169,9 @@ pub trait Store: Send + Sync + 'static {
         size: u32,
     ) -> Result<Vec<RawTrial>, StoreError>;
 
-    /// Saves a checkpoint in the place of earlier ones. Until it is there whole the earlier one stays; other
-    /// writes do not wait for all of it. A failure leaves the fence as it is: a checkpoint is only an
-    /// accelerator.
+    /// Saves a checkpoint in the place of earlier ones. The earlier one stays until the new one is complete;
+    /// other writes do not wait for the whole of it. A failure does not break the fence, because a checkpoint
+    /// only saves time.
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError>;
 
     /// The trials behind `after` and up to `up_to` that are not open, by rising number, at most `size` of
@@ -185,11 +184,10 @@ pub trait Store: Send + Sync + 'static {
         size: u32,
     ) -> Result<Vec<ClosedTrial>, StoreError>;
 
-    /// Removes trials for good, and returns how many that were. Those that are open stay, and those that were
-    /// completed after the completion `covered`: one that had run out when the caller looked may have been
-    /// reported since. The trial with the highest number and the one completed last must stay: they are what
-    /// the study's counts are read from. Space that becomes free in a file is given back in the same step
-    /// where there is much of it. A failure leaves the fence as it is.
+    /// Removes trials for good, and returns their number. Open trials stay, and so do those completed after
+    /// the completion `covered`: an expired trial may have been reported since the caller looked. The trial
+    /// with the highest number and the one completed last must stay, because the study's counts are read from
+    /// them. Much free space in a file is given back in the same step. A failure does not break the fence.
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError>;
 
     /// Reads a trial.
@@ -201,12 +199,11 @@ pub trait Store: Send + Sync + 'static {
     /// The ids of the studies that hold an open trial whose lease ended before `now_ms`.
     async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError>;
 
-    /// Whether a task that writes met a defect, so that nothing can be written until the process is started
-    /// again.
+    /// Whether a writing task met a defect, so that no write is possible until the process is started again.
     fn has_failed(&self) -> bool {
         false
     }
 
-    /// Finishes what is queued and closes. Later calls answer [`StoreError::Closed`].
+    /// Finishes queued writes and closes. Later calls answer [`StoreError::Closed`].
     async fn close(&self);
 }

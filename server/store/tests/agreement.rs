@@ -108,7 +108,7 @@ fn comparison() -> impl Strategy<Value = String> {
             number().prop_map(|n| format!("{n:?}")),
         )
             .prop_map(join),
-        // Some of these do not parse (a boolean with an order); they are passed over below.
+        // Some of these do not parse (a boolean with an order); they are skipped below.
         (
             word(&["config.leaf", "config.cost", "config.quality", "config.compact", "config.absent"]),
             operator(),

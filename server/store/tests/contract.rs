@@ -86,7 +86,7 @@ async fn creating_is_idempotent_for_equal_specifications(store: &dyn Store) {
     assert_eq!(first.study.spec, spec());
     assert_eq!(first.study.create_ms, 5);
 
-    // Name and policy are no part of what is compared, and what is stored stays.
+    // Name and policy are not compared, and the stored ones stay.
     let mut renamed = spec();
     renamed.display_name = "Another name".to_owned();
     renamed.policy.epsilon = 0.5;
@@ -229,7 +229,7 @@ async fn old_trials_go_and_the_counts_stay(store: &dyn Store) {
     assert_eq!(closed(2, 6, 3).await.unwrap(), all[2..5]);
     assert_eq!(closed(9, 3, 3).await.unwrap(), []);
 
-    // Numbers that are open, nobody's or completed too late are passed over; what stays is as it was.
+    // Numbers that are open, unknown or completed too late are skipped; all other trials stay unchanged.
     assert_eq!(store.remove_trials(&held, &[1, 2, 3, 5, 6, 7, 99], 4).await.unwrap(), 4);
     assert_eq!(store.remove_trials(&held, &[], 4).await.unwrap(), 0);
     assert_eq!(numbers(store, "").await, [4, 6, 7, 8, 9, 10]);
@@ -241,7 +241,7 @@ async fn old_trials_go_and_the_counts_stay(store: &dyn Store) {
     let loaded = store.load("hall").await.unwrap();
     assert_eq!((loaded.snapshot.last_trial, loaded.open_trials.len()), (10, 2));
 
-    // A replica that has lost the study removes nothing, and a failure is no reason to give the study up.
+    // A replica that has lost the study removes nothing, and a failure does not break the fence.
     let error = store.remove_trials(&held, &[4], 4).await.unwrap_err();
     assert!(matches!(error, StoreError::Fenced { .. }), "{error}");
     assert_eq!(numbers(store, "").await.len(), 6);
@@ -386,7 +386,7 @@ async fn a_study_that_is_created_again_is_another(store: &dyn Store) {
     trials_up_to(store, "hall", 5).await;
     assert_eq!(store.get_study("hall").await.unwrap().statistics.trials, 2);
     assert_eq!(numbers(store, "").await, [4, 5]);
-    // Twice is no different, and other names know nothing of it.
+    // A second deletion changes nothing, and neither do other names.
     store.delete_study("hall").await.unwrap();
     assert_eq!(store.create_study("hall", &spec(), 9).await.unwrap().study.last_trial, 5);
     assert_eq!(store.create_study("attic", &spec(), 9).await.unwrap().study.last_trial, 0);

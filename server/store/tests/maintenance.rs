@@ -1,4 +1,4 @@
-//! Copying, restoring and checking database files: what comes back, and everything that is refused.
+//! Copying, restoring and checking database files: the restored contents, and every refusal.
 
 mod common;
 

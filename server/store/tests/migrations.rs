@@ -1,5 +1,5 @@
 //! From every released version of the schema to the newest: a database with data of its time is brought up to
-//! date with all it holds, and a migration that is broken off leaves no trace.
+//! date with all its contents, and an interrupted migration leaves no trace.
 //!
 //! A database of version k is made by the first k migrations, and its rows are written as the program of that
 //! version did: without columns, fields and formats that came later.
@@ -289,7 +289,7 @@ async fn every_released_database_of_postgresql_is_brought_up_to_date() {
     }
 }
 
-/// The last thing that the first migration makes is there already: nothing of it stays.
+/// The last object of the first migration exists already: nothing of the migration stays.
 #[tokio::test]
 async fn a_migration_of_postgresql_happens_whole_or_not_at_all() {
     let database = treewright_test_postgres::Database::create().await;

@@ -1,11 +1,11 @@
 //! Power cuts under SQLite's own writer: any part of the writes since the last acknowledgement may be on the
 //! disk. All acknowledged commits are there afterwards, and of the others whole ones in their order.
 //!
-//! The writer's files are copied whenever all that it was given is acknowledged, and so synced. Of the
-//! sectors by which the next copy's log differs, some are laid over the one before: the first few, any of
-//! them, one of them garbled. That is what a disk may hold that reorders its writes between two syncs; the
-//! order that SQLite asks for by a sync is kept: of a restarted log, the header comes before the rest. That
-//! the syncs are asked for is seen in `tests/end_to_end/power.rs`.
+//! The writer's files are copied whenever all that it was given is acknowledged, and so synced. Some of the
+//! sectors by which the next copy's log differs are laid over the one before: the first few, any of them, or
+//! a garbled one. A disk that reorders its writes between two syncs may hold this. Writes before a sync come
+//! before those after it: the header of a restarted log comes before the rest. `tests/end_to_end/power.rs`
+//! checks that SQLite asks for the syncs.
 
 mod common;
 
@@ -63,7 +63,7 @@ impl Image {
     }
 }
 
-/// Lays a part of what was written between two images over the first.
+/// Lays a part of the writes between two images over the first.
 fn torn(before: &Image, after: &Image, dice: &mut Dice) -> Image {
     let mut image = before.clone();
     let mut begin = 0;
@@ -92,7 +92,7 @@ fn torn(before: &Image, after: &Image, dice: &mut Dice) -> Image {
     }
     if !changed.is_empty() && dice.one_in(4) {
         let sector = changed[dice.below(changed.len())];
-        // A disk leaves alone what nobody writes: SQLite counts on that.
+        // A disk does not change unwritten sectors: SQLite relies on that.
         let is_new = |&at: &usize| after.log.get(at) != before.log.get(at);
         if let Some(byte) = (sector..end(sector, after)).find(is_new).and_then(|at| image.log.get_mut(at)) {
             *byte ^= 0xa5;
@@ -101,7 +101,7 @@ fn torn(before: &Image, after: &Image, dice: &mut Dice) -> Image {
     image
 }
 
-/// Where the sector ends that this byte is in.
+/// The end of the sector of a byte.
 fn end(at: usize, image: &Image) -> usize {
     (at / SECTOR * SECTOR + SECTOR).min(image.log.len())
 }
@@ -148,7 +148,7 @@ impl Writer {
     }
 }
 
-/// The number of trials that are there. Checks that they are the first ones, and that the store goes on.
+/// The number of stored trials. Checks that they are the first ones, and that the store goes on.
 async fn trials_of(database: &Path) -> u64 {
     let store = SqliteStore::open(database).await.expect("a sound file");
     let loaded = store.load("hall").await.expect("the study");
@@ -177,7 +177,7 @@ async fn cuts(seed: u64) -> u32 {
         let acknowledged = writer.last_trial;
         writer.work(&mut dice).await;
         let after = Image::read(&database);
-        // Where the log was merged into the file meanwhile, what it held before cannot be seen any more.
+        // Where the log was merged into the file meanwhile, its former contents are gone.
         let is_seen = after.file == before.file;
         let is_anew = is_seen && after.begins_log_anew(&before);
         begun_anew += u32::from(is_anew);

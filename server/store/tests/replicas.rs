@@ -1,5 +1,5 @@
-//! Several replicas on one PostgreSQL: who holds a study, who takes it over when, and what a replica that
-//! lost one can still do, which is nothing.
+//! Several replicas on one PostgreSQL: the holder of a study, its take-over, and the refusal of writes of a
+//! replica that lost it.
 
 mod common;
 
@@ -119,7 +119,7 @@ async fn a_replica_that_was_taken_for_dead_stores_nothing_more() {
     let refused = first.commit(&held, &[change(vec![open(1)])]).durable().await;
     assert!(matches!(refused, Err(StoreError::Fenced { .. })));
     second.commit(&taken, &[change(vec![open(1)])]).durable().await.unwrap();
-    // A study that nobody took stays with it.
+    // A study that no other replica took stays with it.
     assert!(kept.holds());
     first.commit(&kept, &[change(vec![open(1)])]).durable().await.unwrap();
 }
@@ -185,7 +185,7 @@ async fn of_due_leases_each_goes_to_one_replica() {
     }
     let first = replica(&database, "http://first:1").await;
     let second = replica(&database, "http://second:1").await;
-    // They are swept by who holds them, as long as that one lives.
+    // Their holder sweeps them as long as it lives.
     assert_eq!(first.studies_with_due_leases(60_001).await.unwrap(), [""; 0]);
     assert_eq!(gone.studies_with_due_leases(60_001).await.unwrap().len(), 20);
     drop(gone);
@@ -261,7 +261,7 @@ async fn databases_that_cannot_be_used_are_explained() {
     assert!(newer.to_string().contains("newer treewrightd (schema version 9999"), "{newer}");
 }
 
-/// A server that says it is starting for so long, and is then the one of `database`.
+/// A server that says it is starting for this time, and then passes on to that of `database`.
 async fn recovering(database: &Database, time: Duration) -> String {
     let after_user = database.url().rsplit_once('@').expect("a user").1;
     let (target, rest) = after_user.split_once('/').expect("a database");

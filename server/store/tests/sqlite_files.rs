@@ -127,7 +127,7 @@ async fn a_second_daemon_is_told_who_has_the_file() {
         message.contains(&format!("in use by another treewrightd (pid {})", std::process::id())),
         "{message}"
     );
-    // By another name it is still the same file.
+    // A link is another name of the same file.
     let link = directory.path().join("link.db");
     std::os::unix::fs::symlink(&path, &link).unwrap();
     assert!(matches!(refusal(&link).await, OpenError::InUse { .. }));
@@ -217,7 +217,7 @@ async fn who_holds_the_lock_without_being_a_daemon_is_named() {
     SqliteStore::open(&path).await.expect("free again");
 }
 
-/// A link in the place of the lock would have what it leads to written over.
+/// A link in the place of the lock would have its target overwritten.
 #[tokio::test]
 async fn a_lock_that_is_a_link_is_not_followed() {
     let directory = tempfile::tempdir().unwrap();
@@ -265,7 +265,7 @@ async fn a_foreign_lock_is_an_error_and_not_a_hang() {
     assert!(matches!(error, OpenError::Locked { .. }), "{error}");
     other.execute("ROLLBACK").await.unwrap();
 
-    // The same while serving: the write fails with a reason, and the next one works again.
+    // While serving, the write fails with a reason, and the next one works again.
     let store = SqliteStore::open(&path).await.unwrap();
     store.create_study("hall", &spec(), 5).await.unwrap();
     other.execute("BEGIN IMMEDIATE").await.unwrap();
@@ -444,7 +444,7 @@ async fn a_file_shrinks_when_much_was_removed() {
     assert!(std::fs::metadata(&path).unwrap().len() < before as u64 * 4096 / 2);
 }
 
-/// In pieces, each of which looks for the next kind of rows only where none of the one before is left.
+/// A deletion in pieces: each looks for the next kind of rows only where none of the kind before is left.
 #[tokio::test]
 async fn nothing_of_a_deleted_study_stays_in_the_file() {
     let directory = tempfile::tempdir().unwrap();
@@ -468,7 +468,7 @@ async fn nothing_of_a_deleted_study_stays_in_the_file() {
     store.close().await;
 }
 
-/// SQLite would go on writing to a file that nobody finds again.
+/// SQLite would go on writing to a file without a name.
 #[tokio::test]
 async fn a_file_that_is_moved_away_is_not_written_any_more() {
     let directory = tempfile::tempdir().unwrap();

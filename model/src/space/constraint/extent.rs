@@ -5,21 +5,21 @@ use crate::space::constraint::Node;
 use crate::space::constraint::node::{Function, Operator};
 use crate::value::Value;
 
-/// What a part of an expression may be.
+/// The possible values of a part of an expression.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::space) enum Extent<'a> {
     /// From the first to the second, both included.
     Number(f64, f64),
-    /// This text; any where there is none.
+    /// This text, or any text for `None`.
     Text(Option<&'a str>),
     /// Whether it may be true, and whether it may be false.
     Truth(bool, bool),
-    /// Nothing: a division by zero, or a number that is not finite.
+    /// No value: a division by zero, or a number that is not finite.
     Nothing,
 }
 
 impl<'a> Extent<'a> {
-    /// What a value is.
+    /// The extent of a value.
     pub(in crate::space) fn of_value(value: &'a Value) -> Self {
         match value {
             Value::Text(text) => Extent::Text(Some(text)),
@@ -29,7 +29,7 @@ impl<'a> Extent<'a> {
         }
     }
 
-    /// What the values of a domain are.
+    /// The extent of the values of a domain.
     pub(in crate::space) fn of_domain(domain: &Domain) -> Self {
         match domain {
             Domain::Integer { min, max, .. } => Extent::Number(*min as f64, *max as f64),

@@ -1,4 +1,4 @@
-//! Constraints: what every configuration fulfils, as an expression over parameters.
+//! Constraints: expressions over parameters that every configuration fulfils.
 //!
 //! `parse` reads an expression, `node` holds it and checks it against parameters, `extent` evaluates it, also
 //! where only some parameters have a value yet.
@@ -30,11 +30,11 @@ use node::Operator;
 /// - Numbers are doubles, so that whole numbers are exact up to 2^53. `/` is the division of real numbers:
 ///   `7 / 2` is 3.5. `%` is the remainder with the sign of the dividend, as in C: `-7 % 4` is -3.
 /// - Where a division by zero or a number that is not finite decides, the constraint is not fulfilled. `and`
-///   and `or` look at their right side only where the left one leaves it open.
+///   and `or` evaluate their right side only where the left one does not decide.
 /// - While a parameter that it names is inactive, the constraint holds.
 ///
-/// Two that differ in spaces, brackets or spelling of operators only are equal; `to_string` gives the one
-/// spelling that both are kept in.
+/// Constraints that differ only in spaces, brackets or the spelling of operators are equal; `to_string` gives
+/// their common spelling.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Constraint {
     root: Node<String>,
@@ -46,12 +46,12 @@ pub struct Constraint {
 pub struct ConstraintError {
     /// The text.
     pub text: String,
-    /// The mistake, where it is, and what to write instead.
+    /// The mistake, its place, and a remedy.
     pub problem: String,
 }
 
 impl Constraint {
-    /// Reads an expression. Which parameters there are is checked when a space is made with it.
+    /// Reads an expression. Its parameters are checked when a space is made with it.
     ///
     /// # Errors
     /// [`ConstraintError`] with the place of the mistake, in characters from 1.
@@ -111,8 +111,7 @@ impl FromStr for Constraint {
     }
 }
 
-/// As documents have it: a pair of names where it is an order, as every version wrote it, else the
-/// expression.
+/// The form in documents: a pair of names for an order, as in every version, else the expression.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged, deny_unknown_fields)]
 enum StoredConstraint {

@@ -40,7 +40,7 @@ pub(in crate::space) enum Function {
     Abs,
 }
 
-/// What a part of an expression is.
+/// The type of a part of an expression.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Number,
@@ -48,12 +48,12 @@ enum Kind {
     Boolean,
 }
 
-/// Binding powers of what is not an operator between two.
+/// Binding powers of the parts that are no binary operators.
 const NOT: u8 = 3;
 const NEGATE: u8 = 7;
 const ATOM: u8 = 8;
 
-/// How alike two names are, from 0 to 1, for one to be offered in place of the other.
+/// Least likeness of two names, from 0 to 1, for one to be suggested in place of the other.
 const NEAR: f64 = 0.5;
 
 impl Operator {
@@ -75,7 +75,7 @@ impl Operator {
         }
     }
 
-    /// How tightly it binds.
+    /// Its binding power.
     fn power(self) -> u8 {
         match self {
             Operator::Or => 1,
@@ -110,7 +110,7 @@ pub(super) fn is_bare(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// A name as expressions have it: in backticks where it would be read as something else.
+/// A name in the spelling of expressions: in backticks where it would be read as another token.
 fn spelt(name: &str) -> String {
     let is_word = ["and", "or", "not", "true", "false"].contains(&name);
     let is_plain = name.chars().all(is_bare) && name.starts_with(|c: char| !c.is_numeric());
@@ -171,7 +171,7 @@ impl Node<usize> {
 }
 
 impl Node<String> {
-    /// The same over the places of parameters. The error names the part that does not fit.
+    /// The expression over the places of parameters. The error names the part that does not fit.
     pub(in crate::space) fn placed(&self, parameters: &[Parameter]) -> Result<Node<usize>, String> {
         let (node, kind) = self.typed(parameters)?;
         let mut mentions = Vec::new();
@@ -222,7 +222,7 @@ impl Node<String> {
     }
 }
 
-/// Refuses text that the parameter it is compared with never has.
+/// Refuses text that is no value of the compared parameter.
 fn check_choice(one: &Node<String>, other: &Node<String>, parameters: &[Parameter]) -> Result<(), String> {
     let (Node::Parameter(name), Node::Literal(value @ Value::Text(text))) = (one, other) else {
         return Ok(());

@@ -13,14 +13,14 @@ use super::node::{Function, Node, Operator, is_bare};
 use crate::limits::{CONSTRAINT_CHARACTERS_MAX, CONSTRAINT_DEPTH_MAX, CONSTRAINT_NODES_MAX};
 use crate::value::Value;
 
-/// The rest of the text, and how deep in parentheses it is.
+/// The rest of the text, and its depth in parentheses.
 type Input<'a> = Stateful<&'a str, usize>;
 type Failed = ErrMode<ContextError>;
 type Parsed = Result<Node<String>, Failed>;
 
 const TOO_DEEP: &str = "parentheses and signs are nested too deeply";
 
-/// Reads a whole expression. The error says where, and what to write instead.
+/// Reads a whole expression. The error gives the place and a remedy.
 pub(super) fn expression(text: &str) -> Result<Node<String>, String> {
     if text.chars().count() > CONSTRAINT_CHARACTERS_MAX {
         return Err(format!(
@@ -51,7 +51,7 @@ pub(super) fn excerpt(text: &str) -> String {
     if shown.len() < text.len() { shown + "…" } else { shown }
 }
 
-/// What is wrong at a place, in words.
+/// The mistake at a place, in words.
 fn problem(text: &str, offset: usize, label: Option<&str>) -> String {
     let rest = text[offset..].trim_start();
     let place = text[..text.len() - rest.len()].chars().count() + 1;
@@ -179,7 +179,7 @@ fn number(input: &mut Input<'_>) -> Parsed {
     token(number).parse_next(input)
 }
 
-/// Text between quotes of either kind; `\` takes the next character as it is.
+/// Text between quotes of either kind; `\` makes the next character literal.
 fn text(input: &mut Input<'_>) -> Result<String, Failed> {
     let between = |quote: char| {
         let plain = move |c: char| c != quote && c != '\\';

@@ -1,4 +1,4 @@
-//! The language of constraints: what is read, what it means, and what is refused.
+//! The language of constraints: its syntax, its meaning, and its refusals.
 
 use proptest::prelude::*;
 
@@ -114,7 +114,7 @@ fn expressions_mean_what_they_say() {
     }
     for text in [
         "a < b",
-        // What is undefined does not hold, and neither does the opposite.
+        // An undefined expression does not hold, and neither does its opposite.
         "a / (a - 7) > 1",
         "not (a / (a - 7) > 1)",
         "a % (b - 2) == 0",

@@ -1,9 +1,9 @@
-//! Sessions of several clients under every policy, search and predictor, and every answer they get.
+//! Sessions of several clients under every policy, search and predictor, with every answer.
 //!
 //! The tuner is deterministic, so the output of two versions that should behave alike can be compared line by
-//! line: `cargo run -p treewright-core --example sessions > before.txt`, the same after a change, and `diff`.
-//! A section does not depend on the place of its policy, search or predictor among the others. The last
-//! column is what is said to people; the others are what clients act on and what is learnt.
+//! line: run `cargo run -p treewright-core --example sessions > before.txt` before and again after a change,
+//! then `diff`. A section does not depend on the place of its policy, search or predictor among the others.
+//! The last column is the text for people; the others hold the clients' data and the learnt values.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -273,7 +273,7 @@ fn main() {
     for (place, (name, policy)) in policies.iter().enumerate() {
         for apart in [false, true] {
             println!("== {name}, plans made apart: {apart}");
-            // A frozen, pinned or shadow study has learnt something before.
+            // A frozen, pinned or shadow study has learnt from trials before.
             let begins = if (6..9).contains(&place) { policies[0].1.clone() } else { policy.clone() };
             let mut tuner = Tuner::new(Arc::new(spec(begins))).expect("a valid specification");
             if apart {
@@ -282,7 +282,7 @@ fn main() {
             let random = ChaCha8Rng::seed_from_u64(fnv::hash(name.bytes()));
             let mut session = Session { tuner, random, now_ms: 0, trials: BTreeMap::new(), apart };
             for event in 0..EVENTS {
-                // Policies of no models, so that nothing has to be restored.
+                // These policies have no models, so nothing has to be restored.
                 match event {
                     100 => assert_eq!(session.tuner.set_policy(policy.clone()), Ok(false)),
                     180 => {

@@ -13,14 +13,14 @@ const FRACTION_TERMS: u32 = 24;
 
 /// The logarithm of the expected improvement over `best`: of the mean of `best` minus the value where that is
 /// positive, and zero elsewhere (Jones, Schonlau and Welch, "Efficient global optimization of expensive
-/// black-box functions", Journal of Global Optimization 13, 1998, equation 15). In logarithms, so that it
-/// tells points apart where it would otherwise vanish (Ament et al., "Unexpected improvements to expected
+/// black-box functions", Journal of Global Optimization 13, 1998, equation 15). The logarithm distinguishes
+/// points where the improvement itself would vanish (Ament et al., "Unexpected improvements to expected
 /// improvement", NeurIPS 2023).
 pub(crate) fn log_expected_improvement(best: f64, belief: Posterior) -> f64 {
     log_improvement((best - belief.mean) / belief.deviation) + libm::log(belief.deviation)
 }
 
-/// `ln(phi(z) + z Phi(z))`: the same for a standard normal and a best of `z`.
+/// `ln(phi(z) + z Phi(z))`: the expected improvement for a standard normal and a best of `z`.
 fn log_improvement(z: f64) -> f64 {
     if z > -FAR {
         return libm::log(normal_density(z) + z * normal_cdf(z));
@@ -30,7 +30,7 @@ fn log_improvement(z: f64) -> f64 {
     -0.5 * x * x - 0.5 * libm::log(2.0 * PI) + libm::log(excess) - libm::log(x + excess)
 }
 
-/// By how much the hazard `phi(x) / Phi(-x)` of the standard normal is above `x`, from [`FAR`] on: Laplace's
+/// The excess over `x` of the hazard `phi(x) / Phi(-x)` of the standard normal, from [`FAR`] on: Laplace's
 /// continued fraction `1 / (x + 2 / (x + 3 / (x + ...)))` (Abramowitz and Stegun, "Handbook of Mathematical
 /// Functions", 26.2.14).
 fn hazard_excess(x: f64) -> f64 {

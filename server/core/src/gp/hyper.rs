@@ -3,20 +3,20 @@
 //!
 //! A few dozen measurements say little about lengths, so that the prior matters. Its middle grows with the
 //! root of the dimension, so that a few points do not look unrelated in many dimensions (Hvarfner, Hellsten
-//! and Nardi, "Vanilla Bayesian optimization performs great in high dimensions", ICML 2024). The steps are
-//! those of `ascent`, which need signs of the gradient only and go on where they stood when points are added.
+//! and Nardi, "Vanilla Bayesian optimization performs great in high dimensions", ICML 2024). The steps of
+//! `ascent` only need signs of the gradient, and go on from their last state when points are added.
 
 use serde::{Deserialize, Serialize};
 
 use super::ascent::ascend;
 use super::kernel::FeatureKind;
 
-/// Hyperparameters as logarithms, with where their ascent stands. Stored with searches and predictors.
+/// Hyperparameters as logarithms, with the state of their ascent. Stored with searches and predictors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Hyperparameters {
-    /// Of each feature's weight (the inverse square of its length; of a linear feature the variance of its
-    /// coefficient), then of the noise's variance and, where there is a trend, the trend's, as shares of the
-    /// values' variance.
+    /// The logarithms of each feature's weight (the inverse square of its length; for a linear feature the
+    /// variance of its coefficient), of the noise's variance and, where there is a trend, of the trend's
+    /// variance, as shares of the values' variance.
     log: Vec<f64>,
     /// Step sizes of the ascent.
     steps: Vec<f64>,
@@ -35,12 +35,12 @@ pub(crate) struct Prior {
     pub(crate) weight_range: [f64; 2],
     /// The middle of the noise's variance, as a share of the values'.
     pub(crate) noise_mean: f64,
-    /// Its spread.
+    /// The spread of the noise's variance.
     pub(crate) noise_spread: f64,
-    /// It stays within this.
+    /// The range of the noise's variance.
     pub(crate) noise_range: [f64; 2],
-    /// The prior's part in the sum of squares of the values: that of one more value, so that few values, or
-    /// equal ones, do not pin the variance to zero.
+    /// The prior's part in the sum of squares of the values: it equals one more value, so that few or equal
+    /// values do not make the variance zero.
     pub(crate) squares: f64,
     /// The longest step of the ascent.
     pub(crate) step_max: f64,

@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::randomness::standard_normal;
 
-/// A point, its score (more is better), and what else was found out about it.
+/// A point, its score (more is better), and further data about it.
 #[derive(Clone, Debug)]
 pub(crate) struct ScoredPoint<T> {
     pub(crate) x: Vec<f64>,
@@ -74,13 +74,13 @@ pub(crate) fn best<T>(candidates: impl IntoIterator<Item = ScoredPoint<T>>) -> O
     best
 }
 
-/// Where points are changed: the values that each axis has.
+/// The space of the search: the values of each axis.
 pub(crate) trait Neighbourhood {
     /// Another value of one axis: near by along a scale (`radius` is a share of it), or any other.
     fn moved(&self, axis: usize, x: f64, radius: f64, random: &mut ChaCha8Rng) -> f64;
 }
 
-/// How a point is changed on its way up.
+/// The changes of a climbing point.
 pub(crate) trait Moves {
     /// Another candidate begins to climb.
     fn begin(&mut self) {}
@@ -217,7 +217,7 @@ pub(crate) struct NormalSteps<'a> {
     random: &'a mut ChaCha8Rng,
 }
 
-/// How often a normal step is along one axis only, and by what steps grow and shrink.
+/// The share of normal steps along one axis only, and the factors by which steps grow and shrink.
 const ONE_AXIS: f64 = 0.3;
 const GROWTH: f64 = 1.5;
 const SHRINKAGE: f64 = 0.92;

@@ -1,20 +1,19 @@
-//! Gaussian processes: one regression, and what searching with it takes.
+//! Gaussian processes: one regression, and the tools of a search with it.
 //!
 //! Two parts of the core model cost by a Gaussian process: the model-based search inside one state
 //! (`search::model`) and the contextual predictor across states (`predict::contextual`). Both use this
-//! module. It knows features, values and random numbers, and nothing of studies, trials or configurations:
+//! module. Its inputs are features, values and random numbers, not studies, trials or configurations:
 //! - [`kernel`]: the covariance of two points whose features are numbers, categories or a linear term;
 //! - [`sample`]: the points that a process is fitted to;
 //! - [`hyper`]: lengths and noise, their prior, and one step of learning them;
 //! - [`likelihood`]: the gradient that such a step follows;
 //! - [`regression`]: the fitted process, its mean and its deviation;
 //! - [`warping`]: the transformations through which it sees costs;
-//! - [`acquisition`]: what measuring a point is worth;
-//! - [`local_search`]: the climb to the point that is worth most.
+//! - [`acquisition`]: the worth of measuring a point;
+//! - [`local_search`]: the climb to the point of highest worth.
 //!
-//! Source: Rasmussen and Williams, "Gaussian Processes for Machine Learning", 2006; further ones stand where
-//! they are used. All transcendental functions are those of `libm`, so that results are the same on every
-//! platform.
+//! Source: Rasmussen and Williams, "Gaussian Processes for Machine Learning", 2006; further ones stand beside
+//! their use. All transcendental functions are those of `libm`, so that results are equal on every platform.
 
 pub(crate) mod acquisition;
 mod ascent;

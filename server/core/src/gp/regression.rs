@@ -1,4 +1,4 @@
-//! The fitted process: what it expects of a point, and how sure it is.
+//! The fitted process: its mean and its deviation at a point.
 //!
 //! Source: Rasmussen and Williams, algorithm 2.1.
 
@@ -8,10 +8,10 @@ use super::likelihood::{Profile, gradient};
 use super::sample::Sample;
 use crate::matrix::{Factor, dot};
 
-/// The variance of a mean is never less than this share of the values': what is left of it is rounding.
+/// The least variance of a mean, as a share of the values': smaller ones are rounding errors.
 const VARIANCE_MIN: f64 = 1e-9;
 
-/// A fitted process. Values and deviations are in the unit of what it was fitted to.
+/// A fitted process. Values and deviations are in the unit of its data.
 #[derive(Clone, Debug)]
 pub(crate) struct Process {
     sample: Sample,
@@ -48,7 +48,7 @@ pub(crate) struct Schedule {
 }
 
 /// The covariances of one point with all points of the sample and with itself, as shares of the variance. A
-/// buffer: it is filled by [`Process::covariances`] and used up by [`Process::deviation`].
+/// buffer: [`Process::covariances`] fills it, and [`Process::deviation`] overwrites it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Covariances {
     others: Vec<f64>,
@@ -147,7 +147,7 @@ impl Process {
         self.noise
     }
 
-    /// Distances that many points share: of the first features, which are the same for all of them.
+    /// The distances along the first features, which many points share.
     pub(crate) fn context(&self, features: &[f64]) -> SharedFeatures {
         let (width, mut distances) = (features.len(), vec![0.0; self.sample.len()]);
         let (kinds, weights, columns) =
@@ -196,7 +196,7 @@ impl Process {
         self.mean + dot(&covariances.others, &self.alpha)
     }
 
-    /// The standard deviation of the mean at their point, noise left out. Uses them up.
+    /// The standard deviation of the mean at their point, noise left out. It overwrites them.
     pub(crate) fn deviation(&self, covariances: &mut Covariances) -> f64 {
         self.factor.forward(&mut covariances.others);
         let known = dot(&covariances.others, &covariances.others);

@@ -4,7 +4,7 @@ use super::hyper::Hyperparameters;
 use super::kernel::{FeatureKind, add_squared_distances, centred, matern, squared_distance};
 use crate::matrix::dot;
 
-/// The points, and how many measurements stand behind each.
+/// The points, and the number of measurements of each.
 #[derive(Clone, Debug)]
 pub(crate) struct Sample {
     pub(super) kinds: Vec<FeatureKind>,
@@ -23,8 +23,8 @@ pub(crate) struct Sample {
 }
 
 impl Sample {
-    /// `points` are features, one for each of `kinds`. `counts`, above 0, are the measurements that each
-    /// stands for: its noise is divided by them.
+    /// `points` are features, one for each of `kinds`. `counts`, above 0, are the numbers of measurements of
+    /// each point, by which its noise is divided.
     pub(crate) fn new(kinds: Vec<FeatureKind>, points: &[&[f64]], counts: Vec<f64>) -> Self {
         assert_eq!(points.len(), counts.len(), "every point has its count");
         assert!(points.iter().all(|point| point.len() == kinds.len()), "{} features", kinds.len());
@@ -93,7 +93,7 @@ impl Sample {
     }
 
     /// The correlations of all points, with noise on the diagonal, and the derivatives of the kernel by the
-    /// squared distance: full rows, of which the lower triangle counts.
+    /// squared distance: full rows, whose lower triangle counts.
     pub(super) fn correlations(&self, hyper: &Hyperparameters) -> (Vec<f64>, Vec<f64>) {
         let (n, dimension) = (self.len(), self.dimension());
         let (weights, trend) = (hyper.weights(dimension), hyper.trend(dimension));

@@ -1,5 +1,4 @@
-//! The blend of all predictors: a mean of their estimates, weighted by how small the errors of each were of
-//! late.
+//! The blend of all predictors: a mean of their estimates, weighted by the recent errors of each.
 
 use std::collections::BTreeMap;
 
@@ -27,8 +26,8 @@ pub(super) type MethodEstimate = (PredictorMethod, Option<Estimate>);
 pub(super) struct PredictorErrors(BTreeMap<PredictorMethod, ErrorStatistics>);
 
 impl PredictorErrors {
-    /// Notes how far each was off a measured cost, and the blend as it was before. The first trial of all, of
-    /// which nobody had a word, is nobody's fault.
+    /// Notes the error of each predictor, and of the blend before it, on a measured cost. The first trial of
+    /// all does not count, because no predictor had an estimate.
     pub(super) fn take(&mut self, words: &[MethodEstimate], cost: f64) {
         let Some(blend) = self.blend(words) else {
             return;
@@ -38,7 +37,7 @@ impl PredictorErrors {
         }
     }
 
-    /// The error of late; infinite before the first test.
+    /// The recent error; infinite before the first test.
     pub(super) fn recent(&self, method: PredictorMethod) -> f64 {
         self.0.get(&method).map_or(f64::INFINITY, ErrorStatistics::recent)
     }
@@ -48,7 +47,7 @@ impl PredictorErrors {
         self.0.get(&method).and_then(ErrorStatistics::interval).map_or(0, |interval| interval.count)
     }
 
-    /// The one that erred least of late, the first listed among equals.
+    /// The predictor of the least recent error, the first listed among equals.
     pub(super) fn leader(&self) -> PredictorMethod {
         let least = METHODS.iter().min_by(|a, b| self.recent(**a).total_cmp(&self.recent(**b)));
         least.copied().unwrap_or(METHODS[0])
@@ -61,11 +60,10 @@ impl PredictorErrors {
         self.0.iter().filter_map(interval).collect()
     }
 
-    /// The blend of all estimates, weighted by how little each predictor erred in the last tests: the mean of
+    /// The blend of all estimates, weighted by each predictor's errors in the last tests: the mean of
     /// logarithms, since errors are ratios. Following one predictor at a time would pay for every change of
-    /// the lead. Errors fade, so a predictor that was bad for long is back after a few good tests. Sharing
-    /// weights does this for those who track the best expert (Herbster and Warmuth, Machine Learning 32,
-    /// 1998).
+    /// the lead. Errors fade, so a predictor that was bad for long is back after a few good tests. Shared
+    /// weights do this in tracking the best expert (Herbster and Warmuth, Machine Learning 32, 1998).
     pub(super) fn blend(&self, words: &[MethodEstimate]) -> Option<Estimate> {
         let said: Vec<(f64, Estimate)> =
             words.iter().filter_map(|(method, word)| Some((self.weight(*method), (*word)?))).collect();
@@ -80,7 +78,7 @@ impl PredictorErrors {
         Some(Estimate::new(libm::exp(mean), deviation))
     }
 
-    /// The weight of a predictor in the blend: all the same before the first test.
+    /// The weight of a predictor in the blend; all are equal before the first test.
     fn weight(&self, method: PredictorMethod) -> f64 {
         let last = self.0.get(&method).and_then(ErrorStatistics::last);
         last.map_or(1.0, |error| error.max(ERROR_LEAST).powi(-WEIGHT_POWER))

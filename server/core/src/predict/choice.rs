@@ -19,17 +19,16 @@ use crate::space::Space;
 const TESTS_EAGER: u64 = 256;
 /// From then on one trial of this number is a test, so that a report stays cheap.
 const TESTS_SHARE: u64 = 16;
-/// The contextual model answers and proposes unless it errs by more than this times the least error, and by
-/// more than this altogether: it alone knows of configurations that nobody tried. By error alone the choice
-/// would confirm itself: who always repeats one configuration predicts its cost well.
+/// The contextual model answers and proposes unless its error is above this multiple of the least error, and
+/// above this value: it alone knows untried configurations. By error alone the choice would confirm itself: a
+/// predictor that always repeats one configuration predicts its cost well.
 const TRUSTED: f64 = 3.0;
 const TRUSTED_ERROR: f64 = 0.25;
-/// Fewer tests than this do not tell predictors apart.
+/// Fewer tests than this do not separate predictors.
 const TESTS_MIN: u64 = 8;
 
 /// The predictors that a study's policy needs: its own, or for [`PredictorMethod::Auto`] all of them, each
-/// trained on every trial, and what they were tested to be worth. Those that learn nothing are always among
-/// them.
+/// trained on every trial, with the errors of their tests. Those that learn nothing are always among them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Predictors {
     /// In the order of the registry.
@@ -38,8 +37,8 @@ pub struct Predictors {
     chooses: bool,
     trials: u64,
     tallies: PredictorErrors,
-    /// Updates yet to be computed, oldest first. It all [is](Predictors::apply_all) before a checkpoint is
-    /// stored.
+    /// Updates yet to be computed, oldest first. All [are](Predictors::apply_all) computed before a
+    /// checkpoint is stored.
     #[serde(skip)]
     deferred: Vec<Arc<DeferredUpdate>>,
 }
@@ -69,12 +68,13 @@ impl Predictors {
         learns(method)
     }
 
-    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
+    /// Completes predictors that were read from a checkpoint. `false` when a configuration does not fit the
+    /// space.
     pub(crate) fn settle(&mut self, space: &Space) -> bool {
         self.singles.iter_mut().all(|predictor| predictor.settle(space))
     }
 
-    /// The one whose answers take a fit, and whose learning is deferred.
+    /// The predictor whose answers take a fit, and whose learning is deferred.
     fn contextual(&self) -> Option<&Contextual> {
         self.singles.iter().find_map(|predictor| match predictor {
             AnyPredictor::Contextual(contextual) => Some(contextual),
@@ -89,8 +89,8 @@ impl Predictors {
         })
     }
 
-    /// Notes what is needed to tell how far each would have been off a measured cost; the telling is
-    /// deferred. To be called before the trial is learnt, and before the table of its state holds it.
+    /// Notes the inputs of each predictor's error on a measured cost; the error itself is computed later. To
+    /// be called before the trial is learnt, and before the table of its state holds it.
     pub fn test(&mut self, query: &Query<'_>, configuration: &Configuration, cost: f64) {
         if !self.chooses {
             return;
@@ -138,7 +138,7 @@ impl Predictors {
         (!self.deferred.is_empty()).then(updates)
     }
 
-    /// Takes over updates that were computed apart, unless somebody was faster.
+    /// Takes over updates that were computed apart, unless another caller was faster.
     pub fn apply(&mut self, computed: ComputedUpdates) {
         let DeferredUpdates { updates, hyper, tallies } = computed.0;
         let pairs = self.deferred.iter().zip(&updates);
@@ -199,7 +199,7 @@ impl Predictors {
         Some(self.on_machine(method, query, expected))
     }
 
-    /// The one that erred least of late, the first listed among equals.
+    /// The predictor of the least recent error, the first listed among equals.
     pub fn leader(&self) -> PredictorMethod {
         self.tallies.leader()
     }
@@ -217,7 +217,7 @@ impl Predictors {
     }
 
     /// The mean errors of every predictor and of the choice among them (`Auto`), with 95 % intervals. Empty
-    /// before the second trial, and where nothing is to be chosen.
+    /// before the second trial, and where there is no choice.
     pub fn errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
         self.tallies.errors()
     }
@@ -236,8 +236,8 @@ impl Predictors {
         self.tallies.blend(&METHODS.iter().map(|&method| (method, estimate(method))).collect::<Vec<_>>())
     }
 
-    /// The answer to exploit, and whose it is: the method's own, else (a model can be without a clue) that of
-    /// the nearest neighbour.
+    /// The answer to exploit, and its predictor: the method's own, else (a model may have no answer) the
+    /// nearest neighbour.
     pub fn predict(&self, method: PredictorMethod, query: &Query<'_>) -> Option<(Answer, PredictorMethod)> {
         let speaker = self.speaker(method);
         let own = self.single(speaker).and_then(|predictor| predictor.predict(query));
@@ -267,7 +267,7 @@ impl Predictors {
     ) -> Option<(Answer, PredictorMethod)> {
         let (answer, method) = match own {
             Some(answer) => (answer, speaker),
-            // A predictor that does not know its risk must not answer for one that found it too high.
+            // A predictor that cannot judge its risk must not replace one that found the risk too high.
             None if speaker == PredictorMethod::Contextual && query.rival.is_some() => return None,
             None => (Nearest.predict(query)?, PredictorMethod::NearestNeighbour),
         };
@@ -275,8 +275,8 @@ impl Predictors {
         Some((Answer { expected, ..answer }, method))
     }
 
-    /// The first point to explore in a state where nothing was measured, and its predictor; `None` when the
-    /// method proposes nothing, or its model is not to be trusted yet.
+    /// The first point to explore in a state without measurements, and its predictor; `None` when the method
+    /// proposes nothing, or its model is not to be trusted yet.
     pub fn propose(
         &self,
         method: PredictorMethod,

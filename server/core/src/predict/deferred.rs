@@ -1,9 +1,9 @@
-//! Deferred updates: what learning a trial leaves to be computed later, because it takes a fit.
+//! Deferred updates: the parts of learning a trial that take a fit, and are computed later.
 //!
 //! A trial is noted at once. Two things take a fit of the contextual model each: the update of its lengths,
-//! and its error on the trial's cost. These are deferred, in the order of the trials, and computed on a copy
-//! where nobody waits; then the result is applied. Since they are computed in order, and each holds its
-//! inputs, the outcome does not depend on when that happens.
+//! and its error on the trial's cost. Both are deferred, in the order of the trials, and computed on a copy
+//! while no client waits; then the result is applied. The outcome does not depend on the moment, because
+//! updates are computed in order and each holds its inputs.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::predict::blend::{MethodEstimate, PredictorErrors};
 use crate::predict::contextual::{HyperparameterUpdate, LocalData};
 use crate::space::Space;
 
-/// One of them.
+/// One deferred update.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum DeferredUpdate {
     /// To add the predictors' errors on a measured cost to their tallies. The prediction of the contextual
@@ -29,7 +29,7 @@ pub(super) enum DeferredUpdate {
     Hyperparameters(HyperparameterUpdate),
 }
 
-/// Deferred updates, oldest first, with what they change, on a copy.
+/// Deferred updates, oldest first, with a copy of the predictors that they change.
 #[derive(Clone, Debug)]
 pub struct DeferredUpdates {
     pub(super) updates: Vec<Arc<DeferredUpdate>>,

@@ -1,4 +1,4 @@
-//! Predictors: from what is known of other states to a configuration for this one.
+//! Predictors: a configuration for one state from the measurements of others.
 //!
 //! A predictor is a file here and a row of the registry (`model/src/policy/registry.rs`).
 
@@ -52,9 +52,10 @@ pub struct Lesson<'a> {
     pub point: &'a [f64],
     /// The result, with costs as they would be on the study's first machine.
     pub verdict: Verdict,
-    /// The mean cost of the default configuration in the same state, where it is known; on the same terms.
+    /// The mean cost of the default configuration in the same state, where it is known; also as on the first
+    /// machine.
     pub default_cost: Option<f64>,
-    /// Which machine measured it.
+    /// The machine that measured it.
     pub origin: Origin,
 }
 
@@ -73,9 +74,9 @@ pub struct Query<'a> {
     pub space: &'a Space,
     /// The machines of the study.
     pub machines: &'a Machines,
-    /// Which of them asks. Costs in answers are those to expect there.
+    /// The machine that asks. Costs in answers are those expected there.
     pub machine: MachineId,
-    /// The answer if the predictor has nothing that is worth its risk: a configuration that was measured.
+    /// A measured configuration, which is the answer if the predictor has none that is worth its risk.
     pub rival: Option<&'a Configuration>,
 }
 
@@ -96,12 +97,12 @@ impl Query<'_> {
         found
     }
 
-    /// Numbers for who asks.
+    /// The asking machine's numbers.
     pub(crate) fn origin(&self) -> Origin {
         self.machines.origin(self.machine)
     }
 
-    /// The expected cost on the asking machine of what was measured in a state.
+    /// A cost measured in a state, converted to the asking machine.
     pub(crate) fn translate(&self, known: &KnownState, cost: f64) -> f64 {
         if known.machine == self.machine {
             return cost;
@@ -115,13 +116,14 @@ impl Query<'_> {
     }
 }
 
-/// Least ratio of the expected gain to the expected loss of an answer that nobody measured.
+/// Least ratio of the expected gain to the expected loss of an unmeasured answer.
 pub(crate) const WORTH: f64 = 20.0;
-/// It can be run with this probability at least.
+/// Least probability that such an answer can be run.
 pub(crate) const RUNS_LEAST: f64 = 0.99;
 
-/// The probability that one more configuration can be run after `successes` that could and none that could
-/// not. Half of all programs can run all of theirs; in the others any share is as likely as any other.
+/// The probability that one more configuration can be run after `successes` successes and no failure. The
+/// prior: half of all programs run every configuration; in the others every share of runnable ones is equally
+/// likely.
 pub(crate) fn runs_after(successes: usize) -> f64 {
     let probability = 1.0 - (successes as f64 + 2.0).powi(-2);
     assert!((0.5..=1.0).contains(&probability), "a probability of {probability} after {successes}");
@@ -133,12 +135,12 @@ pub(crate) fn runs_after(successes: usize) -> f64 {
 pub struct Estimate {
     /// The cost.
     pub cost: f64,
-    /// How far a measurement may well be from it: one standard deviation, upwards.
+    /// One standard deviation of a measurement from the cost, upwards.
     pub deviation: f64,
 }
 
 impl Estimate {
-    /// Holds both within the finite numbers; what is no number is taken for the largest.
+    /// Makes both finite; NaN becomes the largest number.
     pub fn new(cost: f64, deviation: f64) -> Self {
         let hold = |x: f64| if x.is_nan() { f64::MAX } else { x.clamp(0.0, f64::MAX) };
         let held = Estimate { cost: hold(cost), deviation: hold(deviation) };
@@ -152,7 +154,7 @@ impl Estimate {
 pub struct Answer {
     /// The configuration to run.
     pub configuration: Configuration,
-    /// The cost to expect.
+    /// The expected cost.
     pub expected: Estimate,
     /// The known states nearest to the asked one, nearest first.
     pub neighbours: Vec<Neighbour>,
@@ -161,9 +163,9 @@ pub struct Answer {
 /// Maps states to configurations. All methods are deterministic, and their answers do not change when all
 /// costs are multiplied by one positive number (but for rounding).
 ///
-/// The first two methods are what makes a predictor. All others are ways in which it may take part in more
-/// than answering; each says what it means not to. Answers are a matter of microseconds, but for those of
-/// [`Contextual`], which are asked for ahead and whose learning is deferred.
+/// The first two methods are required. Each other method adds a further role and says what its default means.
+/// Answers take microseconds. Only those of [`Contextual`] take longer: they are asked for ahead, and their
+/// learning is deferred.
 pub trait Predictor {
     /// Its estimate of one configuration in the asked state. `None` when nothing is known.
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate>;
@@ -172,15 +174,13 @@ pub trait Predictor {
     /// when nothing is known.
     fn predict(&self, query: &Query<'_>) -> Option<Answer>;
 
-    /// A configuration from which much can be learnt in the asked state without losing much, where the
-    /// predictor can say. `number` makes answers differ from one question to the next. A predictor that only
-    /// knows configurations that were tried has none.
+    /// A configuration that teaches much in the asked state at a small loss. `number` makes answers differ
+    /// from one question to the next. A predictor that only knows tried configurations has none.
     fn propose(&self, _query: &Query<'_>, _number: u64) -> Option<Answer> {
         None
     }
 
-    /// Whether predictors of this kind [learn](Predictor::learn). One that does not is always at hand,
-    /// whatever the policy names.
+    /// Whether predictors of this kind [learn](Predictor::learn). One that does not is always at hand.
     fn learns() -> bool
     where
         Self: Sized,
@@ -198,14 +198,14 @@ pub trait Predictor {
         false
     }
 
-    /// Whether it learns costs as they are on the first machine, so that what it says has to be translated
-    /// for others. A predictor that looks at tables has translated what it found there.
+    /// Whether it learns costs as they are on the first machine, so that its estimates have to be converted
+    /// for others. A predictor that reads tables has converted their costs itself.
     fn speaks_of_first_machine(&self) -> bool {
         false
     }
 
-    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space. A
-    /// predictor that stores all it needs is whole.
+    /// Completes a predictor that was read from a checkpoint. `false` when a configuration does not fit the
+    /// space. A predictor that stores all it needs is whole.
     fn settle(&mut self, _space: &Space) -> bool {
         true
     }
@@ -214,7 +214,7 @@ pub trait Predictor {
 /// Normalised indicators further out of 0..1 than this are drawn in.
 const OUT_OF_RANGE: f64 = 1.0;
 
-/// Leaves 0..1 and its surroundings as they are and draws in what lies further out, in order.
+/// Leaves 0..1 and its surroundings as they are and draws in values further out, in order.
 fn draw_in(x: f64) -> f64 {
     let (low, high) = (-OUT_OF_RANGE, 1.0 + OUT_OF_RANGE);
     if x > high {

@@ -9,12 +9,12 @@ use crate::predict::{Answer, Estimate, Predictor, PredictorSetup, Query};
 use crate::results::{KnownState, Record};
 use crate::trial::Neighbour;
 
-/// Best known configuration of the known state that is closest by Euclidean distance. Its table are the known
-/// states that come with each query.
+/// Best known configuration of the known state that is closest by Euclidean distance. Its table is the known
+/// states of the query.
 ///
-/// A state in which a search was begun counts before all others: what an unexplored state knows is only
-/// how the configurations did that were predicted for it, and to rely on that would repeat a poor early
-/// guess for ever. Among equals the asked state itself comes first, then the nearest.
+/// A state in which a search was begun counts before all others. An unexplored state has only measured
+/// configurations that were predicted for it, and to rely on these would repeat a poor early guess for ever.
+/// Among equals the asked state itself comes first, then the nearest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Nearest;
 
@@ -73,9 +73,9 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
     chosen
 }
 
-/// The states nearest to the query in which anything was measured, searched or not. Estimates ask these: they
-/// are compared with what was measured next, over the whole history, and must come out the same when that is
-/// gone through again after a restart, when it is no longer known at which moment each search began.
+/// The states nearest to the query in which anything was measured, searched or not, for estimates. Estimates
+/// are compared with later measurements. A replay after a restart must give equal estimates, but does not
+/// know when each search began.
 fn closest<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
     let place = |place: usize| query.known.get(place).filter(|state| state.results.best().is_some());
     let found = query.nearest(count, false, |state| state.results.best().is_some());
@@ -130,7 +130,8 @@ impl<'a> StateCosts<'a> {
     }
 }
 
-/// The first state's word, and how far the others are from it; on its own it may be off by its whole cost.
+/// The first state's cost, with the others' distance from it as deviation; a single state's deviation is its
+/// whole cost.
 fn first_word(costs: &[f64]) -> Option<Estimate> {
     let (&first, others) = costs.split_first()?;
     if others.is_empty() {
@@ -189,7 +190,7 @@ fn weights(candidates: &[NearState<'_>]) -> Vec<f64> {
     let furthest = candidates.iter().map(|candidate| candidate.distance).fold(0.0, f64::max);
     let floor = (NEARNESS_MAX * furthest).powi(2);
     let square = |candidate: &NearState<'_>| candidate.distance * candidate.distance + floor;
-    // All at one place weigh the same.
+    // States at one place have equal weights.
     let weight = |candidate: &NearState<'_>| if furthest > 0.0 { floor / square(candidate) } else { 1.0 };
     let sum: f64 = candidates.iter().map(weight).sum();
     candidates.iter().map(|candidate| weight(candidate) / sum).collect()
@@ -227,7 +228,7 @@ impl Weighted {
                 continue;
             };
             costs.push((*weight, cost));
-            // States differ in how much anything costs there; what counts is how much more than the best.
+            // States differ in the level of costs, so a cost counts by its ratio to the state's best.
             let ratio = if best > 0.0 { (cost / best).min(f64::MAX) } else { 1.0 };
             score += weight * libm::log(ratio.max(f64::MIN_POSITIVE));
             total += weight;

@@ -1,4 +1,4 @@
-//! How wrong predictors are: each is asked about every trial before it learns from it.
+//! The errors of predictors: each is asked about every trial before it learns the trial.
 //!
 //! Dawid, "Statistical theory: the prequential approach", JRSS A 147, 1984; Gama, Sebastião and Rodrigues,
 //! "On evaluating stream learning algorithms", Machine Learning 90, 2013. The error of a prediction is the
@@ -11,11 +11,11 @@ use crate::limits::REWARD_COST_MIN;
 use crate::predict::Estimate;
 use crate::sum::Sum;
 
-/// An error counts as no more than this: a thousandfold.
+/// The largest error that counts: a thousandfold.
 pub const ERROR_MAX: f64 = 6.907_755_278_982_137;
-/// An older error's weight after one more, in the recent mean
+/// The factor by which an older error's weight falls with each new one, in the recent mean.
 const FADE: f64 = 1.0 - 1.0 / 400.0;
-/// and in the mean of the last few.
+/// The factor in the mean of the last few.
 const FADE_LAST: f64 = 1.0 - 1.0 / 20.0;
 
 /// The error of one prediction; [`ERROR_MAX`] where there was none.
@@ -34,7 +34,7 @@ pub struct ErrorStatistics {
     last: Fading,
 }
 
-/// A mean in which what is old fades.
+/// A mean in which older values fade.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Fading {
     sum: f64,
@@ -53,7 +53,7 @@ impl Fading {
     }
 }
 
-/// A mean error and where it lies with 95 % confidence, by the normal approximation.
+/// A mean error and its 95 % interval, by the normal approximation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorInterval {
     /// Predictions tested.
@@ -77,12 +77,13 @@ impl ErrorStatistics {
         self.last.take(error, FADE_LAST);
     }
 
-    /// The mean error of late; the choice goes by it. Infinite before the first.
+    /// The recent mean error, on which the choice rests. Infinite before the first.
     pub fn recent(&self) -> f64 {
         self.recent.mean().unwrap_or(f64::INFINITY)
     }
 
-    /// The mean error of the last twenty or so; the blend's weights go by it. `None` before the first.
+    /// The mean error of about the last twenty tests, on which the blend's weights rest. `None` before the
+    /// first.
     pub fn last(&self) -> Option<f64> {
         self.last.mean()
     }

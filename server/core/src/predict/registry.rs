@@ -12,8 +12,7 @@ use crate::policy::PredictorMethod;
 
 macro_rules! predictors {
     ($($(#[doc = $about:literal])+ $method:ident = $number:literal, $word:literal, $module:ident::$predictor:ident::$make:ident;)+) => {
-        /// One of the predictors, as it is stored. All that can be done with it are the methods of
-        /// [`Predictor`].
+        /// One of the predictors, as it is stored. It has the methods of [`Predictor`].
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(rename_all = "snake_case")]
         pub(super) enum AnyPredictor {
@@ -31,7 +30,7 @@ macro_rules! predictors {
                 }
             }
 
-            /// Which predictor it is; never `auto`.
+            /// The predictor's method; never `auto`.
             pub(super) fn method(&self) -> PredictorMethod {
                 match self {
                     $(AnyPredictor::$method(_) => PredictorMethod::$method,)+

@@ -1,11 +1,11 @@
-//! Which axes of a space are choices: few values that hold equal shares of the axis.
+//! The choices among the axes of a space: few values with equal shares of the axis.
 
 use crate::space::{Domain, Scale, Space};
 
 /// Most values of a choice. Axes of more are searched like continuous ones.
 const LEVELS_MAX: u64 = 8;
 
-/// For each parameter how many values it has, if it is a choice between few; else 0.
+/// The number of values of each parameter that is a choice between few; 0 for all others.
 pub fn levels(space: &Space) -> Vec<u32> {
     let count = |domain: &Domain| match domain {
         Domain::Boolean => 2,

@@ -1,7 +1,7 @@
-//! How well the searches do on a space like the paper's Table 1, where choices matter most.
+//! The quality of the searches on a space like the paper's Table 1, where choices matter most.
 //!
-//! The landscape models what was measured of Embree on three scenes: the factors of the parameters multiply,
-//! the branching factor weighs most, shallow trees are slow or cannot be built, and frames vary by 7 % with a
+//! The landscape models measurements of Embree on three scenes: the factors of the parameters multiply, the
+//! branching factor weighs most, shallow trees are slow or cannot be built, and frames vary by 7 % with a
 //! rare outlier. Compact trees, which make all the other parameters meaningless, are left out as the paper
 //! does (section 4.1).
 
@@ -91,7 +91,7 @@ fn frame(slowdown: f64, noise: &mut ChaCha8Rng) -> f64 {
     slowdown * (0.07 * normal).exp() * outlier
 }
 
-/// What a run came to.
+/// The result of a run.
 struct Run {
     /// Noise-free slowdown of the configuration that measured best, which the tuner recommends.
     best: f64,

@@ -1,9 +1,9 @@
-//! Searches inside one state: ask for a point of the unit cube, tell what came of it.
+//! Searches inside one state: ask for a point of the unit cube, and tell its result.
 //!
 //! A search is a small value: its state goes through serde exactly, and its randomness is derived from
 //! `(seed, state, step)` (see [`SearchSetup`]), so a search that is stored and read back goes on with the
-//! same points. Pending points (asked for, without a result) are part of the state; a point whose client went
-//! away is withdrawn and asked again. A search is a file here and a row of the registry
+//! same points. Pending points (asked for, without a result) are part of the state; a point whose client is
+//! lost is withdrawn and asked again. A search is a file here and a row of the registry
 //! (`model/src/policy/registry.rs`).
 
 pub mod latin_hypercube;
@@ -39,11 +39,11 @@ pub struct Point {
     pub id: u64,
     /// Coordinates in 0..1.
     pub x: Vec<f64>,
-    /// Which step of the search asks.
+    /// The step of the search that asks.
     pub step: Step,
 }
 
-/// How good a point is. The order is total: costs by size, then everything that is infeasible.
+/// The rank of a point. The order is total: costs by size, then everything that is infeasible.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Score {
@@ -86,8 +86,8 @@ pub enum Verdict {
 pub struct Feedback {
     /// Its result.
     pub verdict: Verdict,
-    /// `false` when the point fell on a configuration that was known already, so that nothing was learnt:
-    /// searches on integer plateaus take longer steps then.
+    /// `false` when the point fell on a known configuration and taught nothing: searches then take longer
+    /// steps on integer plateaus.
     pub fresh: bool,
 }
 
@@ -102,16 +102,15 @@ pub struct SourceRun {
 
 /// An explorer of one state. Lengths of points are the setup's dimension; costs are finite.
 ///
-/// The first three methods make a search. All others are optional, and each says what it means to leave it
-/// out.
+/// The first three methods make a search. All others are optional, and each says what its default means.
 pub trait Search {
     /// The next point to measure. `None` while the search waits for points that are pending.
     fn ask(&mut self) -> Option<Point>;
 
-    /// Answers a point. An id that is not pending is passed over: the answer came twice.
+    /// Answers a point. An id that is not pending is ignored, because its answer came twice.
     fn tell(&mut self, id: u64, feedback: Feedback);
 
-    /// Takes a point back whose client went away; it is the next to be asked, under the same id.
+    /// Takes back the point of a lost client; it is the next to be asked, under the same id.
     fn withdraw(&mut self, id: u64);
 
     /// The number of answers to [`Step::Replicate`], which added no configuration. A search without
@@ -120,21 +119,21 @@ pub trait Search {
         0
     }
 
-    /// Leaves axes where they are, from the next point on: places in the space, and coordinates in 0..1.
-    /// `false` when the search cannot; its caller must then move the points.
+    /// Holds axes from the next point on: places in the space, and coordinates in 0..1. `false` when the
+    /// search cannot; its caller must then move the points.
     fn hold(&mut self, _held: &[(usize, f64)]) -> bool {
         false
     }
 
-    /// Tells of a point that was measured before the search began. A search without a model has no use for
-    /// it: what it asks and is known is answered at once.
+    /// Adds a point that was measured before the search began. A search without a model ignores it: a known
+    /// point that it asks for is answered at once.
     fn know(&mut self, _x: Vec<f64>, _verdict: Verdict) {}
 
-    /// Tells of a point that was measured beside the search; whatever was planned goes on. A search without a
-    /// model has no use for it.
+    /// Adds a point that was measured beside the search; its plan goes on. A search without a model ignores
+    /// it.
     fn hear(&mut self, _x: Vec<f64>, _verdict: Verdict) {}
 
-    /// Whether searches of this kind [follow](Search::follow) what other states know.
+    /// Whether searches of this kind [follow](Search::follow) other states.
     fn hears_others() -> bool
     where
         Self: Sized,
@@ -142,33 +141,33 @@ pub trait Search {
         false
     }
 
-    /// Has a search that has just begun profit from other states: `first` are points to begin with, after
-    /// the default, and `runs` say what can be run. A search that does not hear others begins as always.
+    /// Gives a new search the results of other states: `first` are its first points after the default, and
+    /// `runs` show what runs and what fails. A search that does not hear others begins as always.
     fn follow(&mut self, _main_effects: MainEffects, _first: Vec<Vec<f64>>, _runs: Vec<SourceRun>) {}
 
-    /// Names the space to a search that was read from its row. A search without a model has no use for it.
+    /// Names the space to a search that was read from its row. A search without a model ignores it.
     fn set_space(&mut self, _space: &Space) {}
 
-    /// Whether the next [`ask`](Search::ask) is a matter of microseconds: no model has to be fitted for it. A
-    /// search without a model is always ready.
+    /// Whether the next [`ask`](Search::ask) takes microseconds, because no model has to be fitted. A search
+    /// without a model is always ready.
     fn is_ready(&self) -> bool {
         true
     }
 
-    /// A next point that takes microseconds, for who cannot wait until somebody else has thought for this
-    /// search: one that was thought of in reserve, else a guess. A search without a model asks as always.
+    /// A next point in microseconds, for a client that cannot wait for another plan of this search: one from
+    /// the reserve, else a guess. A search without a model asks as always.
     fn ask_at_once(&mut self) -> Option<Point> {
         self.ask()
     }
 
-    /// Computes the next point on a copy, and `reserve` more. This takes milliseconds, and nobody waits for
-    /// it. `None` where there is nothing to compute.
+    /// Computes the next point on a copy, and `reserve` more. This takes milliseconds. `None` where there is
+    /// nothing to compute.
     fn plan(&self, _reserve: usize) -> Option<PlannedPoint> {
         None
     }
 
-    /// Takes over the [plan](Search::plan) of a copy of this search, if it is still worth something. Asked
-    /// next, a search without a new result since gives the same point as if it had computed it itself.
+    /// Takes over the [plan](Search::plan) of a copy of this search, if it is still of use. Without a new
+    /// result since, the search then asks for the same point as if it had computed it itself.
     fn adopt(&mut self, _plan: PlannedPoint) {}
 }
 
@@ -185,7 +184,7 @@ pub struct SearchSetup {
     pub budget: u32,
     /// The number of values of each axis, where they are few and hold equal shares of the axis, as
     /// [`levels()`] counts them; 0 for every other axis. May be shorter than the dimension: the rest counts
-    /// as 0, and so do searches that were stored before this was known.
+    /// as 0, as in searches that earlier versions stored.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub levels: Vec<u32>,
     /// The meaning of each axis, for searches with a model. May be empty.

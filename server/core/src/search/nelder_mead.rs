@@ -1,21 +1,21 @@
 //! The stochastic Nelder-Mead simplex of Chang.
 //!
-//! Sources. Chang, "Stochastic Nelder-Mead simplex method: a new globally convergent direct search method
-//! for simulation optimization", European Journal of Operational Research 220, 2012: a Latin hypercube start,
-//! the moves of Nelder and Mead ("A simplex method for function minimization", The Computer Journal 7(4),
-//! 1965), and in the place of the shrink step, which under noise throws good vertices away, an adaptive
-//! random search, local and global, until a point beats the worst vertex. The paper (section 6) explores with
-//! a variant of it.
+//! Sources. Chang, "Stochastic Nelder-Mead simplex method: a new globally convergent direct search method for
+//! simulation optimization", European Journal of Operational Research 220, 2012: a Latin hypercube start, the
+//! moves of Nelder and Mead ("A simplex method for function minimization", The Computer Journal 7(4), 1965),
+//! and in the place of the shrink step, which loses good vertices under noise, an adaptive random search,
+//! local and global, until a point beats the worst vertex. The paper (section 6) explores with a variant of
+//! it.
 //!
 //! All axes are continuous here, switches and whole numbers among them; points are rounded to configurations
 //! outside of the search. The simplex keeps its whole extent until it contracts, so that it changes switches
 //! as it moves.
 //!
 //! Where this differs from Chang, and why:
-//! - *Sample size.* Chang measures each point more often as the search proceeds, which is what makes the
-//!   method converge under noise. Here a result stands for as many measurements as the policy's `replicates`
-//!   asks for, from the first point to the last; the search itself never asks twice. That suits budgets of
-//!   about 80 frames with a noise of a few percent; raise `replicates` for noisier metrics.
+//! - *Sample size.* Chang measures each point more often as the search proceeds, so that the method converges
+//!   under noise. Here the policy's `replicates` fixes the number of measurements of every result; the search
+//!   itself never asks twice. That suits budgets of about 80 frames with a noise of a few percent; raise
+//!   `replicates` for noisier metrics.
 //! - *Start.* One vertex is the default configuration. Where half the budget does not pay for
 //!   `dimension + 1` vertices, there are fewer, and the simplex searches the subspace that they span while the
 //!   random search still reaches everything.
@@ -36,8 +36,8 @@ use crate::search::latin_hypercube::design;
 use crate::search::pending::PendingPoints;
 use crate::search::{Feedback, Point, Score, Search, SearchSetup, Step, Verdict};
 
-/// How far the moves go, in distances of the worst vertex from the centroid: the values of Nelder and Mead,
-/// and of Chang.
+/// The lengths of the moves, in distances of the worst vertex from the centroid: the values of Nelder and
+/// Mead, and of Chang.
 const REFLECTION: f64 = 1.0;
 const EXPANSION: f64 = 2.0;
 const CONTRACTION: f64 = 0.5;
@@ -52,12 +52,12 @@ const STALE_MAX: u32 = 2;
 const RADIUS_START: f64 = 0.25;
 const RADIUS_MIN: f64 = 0.02;
 const RADIUS_MAX: f64 = 0.5;
-/// What the radius is multiplied by after a local step that is the best so far, one that is not, and one that
-/// fell on a known configuration, which was shorter than the grid.
+/// Factors on the radius after a local step that is the best so far, after one that is not, and after one
+/// that fell on a known configuration and so was shorter than the grid.
 const RADIUS_GAIN: f64 = 1.3;
 const RADIUS_LOSS: f64 = 0.85;
 const RADIUS_KNOWN: f64 = 1.5;
-/// Probability of a global random step while answers are fresh; each that is not adds as much.
+/// Probability of a global random step while answers are fresh; each answer that is not adds as much.
 const GLOBAL_PROBABILITY: f64 = 0.1;
 const GLOBAL_PROBABILITY_MAX: f64 = 0.9;
 /// Probability that a local step changes an axis, beside the one that it always changes.
@@ -101,7 +101,7 @@ pub struct NelderMead {
     simplex: Vec<SimplexVertex>,
     /// Half the width of the box of the next local random step.
     radius: f64,
-    /// Answers in a row that taught nothing.
+    /// The number of answers in a row that taught nothing.
     stale: u32,
     /// Random streams used so far.
     draws: u64,
@@ -191,9 +191,9 @@ impl NelderMead {
         best.x.iter().enumerate().map(step).collect()
     }
 
-    /// A point on the line from the centroid of all vertices but the worst through `target`, `along` times as
-    /// far from the centroid as that and, where negative, on the other side; clamped to the cube, because the
-    /// best value of a parameter often is an end of its range.
+    /// A point on the line from the centroid of all vertices but the worst through `target`. Its distance
+    /// from the centroid is `along` times that of `target`, on the other side where negative. It is clamped
+    /// to the cube, because the best value of a parameter often is an end of its range.
     fn on_line(&self, target: &[f64], along: f64) -> Vec<f64> {
         let kept = &self.simplex[..self.simplex.len() - 1];
         assert!(!kept.is_empty(), "a simplex of one vertex has no centroid");

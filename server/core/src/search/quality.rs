@@ -1,5 +1,5 @@
-//! How well the simplex search searches: against random sampling, under noise, on plateaus and among
-//! infeasible regions. Everything is seeded; the bounds leave room for other seeds.
+//! The quality of the simplex search: against random sampling, under noise, on plateaus and among infeasible
+//! regions. Everything is seeded; the bounds leave room for other seeds.
 
 use std::collections::BTreeMap;
 

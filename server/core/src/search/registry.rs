@@ -12,21 +12,21 @@ use crate::policy::SearchMethod;
 
 /// The search that `auto` stands for in this version.
 ///
-/// It is one search for all studies: for budgets of 20 to 80 trials it came out ahead on the suites of
-/// `examples/search_quality`, whatever the kind of the axes, but for one recorded landscape of trees, where
+/// It is one search for all studies: for budgets of 20 to 80 trials it was best on the suites of
+/// `examples/search_quality` for every kind of axes, except for one recorded landscape of trees, where
 /// Nelder-Mead was level. Studies that ask for `auto` get another one when a later version recommends it.
 const RECOMMENDED: SearchMethod = SearchMethod::Model;
 
 const _: () = assert!(!matches!(RECOMMENDED, SearchMethod::Auto), "it would stand for itself");
 
-/// The method itself, or what `auto` stands for.
+/// The method itself, or the search that `auto` stands for.
 pub fn resolved(method: SearchMethod) -> SearchMethod {
     if method == SearchMethod::Auto { RECOMMENDED } else { method }
 }
 
 macro_rules! searches {
     ($($(#[doc = $about:literal])+ $method:ident = $number:literal, $word:literal, $module:ident::$search:ident::$make:ident;)+) => {
-        /// One of the searches, as it is stored. All that can be done with it are the methods of [`Search`].
+        /// One of the searches, as it is stored. It has the methods of [`Search`].
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(rename_all = "snake_case", from = "Stored")]
         #[expect(clippy::large_enum_variant, reason = "nearly all searches are of the largest kind")]
@@ -39,7 +39,7 @@ macro_rules! searches {
         #[serde(rename_all = "snake_case")]
         enum Stored {
             $($method(super::$module::$search),)+
-            /// `auto` was a search of its own that held the one it stood for.
+            /// `auto` was a search of its own that held the recommended one.
             Auto { model: ModelSearch },
         }
 
@@ -63,12 +63,12 @@ macro_rules! searches {
                 }
             }
 
-            /// Whether it is what a method names, or what `auto` stands for.
+            /// Whether it is a method's search, or the one that `auto` stands for.
             pub fn is_of(&self, method: SearchMethod) -> bool {
                 self.method() == resolved(method)
             }
 
-            /// Which search it is; never `auto`.
+            /// The search's method; never `auto`.
             pub fn method(&self) -> SearchMethod {
                 match self {
                     $(AnySearch::$method(_) => SearchMethod::$method,)+
@@ -94,7 +94,7 @@ macro_rules! searches {
             }
         }
 
-        /// Whether searches of a method [follow](Search::follow) what other states know.
+        /// Whether searches of a method [follow](Search::follow) other states.
         pub fn hears_others(method: SearchMethod) -> bool {
             match method {
                 $(SearchMethod::$method => <super::$module::$search as Search>::hears_others(),)+

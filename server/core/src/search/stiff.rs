@@ -1,4 +1,4 @@
-//! Stiff and extreme problems: every search goes on, stays inside the cube, and does what can be done.
+//! Stiff and extreme problems: every search goes on, stays inside the cube, and makes progress where it can.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -141,7 +141,7 @@ fn the_kept_state_of_a_model_is_bounded() {
     let mut search = AnySearch::new(SearchMethod::Model, setup(2, 10_000, vec![0, 3]));
     let mut sizes = Vec::new();
     for trial in 0..640 {
-        // Points come from the tail of a cheap search: what counts here is what is kept.
+        // Points come from the tail of a cheap search: only the stored state counts here.
         let point = search.ask().expect("nothing is out");
         let cost = 1.0 + (trial % 17) as f64;
         search.tell(point.id, Feedback { verdict: Verdict::Cost(cost), fresh: true });

@@ -1,38 +1,38 @@
 //! Costs without the noise that other measurements explain.
 //!
-//! A client may report quantities beside its costs that say something of them: the processor time of a frame,
-//! which hardly knows of other programs, or the counted work of its rays, which has no noise at all (that
-//! counts predict the time of tracing rays: Aila, Karras and Laine, "On quality metrics of bounding volume
+//! A client may report quantities beside its costs that depend on them: the processor time of a frame, which
+//! other programs hardly change, or the counted work of its rays, which has no noise at all (on counts that
+//! predict the time of tracing rays: Aila, Karras and Laine, "On quality metrics of bounding volume
 //! hierarchies", High-Performance Graphics 2013). The regression of cost on them over configurations predicts
 //! a cost by itself; its error, and the noise of costs and predictions, are estimated from configurations
 //! that were measured again. The result is the combination of the measured and the predicted cost of least
 //! variance, with the covariance of their noises: the method of control variates (Nelson, "Control variate
-//! remedies", Operations Research 38, 1990). Where the other quantities say nothing, the cost is left as it
-//! was measured.
+//! remedies", Operations Research 38, 1990). Where the other quantities say nothing, the cost stays as
+//! measured.
 //!
 //! Other programs come and go in spells that last for many trials. Configurations measured in one spell only
-//! would seem badly predicted, and where a search meets better ones later the regression takes a spell for
-//! their merit. So it also runs over the differences of consecutive trials, which cancel what lasts
+//! would seem badly predicted, and where a search meets better ones later, the regression takes a spell for
+//! their merit. So it also runs over the differences of consecutive trials, which cancel a spell
 //! (differencing against serial correlation: Hamilton, "Time Series Analysis", 1994, chapter 8). A
 //! prediction's error is also taken against the nearer of a trial's two neighbours: a spell that begins or
 //! ends is far from one of them, a badly predicted configuration from both.
 //!
-//! A disturbance may not have happened yet when all this is learnt. So costs are taken to be a little noisier
-//! than they were seen to be (`UNSEEN_NOISE`), which decides where both are as good.
+//! A disturbance may not have happened yet when the regression is learnt. So the assumed noise of costs is a
+//! little larger than the measured one (`UNSEEN_NOISE`), which favours the prediction where both are equally
+//! good.
 
 use serde::{Deserialize, Serialize};
 
 use crate::matrix::Factor;
 use crate::robust::median;
 
-/// Repeats, beyond the first measurement of each configuration, from which noise is judged.
+/// Least number of repeats, beyond each configuration's first measurement, before noise is judged.
 const REPEATS_LEAST: usize = 5;
-/// Configurations beyond the number of coefficients from which the regression is judged.
+/// Least number of configurations, beyond the number of coefficients, before the regression is judged.
 const CONFIGURATIONS_SPARE: usize = 4;
 /// Strength with which coefficients are drawn to zero, in variances of the quantity.
 const RIDGE: f64 = 1e-3;
-/// The standard deviation of the noise that costs alone may have beyond what was seen: other programs that
-/// did not run yet.
+/// The standard deviation of a further noise of costs alone, from other programs that did not run yet.
 const UNSEEN_NOISE: f64 = 0.03;
 /// Standard deviations of a difference beyond which a spell begins or ends there.
 const SPELL_BEGINS: f64 = 3.0;
@@ -41,13 +41,13 @@ const MEDIAN_OF_NORMAL: f64 = 0.6745;
 /// The mean square difference between a normal variable of unit variance and the nearer of two others: 2 −
 /// 2√3/π.
 const NEARER_OF_TWO: f64 = 0.8973;
-/// Variances of less are rounding.
+/// Smaller variances are rounding errors.
 const VARIANCE_LEAST: f64 = 1e-18;
 
 /// One trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
-    /// Which configuration: any number.
+    /// The number of its configuration.
     pub configuration: usize,
     /// The logarithm of its cost.
     pub log_cost: f64,
@@ -55,7 +55,7 @@ pub struct Observation {
     pub auxiliary: Vec<f64>,
 }
 
-/// The best combination of a cost with what auxiliary measurements predict of it.
+/// The best combination of a measured cost and its prediction by auxiliary measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Denoiser {
     level: f64,
@@ -92,14 +92,14 @@ fn groups(observations: &[Observation]) -> Vec<(usize, Group)> {
     groups
 }
 
-/// How a cost differs with its auxiliary measurements, `count` times.
+/// A difference of costs with that of the auxiliary measurements, counted `count` times.
 struct Row {
     count: f64,
     log_cost: f64,
     auxiliary: Vec<f64>,
 }
 
-/// The slopes through the origin that explain most, and the mean square of what they leave.
+/// The least-squares slopes through the origin, and the mean square of the residuals.
 fn least_squares(rows: &[Row], width: usize) -> Option<(Vec<f64>, f64)> {
     let total: f64 = rows.iter().map(|row| row.count).sum();
     let mean =
@@ -128,8 +128,8 @@ impl Row {
     }
 }
 
-/// The slopes by the differences between trials that follow each other, without those between spells, and the
-/// variance that they leave to a trial, spells included. `None` where there are too few.
+/// The slopes by the differences of consecutive trials, without those between spells, and the residual
+/// variance of a trial, spells included. `None` where there are too few.
 fn slopes_in_time(observations: &[Observation], width: usize) -> Option<(Vec<f64>, f64)> {
     let pairs = observations.iter().zip(&observations[1..]);
     let pairs = pairs.filter(|(one, next)| one.configuration != next.configuration);
@@ -153,7 +153,7 @@ fn slopes_in_time(observations: &[Observation], width: usize) -> Option<(Vec<f64
 
 impl Denoiser {
     /// Learns from observations in the order in which they were made, all with the same auxiliary
-    /// measurements. `None` where there are too few, or too few repeats, to tell what helps.
+    /// measurements. `None` where there are too few observations or repeats.
     pub fn of(observations: &[Observation]) -> Option<Denoiser> {
         let width = observations.first()?.auxiliary.len();
         assert!(observations.iter().all(|one| one.auxiliary.len() == width), "{width} measurements beside");
@@ -212,8 +212,8 @@ impl Denoiser {
         denoiser.slopes.iter().all(|slope| slope.is_finite()).then_some(denoiser)
     }
 
-    /// An upper bound of the variance by which predictions are off, noise included, that spells do not raise:
-    /// from each trial and the nearer of its neighbours in time. Infinite where there are none.
+    /// An upper bound of the predictions' error variance, noise included, that spells do not raise: from each
+    /// trial and the nearer of its neighbours in time. Infinite without such trials.
     fn off_in_time_2(&self, observations: &[Observation]) -> f64 {
         let off = |one: &Observation| one.log_cost - self.predicted(&one.auxiliary);
         let (mut sum, mut count) = (0.0, 0.0);
@@ -235,7 +235,7 @@ impl Denoiser {
         self.level + terms.map(|((x, mean), slope)| slope * (x - mean)).sum::<f64>()
     }
 
-    /// The logarithm of a cost without the noise that is explained.
+    /// The logarithm of a cost without the explained noise.
     pub fn denoised(&self, log_cost: f64, auxiliary: &[f64]) -> f64 {
         (1.0 - self.weight) * log_cost + self.weight * self.predicted(auxiliary)
     }
@@ -246,7 +246,7 @@ impl Denoiser {
         self.weight
     }
 
-    /// Which share of the variance of a single measurement's noise is left.
+    /// The share of the variance of a single measurement's noise that remains.
     pub fn variance_left(&self) -> f64 {
         assert!(self.noise_2 > 0.0, "a variance of {}", self.noise_2);
         (self.combined_2 / self.noise_2).clamp(0.0, 1.0)
@@ -261,7 +261,7 @@ mod tests {
     use super::*;
     use crate::statistics::simulated::normal;
 
-    /// Trials of 40 configurations, every other one measured twice, with what the costs really are.
+    /// Trials of 40 configurations, every other one measured twice, and their true costs.
     fn trials(
         seed: u64,
         auxiliary: impl Fn(f64, f64, &mut ChaCha8Rng) -> f64,

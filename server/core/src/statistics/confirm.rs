@@ -1,28 +1,27 @@
-//! Whether a challenger is better than the incumbent: a race of paired measurements.
+//! A race of paired measurements, which decides whether a challenger is better than the incumbent.
 //!
 //! In every round each contender that still stands is measured once, so that a disturbance of the machine
 //! affects all of them. The comparison takes logarithms of ratios of costs within a round. The evidence for
-//! "the challenger is better by more than m" is an e-value: a quantity that, where the statement is wrong,
-//! exceeds 1/α at any time with a probability of at most α, so that one may look after each round and stop as
-//! soon as it is convincing (Ramdas, Grünwald, Vovk and Shafer, "Game-theoretic statistics and safe
-//! anytime-valid inference", Statistical Science 38, 2023). It is the mean of self-normalised
-//! supermartingales `exp(λS - λ²V/2)`, mixed over λ in closed form (Robbins, "Statistical methods related to
-//! the law of the iterated logarithm", Annals of Mathematical Statistics 41, 1970), with two choices of V:
-//! - the sum of the squares, which needs nothing but that a ratio and its inverse are as likely where both
-//!   cost the same (de la Peña, "A general class of exponential inequalities for martingales and ratios",
-//!   Annals of Probability 27, 1999),
+//! "the challenger is better by more than m" is an e-value: if the statement is wrong, it ever exceeds 1/α
+//! with a probability of at most α. So the race may look after each round and stop as soon as the evidence
+//! suffices (Ramdas, Grünwald, Vovk and Shafer, "Game-theoretic statistics and safe anytime-valid inference",
+//! Statistical Science 38, 2023). It is the mean of self-normalised supermartingales `exp(λS - λ²V/2)`, mixed
+//! over λ in closed form (Robbins, "Statistical methods related to the law of the iterated logarithm", Annals
+//! of Mathematical Statistics 41, 1970), with two choices of V:
+//! - the sum of the squares, which only needs that a ratio and its inverse are equally likely at equal costs
+//!   (de la Peña, "A general class of exponential inequalities for martingales and ratios", Annals of
+//!   Probability 27, 1999),
 //! - where the noise of a measurement is known, a third of that sum and two thirds of the expected one, which
 //!   only needs that the noise is no larger (Delyon, "Exponential inequalities for sums of weakly dependent
-//!   variables", Electronic Journal of Probability 14, 2009). It is convinced of large differences after few
-//!   rounds.
+//!   variables", Electronic Journal of Probability 14, 2009). It proves large differences after few rounds.
 //!
-//! All values of m that are not refuted make a confidence interval that is valid at every time. Nobody
-//! replaces the incumbent without evidence: where no challenger is proven better, the verdict says so.
+//! All values of m that are not refuted make a confidence interval that is valid at every time. No challenger
+//! replaces the incumbent without evidence: where none is proven better, the verdict says so.
 //!
-//! On a noisy machine a gain that is worth having takes many rounds to be seen ([`rounds_needed`]). All
-//! contenders run in the first few of them; after those the best one goes on alone against the incumbent, if
-//! it is ahead at all, as in successive halving (Karnin, Koren and Somekh, "Almost optimal exploration in
-//! multi-armed bandits", ICML 2013).
+//! On a noisy machine a useful gain takes many rounds to prove ([`rounds_needed`]). All contenders run in the
+//! first few of them. After those the best one goes on alone against the incumbent, if it is ahead, as in
+//! successive halving (Karnin, Koren and Somekh, "Almost optimal exploration in multi-armed bandits", ICML
+//! 2013).
 
 use serde::{Deserialize, Serialize};
 
@@ -35,23 +34,24 @@ pub const ERROR_MAX: f64 = 0.05;
 pub const PROVEN_ERROR_MAX: f64 = 0.01;
 /// A gain of less is not worth another round.
 pub const GAIN_LEAST: f64 = 0.01;
-/// Nor is one over somebody who is proven better than the incumbent, of less than this share of what that one
-/// gains.
+/// A further gain over a challenger that is proven better is not worth another round below this share of that
+/// challenger's gain.
 const GAIN_LEAST_SHARE: f64 = 0.1;
 /// Deviations from the typical pair beyond which one counts as if it were no further away.
 const WILD: f64 = 6.0;
-/// Number of equal costs of each contender after which costs are taken to be exact.
+/// Number of equal costs of each contender after which costs count as exact.
 const EXACT_AFTER: usize = 3;
 /// Most rounds in which all contenders run.
 pub const ROUNDS_OF_ALL: usize = 10;
-/// Gain that is to be seen when the rounds are over.
+/// The gain that the rounds are to prove.
 const GAIN_SOUGHT: f64 = 0.02;
-/// In deviations of the mean of the rounds: beyond what counts as a proof, so that chance seldom hides it.
+/// That gain in deviations of the mean of the rounds: more than a proof needs, so that chance seldom hides
+/// it.
 const GAIN_SOUGHT_DEVIATIONS: f64 = 2.5;
 /// Scales of V at which evidence is sought: variances of logarithms of ratios, from a quiet clock to a busy
 /// machine.
 const SCALES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
-/// Largest magnitude of a logarithm of a ratio that is looked for when an interval is sought.
+/// Largest magnitude of a logarithm of a ratio at the end of an interval.
 const LOG_RATIO_MAX: f64 = 20.0;
 /// Halvings when the end of an interval is sought.
 const HALVINGS: usize = 50;
@@ -67,7 +67,7 @@ pub struct Pairs {
 
 impl Pairs {
     /// No pairs yet. `noise` is the standard deviation of the logarithm of one measurement, if it is known;
-    /// it must not be too small for what is proven to hold.
+    /// if it is too small, proofs do not hold.
     pub fn new(noise: Option<f64>) -> Self {
         Pairs { log_ratios: Vec::new(), variance: noise.map(|noise| 2.0 * noise * noise) }
     }
@@ -109,7 +109,7 @@ impl Pairs {
     }
 
     /// The interval of the logarithm of the ratio of the incumbent's cost over the challenger's, at any time
-    /// with a probability of at least 1 - `error`. Infinite ends say that nothing is known.
+    /// with a probability of at least 1 - `error`. Infinite ends mean that nothing is known.
     pub fn interval(&self, error: f64) -> (f64, f64) {
         assert!(error > 0.0 && error < 1.0, "an error of {error}");
         let end = |sign: f64| {
@@ -135,16 +135,16 @@ impl Pairs {
         self.log_ratios.iter().sum::<f64>() / self.log_ratios.len().max(1) as f64
     }
 
-    /// The typical logarithm, whatever a few pairs are that a disturbance parted (Hodges and Lehmann's
-    /// location); 0 of none.
+    /// The typical logarithm, which a few disturbed pairs do not change (Hodges and Lehmann's location); 0 of
+    /// none.
     pub fn location(&self) -> f64 {
         robust::location(&self.log_ratios)
     }
 
-    /// The probability that the challenger costs less, for one who looks once, when all rounds are over: by
-    /// the signed ranks (Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1, 1945),
-    /// of which a few disturbed pairs say no more than any others. One half of fewer than [`ROUNDS_OF_ALL`]
-    /// pairs.
+    /// The probability that the challenger costs less, for a single look when all rounds are over: by the
+    /// signed ranks (Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1, 1945), in
+    /// which a few disturbed pairs weigh no more than others. It is one half with fewer than
+    /// [`ROUNDS_OF_ALL`] pairs.
     pub fn probability_better(&self) -> f64 {
         let mut pairs = self.log_ratios.clone();
         pairs.retain(|log_ratio| *log_ratio != 0.0);
@@ -162,8 +162,8 @@ impl Pairs {
     }
 }
 
-/// The number of rounds to see a gain of 2 % where the logarithm of a measurement has the standard deviation
-/// `noise`: at least [`ROUNDS_OF_ALL`], and at most `rounds_max`.
+/// The number of rounds that prove a gain of 2 % where the logarithm of a measurement has the standard
+/// deviation `noise`: at least [`ROUNDS_OF_ALL`], and at most `rounds_max`.
 pub fn rounds_needed(noise: f64, rounds_max: usize) -> usize {
     let needed = 2.0 * (GAIN_SOUGHT_DEVIATIONS * noise / GAIN_SOUGHT).powi(2);
     (needed.ceil() as usize).max(ROUNDS_OF_ALL).min(rounds_max)
@@ -210,7 +210,7 @@ pub struct RaceGain {
 pub enum RaceResult {
     /// Not decided yet.
     Open,
-    /// Nobody is proven better than the incumbent.
+    /// No challenger is proven better than the incumbent.
     NothingBetter,
     /// This contender is proven better than the incumbent: its place, above 0.
     Better(usize),
@@ -265,7 +265,7 @@ impl Race {
     }
 
     /// The pairs of two contenders, round by round: logarithms of the first one's cost over the second's.
-    /// Those that a disturbance parted are drawn in.
+    /// Pairs that a disturbance separated are drawn in.
     pub fn pairs(&self, one: usize, other: usize) -> Pairs {
         let rounds = self.contenders[one].log_costs.iter().zip(&self.contenders[other].log_costs);
         let logs: Vec<f64> = rounds.map(|(a, b)| a - b).collect();
@@ -288,8 +288,8 @@ impl Race {
         each
     }
 
-    /// Whether costs are the same in each round, as counts are and times never: then one look tells who is
-    /// better.
+    /// Whether each contender's costs are equal in all rounds, as counts are and times never: then one
+    /// comparison decides.
     fn is_exact(&self) -> bool {
         let ran = self.contenders.iter().filter(|contender| !contender.is_out);
         let is_same = |contender: &Racer| {
@@ -300,8 +300,8 @@ impl Race {
     }
 
     /// The gain of one contender over another by the rounds alone: the logarithm of the ratio of their costs
-    /// with its 95 % interval, which holds for all of them together and at whichever moment one looks, and
-    /// the probability that it is above 0. `None` without a round of both.
+    /// with its 95 % interval, which holds for all of them together and at any time, and the probability that
+    /// it is above 0. `None` without a round of both.
     pub fn gain(&self, of: usize, over: usize) -> Option<RaceGain> {
         let pairs = self.pairs(over, of);
         if pairs.count() == 0 {
@@ -319,7 +319,7 @@ impl Race {
         Some(RaceGain { log_ratio, low: low.min(log_ratio), high: high.max(log_ratio), probability_better })
     }
 
-    /// Whether a challenger is proven better than the incumbent, which it also is where that cannot be run.
+    /// Whether a challenger is proven better than the incumbent, or the incumbent cannot be run.
     fn is_proven(&self, place: usize) -> bool {
         let bar = 1.0 / self.error_each(PROVEN_ERROR_MAX);
         self.contenders[0].is_out || self.pairs(0, place).evidence_better() >= bar
@@ -330,9 +330,8 @@ impl Race {
         (1..self.contenders.len()).filter(|&place| !self.contenders[place].is_out)
     }
 
-    /// Drops challengers that cannot gain enough any more, and those that another one is proven better than.
-    /// Once all have run their part of the rounds only the best one is left, and that only as long as it is
-    /// ahead.
+    /// Drops challengers that cannot gain enough any more, and those that are proven worse than another one.
+    /// Once all have run their part of the rounds only the best one stays, as long as it is ahead.
     fn sort_out(&mut self) {
         let stood = self.standing().count();
         let bar = 1.0 / self.error_each(ERROR_MAX);
@@ -383,15 +382,15 @@ impl Race {
     }
 
     /// The contender that is better than the incumbent by the rounds themselves, once they are over: the best
-    /// challenger, where chance alone would put it this far ahead with a probability of at most `error` for
-    /// all of them together.
+    /// challenger, if chance alone would put any of them this far ahead with a probability of at most
+    /// `error`.
     pub fn better_by_rounds(&self, error: f64) -> Option<usize> {
         let probability = |place: usize| self.pairs(0, place).probability_better();
         self.standing().find(|&place| probability(place) >= 1.0 - self.error_each(error))
     }
 
-    /// The result of the race so far. It is decided once the one challenger that is left is proven better,
-    /// nobody is left, or the rounds are over.
+    /// The result of the race so far. It is decided once the one remaining challenger is proven better, no
+    /// challenger remains, or the rounds are over.
     pub fn verdict(&self) -> RaceResult {
         let standing: Vec<usize> = self.standing().collect();
         if standing.is_empty() {
@@ -438,7 +437,7 @@ mod tests {
     use super::*;
     use crate::statistics::simulated::normal;
 
-    /// Runs a race between costs with noise; what it came to, and how many measurements that took.
+    /// Runs a race between costs with noise; its result, and the number of measurements.
     fn run(costs: &[f64], noise: f64, known: bool, seed: u64) -> (RaceResult, usize) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut race = Race::new(costs.len(), known.then_some(noise), 24);
@@ -453,7 +452,7 @@ mod tests {
         for known in [false, true] {
             let wrong =
                 (0..100).filter(|&seed| run(&[10.0; 5], 0.07, known, seed).0 != RaceResult::NothingBetter);
-            // At most 5 % are allowed, at whatever time one looks.
+            // At most 5 % are allowed at any time.
             let wrong = wrong.count();
             assert!(wrong <= 5, "{wrong} of 100");
         }

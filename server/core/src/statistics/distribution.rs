@@ -29,8 +29,8 @@ pub fn student_cdf(t: f64, freedom: f64) -> f64 {
     normal_cdf(if t < 0.0 { -z } else { z })
 }
 
-/// The expectation of how far a variable of Student's distribution with `freedom` degrees of freedom, more
-/// than 1, lies above `t`, counted as 0 where it lies below: the integral of its upper tail, in closed form.
+/// The expected excess over `t` of a variable of Student's distribution with `freedom` degrees of freedom,
+/// more than 1, counted as 0 below `t`: the integral of its upper tail, in closed form.
 pub fn student_excess(t: f64, freedom: f64) -> f64 {
     assert!(freedom > 1.0, "{freedom} degrees of freedom");
     if !t.is_finite() {
@@ -41,7 +41,7 @@ pub fn student_excess(t: f64, freedom: f64) -> f64 {
         - 0.5 * libm::log(freedom * PI)
         - 0.5 * (freedom + 1.0) * libm::log1p(t * t / freedom);
     let within = (freedom + t * t) / (freedom - 1.0) * libm::exp(log_density);
-    // Two close numbers far out: what is left of them is no less than nothing.
+    // Far out this is a difference of two close numbers, which must not become negative.
     (within - t * student_cdf(-t, freedom)).max(0.0)
 }
 

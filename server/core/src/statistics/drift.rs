@@ -1,18 +1,17 @@
-//! How fast a client's machine is at the moment.
+//! The present speed of a client's machine.
 //!
 //! Clocks rise and fall, and other programs come and go: all costs of a client are multiplied by one factor
-//! that changes over time. Its logarithm is taken for a random walk and followed by a scalar Kalman filter
+//! that changes over time. Its logarithm is modelled as a random walk and followed by a scalar Kalman filter
 //! (Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic Engineering 82,
 //! 1960). Repeated measurements of the incumbent, whose cost is known, drive it; every other measurement is
-//! divided by the factor of its time. A step that is far outside of what the walk allows is a jump: the
-//! filter then forgets what it held and believes what it sees (a gate on the normalised innovation:
-//! Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking and navigation", 2001, section
-//! 5.4).
+//! divided by the factor of its time. A step far outside the walk's range is a jump: the filter then forgets
+//! its estimate and takes the new value (a gate on the normalised innovation: Bar-Shalom, Li and Kirubarajan,
+//! "Estimation with applications to tracking and navigation", 2001, section 5.4).
 
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of one step of the walk, from one trial to the next, in deviations of a measurement:
-/// what changes by less cannot be seen anyhow.
+/// Standard deviation of one step of the walk, from one trial to the next, in deviations of a measurement;
+/// smaller changes cannot be seen.
 const STEP: f64 = 0.25;
 /// The filter's deviation after a jump, and at the beginning of a session.
 const JUMP: f64 = 0.5;
@@ -21,7 +20,7 @@ const GATE: f64 = 4.0;
 /// Multiple of a measurement's deviation that the factor's deviation exceeds once the incumbent is due.
 const DUE: f64 = 1.0;
 
-/// A client's speed, relative to when it was first measured. Opaque, exact through serde.
+/// A client's speed, relative to its first measurement. Opaque, exact through serde.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Speed {
     /// Logarithm of the factor on all costs, and its variance.
@@ -48,7 +47,8 @@ impl Speed {
     }
 
     /// Takes a measurement of a configuration whose cost is known to be `expected` at the factor 1. Both
-    /// costs are above 0. One measurement far off is taken for an accident; a second one like it for a jump.
+    /// costs are above 0. One measurement far off counts as an accident; a second one like it counts as a
+    /// jump.
     pub fn hold(&mut self, cost: f64, expected: f64, noise: f64) {
         let seen = libm::log(cost.max(f64::MIN_POSITIVE)) - libm::log(expected.max(f64::MIN_POSITIVE));
         let innovation = seen - self.log_factor;
@@ -85,12 +85,12 @@ impl Speed {
         self.suspects.is_some() || self.variance.sqrt() > DUE * noise
     }
 
-    /// Whether the last measurement was far off, so that the next one tells an accident from a jump.
+    /// Whether the last measurement was far off, so that the next one decides between an accident and a jump.
     pub fn is_suspicious(&self) -> bool {
         self.suspects.is_some()
     }
 
-    /// How often the speed jumped.
+    /// The number of jumps of the speed.
     pub fn jumps(&self) -> u64 {
         self.jumps
     }
@@ -105,8 +105,8 @@ mod tests {
     use crate::statistics::simulated::normal;
 
     /// Runs 80 trials of challengers of cost 8 on a machine with that factor, the incumbent of cost 10
-    /// whenever it is due; the mean error of the corrected and the raw logarithms, and how often the
-    /// incumbent ran.
+    /// whenever it is due; the mean error of the corrected and the raw logarithms, and the number of runs of
+    /// the incumbent.
     fn run(factor: impl Fn(usize) -> f64, noise: f64) -> (f64, f64, usize) {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let mut speed = Speed::default();

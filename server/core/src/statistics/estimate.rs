@@ -9,25 +9,24 @@
 //!
 //! The logarithm of a configuration's cost is a level plus a Gaussian process over configurations plus noise;
 //! similar configurations so speak for each other, and repeats for themselves. In some of the models a part
-//! of what a configuration costs is its own, shared with not even the most similar one: cliffs, and valleys
-//! narrower than the distances between what was measured (the nugget effect of geostatistics, as far as it is
-//! not error of measurement: Cressie, "Statistics for spatial data", 1993). Unlike noise that is the same in
-//! each repeat, which tells the two apart; without it a rough landscape is taken for a noisy one, and what
-//! was really found is shrunk away as luck.
+//! of a configuration's cost is its own, not even shared with the most similar one: cliffs, and valleys
+//! narrower than the distances between measurements (the nugget effect of geostatistics, without error of
+//! measurement: Cressie, "Statistics for spatial data", 1993). Repeats separate this part from noise, because
+//! it does not change between them. Without it a rough landscape would seem noisy, and real gains would be
+//! shrunk away as luck.
 //!
-//! Machines change their speed, by more than what is looked for: clocks rise and fall, neighbours come and
-//! go. In some of the models all costs of a client are therefore multiplied by one factor whose logarithm
-//! wanders about its usual value (a process of Ornstein and Uhlenbeck over the trials; its covariance falls
-//! off exponentially with their distance). Trials next to each other then compare well, and trials at
-//! different times badly, as with blocks in the design of experiments. Without these models a configuration
-//! that was lucky enough to run in a fast minute only is taken for a fast one.
+//! Machines change their speed, often by more than the gain in question: clocks rise and fall, neighbours
+//! come and go. In some of the models all costs of a client are therefore multiplied by one factor whose
+//! logarithm wanders about its usual value (a process of Ornstein and Uhlenbeck over the trials; its
+//! covariance falls off exponentially with their distance). Trials next to each other then compare well, and
+//! trials at different times badly, as with blocks in the design of experiments. Without these models a
+//! configuration that only ran in a fast minute would seem fast.
 //!
-//! The reach of likeness, the landscape's roughness, and the ratio of differences to noise are not estimated
-//! but averaged over a grid, each model weighed by its marginal likelihood (Hoeting, Madigan, Raftery and
-//! Volinsky, "Bayesian model averaging", Statistical Science 14, 1999), and the scale is integrated out in
-//! closed form (Rasmussen and Williams, "Gaussian processes for machine learning", 2006, section 2.7 for the
-//! level). Some of the models say that all configurations cost the same: where they are not refuted, the
-//! estimated gain is small.
+//! The reach of likeness, the landscape's roughness, and the ratio of differences to noise are averaged over
+//! a grid of models, each weighed by its marginal likelihood (Hoeting, Madigan, Raftery and Volinsky,
+//! "Bayesian model averaging", Statistical Science 14, 1999), and the scale is integrated out in closed form
+//! (Rasmussen and Williams, "Gaussian processes for machine learning", 2006, section 2.7 for the level). In
+//! some of the models all costs are equal: where these are not refuted, the estimated gain is small.
 
 use std::rc::Rc;
 
@@ -42,13 +41,13 @@ struct Family {
     probability: f64,
     /// The share of the differences' variance that is each configuration's own.
     roughness: f64,
-    /// How far likeness reaches: distances in the space of features, in which a parameter's whole range is 1.
+    /// The lengths of likeness: distances in the space of features, in which a parameter's whole range is 1.
     lengths: &'static [f64],
     /// Variances of the differences between configurations, in variances of the noise.
     ratios: &'static [f64],
 }
 
-/// How the speed of a machine wanders.
+/// The wandering of a machine's speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Drift {
     /// Its variance, in variances of the noise.
@@ -57,10 +56,10 @@ struct Drift {
     trials: f64,
 }
 
-/// The smooth and the rough. How rough matters little: shares of a tenth or a half find the same. Differences
-/// as small as the noise do not stand out from it, so rough models are left out there, and have fewer
-/// lengths. The more probable they are beforehand, the more luck is believed where the landscape is flat or
-/// smooth; where it is rough, even a small probability is soon overruled.
+/// The smooth and the rough. The value of the roughness matters little: shares of a tenth or a half give
+/// equal results. Rough models have no small ratios, because differences as small as the noise do not stand
+/// out, and they have fewer lengths. With a higher prior probability they would believe more luck on flat or
+/// smooth landscapes; on rough ones even a small prior is soon overruled.
 const FAMILIES: [Family; 2] = [
     Family {
         probability: 0.72,
@@ -89,9 +88,9 @@ const FAMILIES_DRIFTING: [Family; 2] = [
 const DRIFTS: [Drift; 2] = [Drift { variance: 3.0, trials: 8.0 }, Drift { variance: 10.0, trials: 20.0 }];
 /// The probability, before anything is measured, that the speed of a machine wanders.
 const DRIFT_PRIOR: f64 = 0.4;
-/// The probability, before anything is measured, that all configurations cost the same.
+/// The probability, before anything is measured, that all costs are equal.
 const FLAT_PRIOR: f64 = 0.2;
-/// The noise of logarithms of costs that is expected beforehand, and how many measurements that is worth.
+/// The prior noise of logarithms of costs, and its weight in measurements.
 const NOISE_PRIOR: f64 = 0.05;
 const NOISE_PRIOR_COUNT: f64 = 3.0;
 /// Measurements of a configuration form one cell where they ran within this number of trials: speed does not
@@ -109,7 +108,7 @@ const HALVINGS: usize = 50;
 pub struct Measurement {
     /// The logarithm of its cost.
     pub log_cost: f64,
-    /// The client and the time of it; `None` where that is not known.
+    /// Its client and time; `None` where these are not known.
     pub moment: Option<Moment>,
 }
 
@@ -141,13 +140,13 @@ impl ConfigurationSample {
 #[derive(Clone, Debug)]
 struct Cell {
     configuration: usize,
-    /// Of the logarithms of costs.
+    /// The mean of the logarithms of costs.
     mean: f64,
-    /// Their number, weighed.
+    /// The weighed number of measurements.
     count: f64,
     /// The weighed sum of squared deviations from the mean.
     scatter: f64,
-    /// `None` for what has no time of its own.
+    /// `None` for cells without a time.
     moment: Option<Moment>,
 }
 
@@ -155,21 +154,20 @@ struct Cell {
 #[derive(Clone, Debug)]
 struct Model {
     weight: f64,
-    /// Which configuration each of its cells is of.
+    /// The configuration of each of its cells.
     cells: Rc<[usize]>,
-    /// Of the covariance between cells.
+    /// The factor of the covariance between cells.
     factor: Factor,
-    /// How alike configurations are; `None` for a model in which everything costs the same.
+    /// The likeness of configurations; `None` for a model in which all costs are equal.
     likeness: Option<Rc<[f64]>>,
-    /// The variance that like configurations share, and that which is each one's own, in variances of the
-    /// noise.
+    /// The variance that like configurations share, and each one's own variance, in variances of the noise.
     shared: f64,
     own: f64,
     #[cfg(test)]
     drifts: bool,
     /// Posterior means of the logarithms of costs.
     means: Vec<f64>,
-    /// By how much the level moves each mean, and the variance of the level in variances of the noise.
+    /// The part of the level in each mean, and the variance of the level in variances of the noise.
     by_level: Vec<f64>,
     level_variance: f64,
     /// Variance of the noise, and the degrees of freedom of it.
@@ -184,29 +182,29 @@ pub struct CostPosterior {
     configurations: usize,
 }
 
-/// How one configuration compares with another.
+/// The comparison of one configuration with another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
-    /// By which share the cost of the first is expected to be below the other's.
+    /// The share by which the cost of the first is expected to be below the other's.
     pub gain: f64,
     /// The 95 % interval of that share.
     pub gain_low: f64,
     /// Its upper end.
     pub gain_high: f64,
-    /// The probability that the first is the cheaper one; what is equal is not cheaper.
+    /// The probability that the first is the cheaper one; an equal one is not cheaper.
     pub probability_better: f64,
-    /// How far the first is expected to be below the other, counted as 0 where it is above: a logarithm of a
+    /// The expected distance of the first below the other, counted as 0 where it is above: a logarithm of a
     /// ratio.
     pub expected_gain: f64,
-    /// How far the first is expected to be above the other: the expected loss.
+    /// The expected distance of the first above the other: the expected loss.
     pub expected_loss: f64,
 }
 
 impl Comparison {
-    /// Whether the expected gain by the first is at least `times` times the expected loss. Equals are
-    /// neither: a landscape that may be flat is no reason to stay (Keating and Shadwick, "A universal
-    /// performance measure", Journal of Performance Measurement 6, 2002, whose ratio Omega this is, at a
-    /// threshold of no gain).
+    /// Whether the expected gain by the first is at least `times` times the expected loss. Equal costs count
+    /// as neither, so that a landscape that may be flat is no reason to stay (Keating and Shadwick, "A
+    /// universal performance measure", Journal of Performance Measurement 6, 2002, whose ratio Omega this is,
+    /// at a threshold of no gain).
     pub fn is_worth(&self, times: f64) -> bool {
         self.expected_gain > 0.0 && self.expected_gain >= times * self.expected_loss
     }
@@ -219,8 +217,8 @@ fn matern(distance_2: f64) -> f64 {
 }
 
 impl CostPosterior {
-    /// The posterior of what was measured. `distance_2` gives the squared distance between features. `None`
-    /// for no samples. The work grows with the cube of their number.
+    /// The posterior of the samples. `distance_2` gives the squared distance between features. `None` for no
+    /// samples. The work grows with the cube of their number.
     pub fn of(
         samples: &[ConfigurationSample],
         distance_2: impl Fn(&[f64], &[f64]) -> f64,
@@ -241,7 +239,7 @@ impl CostPosterior {
         }
         let cells = cells(samples);
         assert!(cells.len() >= n, "every configuration has a cell");
-        // Whether speed wanders is seen by what ran more than once, at different times.
+        // Only configurations that ran more than once, at different times, show whether speed wanders.
         let in_time = cells.iter().filter(|cell| cell.moment.is_some()).count();
         let may_drift = n > 1 && in_time >= n + DRIFT_CELLS_LEAST;
         let steady = if may_drift { 1.0 - DRIFT_PRIOR } else { 1.0 };
@@ -286,7 +284,7 @@ impl CostPosterior {
         let mean: f64 = parts.iter().map(|part| part.weight * part.mean).sum();
         let (low, high) = interval(&parts);
         let share = |log_ratio: f64| -libm::expm1(-log_ratio);
-        // Where the atom of equal costs covers a quantile, halving comes to within rounding of it.
+        // Where the atom of equal costs covers a quantile, halving ends within rounding of it.
         let settled = |x: f64| if x.abs() <= 1e-9 * (1.0 + mean.abs()) { 0.0 } else { x };
         let probability_better = 1.0 - parts.iter().map(|part| part.at_most(0.0)).sum::<f64>();
         assert!((-1e-9..=1.0 + 1e-9).contains(&probability_better), "a probability of {probability_better}");
@@ -326,8 +324,8 @@ impl CostPosterior {
         let Some(likeness) = model.likeness.as_ref().filter(|_| one != other) else {
             return StudentT { weight: model.weight, mean, deviation: 0.0, freedom: model.freedom };
         };
-        // Of the difference: what it is expected to be, less what the measurements explain, and what the
-        // level adds.
+        // The variance of the difference: the prior one, less the part that the measurements explain, plus
+        // that of the level.
         let mut difference = self.with_cells(model, one);
         difference.iter_mut().zip(self.with_cells(model, other)).for_each(|(a, b)| *a -= b);
         model.factor.forward(&mut difference);
@@ -352,8 +350,7 @@ impl CostPosterior {
     }
 }
 
-/// The measurements as cells. Where there are too many, those of a configuration are one cell, without a
-/// time.
+/// The measurements as cells. With too many, those of a configuration are one cell without a time.
 fn cells(samples: &[ConfigurationSample]) -> Vec<Cell> {
     let mut cells = Vec::new();
     for (configuration, sample) in samples.iter().enumerate() {
@@ -400,7 +397,7 @@ struct Grid<'a> {
     configurations: usize,
     /// Squared distances between configurations.
     distances: &'a [f64],
-    /// Added to the logarithm of a likelihood, so that those of different cells compare.
+    /// A term of the logarithm of a likelihood, which makes likelihoods of different cells comparable.
     offset: f64,
 }
 
@@ -478,8 +475,8 @@ impl<'a> Grid<'a> {
         matrix
     }
 
-    /// Fits one model: the logarithm of its marginal likelihood, but for what is the same for all of them,
-    /// and its posterior.
+    /// Fits one model: the logarithm of its marginal likelihood, without the terms that all models share, and
+    /// its posterior.
     fn model(
         &self,
         matrix: Vec<f64>,
@@ -564,8 +561,7 @@ impl StudentT {
         self.weight * probability
     }
 
-    /// How far it is expected to be above zero, counted as 0 where it is below; with `sign` -1 the other way
-    /// round.
+    /// Its expected distance above zero, counted as 0 where it is below; with `sign` -1 the other way round.
     fn excess(&self, sign: f64) -> f64 {
         let mean = sign * self.mean;
         let excess = if self.deviation > 0.0 {

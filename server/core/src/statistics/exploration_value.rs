@@ -1,25 +1,25 @@
-//! Whether the next few trials pay for themselves.
+//! The value of the next few trials: whether they pay for themselves.
 //!
 //! A search gains most in its first trials and less with every doubling of their number, so its value is
-//! weighed octave by octave: what going on until the number of trials has doubled, once or several times,
-//! gains for all later frames, against what the trials cost above the reference. It goes on while any such
-//! horizon pays, and only to the end of the first octave, then it is weighed again: the knowledge gradient
-//! with a look ahead of several steps (Frazier, Powell and Dayanik, "The knowledge-gradient policy for
-//! correlated normal beliefs", INFORMS Journal on Computing 21, 2009; that one step is not enough where the
-//! first measurements gain little: Frazier and Powell, "Paradoxes in learning and the marginal value of
+//! weighed octave by octave. A horizon ends when the number of trials has doubled once or several times. Its
+//! gain for all later frames is compared with the cost of its trials above the reference. The search goes on
+//! while any horizon pays, but only to the end of the first octave, and is then weighed again: the knowledge
+//! gradient with a look ahead of several steps (Frazier, Powell and Dayanik, "The knowledge-gradient policy
+//! for correlated normal beliefs", INFORMS Journal on Computing 21, 2009; that one step is not enough where
+//! the first measurements gain little: Frazier and Powell, "Paradoxes in learning and the marginal value of
 //! information", Decision Analysis 7, 2010).
 //!
 //! The expected gain of an octave is its gain in other states, drawn towards a prior while there are few of
-//! them, times the ratio of this state's gain so far to its expectation. So a landscape on which nothing is
-//! found is left after a few trials, and one that keeps giving is searched on.
+//! them, times the ratio of this state's gain so far to its expectation. So the search leaves a landscape
+//! without gains after a few trials, and goes on where gains continue.
 
 /// Octaves: up to 2^17 trials in a state.
 pub const OCTAVES: usize = 17;
-/// The gain of all octaves together before any search: the paper's average gain over its scenes (section
-/// 7.1.2), which its searches took 80 trials for.
+/// The prior gain of all octaves together: the paper's average gain over its scenes (section 7.1.2), after 80
+/// trials.
 const GAIN_PRIOR: f64 = 0.11;
 const OCTAVES_PRIOR: f64 = 6.0;
-/// Weight of that, in states.
+/// Weight of the prior, in states.
 const STATES_PRIOR: f64 = 1.0;
 /// Gain, found or expected, that weighs as much as the prior of a state.
 const GAIN_COUNTED: f64 = 0.03;
@@ -32,7 +32,7 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// Takes what one state's search gained in an octave: by which share of the cost the best fell.
+    /// Takes the gain of one state's search in an octave: the share by which the best cost fell.
     pub fn note(&mut self, octave: usize, gain: f64) {
         if octave < OCTAVES {
             self.sums[octave] += gain.clamp(0.0, 1.0);
@@ -40,7 +40,7 @@ impl Gains {
         }
     }
 
-    /// The expected gain of an octave in a state of which nothing is known.
+    /// The expected gain of an octave in a state without trials.
     pub fn expected(&self, octave: usize) -> f64 {
         let prior = if (octave as f64) < OCTAVES_PRIOR { GAIN_PRIOR / OCTAVES_PRIOR } else { 0.0 };
         let octave = octave.min(OCTAVES - 1);
@@ -54,7 +54,7 @@ impl Gains {
 /// The progress of the search of one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SearchProgress<'a> {
-    /// By which share each of its octaves that are over lowered the best cost, as estimated.
+    /// The estimated share by which each of its completed octaves lowered the best cost.
     pub gained: &'a [f64],
     /// Configurations tried so far.
     pub tried: usize,
@@ -71,8 +71,7 @@ pub struct SearchProgress<'a> {
 pub struct Outlook {
     /// The number of trials before it is weighed again; 0 where exploring does not pay.
     pub trials: usize,
-    /// By which share costs are expected to fall over the horizon that pays most, or costs least beyond what
-    /// it brings.
+    /// The expected fall of costs over the best horizon, as a share.
     pub gain: f64,
     /// The cost of that horizon's trials, in frames of the reference.
     pub exploring_cost: f64,
@@ -89,7 +88,7 @@ pub fn outlook(gains: &Gains, progress: &SearchProgress<'_>) -> Outlook {
     let first = tried.max(1).ilog2() as usize;
     let (mut best, mut cost_left) = (Outlook { value: f64::NEG_INFINITY, ..Outlook::default() }, 1.0);
     for octave in first..OCTAVES {
-        // Of the first octave what is left of it, and of the last what the budget allows.
+        // The rest of the first octave, and the part of the last that the budget allows.
         let (begin, until) = (tried.max(1 << octave), budget.min(1 << (octave + 1)));
         if until <= begin {
             break;

@@ -1,15 +1,15 @@
-//! Statistics of measurements: estimates with intervals, tests that may be looked at after every step, and
-//! the choice of the next run. All of it is pure: numbers in, numbers out.
+//! Statistics of measurements: estimates with intervals, tests that are valid at every step, and the choice
+//! of the next run. All functions are pure: numbers in, numbers out.
 //!
-//! | module | what it answers |
+//! | module | subject |
 //! |---|---|
-//! | [`estimate`] | what each configuration of a state really costs, and what the best gains over the default |
-//! | [`confirm`] | whether a challenger is better than the incumbent, as a race of paired measurements |
-//! | [`portfolio`] | which few configurations together serve all known states best |
-//! | [`drift`] | how fast a client's machine is at the moment |
-//! | [`auxiliary`] | what a cost would have been without the noise that other measurements explain |
-//! | [`movement`] | what a cost would have been at the anchor of its state |
-//! | [`exploration_value`] | whether the next few trials pay for themselves |
+//! | [`estimate`] | the true costs of a state's configurations, and the gain of the best over the default |
+//! | [`confirm`] | the race of paired measurements between a challenger and the incumbent |
+//! | [`portfolio`] | the few configurations that together serve all known states best |
+//! | [`drift`] | the present speed of a client's machine |
+//! | [`auxiliary`] | costs without the noise that other measurements explain |
+//! | [`movement`] | costs at the anchor of their state |
+//! | [`exploration_value`] | the value of the next few trials |
 //! | [`distribution`] | the normal distribution and Student's |
 
 pub mod auxiliary;

@@ -1,49 +1,49 @@
-//! Costs without what small movements within a state explain.
+//! Costs without the part that small movements within a state explain.
 //!
-//! Indicators that differ by less than the study's tolerance are one state, and yet a camera that moves a
-//! little sees a little more or less. The logarithm of a cost is taken to be that of its configuration, at
-//! the state's anchor, plus a linear function of how far the indicators are from the anchor, plus noise.
-//! Configurations count as random effects, so that single measurements say something too, and repeats, from
-//! which their own merit cancels, say most (Laird and Ware, "Random-effects models for longitudinal data",
-//! Biometrics 38, 1982). The slopes have a normal prior around zero. Its width is averaged over by how likely
-//! each width makes what was measured (MacKay, "Bayesian interpolation", Neural Computation 4, 1992): where
-//! movement does not matter, slopes stay at zero.
+//! Indicators that differ by less than the study's tolerance are one state, but a camera that moves a little
+//! sees a little more or less. In the model, the logarithm of a cost is that of its configuration at the
+//! state's anchor, plus a linear function of the indicators' distances from the anchor, plus noise.
+//! Configurations count as random effects. So single measurements count as well, and repeats count most,
+//! because the configuration's own cost cancels (Laird and Ware, "Random-effects models for longitudinal
+//! data", Biometrics 38, 1982). The slopes have a normal prior around zero. Its width is averaged over,
+//! weighed by the likelihood of the measurements (MacKay, "Bayesian interpolation", Neural Computation 4,
+//! 1992): where movement does not matter, slopes stay at zero.
 
 use serde::{Deserialize, Serialize};
 
 use crate::matrix::Factor;
 use crate::robust::{deviation, median, reach_of};
 
-/// Measurements from which slopes are estimated.
+/// Least number of measurements for an estimate of slopes.
 const MEASUREMENTS_LEAST: usize = 8;
-/// Standard deviations of what all movements together may do to the logarithm of a cost, beside nothing.
+/// Standard deviations of the effect of all movements together on the logarithm of a cost, beside no effect.
 const EFFECTS: [f64; 3] = [0.02, 0.06, 0.18];
 /// Standard deviation of the noise of a measurement before anything was measured often enough, and the least.
 const NOISE_PRIOR: f64 = 0.05;
 const NOISE_LEAST: f64 = 0.01;
 /// The least standard deviation between configurations.
 const BETWEEN_LEAST: f64 = 0.02;
-/// Repeats from which noise is estimated.
+/// Least number of repeats for an estimate of noise.
 const REPEATS_LEAST: usize = 4;
 /// Rounds in which noise and slopes are estimated in turn.
 const ROUNDS: usize = 3;
-/// Movements of less, in shares of an indicator's range, are rounding.
+/// Smaller movements, as shares of an indicator's range, are rounding errors.
 const MOVEMENT_LEAST: f64 = 1e-12;
-/// The logarithm of a cost is never corrected by more.
+/// The largest correction of the logarithm of a cost.
 const CORRECTION_MAX: f64 = std::f64::consts::LN_2;
 
 /// One measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MovedMeasurement {
-    /// Which configuration: any number.
+    /// The number of its configuration.
     pub configuration: usize,
     /// The logarithm of its cost.
     pub log_cost: f64,
-    /// How far each indicator is from the state's anchor, in shares of its range.
+    /// The distance of each indicator from the state's anchor, as a share of its range.
     pub offset: Vec<f64>,
 }
 
-/// What movements within a state do to costs there.
+/// The effect of movements within a state on its costs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Movement {
     /// By indicator.
@@ -96,9 +96,9 @@ impl Movement {
         slopes.iter().all(|slope| slope.is_finite()).then_some(Movement { slopes })
     }
 
-    /// What the logarithm of a cost owes to the movement.
+    /// The part of the logarithm of a cost that the movement explains.
     pub fn explained(&self, offset: &[f64]) -> f64 {
-        // What is too far from the anchor comes without an offset.
+        // Indicators that are too far from the anchor come without an offset.
         assert!(offset.is_empty() || offset.len() == self.slopes.len(), "{} indicators", offset.len());
         let sum: f64 = self.slopes.iter().zip(offset).map(|(slope, x)| slope * x).sum();
         sum.clamp(-CORRECTION_MAX, CORRECTION_MAX)
@@ -164,13 +164,13 @@ fn slopes(measurements: &[MovedMeasurement], before: &[f64]) -> Option<Vec<f64>>
     averaged(&matrix, &right)
 }
 
-/// The slopes by the normal equations over the noise, the level first, averaged over the widths of the prior
-/// by how likely each is.
+/// The slopes by the normal equations over the noise, the level first, averaged over the widths of the prior,
+/// weighed by likelihood.
 fn averaged(matrix: &[f64], right: &[f64]) -> Option<Vec<f64>> {
     let width = right.len();
     assert_eq!(matrix.len(), width * width, "equations for every slope");
     let axes = width - 1;
-    // Nothing but the level, which is as likely as each of the widths.
+    // The level alone is as likely as each of the widths.
     let none = 0.5 * right[0] * right[0] / matrix[0] - 0.5 * libm::log(matrix[0]);
     let mut models = vec![(none, vec![0.0; axes])];
     for effect in EFFECTS {

@@ -1,32 +1,32 @@
 //! The few configurations that together serve all known states best.
 //!
 //! It minimises the mean over states of the best member's cost there, relative to the state's own best: the
-//! price of having the portfolio in place of a search. The reduction of it is a submodular function of the
-//! set, so adding the member that helps most, one after the other, is within 63 % of the best portfolio of
-//! the same size (Nemhauser, Wolsey and Fisher, "An analysis of approximations for maximizing submodular set
-//! functions", Mathematical Programming 14, 1978). Portfolios from configurations of other instances: Xu,
-//! Hoos and Leyton-Brown, "Hydra", AAAI 2010; Kadioglu, Malitsky, Sellmann and Tierney, "ISAC", ECAI 2010; as
-//! the beginning of a search: Feurer et al., "Auto-sklearn 2.0", JMLR 23, 2022.
+//! price of having the portfolio in place of a search. Its reduction is a submodular function of the set. So
+//! adding the most helpful member, one after the other, reaches at least 63 % of the reduction by the best
+//! portfolio of the same size (Nemhauser, Wolsey and Fisher, "An analysis of approximations for maximizing
+//! submodular set functions", Mathematical Programming 14, 1978). Portfolios from configurations of other
+//! instances: Xu, Hoos and Leyton-Brown, "Hydra", AAAI 2010; Kadioglu, Malitsky, Sellmann and Tierney,
+//! "ISAC", ECAI 2010; as the beginning of a search: Feurer et al., "Auto-sklearn 2.0", JMLR 23, 2022.
 //!
 //! The first member is the best fixed configuration: of those known in many states the one that is best on
-//! average, so nobody who begins with the portfolio does worse than it. In that average a configuration's
-//! loss in a state is bounded (as in Huber, "Robust estimation of a location parameter", Annals of
-//! Mathematical Statistics 35, 1964). Without the bound one state that gains threefold by what no other wants
-//! would choose it for all of them, and a few percent would be lost in each. Such a state's own best is among
-//! the members after the first, and runs a few frames later.
+//! average, so that no beginning with the portfolio does worse. In that average a configuration's loss in a
+//! state is bounded (as in Huber, "Robust estimation of a location parameter", Annals of Mathematical
+//! Statistics 35, 1964). Without the bound one state with a threefold gain from an unusual configuration
+//! would choose it for all states, at a loss of a few percent in each. Such a state's own best is among the
+//! later members, and runs a few frames later.
 //!
-//! Not everything was measured everywhere. A missing cost is the sum of a level of the state and an effect of
-//! the configuration. The fewer states have seen a configuration, the more its effect is drawn towards that
-//! of a mediocre one, so that one lucky scene makes no member.
+//! Not every configuration was measured in every state. A missing cost is the sum of a level of the state and
+//! an effect of the configuration. The fewer states have seen a configuration, the more its effect is drawn
+//! towards that of a mediocre one, so that one lucky scene makes no member.
 //!
 //! Effects differ in size from state to state: where a build costs most of a frame, all good configurations
 //! are far below the mediocre ones. A configuration measured in such a state alone would look better than one
 //! that did well everywhere. So every configuration is compared, in the states that both know, with one good
 //! configuration that is known in many: the anchor. The common gain of good configurations in a state drops
-//! out of the difference. How much a state adds to an effect is estimated from those that are known in many
-//! states, and the best fixed configuration is one of these. So are the members after it, as long as they
-//! help: what a search found in one state looks there as if nothing could help more, for it is the luckiest
-//! of hundreds that were measured once each. Such finds are members in what room is left.
+//! out of the difference. The variance of a state's part in an effect is estimated from configurations that
+//! are known in many states. The best fixed configuration is one of these, and so are the next members as
+//! long as they help. A configuration that a search found in one state seems most helpful there, because it
+//! is the luckiest of hundreds that were measured once each. Such configurations get the remaining places.
 
 /// Number of members of a portfolio.
 pub const MEMBERS: usize = 8;
@@ -47,16 +47,16 @@ const KNOWN_HELP_LEAST: f64 = 2e-3;
 /// The median of squares of normal numbers, in variances.
 const MEDIAN_SQUARE: f64 = 0.455;
 
-/// In fewer states nothing is proven for a further one.
+/// Least number of states that prove a difference for a further one.
 const PROVING_STATES: usize = 4;
 /// Student's factors for 97.5 % and for 84 % with three degrees of freedom.
 const T_OF_MEAN: f64 = 3.18;
 const T_OF_NEXT: f64 = 1.2;
 
-/// The cost of one configuration in one state, as far as it is known.
+/// The known cost of one configuration in one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CostEntry {
-    /// Nothing.
+    /// The cost is unknown.
     Unknown,
     /// The logarithm of its cost, and the variance of that.
     LogCost(f64, f64),
@@ -64,7 +64,7 @@ pub enum CostEntry {
     Infeasible,
 }
 
-/// A table of what configurations cost in states: `rows[state][configuration]`.
+/// A table of the costs of configurations in states: `rows[state][configuration]`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CostTable {
     /// One row for each state, all of one length.
@@ -120,7 +120,7 @@ impl CostTable {
             fit.levels = rows.iter().map(|row| fit.level_of(row)).collect();
             fit.effects = fit.effects_over(&rows);
         }
-        // Then by what each costs beside the anchor, where that is known.
+        // Then by each configuration's cost beside the anchor, where both are known.
         let well_known = well_known(&rows);
         let by_effect = |a: &&usize, b: &&usize| fit.effects[**a].total_cmp(&fit.effects[**b]);
         if let Some(&anchor) = well_known.iter().min_by(by_effect) {
@@ -163,8 +163,8 @@ impl CostTable {
     }
 
     /// The members of a portfolio, at most `members`: places of configurations, the best fixed one first,
-    /// then each time the one that helps most; those known in many states, then `always`, then the others.
-    /// `always` are members whether they help or not, and count towards the number. Empty where nothing was
+    /// then each time the most helpful one: those known in many states, then `always`, then the others.
+    /// `always` are members even if they do not help, and count towards the number. Empty where nothing was
     /// measured.
     pub fn portfolio(&self, members: usize, always: &[usize]) -> Vec<usize> {
         let all: Vec<usize> = (0..self.rows.first().map_or(0, Vec::len)).collect();
@@ -234,7 +234,7 @@ struct Chosen<'a> {
 }
 
 impl Chosen<'_> {
-    /// By how much a further member lowers what is paid on average.
+    /// The fall of the mean cost by a further member.
     fn help(&self, place: usize) -> f64 {
         let saved = |(row, paid): (&Vec<f64>, &f64)| (paid - row[place]).max(0.0);
         self.completed.iter().zip(&self.paid).map(saved).sum::<f64>() / self.paid.len() as f64
@@ -262,11 +262,11 @@ impl Chosen<'_> {
     }
 }
 
-/// Levels of states and effects of configurations whose sums are what was measured, as far as they go.
+/// Levels of states and effects of configurations, whose sums fit the measurements.
 struct Fit {
     levels: Vec<f64>,
     effects: Vec<f64>,
-    /// Variance of what a state adds to an effect.
+    /// Variance of a state's part in an effect.
     interaction: f64,
 }
 
@@ -276,7 +276,7 @@ impl Fit {
         Fit { levels: vec![0.0; rows.len()], effects: vec![0.0; count], interaction: INTERACTION }
     }
 
-    /// The level of a state: the mean of what its measurements leave after their effects.
+    /// The level of a state: the mean of its measurements less their effects.
     fn level_of(&self, row: &[CostEntry]) -> f64 {
         let (mut sum, mut weight) = (0.0, 0.0);
         for (known, effect) in row.iter().zip(&self.effects) {
@@ -290,7 +290,7 @@ impl Fit {
         sum / weight
     }
 
-    /// The effects of all configurations: what each costs above the levels of its states, drawn towards 0, a
+    /// The effects of all configurations: each one's cost above the levels of its states, drawn towards 0, a
     /// mediocre one.
     fn effects_over(&self, rows: &[&[CostEntry]]) -> Vec<f64> {
         let effect = |place: usize| {
@@ -310,8 +310,8 @@ impl Fit {
         (0..self.effects.len()).map(effect).collect()
     }
 
-    /// The variance of what a state adds to an effect, by the well-known configurations beside the anchor:
-    /// what the squares of the residuals around the mean of each say beyond the noise, by their median.
+    /// The variance of a state's part in an effect, by the well-known configurations beside the anchor: the
+    /// median of the squared residuals around each one's mean, less the noise.
     fn interaction_of(&self, rows: &[&[CostEntry]], well_known: &[usize], anchor: usize) -> f64 {
         let mut squares = Vec::new();
         for &place in well_known.iter().filter(|&&place| place != anchor) {
@@ -322,7 +322,7 @@ impl Fit {
             let residuals: Vec<(f64, f64)> = rows.iter().zip(&self.levels).filter_map(residual).collect();
             let count = residuals.len() as f64;
             let mean = residuals.iter().map(|(residual, _)| residual).sum::<f64>() / count;
-            // A mean of few follows them.
+            // A mean of few values follows them.
             let widened = count / (count - 1.0).max(1.0);
             let square = |(residual, variance): &(f64, f64)| {
                 widened * (residual - mean) * (residual - mean) / MEDIAN_SQUARE - variance
@@ -419,7 +419,7 @@ mod tests {
         known.sort_unstable();
         found.sort_unstable();
         assert_eq!((known, found), (vec![1, 2], vec![3, 4, 5]));
-        // A branch is in it whatever helps.
+        // A branch is a member even if it does not help.
         assert_eq!(costs.portfolio(3, &[5]).last(), Some(&5));
     }
 
@@ -459,7 +459,7 @@ mod tests {
             &[90.0, 30.0, 90.0],
         ]);
         assert_eq!(costs.portfolio(MEMBERS, &[]), [0, 1]);
-        // By what it cannot run it does, and that counts for more than the bound.
+        // A state that cannot run a configuration does so, and counts for more than the bound.
         let costs = table(&[&[10.0, 11.0], &[20.0, 22.0], &[5.0, 5.5], &[-1.0, 40.0]]);
         assert_eq!(costs.portfolio(1, &[]), [1]);
     }

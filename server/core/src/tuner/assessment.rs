@@ -1,13 +1,13 @@
-//! Which configurations of a state are proven, and which one is exploited there for it.
+//! The proven configurations of a state, and the choice of the exploited one.
 //!
-//! The lowest of many noisy costs is mostly luck. So what a state's own measurements answer is read from a
-//! [posterior](crate::statistics::estimate): the configuration that is expected to cost least among those by
-//! which much more is to be gained than lost ([`WORTH`]) over the state's incumbent; where there is none, the
-//! incumbent. That is the best of other states or the study's default configuration, until a
-//! [confirmation](super::confirmation) has put another one in its place.
+//! The lowest of many noisy costs is mostly luck. So a state's own answer is read from a
+//! [posterior](crate::statistics::estimate). It is the configuration with the least expected cost among those
+//! whose expected gain over the state's incumbent is much larger than the expected loss ([`WORTH`]). Where
+//! there is none, the answer is the incumbent: the best of other states or the study's default configuration,
+//! until a [confirmation](super::confirmation) replaces it.
 //!
 //! An assessment takes a few milliseconds. It is made apart from the tuner, from a copy of the state's table,
-//! and kept until that changes; who cannot wait for one gets what the last one said.
+//! and kept until the table changes. A caller that cannot wait gets the last assessment.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -25,21 +25,21 @@ use crate::statistics::confirm::GAIN_LEAST;
 use crate::statistics::estimate::{Comparison, ConfigurationSample, CostPosterior, Measurement};
 use crate::study::StudySpec;
 
-/// The probability of being better by all that was measured that settles what the rounds of a confirmation
-/// leave open.
+/// If the rounds of a confirmation leave a race open, a challenger wins that is better with this probability
+/// by all measurements.
 const PROBABLE: f64 = 0.95;
 /// Least ratio of an answer's expected gain over the incumbent to its expected loss.
 const WORTH: f64 = 20.0;
-/// How many configurations with the lowest expected costs are looked at more closely.
+/// Number of configurations with the lowest expected costs that are compared more closely.
 const LEADERS: usize = 8;
-/// The least standard deviation that logarithms of measurements are taken to have for that.
+/// The least standard deviation that is assumed for the logarithms of measurements.
 const SPREAD_LEAST: f64 = 0.005;
 /// Most degrees of freedom with which one configuration contributes to the usual noise.
 const FREEDOM_COUNTED: f64 = 3.0;
 /// Costs of zero have no logarithm: they count as this share of the least that is above zero.
 const SHARE_LEAST: f64 = 1e-12;
 
-/// A copy of all that an assessment of a state rests on.
+/// A copy of the inputs of a state's assessment.
 #[derive(Clone, Debug)]
 pub struct AssessmentRequest {
     pub(super) state: StateId,
@@ -60,39 +60,39 @@ pub struct Assessment {
     is_settled: bool,
     /// The configuration to exploit.
     pub(super) answer: Configuration,
-    /// The one that is expected to cost least among those that are better than the incumbent with a
+    /// The configuration with the least expected cost among those that are better than the incumbent with a
     /// probability of at least [`PROBABLE`].
     pub(super) probable: Option<Configuration>,
-    /// Its cost, with the ends of the 95 % interval.
+    /// The answer's cost, with the ends of its 95 % interval.
     pub(super) cost: f64,
     pub(super) cost_low: f64,
     pub(super) cost_high: f64,
-    /// Its gain over the default; `None` where that was not measured.
+    /// The answer's gain over the default; `None` where the default was not measured.
     pub(super) gain: Option<Gain>,
-    /// It is the default, because nothing is proven to be better.
+    /// The answer is the default, because no configuration is proven to be better.
     pub(super) nothing_better: bool,
-    /// It is the incumbent.
+    /// The answer is the incumbent.
     pub(super) is_incumbent: bool,
-    /// The most that any other may gain over it.
+    /// The most that any other configuration may gain over the answer.
     pub(super) gain_at_most: f64,
-    /// Those that may gain anything over the incumbent, the best first.
+    /// The configurations that may be better than the incumbent, the best first.
     pub(super) challengers: Vec<Configuration>,
     /// The standard deviation of the logarithm of one measurement.
     pub(super) noise: f64,
 }
 
 impl AssessmentRequest {
-    /// The state that it is about.
+    /// The assessed state.
     pub fn state(&self) -> StateId {
         self.state
     }
 
-    /// Whether it is a matter of microseconds.
+    /// Whether the assessment takes only microseconds.
     pub(super) fn is_quick(&self) -> bool {
         self.results.ranked().len() <= ASSESSED_SHARED_MAX
     }
 
-    /// Whether an assessment is what this would come to.
+    /// Whether an assessment was made from the same inputs.
     pub(super) fn is_answered_by(&self, assessment: &Assessment) -> bool {
         assessment.version == self.results.version()
             && assessment.confirmed == self.confirmed
@@ -165,8 +165,8 @@ fn gain(comparison: Comparison) -> Gain {
     Gain { share, low: told(gain_low), high: told(gain_high), probability_better: Some(probability_better) }
 }
 
-/// The measured configurations that a posterior is made from: the best half, and of the others as many as
-/// there is room for, evenly spread over their ranks, so that the best are seen beside all.
+/// The measured configurations that a posterior is made from: the best half, and a part of the others, evenly
+/// spread over their ranks.
 fn chosen<'a>(results: &'a ResultTable, named: [&Configuration; 2]) -> Vec<&'a Record> {
     let ranked: Vec<&Record> = results.ranked().collect();
     if ranked.len() <= ASSESSED_MAX {
@@ -200,9 +200,9 @@ fn posterior(
     })
 }
 
-/// The measurements of configurations, so that one absurd report among them does no harm. Measurements that
+/// The measurements of configurations, cleaned so that one absurd report does no harm. Measurements that
 /// others of the same configuration contradict are passed over or drawn in. A measurement far above all
-/// others and above the records at `told` is drawn in: how much dearer it is does not matter. A single
+/// others and above the records at `told` is drawn in, because its exact cost does not matter. A single
 /// measurement far below is drawn in likewise.
 pub(super) fn samples(
     records: &[&Record],
@@ -240,10 +240,10 @@ pub(super) fn samples(
     records.iter().enumerate().map(one).collect()
 }
 
-/// Lets configurations whose measurements scatter more than is usual count for less: the posterior knows one
-/// noise for all, and some are restless by themselves, as a builder is whose threads meet by chance. Each
-/// one's own variance is drawn towards the usual one, as if that had been seen in [`USUAL_COUNT`]
-/// measurements of it.
+/// Lets configurations whose measurements scatter more than is usual count for less: the posterior has one
+/// noise for all, but some configurations vary more, for example where threads meet by chance. Each
+/// configuration's variance is drawn towards the usual one, which has the weight of [`USUAL_COUNT`]
+/// measurements.
 fn weigh(samples: &mut [ConfigurationSample]) {
     let freedom = |sample: &ConfigurationSample| sample.measurements.len() as f64 - 1.0;
     let mut variances: Vec<(f64, f64)> = samples
@@ -252,7 +252,8 @@ fn weigh(samples: &mut [ConfigurationSample]) {
         .map(|sample| (sample.scatter() / freedom(sample), freedom(sample).min(FREEDOM_COUNTED)))
         .collect();
     variances.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // The median of them, each counted as often as it has degrees of freedom, unless one has most of them.
+    // The median of the variances, weighted by degrees of freedom, unless one configuration has most of
+    // these.
     let all: f64 = variances.iter().map(|(_, freedom)| freedom).sum();
     let mut seen = 0.0;
     let usual = variances.iter().find(|(_, freedom_of_one)| {
@@ -280,8 +281,7 @@ fn sample(features: Vec<f64>, evidence: &Evidence, least: f64, usual: Option<f64
     ConfigurationSample { features, measurements, weight: 1.0 }
 }
 
-/// The last assessment of each state, of those that were assessed last. What stands here can always be made
-/// again.
+/// The last assessments of the states that were assessed last. Each can be computed again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Assessments {
     made: BTreeMap<StateId, (u64, Arc<Assessment>)>,
@@ -289,12 +289,12 @@ pub(super) struct Assessments {
 }
 
 impl Assessments {
-    /// The last one of a state, which may be out of date.
+    /// The last assessment of a state, which may be out of date.
     pub(super) fn of(&self, state: StateId) -> Option<&Arc<Assessment>> {
         self.made.get(&state).map(|(_, assessment)| assessment)
     }
 
-    /// Keeps one, and forgets the oldest of too many.
+    /// Keeps an assessment, and forgets the oldest of too many.
     pub(super) fn keep(&mut self, state: StateId, assessment: Arc<Assessment>) {
         self.clock += 1;
         self.made.insert(state, (self.clock, assessment));

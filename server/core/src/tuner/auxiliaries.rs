@@ -1,9 +1,9 @@
-//! Costs without what else explains them, state by state.
+//! Costs without the shares that movement and auxiliary metrics explain, state by state.
 //!
 //! Indicators move a little within a state, and costs with them (see [`Movement`]). A study may also name
 //! metrics beside those of its objective (see [`Denoiser`]). Both regressions are learnt from the state's own
-//! trials, and again after every few of them. The table is then restated, because its costs are less what the
-//! regressions explain. All of it follows from the completed trials in their order.
+//! trials, and again after every few of them. The table is then restated, because its costs exclude the
+//! explained shares. All of it follows from the completed trials in their order.
 
 use std::collections::BTreeMap;
 
@@ -22,22 +22,22 @@ use crate::tuner::confirmation::Stored;
 const LEARNT_EVERY: u64 = 4;
 /// Growth of the regression's weight after which the speeds of machines are judged again.
 const WEIGHT_GROWN: f64 = 0.25;
-/// A movement that changes a cost by so much may have seemed to be the machine's speed before it was known.
+/// A movement that changes a cost by this share may have been mistaken for the machine's speed.
 const MOVEMENT_SEEMS_SPEED: f64 = 0.02;
 /// Costs of zero have no logarithm.
 const COST_LEAST: f64 = 1e-300;
 
-/// What is known of a trial beside its cost.
+/// The data of a trial beside its cost.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Beside {
     /// Its auxiliary measurements, if the study has any.
     pub(super) auxiliary: Vec<f64>,
-    /// How far its indicators are from the anchor of its state, in shares of their ranges.
+    /// The distances of its indicators from the anchor of its state, as shares of their ranges.
     pub(super) offset: Vec<f64>,
 }
 
 impl Beside {
-    /// Whether nothing can be explained by it.
+    /// Whether it can explain nothing.
     pub(super) fn is_nothing(&self) -> bool {
         self.auxiliary.is_empty() && !self.has_moved()
     }
@@ -60,7 +60,7 @@ struct Seen {
     log_factor: f64,
 }
 
-/// The measurements of one state, with what is known beside their costs.
+/// The measurements of one state, with the data beside their costs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct OfState {
     seen: Vec<Seen>,
@@ -89,7 +89,7 @@ impl OfState {
         log_cost - self.movement.as_ref().map_or(0.0, |movement| movement.explained(offset))
     }
 
-    /// The same without the noise that auxiliary measurements explain.
+    /// The logarithm of a cost at the anchor, without the noise that auxiliary measurements explain.
     fn understood(&self, log_cost: f64, auxiliary: &[f64], offset: &[f64]) -> f64 {
         let log = self.at_anchor(log_cost, offset);
         match &self.denoiser {
@@ -128,7 +128,7 @@ impl OfState {
             })
         };
         let names: Vec<usize> = self.seen.iter().map(|one| name(&one.configuration.0)).collect();
-        // Speeds that were told before are part of the cost that the movement explains.
+        // Factors of speed that were found before are taken out again: the movement may explain them.
         let moved = self.seen.iter().zip(&names).map(|(one, &configuration)| MovedMeasurement {
             configuration,
             log_cost: one.log_cost - one.log_factor,
@@ -143,7 +143,7 @@ impl OfState {
         let mut logs: Vec<f64> = self.seen.iter().map(at_anchor).collect();
         let middle = median(&mut logs);
         let reach = reach_of(deviation(&logs, middle));
-        // One absurd report would be most of what there is to explain.
+        // One absurd report would dominate the regression.
         let is_far = |one: &Seen| (at_anchor(one) - middle).abs() > reach;
         let far = self.seen.iter().filter(|one| is_far(one)).count();
         let counted = self.seen.iter().zip(&names).filter(|(one, _)| far != 1 || !is_far(one));
@@ -160,12 +160,13 @@ impl OfState {
 }
 
 impl Auxiliaries {
-    /// Whether it is known what the auxiliary measurements of a state explain, be it nothing.
+    /// Whether the regression on the auxiliary measurements of a state was learnt, even if it explains
+    /// nothing.
     pub(super) fn explains(&self, state: StateId) -> bool {
         self.states.get(&state.0).is_some_and(|own| own.denoiser.is_some())
     }
 
-    /// A cost without what is known to explain it.
+    /// A cost without the shares that the regressions explain.
     pub(super) fn understood(&self, state: StateId, cost: f64, beside: &Beside) -> f64 {
         self.states.get(&state.0).map_or(cost, |own| {
             let log = libm::log(cost.max(COST_LEAST));
@@ -176,8 +177,8 @@ impl Auxiliaries {
     }
 
     /// Takes a trial. Where the regressions were learnt again, returns the costs of all configurations by
-    /// them. It also says whether to judge the speeds of machines again, because they explain what seemed to
-    /// be speed. `table` is what was measured before.
+    /// them. The flag says whether to judge the speeds of machines again, because the regressions explain
+    /// changes that seemed to be speed. `table` holds the earlier measurements.
     pub(super) fn take(
         &mut self,
         state: StateId,
@@ -232,7 +233,7 @@ impl Auxiliaries {
         (own.denoiser.is_some() || own.movement.is_some()).then(|| (own.all(), explains_more))
     }
 
-    /// Takes trials back, and tells the costs of their configurations without them.
+    /// Takes trials back, and returns the costs of their configurations without them.
     pub(super) fn take_back(&mut self, state: StateId, trials: &[u64]) -> Restated {
         let Some(own) = self.states.get_mut(&state.0) else {
             return Vec::new();
@@ -257,7 +258,7 @@ impl Auxiliaries {
     }
 }
 
-/// What was measured in a state before anything moved there, oldest first: all of it at the anchor.
+/// The measurements of a state before its indicators moved, oldest first: all of them at the anchor.
 fn at_rest(table: &ResultTable, indicators: usize) -> Vec<Seen> {
     let of = |record: &Record| {
         let measured = record.evidence.values().iter().zip(record.evidence.moments());

@@ -1,25 +1,23 @@
-//! The account of one client in one session: what exploring may still cost it.
+//! The account of one client in one session: the rest of its budget for exploring.
 //!
 //! A policy with a `regret_budget` of b promises that at every moment of a session
 //!
-//! > what exploring cost above the reference  <=  b x the cost of all frames that did not explore.
+//! > cost of exploring above the reference <= b x the cost of all frames that did not explore.
 //!
-//! The reference is what would have been run without exploring: the study's default, or the best that was
-//! measured in the state, whichever is cheaper. Both are measured by this client in this stay, the default
-//! once before anything is explored, because what is remembered of a state may no longer hold. Reserving for
-//! the worst case before each exploratory action is the idea of conservative bandits (Wu, Shariff, Lattimore
-//! and Szepesvári, "Conservative bandits", ICML 2016); here costs are bounded because trials are stopped at a
-//! cap, and nothing is assumed of how they are distributed.
+//! The reference is the configuration that would run without exploring: the cheaper one of the study's
+//! default and the best that was measured in the state. This client measures both in this stay, the default
+//! once before it explores, because older measurements of a state may no longer hold. Reserving for the worst
+//! case before each exploratory action is the idea of conservative bandits (Wu, Shariff, Lattimore and
+//! Szepesvári, "Conservative bandits", ICML 2016); here a cap bounds the costs of trials, and no distribution
+//! of them is assumed.
 //!
-//! - A trial is only handed out when the budget left covers its whole cap, as if the reference cost nothing.
-//!   A client that cannot stop in time is taken to cost `worst_factor` times the reference instead.
-//! - Once it is reported it is charged all it cost, until the next frame of the reference in the same state
-//!   shows what that costs now. Then the charge falls to what it cost above [`GUARD`] times the cheapest of
-//!   the last few frames of the reference, before or after, so that neither noise nor a machine that changes
-//!   its speed hides regret.
+//! - A trial is handed out only if the budget left covers its whole cap, as if the reference cost nothing. A
+//!   client that cannot stop in time is assumed to cost `worst_factor` times the reference.
+//! - A reported trial is charged its whole cost until the next frame of the reference in the same state. Then
+//!   the charge falls to its cost above [`GUARD`] times the cheapest of the last few frames of the reference,
+//!   before or after. So neither noise nor a change of the machine's speed hides regret.
 //! - A trial that is handed out again because its report never came may have been run each time. The reserved
-//!   cost is charged, and the same amount is reserved again; where too little is left for that, the client
-//!   gets another answer.
+//!   cost is charged and reserved once more. If too little is left, the client gets another answer.
 //! - A trial that comes back without a cost, or never, stays charged with its worst case. Trials that did
 //!   better than the reference earn nothing.
 
@@ -33,10 +31,10 @@ use crate::robust::lower_median;
 use crate::session::SessionPolicy;
 use crate::sum::Sum;
 
-/// The share of the cheapest reference that is taken for certain: frames vary by some percent.
+/// The share of the cheapest reference that counts, because frames vary by some percent.
 pub const GUARD: f64 = 0.9;
 
-/// Where sums are held, so that no number of large costs makes them infinite.
+/// The limit of sums, so that many large costs do not make them infinite.
 const SUM_MAX: f64 = 1e300;
 
 /// Adds a cost to a sum that stays finite.
@@ -73,7 +71,7 @@ pub struct Account {
     charged: Sum,
     /// Reserved costs of exploring trials that are out, by trial.
     out: BTreeMap<u64, f64>,
-    /// Charged in full until the next reference.
+    /// Trials that are charged in full until the next frame of the reference.
     unsettled: Vec<Charge>,
     /// The state the client is in, and the last frames there that did not explore.
     state_id: u64,
@@ -85,11 +83,11 @@ pub struct Account {
 /// The terms on which a trial may be handed out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Leave {
-    /// The budget before.
+    /// The budget left before the trial.
     pub(super) left: f64,
     /// The most that the trial can cost above the reference.
     pub(super) set_aside: f64,
-    /// Where it is to be stopped.
+    /// The cost at which the trial is stopped.
     pub(super) abort_above: f64,
     /// The reference's cost.
     pub(super) reference: f64,
@@ -100,13 +98,13 @@ pub(super) struct Leave {
 pub(super) enum Denied {
     /// The reference has not been measured in this stay.
     NoReference,
-    /// Too little is left.
+    /// Too little of the budget is left.
     TooLittle(Leave),
 }
 
-/// The terms of the policy that an account keeps: the share of the frames' cost that exploring may cost, and
-/// by which factors of the reference's cost trials are stopped, or taken to cost at worst where they cannot
-/// be.
+/// The terms of the policy that an account keeps: the share of the frames' cost that exploring may cost, the
+/// factor of the reference's cost at which trials are stopped, and the factor that a trial is assumed to cost
+/// at worst where it cannot be stopped.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Terms {
     pub(super) budget: f64,
@@ -138,12 +136,12 @@ impl Account {
         self.policy
     }
 
-    /// Notes what the session wants for itself.
+    /// Notes the session's own policy.
     pub(super) fn set_policy(&mut self, policy: SessionPolicy) {
         self.policy = policy;
     }
 
-    /// Notes where the client is. What it explored elsewhere and did not settle stays charged in full.
+    /// Notes the client's state. Unsettled trials of other states stay charged in full.
     pub(super) fn enter(&mut self, state_id: u64) {
         if self.state_id != state_id {
             self.state_id = state_id;
@@ -155,7 +153,7 @@ impl Account {
         }
     }
 
-    /// Counts a trial that is handed out, and tells how many were before.
+    /// Counts a trial that is handed out, and returns the number of those before it.
     pub(super) fn count(&mut self) -> u64 {
         self.handed_out += 1;
         self.handed_out - 1
@@ -168,8 +166,8 @@ impl Account {
         budget * self.kept.value() - self.charged.value() - unsettled - out
     }
 
-    /// Whether an exploring trial may be handed out, and on what terms. Where the default cannot be run in
-    /// the state, the frames that did not explore are all the reference there is.
+    /// The terms of another exploring trial, or the reason why none may be handed out. Where the default
+    /// cannot be run in the state, the frames that did not explore are the only reference.
     pub(super) fn leave(&self, terms: Terms, can_abort: bool, default_runs: bool) -> Result<Leave, Denied> {
         let kept = lower_median(&self.references);
         let default = self.default.or(kept.filter(|_| !default_runs)).ok_or(Denied::NoReference)?;
@@ -184,11 +182,11 @@ impl Account {
         if leave.left >= set_aside { Ok(leave) } else { Err(Denied::TooLittle(leave)) }
     }
 
-    /// Sets aside what a trial may cost.
+    /// Reserves the worst cost of a trial.
     pub(super) fn set_aside(&mut self, trial: u64, worst: f64) {
         assert!(worst >= 0.0, "{worst} is set aside");
         self.out.insert(trial, worst);
-        // Trials that never come back have cost what was set aside.
+        // A trial that never comes back is charged its reserved cost.
         while self.out.len() > OPEN_TRIALS_PER_CLIENT_MAX {
             if let Some((_, lost)) = self.out.pop_first() {
                 add(&mut self.charged, lost);
@@ -203,16 +201,15 @@ impl Account {
         self.out.get(&trial).is_some_and(|&worst| self.left(budget) >= worst)
     }
 
-    /// Hands a trial out again whose report never came. The client that asks for it may have run it, so the
-    /// reserved cost is charged and the same amount stays reserved.
+    /// Hands a trial out again whose report never came. The client may have run it, so the reserved cost is
+    /// charged and stays reserved as well.
     pub(super) fn again(&mut self, trial: u64) {
         if let Some(&worst) = self.out.get(&trial) {
             add(&mut self.charged, worst);
         }
     }
 
-    /// Takes a report. `cost` is what the frame cost, as far as it is known. Trials of other sessions are
-    /// passed over.
+    /// Takes a report. `cost` is the frame's cost, if it is known. Trials of other sessions are ignored.
     pub(super) fn report(&mut self, trial: u64, state_id: u64, cost: Option<f64>, is_default: bool) {
         if trial < self.first_trial {
             return;
@@ -220,7 +217,7 @@ impl Account {
         if let Some(worst) = self.out.remove(&trial) {
             let kept = self.references.iter().copied();
             let before = kept.chain(self.default).fold(f64::INFINITY, f64::min);
-            // Without a cost it may have cost all that was set aside.
+            // A trial without a cost is charged its reserved cost.
             let charge = Charge { cost: cost.unwrap_or(worst), before };
             if cost.is_none() || !before.is_finite() || self.state_id != state_id {
                 add(&mut self.charged, charge.cost);
@@ -286,7 +283,7 @@ mod tests {
         account.report(101, 1, Some(10.0), false);
         // 41 frames earn 41, and 15 were 6 above nine tenths of 10.
         assert!((account.left(0.1) - 35.0).abs() < 1e-12);
-        // A machine that became faster meanwhile makes the same trial dearer.
+        // A machine that became faster meanwhile raises the trial's charge.
         let mut faster = with_frames(40);
         faster.set_aside(100, 20.0);
         faster.report(100, 1, Some(15.0), false);

@@ -1,9 +1,9 @@
-//! The knowledge of a tuner from completed trials, as bytes: so that a restart need not replay all of them.
+//! The knowledge of a tuner from completed trials, as bytes, so that a restart need not replay all trials.
 //!
-//! A checkpoint is an accelerator and nothing else. It says which version wrote it and which specification it
-//! holds for, carries a check sum, and is passed over wherever one of these does not fit; the trials are then
-//! replayed from the first. A tuner from a checkpoint is the same to the bit, which the replay tests hold.
-//! Searches, visits and open trials have rows of their own and are no part of it.
+//! A checkpoint only saves time. It names its version and its specification and carries a check sum. Where
+//! one of these does not fit, the checkpoint is ignored and all trials are replayed. A tuner from a
+//! checkpoint equals a replayed one to the bit, which the replay tests check. Searches, visits and open
+//! trials have rows of their own and are no part of it.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -28,8 +28,8 @@ use crate::tuner::{Checkpoint, Tuner};
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
 const VERSION: u64 = 13;
 
-/// The knowledge of a tuner. Taken in a moment, since it shares its tables with the tuner until either
-/// changes them.
+/// The knowledge of a tuner. It is taken in a moment, because it shares its tables with the tuner until one
+/// of them changes.
 #[derive(Clone, Debug)]
 pub struct Learnt {
     mark: u64,
@@ -41,15 +41,15 @@ pub struct Learnt {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Body {
     completed: u64,
-    /// Of each state.
+    /// The table of each state.
     results: Vec<Arc<ResultTable>>,
-    /// Of each machine.
+    /// The statistics of each machine.
     pooling: Vec<PoolingStatistics>,
     statistics: IndicatorStatistics,
     history: History,
     screening: Screening,
     forget_above: usize,
-    /// Which predictor the models were for, and since when.
+    /// The predictor of the models, and the completion after which they were begun.
     predictor: PredictorMethod,
     models_since: u64,
     predictors: Predictors,
@@ -64,8 +64,8 @@ impl Learnt {
         self.completion
     }
 
-    /// The number of the trial that last measured each remembered configuration, by rising number. With these
-    /// trials and the latest ones at hand, what a state knows can be learnt again without any checkpoint.
+    /// The number of the trial that last measured each remembered configuration, by rising number. From these
+    /// trials and the latest ones, the tables can be learnt again without a checkpoint.
     pub fn measured_by(&self) -> BTreeSet<u64> {
         let records = self.body.results.iter().flat_map(|results| results.records());
         records.map(|record| record.last_trial).filter(|number| *number > 0).collect()
@@ -107,8 +107,8 @@ impl Tuner {
         }
     }
 
-    /// Takes over what a checkpoint holds, into a tuner that has its states and has learnt nothing. An error
-    /// says why it is of no use; nothing was changed then.
+    /// Takes over a checkpoint into a tuner that has its states and has learnt nothing. An error says why the
+    /// checkpoint is of no use; the tuner is then unchanged.
     pub(super) fn take_over(&mut self, checkpoint: &Checkpoint) -> Result<(), String> {
         let (head, packed) = checkpoint.bytes.split_at_checked(16).ok_or("it is cut off")?;
         let word = |place: usize| {

@@ -1,4 +1,4 @@
-//! Checks of what clients send: nothing malformed, and no number that is not finite, gets into the tuner.
+//! Checks of clients' input: nothing malformed and no infinite number gets into the tuner.
 
 use std::collections::BTreeMap;
 

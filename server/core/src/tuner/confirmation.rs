@@ -2,12 +2,12 @@
 //! better.
 //!
 //! The incumbent of a state is the configuration that did best in other states, else the study's default,
-//! until a race replaces it. Contenders are chosen by the state's [assessment](super::assessment), and
-//! measured by whichever clients explore there. A [race](crate::statistics::confirm) that its rounds leave
-//! open is settled by a test of the rounds alone. Otherwise one more assessment of all the contenders'
-//! measurements settles it; its winner is the answer, reported as likely, because only rounds prove. From
-//! then on the verdict is exploited without further computation. The default runs in every race, so that the
-//! winner's gain is measured beside it.
+//! until a race replaces it. The state's [assessment](super::assessment) chooses the contenders, and the
+//! clients that explore there measure them. A [race](crate::statistics::confirm) that its rounds leave open
+//! is settled by a test of the rounds alone. Otherwise one more assessment of all the contenders'
+//! measurements settles it. Its winner is the answer and is reported as likely, because only rounds prove.
+//! From then on the verdict is exploited without further computation. The default runs in every race, so that
+//! the winner's gain is measured beside it.
 
 use std::collections::BTreeMap;
 
@@ -30,10 +30,10 @@ use crate::tuner::proposal::ProposedTrial;
 
 /// Most of a search's best configurations that run against the incumbent.
 const CHALLENGERS_MAX: usize = 4;
-/// Factor by which the noise is taken to be larger than it was seen to be. A proof holds only if the noise is
-/// not larger still.
+/// Factor by which the noise is assumed to be larger than measured. A proof holds only if the noise is not
+/// larger still.
 const NOISE_MARGIN: f64 = 1.25;
-/// Noise is never taken to be less: timers and clocks are not that good.
+/// The least noise that is assumed: timers and clocks are not better.
 const NOISE_LEAST: f64 = 0.01;
 
 /// A configuration as it stands in a state's row.
@@ -48,18 +48,19 @@ pub(super) struct Confirming {
     contenders: Vec<Stored>,
     race: Race,
     rounds_max: u64,
-    /// The number of tried configurations when it began. Once more are tried, another begins.
+    /// The number of tried configurations when it began. Once more configurations are tried, another race
+    /// begins.
     tried: usize,
-    /// How often the machine had been disturbed.
+    /// The number of disturbances of the machine before it began.
     disturbances: u64,
-    /// Which contender each open trial runs, by trial number.
+    /// The contender of each open trial, by trial number.
     open: BTreeMap<u64, usize>,
     /// Its consequences have been decided.
     settled: bool,
 }
 
 impl Confirming {
-    /// Begins with the incumbent, the default, and those that may be better by an assessment.
+    /// Begins with the incumbent, the default, and the configurations that may be better by an assessment.
     fn new(
         (incumbent, default): (&Configuration, &Configuration),
         assessment: &Assessment,
@@ -146,7 +147,7 @@ impl Confirming {
         Some(&self.contenders.get(self.race.better_by_rounds(error)?)?.0)
     }
 
-    /// Whether a configuration, which is the answer now that it is over, took the incumbent's place by it.
+    /// Whether the answer of the settled race replaced the incumbent.
     fn was_won_by(&self, answer: &Configuration) -> bool {
         self.settled && self.is_challenger(answer)
     }
@@ -189,7 +190,8 @@ pub(super) struct Answered {
     pub(super) cost: f64,
     /// Its gain over the default.
     pub(super) gain: Option<Gain>,
-    /// It is the incumbent, because nothing was shown to be better; the most that anything may gain over it.
+    /// Set where the answer is the incumbent, because nothing was shown to be better: the most that any
+    /// configuration may gain over it.
     pub(super) gain_at_most: Option<f64>,
     /// That gain where the incumbent is the default.
     pub(super) nothing_better: Option<f64>,
@@ -229,7 +231,7 @@ impl Tuner {
             && !self.is_settled(state)
     }
 
-    /// A copy of what an assessment of a state rests on; `None` where nothing was measured that can be run.
+    /// A copy of the inputs of a state's assessment; `None` where no measured configuration can be run.
     pub(super) fn assessment_request(&self, state: StateId) -> Option<AssessmentRequest> {
         self.states.results(state).best()?;
         Some(AssessmentRequest {
@@ -241,7 +243,7 @@ impl Tuner {
         })
     }
 
-    /// The request where the assessment has to be made apart before anybody asks for it.
+    /// The request where the assessment has to be made apart before a client asks for it.
     pub(super) fn assessment_to_plan(&self, state: StateId) -> Option<AssessmentRequest> {
         let made = self.assessments.of(state);
         let request = self.assessment_request(state)?;
@@ -249,7 +251,7 @@ impl Tuner {
         (!is_at_hand).then_some(request)
     }
 
-    /// The assessment of a state, and whether it is of the table as it stands.
+    /// The assessment of a state, and whether it is up to date with the table.
     fn assessment(&self, state: StateId, planned: &Planned) -> Option<(std::sync::Arc<Assessment>, bool)> {
         let request = self.assessment_request(state)?;
         let made = self.assessments.of(state);
@@ -262,7 +264,8 @@ impl Tuner {
         made.map(|made| (std::sync::Arc::clone(made), false))
     }
 
-    /// The answer of a state's own measurements: the verdict where it stands, else what is proven by now.
+    /// The answer of a state's own measurements: the verdict where it stands, else the configuration that is
+    /// proven so far.
     pub(super) fn answered(&self, state: StateId, planned: &Planned) -> Option<Answered> {
         let results = self.states.results(state);
         let runs = |configuration: &Configuration| {
@@ -295,15 +298,15 @@ impl Tuner {
                 nothing_better: made.nothing_better.then_some(made.gain_at_most),
             });
         }
-        // Nobody has looked at it yet, and there is no time now.
+        // The state was not assessed yet, and there is no time for it now.
         let record = results.best()?;
         let configuration = record.configuration.clone();
         let cost = record.mean_cost;
         Some(Answered { configuration, cost, gain: None, gain_at_most: None, nothing_better: None })
     }
 
-    /// The next measurement of a state's confirmation, in a state whose search is at its end. `None` where it
-    /// is over, or waits for what others measure.
+    /// The next measurement of a state's confirmation, in a state whose search is at its end. `None` where
+    /// the confirmation is over, or waits for other clients' measurements.
     pub(super) fn confirm(
         &mut self,
         state: StateId,
@@ -339,9 +342,9 @@ impl Tuner {
         Some(ProposedTrial { configuration, predicted_cost, point })
     }
 
-    /// Decides what follows from a race that is over: its winner is the incumbent from now on, else the
-    /// challenger that is proven better by all rounds together, else the one that is likely to be better by
-    /// all that was measured or by the rounds.
+    /// Settles a race that is over. The new incumbent is the race's winner, else the challenger that all
+    /// rounds together prove better, else the one that is likely to be better by all measurements or by the
+    /// rounds.
     fn settle_race(&mut self, state: StateId, planned: &Planned) -> Option<()> {
         let race = self.race(state).filter(|race| race.is_decided() && !race.settled)?;
         let winner = match race.winner().or_else(|| race.better_by_rounds(PROVEN_ERROR_MAX)) {
@@ -365,7 +368,7 @@ impl Tuner {
         Some(())
     }
 
-    /// Tells the race what came of a completed trial, whose cost is `learnt`.
+    /// Enters the result of a completed trial into the race; its cost is `learnt`.
     pub(super) fn tell_race(&mut self, trial: &Trial, learnt: Option<f64>) {
         let state = StateId(trial.state_id);
         if !self.race(state).is_some_and(|race| race.open.contains_key(&trial.number)) {
@@ -390,7 +393,7 @@ impl Tuner {
         }
     }
 
-    /// How the answer of a state stands; `None` where nothing was measured that can be run.
+    /// The standing of a state's answer; `None` where no measured configuration can be run.
     pub(super) fn standing(&self, state: StateId, planned: &Planned) -> Option<Standing> {
         let answered = self.answered(state, planned)?;
         let (made, _) = self.assessment(state, planned)?;

@@ -1,4 +1,4 @@
-//! Explore or exploit, and what is exploited.
+//! The decision to explore or to exploit, and the choice of the exploited configuration.
 
 use rand::RngExt;
 
@@ -18,16 +18,16 @@ use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
 use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
 
-/// A client that stays for this number of frames divided by epsilon explores whatever the dice say, unless
-/// the policy has them thrown once.
+/// A client that stays for this number of frames divided by epsilon explores without a draw, unless the
+/// policy draws only once.
 const STAY_EXPLORES: f64 = 3.0;
-/// Dice of one visit differ in these bits by how long the stay is.
+/// The length of the stay changes these bits of the number by which a visit's dice are thrown.
 const THROWS_SHIFT: u32 = 32;
 
 /// The grounds that an answer may rest on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ground {
-    /// Measurements alone: nobody is handed what was not run.
+    /// Measurements alone: no client gets a configuration that was never run.
     Measured,
     /// A prediction as well, where it is worth its risk.
     Predicted,
@@ -76,10 +76,9 @@ impl Tuner {
     }
 
     /// The number of the visit that needs a decision in a state, known or not; `None` where the last decision
-    /// holds. It does not hold for a session that wants something else, nor for a kept configuration that has
+    /// holds. It does not hold for a session with another policy, nor for a kept configuration that has
     /// proved infeasible or clearly worse than another here. Whenever a stay has doubled its length, the dice
-    /// or the expected gain decide again whether to explore: no client stays for ever with its first throw,
-    /// unless the policy has the dice thrown once.
+    /// or the expected gain decide again whether to explore, unless the policy has the dice thrown once.
     pub(super) fn decides(&self, ask: &Ask, state: Option<StateId>) -> Option<u64> {
         let client_id = &ask.client_id;
         let Some(visit) = self.visits.of(client_id) else {
@@ -126,8 +125,8 @@ impl Tuner {
             && self.rechecks.wanted(&ask.client_id, state).is_some()
     }
 
-    /// Whether a kept configuration was never run in a state where something else was, though only
-    /// measurements count now.
+    /// Whether a kept configuration was never run in a state where something else was, while only
+    /// measurements count.
     fn is_unfounded(&self, ask: &Ask, state: StateId, configuration: &Configuration) -> bool {
         let results = self.states.results(state);
         self.ground(&ask.session_policy) == Ground::Measured
@@ -137,8 +136,8 @@ impl Tuner {
 
     /// The epsilon-greedy decision for visit `number` of a client to a state (paper section 6).
     ///
-    /// Where exploring is over, or does not pay, there is only exploiting; where nothing is known to exploit
-    /// there is only exploring, unless epsilon is zero, which leaves the default configuration.
+    /// Where exploring is over or does not pay, the client exploits. Where no configuration is known, it
+    /// explores, or runs the default if epsilon is zero.
     pub(super) fn decide(
         &self,
         ask: &Ask,
@@ -192,7 +191,7 @@ impl Tuner {
     }
 
     /// Whether a client explores a state for which the decision of visit `number` is to be taken, as far as
-    /// that is known without asking what would be exploited.
+    /// that is known before the exploited configuration is.
     pub(super) fn explores(&self, ask: &Ask, number: u64, state: StateId) -> bool {
         let (policy, session) = (&self.spec.policy, &ask.session_policy);
         if self.is_finished_for(session, state) {
@@ -246,10 +245,10 @@ impl Tuner {
 
     /// The answer without a search.
     ///
-    /// Where only measurements count it is what [was measured](Tuner::measured_answer). Where a study is
-    /// tuned, other machines' measurements of the same input count for more until the state has its own,
-    /// and a predictor may name what nobody ran there, if that can almost surely be run and is worth its
-    /// risk. Once the state is explored to the end its own best stands.
+    /// Where only measurements count it is a configuration that [was measured](Tuner::measured_answer). Where
+    /// a study is tuned, other machines' measurements of the same input count for more until the state has
+    /// its own. A predictor may then name a configuration that was never run there, if it can almost surely
+    /// be run and is worth its risk. Once the state is explored to the end its own best stands.
     ///
     /// A configuration that does clearly worse here than another measured one gives way to that one.
     pub(super) fn exploitation(
@@ -293,9 +292,9 @@ impl Tuner {
     }
 
     /// The answer where only measurements count: the best of the state itself, as far as it is proven. Where
-    /// nothing measured there can be run, it is what other machines measured repeatedly of the same input.
-    /// Else it is the incumbent or confirmed winner that serves other states best, or that of the nearest
-    /// state where the policy names that predictor. Else it is the default.
+    /// nothing measured there can be run, it is the best that other machines measured repeatedly for the same
+    /// input. Else it is the incumbent or confirmed winner that serves other states best, or that of the
+    /// nearest state where the policy names that predictor. Else it is the default.
     pub(super) fn measured_answer(
         &self,
         normalised: &[f64],
@@ -327,15 +326,15 @@ impl Tuner {
         }
     }
 
-    /// Whether what other machines say is more than the luck of one measurement, as far as the policy
-    /// confirms anything.
+    /// Whether other machines' answer rests on more than one lucky measurement. Always, if the policy
+    /// confirms nothing.
     fn is_repeated(&self, source: &ExploitSource) -> bool {
         let is_single = matches!(source, ExploitSource::Machines(by) if by.measurements < 2);
         self.spec.policy.confirm_rounds == 0 || !is_single
     }
 
-    /// The nearest neighbour names the luckiest configuration of the nearest state; in its place the one that
-    /// is proven there is answered.
+    /// The nearest neighbour names the luckiest configuration of the nearest state. The answer is the
+    /// configuration that is proven there.
     fn proven(&self, answer: Answer, here: Option<StateId>, planned: &Planned) -> Answer {
         let Some(state) = answer.neighbours.first().map(|nearest| StateId(nearest.state_id)) else {
             return answer;
@@ -349,7 +348,7 @@ impl Tuner {
         if here.is_some_and(cannot_run) || answer.configuration != luckiest.configuration {
             return answer;
         }
-        // The same factor between the two machines, if they are two.
+        // The factor between the two machines, if there are two, stays in the answer.
         let ratio = if luckiest.mean_cost > 0.0 { answered.cost / luckiest.mean_cost } else { 1.0 };
         let Estimate { cost, deviation } = answer.expected;
         let expected = Estimate::new((cost * ratio).min(f64::MAX), deviation);

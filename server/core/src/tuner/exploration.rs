@@ -12,8 +12,8 @@ use crate::space::Space;
 use crate::tuner::confirmation::{Confirming, Stored};
 use crate::tuner::screening::HeldParameters;
 
-/// The search of one state and its points in flight. Once its budget is spent the search itself is dropped:
-/// what it found stands in the state's table. Opaque, exact through serde.
+/// The search of one state and its points in flight. Once its budget is spent the search itself is dropped,
+/// because the state's table holds its results. Opaque, exact through serde.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exploration {
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -21,10 +21,10 @@ pub struct Exploration {
     /// The number of a dropped search's answers that added no configuration.
     #[serde(default, skip_serializing_if = "is_zero")]
     repeats: u64,
-    /// The most runs that a session wanted the search to go on for, beyond the policy.
+    /// The largest number of runs that a session wanted of the search, beyond the policy.
     #[serde(default, skip_serializing_if = "is_no_room")]
     room: u32,
-    /// Which point of the search each open trial measures, by trial number.
+    /// The point of the search that each open trial measures, by trial number.
     pub(super) open: BTreeMap<u64, u64>,
     /// The held parameters, where the policy allows it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -78,14 +78,14 @@ impl Exploration {
         !self.is_unbegun
     }
 
-    /// A new search in place of this one; what was lost in the state is remembered.
+    /// Replaces the search by a new one. Lost leases are remembered.
     pub(super) fn begin_anew(&mut self, search: AnySearch) {
         let lost = std::mem::take(&mut self.lost);
         let (confirming, confirmed) = (self.confirming.take(), self.confirmed.take());
         *self = Exploration { lost, confirming, confirmed, ..Exploration::new(search) };
     }
 
-    /// Forgets the search and what it confirmed; what was lost in the state is remembered.
+    /// Forgets the search and its confirmed winner. Lost leases are remembered.
     pub(super) fn forget_search(&mut self) {
         *self = Exploration { lost: std::mem::take(&mut self.lost), ..Exploration::unbegun() };
         assert!(!self.is_begun() && self.confirmed.is_none(), "nothing is left of the search");
@@ -97,7 +97,7 @@ impl Exploration {
         lost.map_or(0, |lost| lost.count)
     }
 
-    /// Notes that a lease of a configuration was lost, and tells how many that makes.
+    /// Notes a lost lease of a configuration, and returns their number.
     pub(super) fn note_lost(&mut self, configuration: &Configuration) -> u32 {
         let count = self.lost(configuration) + 1;
         self.forgive(configuration);
@@ -109,7 +109,7 @@ impl Exploration {
         count
     }
 
-    /// Forgets the lost leases of a configuration of which something is known now.
+    /// Forgets the lost leases of a configuration that has a result now.
     pub(super) fn forgive(&mut self, configuration: &Configuration) {
         self.lost.retain(|lost| lost.configuration != *configuration.values());
         assert_eq!(self.lost(configuration), 0, "the leases are forgotten");
@@ -120,7 +120,7 @@ impl Exploration {
         self.room = self.room.max(u32::try_from(room).unwrap_or(u32::MAX));
     }
 
-    /// The most that a session wanted.
+    /// The largest number of runs that a session wanted.
     pub(super) fn room(&self) -> usize {
         self.room as usize
     }
@@ -149,12 +149,12 @@ impl Exploration {
         self.confirming.as_ref().is_some_and(|race| race.runs(trial))
     }
 
-    /// As few bytes, exact to the bit.
+    /// Packs it into few bytes, exact to the bit.
     pub fn pack(&self) -> Vec<u8> {
         pack(self)
     }
 
-    /// Reads what [`pack`](Exploration::pack) wrote.
+    /// Reads the bytes that [`pack`](Exploration::pack) wrote.
     pub fn unpack(bytes: &[u8]) -> Result<Self, PackedError> {
         unpack(bytes)
     }

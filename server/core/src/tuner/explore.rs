@@ -17,52 +17,53 @@ use crate::tuner::screening::{CONTROL, HeldParameters};
 use crate::tuner::states::place;
 use crate::tuner::{Exploration, Tuner, few, searches};
 
-/// Most of the best configurations that a search is told which goes on where another one ended.
+/// The most of the best configurations that a search receives if it goes on where another one ended.
 const TOLD_MAX: usize = 128;
 
-/// An incumbent of other states that another configuration beats is measured again each time that so many
-/// more were tried, until it was measured so often.
+/// Where another configuration beats an incumbent of other states, the incumbent is measured again after
+/// every `DOUBTED_EVERY` tried configurations, until it has `DOUBTED_UNTIL` measurements.
 const DOUBTED_EVERY: u64 = 3;
 const DOUBTED_UNTIL: u64 = 3;
 
-/// Once so many configurations were tried, and this share of the budget is spent, those of so many leaders
-/// that are not clearly better than the incumbent by that are measured again. Before, a new configuration is
-/// worth more than a repeat: what was lucky is told by the repeats at the end as well.
+/// The best [`LEADERS`] that are not yet clearly better than the incumbent are measured again once
+/// [`LEADERS_FROM`] configurations were tried and the share [`LEADERS_LATE`] of the budget is spent. Earlier,
+/// a new configuration is worth more than a repeat: late repeats find lucky results as well.
 const LEADERS_FROM: usize = 8;
 const LEADERS_LATE: f64 = 0.6;
 const LEADERS: usize = 3;
-/// Beside the incumbent so many deviations of their difference are clear once they were measured so often at
-/// the least,
+/// A leader is clearly better by [`LEADERS_CLEAR`] deviations of their difference, and after
+/// [`LEADERS_MEASURED_LEAST`] measurements.
 const LEADERS_CLEAR: f64 = 2.5;
 const LEADERS_MEASURED_LEAST: u64 = 3;
-/// until they were so often at the most, and as long as that is no more than this share of what was tried.
+/// No leader is measured more often than [`LEADERS_MEASURED_MAX`] times, and repeats are at most the share
+/// [`LEADERS_SHARE`] of the tried configurations.
 const LEADERS_MEASURED_MAX: u64 = 8;
 const LEADERS_SHARE: f64 = 0.3;
-/// The noise that is assumed before anything was measured twice, and the bounds of what is believed of it.
+/// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
 const NOISE_PRIOR: f64 = 0.05;
 const NOISE_LEAST: f64 = 0.01;
 const NOISE_MAX: f64 = 0.2;
 
-/// What the walk along a search came to.
+/// The result of the walk along a search.
 enum NextPoint {
     /// A point to measure.
     Measure(Point, Configuration),
     /// The search waits for trials that are out, or its budget is spent.
     Wait,
-    /// One point after the other fell on known configurations.
+    /// Every point fell on a known configuration.
     OnlyKnown,
 }
 
-/// What exploring came to.
+/// The result of exploring.
 pub(super) enum Explored {
-    /// Something to measure, and the parameters that were held for it.
+    /// A configuration to measure, and the parameters that were held for it.
     Candidate { candidate: ProposedTrial, held: Vec<String> },
-    /// Nothing, by a rule; something known is run instead.
+    /// By a rule, a known configuration is run instead.
     Nothing { instead: Exploitation, rule: ExploitRule },
 }
 
 impl Explored {
-    /// Whether something else than the default or the incumbent is measured.
+    /// Whether a configuration beside the default and the incumbent is measured.
     pub(super) fn explores(&self) -> bool {
         let is_baseline = |point: &decision::ExploredPoint| {
             use decision::ExploredPoint::{Baseline, BaselineOfMachine, Incumbent};
@@ -73,10 +74,10 @@ impl Explored {
 }
 
 impl Tuner {
-    /// What a client that explores `state` runs in trial `number`: the search's next point that is worth a
-    /// measurement; where there is none (other clients hold what the search waits for, or the budget is
-    /// spent), the best that is known, because a client never waits. The best may change from one answer to
-    /// the next here: measuring the leaders again is what tells luck from merit.
+    /// The configuration that a client runs in trial `number` while it explores `state`: the search's next
+    /// point that is worth a measurement. Where there is none (the search waits for other clients, or the
+    /// budget is spent), it is the best known, because a client never waits. The best may then change from
+    /// one answer to the next: only repeats of the leaders separate luck from merit.
     pub(super) fn explore(
         &mut self,
         (client_id, room): (&str, usize),
@@ -148,9 +149,9 @@ impl Tuner {
         Explored::Nothing { instead, rule }
     }
 
-    /// The incumbent, where it is to be measured again while others are explored: by it the speed of the
-    /// client's machine is told. One that other states named and that does badly here is measured again soon,
-    /// so that it gives way. Once the search is spent the confirmation measures it anyway.
+    /// The incumbent, where it is to be measured again while others are explored, because it shows the speed
+    /// of the client's machine. An incumbent of other states that does badly here is measured again soon, so
+    /// that it gives way. Once the search is spent the confirmation measures it anyway.
     fn incumbent_again(&self, client_id: &str, room: usize, state: StateId) -> Option<ProposedTrial> {
         let (results, incumbent) = (self.states.results(state), self.incumbent(state));
         let goes_on = self.searches.taken(state, results, &self.spec.policy) < room && !results.is_exact();
@@ -172,7 +173,8 @@ impl Tuner {
         Some(ProposedTrial { configuration: incumbent.clone(), predicted_cost, point })
     }
 
-    /// What tells whether the machine or the state has changed, where a cost has jumped.
+    /// The next configuration of a recheck, which finds whether the machine or the state has changed after a
+    /// cost jumped.
     fn recheck(&self, client_id: &str, state: StateId) -> Option<ProposedTrial> {
         let results = self.states.results(state);
         let wanted = self.rechecks.wanted(client_id, state);
@@ -183,13 +185,12 @@ impl Tuner {
         Some(ProposedTrial { configuration: record.configuration.clone(), predicted_cost, point })
     }
 
-    /// One of the few that look better than the incumbent, where it is not clear yet whether they are. The
-    /// incumbent is measured again and again, and a challenger that ran once is not proven by whatever else
-    /// is tried: so a part of the search's measurements goes to the leaders, as in the racing of Maron and
-    /// Moore ("Hoeffding races", NIPS 1993). The lucky ones fall back behind others, which are measured again
-    /// next. Where the policy wants nothing confirmed, and in the searches that are followed as they were
-    /// published, nothing is. What was measured once and lies far from everything else is measured again at
-    /// once, wherever the search is.
+    /// A leader that seems better than the incumbent without being clearly so. A challenger that ran once is
+    /// never proven by other trials, so a part of the search's measurements goes to the leaders, as in the
+    /// racing of Maron and Moore ("Hoeffding races", NIPS 1993). Lucky ones fall back behind others, which
+    /// are measured again next. Nothing is repeated where the policy confirms nothing, or where a search is
+    /// followed as it was published. A single measurement far from all others is repeated at once, at any
+    /// stage of the search.
     fn leader_again(&self, room: usize, state: StateId) -> Option<ProposedTrial> {
         let (results, incumbent) = (self.states.results(state), self.incumbent(state));
         let (tried, taken) = (results.tried(), self.searches.taken(state, results, &self.spec.policy));
@@ -210,7 +211,7 @@ impl Tuner {
         let others = results.ranked().filter(|record| record.configuration != *incumbent);
         assert!(results.ranked().all(|record| record.measurements > 0), "what is ranked was measured");
         let repeats: u64 = others.map(|record| record.measurements - 1).sum();
-        // On a machine whose speed wanders only what runs next to the incumbent compares well with it.
+        // On a machine whose speed wanders, only neighbouring trials compare well with the incumbent.
         let is_apart = results.wanders() && !results.is_latest(beside);
         if repeats as f64 >= LEADERS_SHARE * tried as f64 || is_apart {
             return None;
@@ -250,16 +251,16 @@ impl Tuner {
         ProposedTrial { configuration: record.configuration.clone(), predicted_cost, point }
     }
 
-    /// Whether the state's search has come to its end, and nobody measures anything for it any more.
+    /// Whether the state's search has ended, and none of its trials is open.
     fn is_over(&self, room: usize, state: StateId) -> bool {
         let results = self.states.results(state);
         let own = self.searches.of(state);
         own.is_some_and(|own| own.open.is_empty() && is_spent(own, results, &self.spec.policy, room))
     }
 
-    /// What to run where nothing was measured yet, if the predictor can say from elsewhere where much may be
-    /// gained. A client that stays goes on with the state's search; where every input is met once, this is
-    /// all the exploring there is.
+    /// The first configuration of a state without measurements, if the predictor expects much gain from other
+    /// states' measurements. A client that stays goes on with the state's search. Where every input is met
+    /// only once, there is no other exploring.
     fn first_of_a_state(
         &self,
         state: StateId,
@@ -275,12 +276,12 @@ impl Tuner {
         Some(ProposedTrial { configuration, predicted_cost, point })
     }
 
-    /// Sees that the state has a search of the policy's kind, unless its budget is spent. Trials that carry
-    /// points of an earlier search only feed the table from then on. Where an earlier one was dropped because
-    /// its budget was spent, and the budget was raised since, the new one is told what the table knows, and
-    /// so it is where that was taken over from other machines or other databases.
+    /// Makes sure that the state has a search of the policy's kind, unless its budget is spent. Trials that
+    /// carry points of an earlier search only feed the table from then on. The new search receives the
+    /// results of the table if an earlier one spent its budget, which was raised since, or if these results
+    /// come from other machines or other databases.
     fn ensure_exploration(&mut self, room: usize, state: StateId, planned: &mut Planned) {
-        // What the policy allows anyway need not be noted.
+        // The policy's own number of trials need not be noted.
         let more = if room > self.spec.policy.trials_per_state as usize { room } else { 0 };
         if self.searches.of(state).is_some_and(|own| own.room() < more)
             && let Some(own) = self.searches.change(state)
@@ -336,8 +337,8 @@ impl Tuner {
         self.states.note_search(state);
     }
 
-    /// The axes that the next point of a state's search leaves where they are: decided anew every few trials,
-    /// and now and then none, so that there is evidence against it.
+    /// The axes that the next point of a state's search holds. They are chosen again every few trials. Now
+    /// and then no axis is held, so that evidence against holding can appear.
     fn hold(&mut self, state: StateId) -> Vec<(usize, f64)> {
         let goes_on = |exploration: &&Exploration| exploration.search.is_some();
         let Some(mut held) = self.searches.of(state).filter(goes_on).map(|own| own.held.clone()) else {
@@ -350,7 +351,7 @@ impl Tuner {
         axes
     }
 
-    /// The same on a copy of what is held.
+    /// The held axes by a copy of the held parameters, which it brings up to date.
     pub(super) fn held_axes(&self, held: &mut Option<HeldParameters>, state: StateId) -> Vec<(usize, f64)> {
         let Some(risk) = self.spec.policy.freeze_risk else {
             *held = None;
@@ -421,7 +422,7 @@ impl Tuner {
                 _ => space.decode(&point.x),
             };
             let settled = match point.step {
-                // The search knows it and wants to know it better.
+                // The search knows the point and wants another measurement.
                 Step::Replicate => None,
                 _ => results.settled(&configuration, policy.replicates),
             };
@@ -472,8 +473,8 @@ impl Tuner {
         ProposedTrial { configuration, predicted_cost, point: decided }
     }
 
-    /// A configuration without a verdict that nobody runs, drawn at random; `None` when a bounded number of
-    /// draws meets none, as in a space that is as good as used up.
+    /// A configuration without a verdict that does not run now, drawn at random; `None` when a bounded number
+    /// of draws meets none, as in a space that is nearly exhausted.
     fn unseen(&self, state: StateId, number: TrialNumber) -> Option<Configuration> {
         let results = self.states.results(state);
         let mut random = stream(self.spec.seed, Purpose::Unseen, state.0, number.0);
@@ -492,7 +493,7 @@ impl Tuner {
     }
 }
 
-/// Whether a search has no trial left to hand out that adds a configuration, where there is room for so many.
+/// Whether a search with a budget of `room` trials has none left that adds a configuration.
 pub(super) fn is_spent(
     exploration: &Exploration,
     results: &ResultTable,

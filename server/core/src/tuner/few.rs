@@ -1,9 +1,9 @@
 //! Spaces that are small enough for a search to try every configuration.
 //!
-//! Once every one of them has a verdict there is nothing to search for, and what is left of the budget goes
-//! to telling the best of them apart, as in a race (Maron and Moore, "Hoeffding races", NIPS 1993): each is
-//! measured again until it is clearly dearer than the best, or was measured often enough for a confirmation
-//! to choose among them.
+//! Once every configuration has a verdict there is nothing to search for. The rest of the budget separates
+//! the best of them, as in a race (Maron and Moore, "Hoeffding races", NIPS 1993): each is measured again
+//! until it is clearly dearer than the best, or was measured often enough for a confirmation to choose among
+//! them.
 
 use std::sync::Arc;
 
@@ -11,13 +11,13 @@ use crate::configuration::Configuration;
 use crate::results::{Record, ResultTable};
 use crate::space::Space;
 
-/// Measurements that suffice to choose a configuration for a confirmation, or not.
+/// Number of measurements after which a configuration is clear enough for a confirmation.
 const ENOUGH: u64 = 3;
 /// Standard deviations above the best from which on a configuration is clearly worse.
 const CLEAR: f64 = 2.5;
 /// A single measurement below this multiple of the best cost may have been disturbed.
 const NEAR: f64 = 2.0;
-/// The noise that is assumed before anything was measured twice, and the bounds of what is believed of it.
+/// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
 const NOISE_PRIOR: f64 = 0.1;
 const NOISE_LEAST: f64 = 0.01;
 const NOISE_MAX: f64 = 0.5;
@@ -36,7 +36,7 @@ impl FewConfigurations {
         self.0.as_ref().is_some_and(|all| results.decided() >= all.len())
     }
 
-    /// The first that is not tried yet, of those that nobody runs.
+    /// The first configuration that is neither tried nor running.
     pub(super) fn untried(
         &self,
         results: &ResultTable,
@@ -47,8 +47,8 @@ impl FewConfigurations {
     }
 }
 
-/// The configuration of an exhausted space that is to be measured again next, of those that nobody runs.
-/// `None` where it is clear enough which are the best, and where costs are exact.
+/// The next configuration of an exhausted space to measure again, among those that do not run now. `None`
+/// where it is clear enough which are the best, and where costs are exact.
 pub(super) fn next_of_race(
     results: &ResultTable,
     is_running: impl Fn(&Configuration) -> bool,

@@ -1,4 +1,4 @@
-//! The rules beside the epsilon-greedy draw: whether the gain to expect pays for exploring, and whether an
+//! The rules beside the epsilon-greedy draw: whether the expected gain pays for exploring, and whether an
 //! exploited configuration gives way to one that was measured to be better.
 
 use crate::configuration::Configuration;
@@ -11,7 +11,7 @@ use crate::tuner::states::States;
 
 /// The noise that is assumed before anything was measured twice: of frames, a tenth.
 pub(super) const NOISE_PRIOR: f64 = 0.1;
-/// Noise is never taken to be less: timers and clocks are not that good.
+/// The least noise that is assumed: timers and clocks are not better.
 pub(super) const NOISE_LEAST: f64 = 0.01;
 /// Standard deviations by which a configuration must be dearer to be called clearly worse.
 const CLEARLY: f64 = 3.0;
@@ -43,8 +43,8 @@ impl GainEvidence<'_> {
     /// [`exploration_value`](crate::statistics::exploration_value).
     pub(super) fn prospect(&self, client_id: &str, state: StateId, room: usize) -> Prospect {
         let results = self.states.results(state);
-        // Configurations of clients' own choice were tried too, and do not count. Those taken back when the
-        // machine's speed jumped are no longer tried, but stay searched.
+        // Configurations of clients' own choice were tried too, and do not count. Configurations that were
+        // taken back after a jump of the machine's speed are no longer tried, but stay searched.
         let beside = results.tried().saturating_sub(results.searched());
         let frames = self.history.frames_ahead(client_id, state);
         // Trials that were spent on repeats are not left for anything new.
@@ -64,7 +64,7 @@ impl GainEvidence<'_> {
         Prospect { gain, frames, exploring_cost, trials }
     }
 
-    /// Whether a configuration does clearly worse in a state than the best that was measured there.
+    /// Whether a configuration does clearly worse in a state than the best measured one.
     pub(super) fn does_clearly_worse(&self, state: StateId, configuration: &Configuration) -> bool {
         let results = self.states.results(state);
         let (Some(own), Some(best)) = (results.record(configuration), results.best()) else {
@@ -77,7 +77,7 @@ impl GainEvidence<'_> {
         let noise = results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
         let part = |measurements: u64| 1.0 / measurements.clamp(1, MEASUREMENTS_COUNTED) as f64;
         let chance = CLEARLY * (part(own.measurements) + part(best.measurements)).sqrt();
-        // The best of many is lucky: were they all equal, by about this many standard deviations.
+        // The best of many equal configurations is lucky by about this number of standard deviations.
         let luck = (2.0 * libm::log(results.tried().max(1) as f64) * part(best.measurements)).sqrt();
         let margin = noise * (chance + luck);
         assert!(margin > 0.0, "a margin of {margin}");

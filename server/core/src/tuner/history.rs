@@ -26,20 +26,21 @@ const EXCESS_INFEASIBLE: f64 = 1.0;
 struct StateHistory {
     visits: u64,
     frames: u64,
-    /// By which share each octave of its search that is over lowered the best cost, as estimated: the trials
+    /// The estimated share by which each completed octave of its search lowered the best cost: the trials
     /// until 2 configurations were tried, until 4, until 8, ...
     gained: Vec<f64>,
-    /// The configuration that was best when the last of them ended.
+    /// The best configuration at the end of the last octave.
     best: Option<RawConfiguration>,
 }
 
 /// The histories of all states of a study.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct History {
-    /// Shared with what is being saved.
+    /// Shared with checkpoints that are being saved.
     states: Vec<Arc<StateHistory>>,
-    /// Where each client reported from last, and how often in a row. With half as many as a study remembers
-    /// they become the earlier ones, and those before are forgotten unless they have reported again since.
+    /// The state of each client's last report, and the number of its reports there in a row. When half of the
+    /// number that a study remembers is reached, they become the earlier ones. The former earlier ones are
+    /// forgotten unless they have reported again since.
     clients: BTreeMap<String, (usize, u64)>,
     earlier_clients: BTreeMap<String, (usize, u64)>,
     visits: u64,
@@ -101,13 +102,13 @@ impl History {
         }
     }
 
-    /// The configuration that was best when the last octave of a state's search ended.
+    /// The best configuration at the end of the last octave of a state's search.
     pub(super) fn best_then(&self, state: StateId) -> Option<&RawConfiguration> {
         self.states[place(state)].best.as_ref()
     }
 
-    /// Notes the end of an octave: the best configuration now, and by which share it costs less than the best
-    /// before.
+    /// Notes the end of an octave: the best configuration now, and the share by which it costs less than the
+    /// best before.
     pub(super) fn octave_ends(&mut self, state: StateId, best: RawConfiguration, gain: f64) {
         let history = Arc::make_mut(&mut self.states[place(state)]);
         if history.best.is_some() {
@@ -122,14 +123,14 @@ impl History {
         &self.states[place(state)].gained
     }
 
-    /// Notes what an exploring trial cost above the best known, as a share of that; `None` when it cannot be
-    /// run.
+    /// Notes the excess cost of an exploring trial, as a share of the best known cost; `None` when it cannot
+    /// be run.
     pub(super) fn explored(&mut self, excess: Option<f64>) {
         self.excess += excess.unwrap_or(EXCESS_INFEASIBLE).clamp(0.0, EXCESS_MAX);
         self.explored += 1;
     }
 
-    /// How often clients came to a state.
+    /// The number of visits of clients to a state.
     pub(super) fn visits(&self, state: StateId) -> u64 {
         self.states[place(state)].visits
     }
@@ -147,8 +148,8 @@ impl History {
 
     /// The number of further frames that a state is expected to see. It has as many visits again as it has
     /// had, of the mean length of its visits, drawn towards that of all states. A stay lasts for as long
-    /// again as it has lasted (what has no scale of its own is half over on average: Gott, "Implications of
-    /// the Copernican principle for our future prospects", 1993).
+    /// again as it has lasted (a process without a scale of its own is half over on average: Gott,
+    /// "Implications of the Copernican principle for our future prospects", 1993).
     pub(super) fn frames_ahead(&self, client_id: &str, state: StateId) -> f64 {
         let mean = if self.visits == 0 { 1.0 } else { self.frames as f64 / self.visits as f64 };
         let history = &self.states[place(state)];

@@ -15,7 +15,7 @@ pub struct Insight {
     pub state_id: u64,
     /// Configurations with a verdict.
     pub tried: u64,
-    /// How often clients came to the state, as far as they reported something from it.
+    /// The number of visits of clients that reported a trial from the state.
     pub visits: u64,
     /// The number of frames reported from it.
     pub frames: u64,
@@ -24,13 +24,13 @@ pub struct Insight {
     pub noise: Option<f64>,
     /// Measurements that were set aside as outliers.
     pub outliers: u64,
-    /// How often costs were found to have changed for good.
+    /// The number of lasting changes of costs.
     pub drifts: u64,
     /// The expected gain and cost of going on with the search.
     pub prospect: Option<Prospect>,
     /// The parameters and indicators that searches and predictors leave out.
     pub omissions: Vec<Omission>,
-    /// How far the exploited configuration is proven; `None` where nothing measured here can be run.
+    /// The standing of the exploited configuration; `None` where nothing measured here can be run.
     pub standing: Option<Standing>,
 }
 
@@ -38,7 +38,7 @@ pub struct Insight {
 /// exist for states without measurements too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prospect {
-    /// By how much the cost of each later frame falls, as a share: by the trials that pay most.
+    /// The share by which the cost of each later frame falls, after the trials that pay most.
     pub gain: f64,
     /// The number of frames that profit.
     pub frames: f64,
@@ -48,7 +48,7 @@ pub struct Prospect {
     pub trials: usize,
 }
 
-/// Something that is left out.
+/// A parameter or an indicator that is left out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Omission {
     /// The parameter, or for [`OmissionReason::Constant`] and [`OmissionReason::Redundant`] the indicator;
@@ -60,7 +60,7 @@ pub struct Omission {
     pub summary: String,
     /// The estimated number of trials that it has saved or will save.
     pub saved_trials: f64,
-    /// With which probability leaving it out is wrong; `None` where it is certain.
+    /// The probability that leaving it out is wrong; `None` where it is certain.
     pub risk: Option<f64>,
 }
 

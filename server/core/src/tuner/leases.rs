@@ -4,7 +4,7 @@
 //! in a state whose lease is lost there again is taken to crash or hang its client. Handing it to one client
 //! after the other would stop them all. It then counts as infeasible in that state, and its trial says why. A
 //! lease is also lost where its client comes back in another session while it still runs. The silence of a
-//! client without sessions that never renewed a lease, such as a script, says nothing: somebody may have
+//! client without sessions that never renewed a lease, such as a script, says nothing: a person may have
 //! pressed Ctrl-C. A client that gives a trial back loses no lease. The default never counts as crashing:
 //! clients run it without asking, and exploring would have nothing left to be weighed against.
 
@@ -25,8 +25,8 @@ impl Tuner {
         })
     }
 
-    /// Sees whether the client was restarted since it received the trial that it holds for a state. `None`
-    /// where the trial is still its; else what became of that.
+    /// Counts a lost lease if the client was restarted since it received the trial that it holds for a state.
+    /// Returns the change that ends the trial; `None` where the client still holds it.
     pub(super) fn lose_to_restart(&mut self, ask: &Ask, state: StateId, now_ms: i64) -> Option<Change> {
         let held = self.trials.of_client(&ask.client_id, state)?;
         let (number, session) = (TrialNumber(held.number), held.decision.session);
@@ -41,8 +41,8 @@ impl Tuner {
         None
     }
 
-    /// Counts a lost lease of an open trial's configuration: how many there were in the state; 0 for the
-    /// default, where it was measured, and where the client's silence says nothing.
+    /// Counts a lost lease of an open trial's configuration, and returns their number in the state. It is 0
+    /// for the default, for a measured configuration, and where the client's silence says nothing.
     fn note_lost(&mut self, number: TrialNumber) -> u32 {
         let Some(trial) = self.trials.get(number) else {
             return 0;

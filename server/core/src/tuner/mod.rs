@@ -1,22 +1,21 @@
-//! The state machine of one study: who gets which configuration, and what a report teaches.
+//! The state machine of one study: it decides which configuration a client runs, and learns from reports.
 //!
-//! It carries out the workflow of paper section 6 (figure 10). Indicators are recognised as a state; on
-//! every change of a client's state an epsilon-greedy decision is taken to explore it with a search or to
-//! exploit a predictor's answer, which is then kept until the state changes again; every report feeds the
-//! table, the search and the model.
+//! It carries out the workflow of paper section 6 (figure 10). It recognises indicators as a state. On every
+//! change of a client's state it decides epsilon-greedily to explore the state with a search or to exploit a
+//! predictor's answer. The decision is kept until the state changes again. Every report feeds the table, the
+//! search and the model.
 //!
-//! The machine is pure. Whatever an answer depends on is either in the rows of the [`Change`]s it returned
-//! or is rebuilt from them: a tuner that is [restored](Tuner::restore) gives the same next answers, byte for
-//! byte, as one that never stopped.
+//! The machine is pure. Its answers depend only on the rows of the [`Change`]s that it returned: a
+//! [restored](Tuner::restore) tuner gives the same next answers, byte for byte, as one that never stopped.
 //!
-//! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and what is known of each
-//! state), `trials` (what is open, and who holds it), `visits` (where clients are, and their budgets),
-//! `searches`, `models`, `history`, `screening`, `assessment`s, `speeds` and `auxiliaries`. What it does with
-//! them is in the files of its steps: `decide` and `gain` take decisions, `explore` and `within_budget` walk
-//! a search, `confirmation` lets its best run against the incumbent, `transfer` is the door for what other
-//! states and machines say (`warm_start` and `portfolio` make of it what a search begins with), `planning`
-//! copies what is slow to compute and `plan` computes it apart, `suggest` and `report` are the two halves of
-//! a client's frame, `leases` is what happens where one never comes back, `restore` and `checkpoint` rebuild.
+//! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and the table of each state),
+//! `trials` (the open ones and their holders), `visits` (the clients' states and budgets), `searches`,
+//! `models`, `history`, `screening`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file:
+//! `decide` and `gain` take decisions, `explore` and `within_budget` walk a search, `confirmation` runs its
+//! best against the incumbent, `transfer` brings in the results of other states and machines (`warm_start`
+//! and `portfolio` make the beginning of a search from them), `planning` copies the inputs of slow
+//! computations and `plan` computes them apart, `suggest` and `report` are the two halves of a client's
+//! frame, `leases` ends trials that never come back, `restore` and `checkpoint` rebuild.
 
 mod assessment;
 mod auxiliaries;
@@ -94,8 +93,8 @@ use crate::tuner::visits::Visits;
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.
 ///
-/// No call costs more when there are more trials; recognising a state grows with the logarithm of their
-/// number. What takes milliseconds all the same can be computed [apart](PlanRequest).
+/// No call costs more with more trials; recognising a state takes the logarithm of the number of states.
+/// Computations of milliseconds can be done [apart](PlanRequest).
 #[derive(Clone, Debug)]
 pub struct Tuner {
     spec: Arc<StudySpec>,
@@ -117,7 +116,7 @@ pub struct Tuner {
     pardoned_until_ms: i64,
 }
 
-/// A client's question with its indicators normalised and its state recognised. Good until the tuner is
+/// A client's question with its indicators normalised and its state recognised. Valid until the tuner is
 /// changed.
 #[derive(Clone, Debug)]
 pub struct Question<'a> {
@@ -128,7 +127,7 @@ pub struct Question<'a> {
 }
 
 impl Tuner {
-    /// A tuner that has seen nothing yet.
+    /// A tuner without any trial.
     pub fn new(spec: Arc<StudySpec>) -> Result<Self, StudyError> {
         spec.validate()?;
         let states = States::new(&spec);
@@ -153,7 +152,7 @@ impl Tuner {
 
     // Suggest.
 
-    /// Recognises what a client asks about. Changes nothing.
+    /// Recognises the state of a client's question. Changes nothing.
     pub fn question<'a>(&self, ask: &'a Ask) -> Result<Question<'a>, TunerError> {
         checks::client_id(&ask.client_id)?;
         checks::origin(ask.origin.as_deref())?;
@@ -161,18 +160,17 @@ impl Tuner {
         Ok(self.recognised(ask, self.spec.indicators.normalise(&ask.indicators)?))
     }
 
-    /// Hands out a trial under a lease, and tells what must be stored before the client may hear of it.
+    /// Hands out a trial under a lease, and returns the change to store before the client receives it.
     ///
-    /// A client that still holds an open trial for the state gets that one again with a fresh lease (its
-    /// answer was lost), unless the policy began or ceased to pin since, or the client's regret budget does
-    /// not allow it to be run once more. `now_ms` is the caller's clock.
+    /// A client that still holds an open trial for the state has lost its answer, and gets the trial again
+    /// with a fresh lease. It gets another one if the policy began or ceased to pin since, or if the client's
+    /// regret budget does not cover a second run. `now_ms` is the caller's clock.
     pub fn suggest(&mut self, ask: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
         let question = self.question(ask)?;
         self.answer(question, self.pinned(), Planned::AtOnce, now_ms)
     }
 
-    /// [`Tuner::suggest`] in microseconds, where [`Tuner::plan`] has just found nothing to be computed
-    /// before.
+    /// [`Tuner::suggest`] in microseconds, where [`Tuner::plan`] has just found nothing to compute.
     pub fn suggest_now(
         &mut self,
         question: Question<'_>,
@@ -181,7 +179,7 @@ impl Tuner {
         self.answer(question, self.pinned(), Planned::Ahead(Box::default()), now_ms)
     }
 
-    /// [`Tuner::suggest`] in microseconds, with what was computed before. The tuner may have changed since.
+    /// [`Tuner::suggest`] in microseconds, with a computed plan. The tuner may have changed since.
     pub fn suggest_planned(
         &mut self,
         ask: &Ask,
@@ -212,13 +210,13 @@ impl Tuner {
 
     // Report, and the other ends of a trial.
 
-    /// Takes the result of a trial and tells what must be stored before it is acknowledged.
+    /// Takes the result of a trial and returns the change to store before the result is acknowledged.
     ///
-    /// `trial` is the record the caller has: [`Tuner::open_trial`], or what its store holds when the lease
-    /// has run out (the result is taken all the same and flagged `late`). [`TunerError::AlreadyCompleted`]
-    /// and [`TunerError::Abandoned`] tell what the caller's record says. `measurements` are finite and not
-    /// negative; with [`Outcome::Ok`] they hold every metric of the objective and of its limits. What is
-    /// beyond a limit is taken as infeasible.
+    /// `trial` is the caller's record: [`Tuner::open_trial`], or the record of its store when the lease has
+    /// run out. The result then still counts and is flagged `late`. [`TunerError::AlreadyCompleted`] and
+    /// [`TunerError::Abandoned`] follow from the caller's record. `measurements` are finite and not negative;
+    /// with [`Outcome::Ok`] they hold every metric of the objective and of its limits. A measurement beyond a
+    /// limit makes the trial infeasible.
     pub fn report(
         &mut self,
         trial: &Trial,
@@ -300,8 +298,8 @@ impl Tuner {
         change
     }
 
-    /// Leases that end up to `until_ms` say nothing of their configurations, since no report could have been
-    /// taken until then: they end as any other, and do not count as lost. A time before an earlier call's
+    /// Leases that end up to `until_ms` say nothing of their configurations, because no report could be taken
+    /// until then. They end as any other and do not count as lost. A time before that of an earlier call
     /// changes nothing.
     pub fn pardon_leases(&mut self, until_ms: i64) {
         self.pardoned_until_ms = self.pardoned_until_ms.max(until_ms);
@@ -312,7 +310,7 @@ impl Tuner {
         self.trials.get(TrialNumber(number))
     }
 
-    /// When the next lease runs out, in milliseconds of the caller's clock.
+    /// The end of the next lease, in milliseconds of the caller's clock.
     pub fn next_expiry_ms(&self) -> Option<i64> {
         self.trials.next_expiry_ms()
     }
@@ -328,7 +326,7 @@ impl Tuner {
         self.prediction(indicators, fingerprint, &Planned::AtOnce)
     }
 
-    /// [`Tuner::predict`] in microseconds, with what was computed before.
+    /// [`Tuner::predict`] in microseconds, with a computed plan.
     pub fn predict_planned(
         &mut self,
         indicators: &BTreeMap<String, f64>,
@@ -352,7 +350,7 @@ impl Tuner {
         Ok(state.and_then(|state| self.best_answer(state, &Planned::AtOnce)))
     }
 
-    /// [`Tuner::best`] in microseconds, with what was computed before.
+    /// [`Tuner::best`] in microseconds, with a computed plan.
     pub fn best_planned(
         &mut self,
         indicators: Option<&BTreeMap<String, f64>>,

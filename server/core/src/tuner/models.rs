@@ -23,11 +23,11 @@ pub(super) struct Models {
     predictors: Predictors,
     /// The completion after which they were begun.
     since: u64,
-    /// Whether somebody else computes deferred updates.
+    /// Whether another caller computes deferred updates.
     defers: bool,
 }
 
-/// What a model learns from a completed trial.
+/// The lesson of a completed trial for a model.
 pub(super) struct Result<'a> {
     /// The normalised indicators the trial ran under.
     pub(super) normalised: &'a [f64],
@@ -69,17 +69,17 @@ impl Models {
         self.since
     }
 
-    /// How wrong each predictor was: mean error with a 95 % interval.
+    /// The mean error of each predictor, with its 95 % interval.
     pub(super) fn errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
         self.predictors.errors()
     }
 
-    /// From now on somebody else computes deferred updates.
+    /// From now on another caller computes deferred updates.
     pub(super) fn defer(&mut self) {
         self.defers = true;
     }
 
-    /// Whether somebody else computes deferred updates.
+    /// Whether another caller computes deferred updates.
     #[cfg(test)]
     pub(super) fn defers(&self) -> bool {
         self.defers
@@ -95,20 +95,19 @@ impl Models {
         self.predictors.deferred_count() > 0
     }
 
-    /// Takes over updates that were computed apart, unless somebody was faster.
+    /// Takes over updates that were computed apart, unless another caller was faster.
     pub(super) fn apply(&mut self, updates: ComputedUpdates) {
         self.predictors.apply(updates);
     }
 
-    /// Computes here and now what nobody else is to compute, or has not in time.
+    /// Computes deferred updates at once if no other caller does, or if too many are waiting.
     pub(super) fn catch_up(&mut self, space: &Space) {
         if !self.defers || self.predictors.deferred_count() > DEFERRED_UPDATES_MAX {
             self.predictors.apply_all(space);
         }
     }
 
-    /// Holds a measured cost against what each predictor would have said, before anything of the trial is
-    /// learnt.
+    /// Compares a measured cost with each predictor's prediction, before the trial is learnt.
     pub(super) fn test(&mut self, query: &Query<'_>, configuration: &Configuration, cost: f64) {
         self.predictors.test(query, configuration, cost);
     }

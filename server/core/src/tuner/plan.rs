@@ -1,11 +1,11 @@
-//! Planning a suggestion apart from the tuner: what takes long is computed on copies, before, and without it.
+//! Planning a suggestion apart from the tuner: long computations run before the question, on copies.
 //!
 //! A suggestion takes microseconds but for three things: a search with a model fits it, a search that begins
 //! receives the results of other states, and the contextual predictor fits a process to measurements near by.
 //! Many clients that share a tuner must not wait for that. So the holder of the tuner makes a [`PlanRequest`]
 //! of a question, lets go of the tuner, [computes](PlanRequest::compute) it, and hands the [`SuggestionPlan`]
-//! in with the question. A question with a plan never fits a model. Its plan may lack what it turns out to
-//! need, because another client changed the state or plans for the same search. It then gets the search's
+//! in with the question. A question with a plan never fits a model. Its plan may lack a needed result,
+//! because another client changed the state or plans for the same search. The question then gets the search's
 //! reserve, or an answer from the tables, because a client never waits. A client that is alone gets the same
 //! answers either way. Only the evidence of other states for a search that begins is computed at once where
 //! no plan holds it, once for a state.
@@ -34,10 +34,10 @@ pub struct PlanRequest {
     pub(super) search: Option<(StateId, Box<AnySearch>, usize)>,
     /// The evidence of other states for a search that begins; a state without an id does not exist yet.
     pub(super) evidence: Option<(Option<StateId>, MeasuredElsewhere)>,
-    /// The state whose own measurements may be what answers.
+    /// The state whose own measurements may give the answer.
     pub(super) assessment: Option<AssessmentRequest>,
-    /// The state whose assessment says what is answered unless a prediction is worth its risk; none where
-    /// that is known.
+    /// The state whose assessment gives the answer that a prediction has to beat; `None` where that answer is
+    /// known.
     pub(super) rival_of: Option<StateId>,
 }
 
@@ -60,7 +60,7 @@ pub struct SuggestionPlan {
 }
 
 impl PlanRequest {
-    /// The state whose search it plans for. Nobody else need do that at the same time.
+    /// The state whose search it plans for. One plan for it at a time is enough.
     pub fn searched_state(&self) -> Option<StateId> {
         self.search.as_ref().map(|(state, ..)| *state)
     }
@@ -101,12 +101,12 @@ impl SuggestionPlan {
     }
 }
 
-/// Where an answer takes from what is slow to compute.
+/// The source of slow computations for an answer.
 #[derive(Clone, Debug)]
 pub(super) enum Planned {
-    /// It is computed when it is needed.
+    /// They run when they are needed.
     AtOnce,
-    /// It was computed before; what the plan does not have is done without.
+    /// They ran before; the answer does without those that the plan lacks.
     Ahead(Box<SuggestionPlan>),
 }
 
@@ -136,8 +136,7 @@ impl Planned {
         }
     }
 
-    /// The best of a portfolio for these indicators, as it was computed before; `None` where it is to be
-    /// computed now.
+    /// The planned best of a portfolio for these indicators; `None` where it is to be computed now.
     pub(super) fn of_portfolio(&self, normalised: &[f64]) -> Option<Option<&Configuration>> {
         match self {
             Planned::AtOnce => None,

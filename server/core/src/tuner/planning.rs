@@ -1,5 +1,5 @@
-//! Which plan a question needs, the copies that are made of the tuner for a [`PlanRequest`], and the models'
-//! updates that are computed apart.
+//! The plan that a question needs, the copies of the tuner for a [`PlanRequest`], and the models' updates
+//! that are computed apart.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,13 +19,13 @@ use crate::tuner::plan::{PlanRequest, Planned};
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
 impl Tuner {
-    /// From now on reports defer what takes the models long: see [`Tuner::deferred_updates`].
+    /// From now on reports defer the models' long updates: see [`Tuner::deferred_updates`].
     pub fn defer_updates(&mut self) {
         self.models.defer();
     }
 
     /// The updates that reports have deferred, to be computed apart; `None` where there are none. A later
-    /// report computes those that are late.
+    /// report computes overdue ones.
     pub fn deferred_updates(&self) -> Option<DeferredUpdates> {
         self.models.deferred()
     }
@@ -35,13 +35,13 @@ impl Tuner {
         self.models.has_deferred()
     }
 
-    /// Takes over updates that were computed apart, unless somebody was faster.
+    /// Takes over updates that were computed apart, unless another caller was faster.
     pub fn apply_updates(&mut self, updates: ComputedUpdates) {
         self.models.apply(updates);
     }
 
-    /// The computation before a question can be answered quickly; `None` where it can be already. `may_plan`
-    /// says for which states' searches: where somebody else already plans for one, that is enough.
+    /// The computation that a question needs to be answered quickly; `None` where it needs none. `may_plan`
+    /// says whether to plan for a state's search: one plan for it at a time is enough.
     pub fn plan(&self, question: &Question<'_>, may_plan: impl Fn(StateId) -> bool) -> Option<PlanRequest> {
         let Question { ask, normalised, state: here } = question;
         let (policy, here, transfer) = (&self.spec.policy, *here, self.transfer());
@@ -103,7 +103,7 @@ impl Tuner {
         let answers = if explores { here.filter(ends) } else { self.state_that_answers(&query(), here) };
         request.assessment = answers.and_then(|state| self.assessment_to_plan(state));
         let tunes = policy.operation == Operation::Tune;
-        // Whether there is anything to exploit may turn out with what is computed.
+        // The plan may show whether there is anything to exploit.
         let is_unsure = !explores
             && ground == Ground::Predicted
             && here.is_none_or(|here| self.states.results(here).best().is_none());
@@ -217,8 +217,8 @@ impl Tuner {
         held.is_some_and(|trial| self.still_fits(trial, None))
     }
 
-    /// A copy of the state's search, if its next point takes a fit and will be asked for, and how many more
-    /// points to think of in reserve.
+    /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of
+    /// further points for the reserve.
     fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>, usize)> {
         let (policy, results) = (&self.spec.policy, self.states.results(state));
         let exploration = self.searches.of(state)?;
@@ -233,7 +233,7 @@ impl Tuner {
         let held = self.held_axes(&mut exploration.held.clone(), state);
         let mut search = search.clone();
         search.hold(&held);
-        // Where others work on the state too, some of them will ask before anyone can think again.
+        // Where others work on the state too, some of them will ask before the next fit ends.
         let reserve = exploration.open.len().min(POINTS_IN_RESERVE_MAX);
         Some((state, Box::new(search), reserve))
     }

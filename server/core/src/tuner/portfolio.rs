@@ -1,11 +1,10 @@
 //! The portfolio of a study, as it is seen from one state: the few configurations with which its search
 //! begins.
 //!
-//! The nearest states give the candidates: the answer of each, what was measured in several, and the best
-//! known of every branch of a conditional space. A single measurement in one state is mostly luck: such a
-//! candidate is a member only for its branch. [`CostTable::portfolio`] chooses among them. A portfolio is
-//! computed apart from the tuner whenever a state's search begins, so that it knows everything, and is stored
-//! with that search.
+//! The nearest states give the candidates: the answer of each, configurations measured in several, and the
+//! best known one of every branch of a conditional space. A single measurement in one state is mostly luck:
+//! such a candidate is a member only for its branch. [`CostTable::portfolio`] chooses among them. A portfolio
+//! is computed apart from the tuner whenever a state's search begins, and stored with that search.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -36,7 +35,7 @@ pub(super) struct OtherState {
 }
 
 impl OtherState {
-    /// The answers of the state, or those after its confirmation: no luck of one measurement.
+    /// The answers of the state, none of which is the luck of one measurement.
     pub(super) fn answers(&self) -> impl Iterator<Item = &Configuration> {
         let incumbent = self.incumbent.iter().filter(|incumbent| self.results.ran(incumbent).is_some());
         let least = self.measured_least.unwrap_or(u64::MAX);
@@ -65,8 +64,8 @@ impl MeasuredElsewhere {
         tables.filter_map(tried).next().unwrap_or(false)
     }
 
-    /// The best fixed configuration of other states, of which none is known to fail where they are asked
-    /// for: an incumbent or a confirmed winner. `None` where none of these was measured.
+    /// The best fixed configuration of other states, an incumbent or a confirmed winner that is not known to
+    /// fail in the asking state. `None` where none of these was measured.
     pub(super) fn best(&self, space: &Space) -> Option<Configuration> {
         let Choices { candidates, members, table } = Choices::of(space, self);
         let best = candidates[table.best_fixed(&members)?].clone();
@@ -123,9 +122,9 @@ fn known(results: &ResultTable, configuration: &Configuration, noise: f64) -> Co
     }
 }
 
-/// The candidates of a portfolio, and how many of the first may be members: the default, what was measured in
-/// several states, and what each state answers. The others, the best of each, only stand for branches of the
-/// space.
+/// The candidates of a portfolio, and how many of the first may be members: the default, configurations
+/// measured in several states, and each state's answer. The others, the best of each, only stand for branches
+/// of the space.
 fn candidates(space: &Space, elsewhere: &MeasuredElsewhere) -> (Vec<Configuration>, usize) {
     let states = &elsewhere.states;
     let mut seen: HashMap<&Configuration, usize> = HashMap::new();
@@ -165,7 +164,8 @@ fn candidates(space: &Space, elsewhere: &MeasuredElsewhere) -> (Vec<Configuratio
 }
 
 /// The best known of every branch of the space in which the best fixed configuration does not lie: places of
-/// candidates. A branch is a value of a parameter that is always active and beside whose values others are.
+/// candidates. A branch is a value of an always active parameter that decides whether other parameters are
+/// active.
 fn branches(space: &Space, table: &CostTable, candidates: &[Configuration]) -> Vec<usize> {
     let prices = table.mean_prices();
     assert!(prices.is_empty() || prices.len() == candidates.len(), "{} prices", prices.len());

@@ -1,8 +1,8 @@
-//! How far the search of a state is, without luck: what each octave of its trials gained by the posterior.
+//! The progress of a state's search, without luck: the gain of each octave of its trials by the posterior.
 //!
 //! The lowest of more and more noisy measurements falls for ever. So at the end of each octave the best by
-//! the [posterior](crate::statistics::estimate) is compared with what was best at the end of the octave
-//! before, by the same posterior, which tells no gain where the measurements show none.
+//! the [posterior](crate::statistics::estimate) is compared with the best at the end of the octave before.
+//! Both costs come from one posterior, which shows no gain that the measurements do not show.
 
 use crate::configuration::Configuration;
 use crate::limits::PROGRESS_SAMPLES_MAX;
@@ -12,8 +12,8 @@ use crate::space::Space;
 use crate::statistics::estimate::CostPosterior;
 use crate::tuner::assessment::samples;
 
-/// The best configuration of a state, and by which share it costs less than another that was best before.
-/// `None` where nothing was measured.
+/// The best configuration of a state, and the share by which it costs less than the former best. `None` where
+/// nothing was measured.
 pub(super) fn gained(
     space: &Space,
     results: &ResultTable,

@@ -6,7 +6,7 @@ use crate::decision::{
 };
 use crate::tuner::{Prediction, VisitDecision};
 
-/// Something to measure, and why.
+/// A configuration to measure, and why.
 #[derive(Clone, Debug)]
 pub(super) struct ProposedTrial {
     pub(super) configuration: Configuration,
@@ -20,7 +20,7 @@ pub(super) struct Exploitation {
     pub(super) configuration: Configuration,
     pub(super) predicted_cost: Option<f64>,
     pub(super) source: ExploitSource,
-    /// It stands in for what was predicted, which did clearly worse here.
+    /// It replaces a predicted configuration that did clearly worse here.
     pub(super) rolled_back: bool,
 }
 
@@ -37,13 +37,13 @@ impl Exploitation {
         Prediction { configuration, predicted_cost, decision, insight: None }
     }
 
-    /// As an answer to who only asked what it would be.
+    /// As the answer to a question that runs no trial.
     pub(super) fn asked(self) -> Prediction {
         let rule = if self.rolled_back { ExploitRule::RolledBack } else { ExploitRule::Asked };
         self.by(rule, ExplorationEstimate::default(), BudgetStatus::default())
     }
 
-    /// As the decision for a visit; what was rolled back says so itself.
+    /// As the decision for a visit. A configuration that was rolled back is marked as such.
     pub(super) fn kept(self, rule: ExploitRule, estimate: ExplorationEstimate) -> VisitDecision {
         let (rule, estimate) = match self.rolled_back {
             true => (ExploitRule::RolledBack, ExplorationEstimate::default()),

@@ -1,10 +1,10 @@
 //! Whether a machine has changed its speed, or a state its costs.
 //!
-//! Where a known configuration suddenly costs something else, the machine may have become slower or faster,
-//! which moves all costs alike. Or what the state's indicators do not tell has changed, and its old results
-//! hold no longer. A second known configuration, run in turns with the first, tells the two apart:
-//! neighbouring runs share the machine's speed, so the ratio of their costs is that of the state. Where it
-//! contradicts what was known, the state is searched again from the beginning.
+//! The cost of a known configuration may jump for two reasons. The machine became slower or faster, which
+//! moves all costs alike. Or the state changed in a way that its indicators do not show, and its old results
+//! no longer hold. A second known configuration, run in turns with the first, separates the two: neighbouring
+//! runs share the machine's speed, so the ratio of their costs is that of the state. Where the ratio
+//! contradicts the old one, the state is searched again from the beginning.
 //!
 //! All of it follows from the completed trials in their order, so a restored tuner has it again.
 
@@ -23,14 +23,14 @@ use crate::tuner::confirmation::Stored;
 const RATIOS: usize = 4;
 /// Trials of a state after which a recheck without enough ratios is dropped.
 const TRIALS_MAX: u64 = 32;
-/// Measurements that make the cost of the configuration that jumped known, and of the one beside it.
+/// Number of measurements after which the cost of the jumped configuration, or of the second one, is known.
 const JUMPED_LEAST: usize = 4;
 const BESIDE_LEAST: usize = 2;
 /// Standard deviations of one measurement by which the ratio has to be off.
 const CLEAR: f64 = 4.0;
 /// Least change of a ratio, as a logarithm, that makes a state worth another search.
 const CHANGE_LEAST: f64 = 0.05;
-/// The noise that is assumed before anything was measured twice, and the bounds of what is believed of it.
+/// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
 const NOISE_PRIOR: f64 = 0.05;
 const NOISE_LEAST: f64 = 0.01;
 const NOISE_MAX: f64 = 0.2;
@@ -40,7 +40,7 @@ const NOISE_MAX: f64 = 0.2;
 pub(super) enum Moved {
     /// All costs moved alike.
     Machine,
-    /// The ratio of the two is another one now.
+    /// The ratio of the two costs has changed.
     State,
 }
 
@@ -85,8 +85,8 @@ pub(super) struct Rechecks {
 }
 
 impl Rechecks {
-    /// Begins a recheck, where there is none and another known configuration to compare with: the default, or
-    /// beside that the best other one. `results` are those from before the jump.
+    /// Begins a recheck, if none is open and there is a second known configuration: the default, else the
+    /// best other one. `results` are those from before the jump.
     pub(super) fn begin(
         &mut self,
         (client_id, state): (&str, StateId),

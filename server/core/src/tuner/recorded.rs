@@ -12,13 +12,13 @@ use crate::tuner::VisitDecision;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum RecordedVisitDecision {
-    /// As this version does.
+    /// The form of this version.
     Now(VisitDecision<RawConfiguration>),
-    /// As versions did that stored reasons.
+    /// The form of versions that stored reasons.
     Before(VisitDecisionBefore),
 }
 
-/// A visit's decision as versions stored it that stored reasons; what was weighed for exploring stood beside
+/// A visit's decision in the form of versions that stored reasons. The estimate for exploring stood beside
 /// it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -33,13 +33,13 @@ pub enum VisitDecisionBefore {
         mode: Mode,
         /// Predicted objective, where something is known.
         predicted_cost: Option<f64>,
-        /// Why the configuration was chosen, as that version said it.
+        /// The reason of the choice, in the words of that version.
         reason: Box<Reason>,
     },
 }
 
 impl RecordedVisitDecision {
-    /// The decision; `weighed` is what was stored beside it.
+    /// The decision; `weighed` is the estimate that was stored beside it.
     pub fn decision(self, weighed: &Explanation) -> VisitDecision<RawConfiguration> {
         let before = match self {
             RecordedVisitDecision::Now(decision) => return decision,

@@ -1,4 +1,4 @@
-//! A tuner that is rebuilt from its rows answers like one that never stopped, whatever happened before.
+//! A tuner that is rebuilt from its rows answers like one that never stopped, after any history.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use crate::limits::{CLIENTS_MAX, MACHINES_MAX};
 use crate::policy::{Operation, Policy, PredictorMethod, SearchMethod};
 use crate::trial::{Fingerprint, Outcome, RawTrial, Trial, TrialState};
 
-/// A store as simple as can be: rows as text, so that what serde loses would be found missing.
+/// The simplest store: rows as text, so that the tests find every loss of serde.
 #[derive(Default)]
 struct Rows {
     trials: BTreeMap<u64, String>,
@@ -144,7 +144,7 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
         Event::Suggest { client, place } => {
             let (x, y) = (0.1 * *place as f64, 0.3 + 0.01 * *client as f64);
             let session = rows.trials.len() as u64 / 40;
-            // More machines than a study tells apart, and clients that change theirs.
+            // More machines than a study distinguishes, and clients that change theirs.
             let machine = (rows.trials.len() / 8 + 2 * *client) % (MACHINES_MAX + 2);
             let fingerprint = (machine > 0).then(|| machine_of(machine));
             let client_id = format!("client {client}");

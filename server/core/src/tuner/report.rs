@@ -1,4 +1,4 @@
-//! The second half of a client's frame, and the other ends a trial can come to.
+//! The second half of a client's frame, and the other ends of a trial.
 
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
@@ -19,11 +19,11 @@ use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, models, progre
 pub(super) struct LearntCost {
     /// Its cost as the table has it.
     pub(super) cost: Option<f64>,
-    /// The cost as it is believed: drawn in where it lies far from everything else.
+    /// The believed cost: it is drawn in where it lies far from all others.
     pub(super) believed: Option<f64>,
     /// The speed of its client's machine was found to have jumped.
     pub(super) has_jumped: bool,
-    /// The state was found to cost something else than before.
+    /// The costs of the state were found to have changed.
     pub(super) has_changed: bool,
 }
 
@@ -58,7 +58,7 @@ impl Tuner {
         })
     }
 
-    /// Takes a completed trial out of the open ones, learns it, and tells its search.
+    /// Takes a completed trial out of the open ones, learns it, and passes its result to its search.
     pub(super) fn take(&mut self, completed: &Trial) -> Change {
         let (state, number) = (StateId(completed.state_id), TrialNumber(completed.number));
         let before = self.searches.changes(state);
@@ -70,7 +70,8 @@ impl Tuner {
         if learnt.has_jumped
             && let Some(exploration) = self.searches.change(state)
         {
-            // It learnt costs that are no longer believed. Another search begins with the rest of the table.
+            // The search learnt costs that are no longer believed. Another search begins with the rest of the
+            // table.
             exploration.end();
         }
         if !matches!(completed.outcome, Some(Outcome::Failed { .. })) {
@@ -83,7 +84,7 @@ impl Tuner {
         let is_first = |record: &Record| record.measurements == 1;
         let record = self.states.results(state).record(&completed.configuration);
         let verdict = match (learnt.believed, settled) {
-            // The search keeps the mean of what it has measured again itself.
+            // The search keeps the mean of its own repeats.
             (Some(cost), _) if is_replicate(completed) && completed.outcome == Some(Outcome::Ok) => {
                 Some(Verdict::Cost(cost))
             }
@@ -99,8 +100,8 @@ impl Tuner {
         change
     }
 
-    /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt. Tells what
-    /// was learnt.
+    /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt. Returns the
+    /// learnt cost.
     pub(super) fn complete(&mut self, completed: &Trial) -> LearntCost {
         let before = self.last_completion;
         self.completed += 1;
@@ -109,8 +110,8 @@ impl Tuner {
         let state = StateId(completed.state_id);
         let mut learnt = self.understood(completed);
         let understood = Trial { cost: learnt.cost, ..completed.clone() };
-        // The table keeps every measurement and tells itself which of them count; everybody else learns what
-        // is believed.
+        // The table keeps every measurement and decides which of them count; all other parts learn the
+        // believed cost.
         let is_cost = |cost: f64| (0.0..=f64::MAX).contains(&cost);
         assert!(learnt.cost.is_none_or(is_cost), "a cost of {:?}", learnt.cost);
         let results = self.states.results(state);
@@ -165,8 +166,8 @@ impl Tuner {
         learnt
     }
 
-    /// The cost of a completed trial without what its auxiliary measurements and its movement within the
-    /// state explain, and corrected for the present speed of its client's machine.
+    /// The cost of a completed trial without the shares that its auxiliary measurements and its movement
+    /// within the state explain, corrected for the present speed of its client's machine.
     fn understood(&mut self, trial: &Trial) -> LearntCost {
         let unchanged =
             LearntCost { cost: trial.cost, believed: trial.cost, has_jumped: false, has_changed: false };
@@ -219,14 +220,14 @@ impl Tuner {
                     self.speeds.reset(state);
                 }
                 learnt = (self.auxiliaries.understood(state, cost, beside) / factor).min(f64::MAX);
-                // The table is about to learn it once more.
+                // The table will learn the trial once more.
                 self.states.amend(state, |results| results.withhold(&trial.configuration));
             }
         }
         LearntCost { cost: Some(learnt), believed: Some(learnt), has_jumped, has_changed: false }
     }
 
-    /// What is known of a trial beside its cost. `None` where it lacks a metric that the study names.
+    /// The data of a trial beside its cost. `None` where it lacks a metric that the study names.
     fn beside(&self, trial: &Trial) -> Option<Beside> {
         let auxiliary = match self.spec.objective.auxiliary().is_empty() {
             true => Vec::new(),
@@ -237,14 +238,14 @@ impl Tuner {
         let normalised = self.spec.indicators.normalise(&trial.indicators).unwrap_or_default();
         let mut offset: Vec<f64> = normalised.iter().zip(anchor).map(|(x, anchor)| x - anchor).collect();
         if offset.iter().any(|offset| offset.abs() > self.spec.state_tolerance) {
-            // No state matches, and there may be no more of them: how far away this one is says nothing.
+            // No state matches, and there may be no more of them: its distance says nothing.
             offset.clear();
         }
         Some(Beside { auxiliary, offset })
     }
 
-    /// Whether a trial shows that its state costs something else than before. What was measured there is
-    /// forgotten then, and the speed of machines is held by what is measured from now on.
+    /// Whether a trial shows that the costs of its state have changed. Its measurements are then forgotten,
+    /// and later ones hold the speed of machines.
     fn changed(&mut self, trial: &Trial, cost: f64) -> bool {
         let state = StateId(trial.state_id);
         let finding = self.rechecks.take((&trial.client_id, state), &trial.configuration, cost);
@@ -256,7 +257,8 @@ impl Tuner {
         is_changed
     }
 
-    /// Takes back what was learnt since the speed of a client's machine was last held, before it jumped.
+    /// Takes back the trials that were learnt since the speed of a client's machine was last held, before it
+    /// jumped.
     fn take_back_unheld(&mut self, state: StateId, unheld: &[Unheld]) {
         let trials: Vec<u64> = unheld.iter().map(|one| one.trial).collect();
         let restated = self.auxiliaries.take_back(state, &trials);
@@ -297,7 +299,8 @@ impl Tuner {
         Some(trial)
     }
 
-    /// Tells the state's search, if there is one, what was taken over from others, or was measured elsewhere.
+    /// Gives the state's search, if there is one, results that were taken over from others or measured
+    /// elsewhere.
     fn tell_of_transfer(&mut self, trial: &Trial, state: StateId, verdict: Option<Verdict>) {
         let goes_on = self.searches.of(state).is_some_and(|own| own.search.is_some());
         let Some(verdict) = verdict.filter(|_| goes_on && trial.decision.is_from_elsewhere()) else {
@@ -341,7 +344,7 @@ impl Tuner {
     }
 }
 
-/// Whether nothing is to be learnt of a trial but that it cannot be run.
+/// Whether only the infeasibility of a trial is learnt.
 fn is_silent(trial: &Trial) -> bool {
     trial.decision.silent && !matches!(trial.outcome, Some(Outcome::Infeasible { .. }))
 }

@@ -1,4 +1,4 @@
-//! Rebuilding a tuner from what its changes wrote, trial after trial, or from a checkpoint on.
+//! Rebuilding a tuner from its stored changes, trial after trial, or from a checkpoint on.
 //!
 //! The knowledge of a tuner follows from the completed trials in their order. [`Restoring`] replays them in
 //! stretches of any length, so that a history of any length needs no more memory than the tuner itself.
@@ -21,12 +21,12 @@ use crate::tuner::{Checkpoint, Exploration, RestoreError, Snapshot, StateRecord,
 /// Where the policy's predictor was changed at some completion, [`after`](Restoring::after) goes back there
 /// once: the new models are taught the last trials before.
 ///
-/// Trials may be missing between those that are there, where retention removed them: what they taught is then
-/// known from the checkpoint, or not any more.
+/// Trials may be missing between those that are there, where retention removed them. Their knowledge is then
+/// in the checkpoint or lost.
 #[derive(Debug)]
 pub struct Restoring {
     tuner: Tuner,
-    /// The tables stand where the models begin, and these were taught up to here.
+    /// The models, once begun, were taught up to this completion.
     taught: Option<u64>,
     models_begun: bool,
     passed_over: Option<String>,
@@ -41,7 +41,7 @@ impl Restoring {
     ) -> Result<Self, RestoreError> {
         let mut tuner = Tuner::new(spec)?;
         let since = snapshot.models_since;
-        // Of no model, until its place in the order of completion is reached.
+        // No model is taught until its place in the order of completion is reached.
         tuner.models.begin(&tuner.spec, PredictorMethod::NearestNeighbour, &tuner.states, since);
         tuner.trials = OpenTrials::after(TrialNumber(snapshot.last_trial));
         for record in snapshot.states {
@@ -68,9 +68,9 @@ impl Restoring {
         self.taught.unwrap_or(self.tuner.last_completion)
     }
 
-    /// Learns the next completed trial; its configuration was made by the study's space. Where
-    /// [`after`](Restoring::after) then stands before the trial, it was not learnt: it went back, and the
-    /// trial comes again in its place.
+    /// Learns the next completed trial; its configuration was made by the study's space. If
+    /// [`after`](Restoring::after) then stands before the trial, the trial was not learnt: `after` went back,
+    /// and the trial comes again later.
     pub fn learn(&mut self, trial: &Trial) -> Result<(), RestoreError> {
         self.tuner.check_trial(trial)?;
         let Some(completion) = trial
@@ -107,7 +107,7 @@ impl Restoring {
         Ok(())
     }
 
-    /// Begins the models once the tables are where they do.
+    /// Begins the models once the tables have reached their completion.
     fn begin_models(&mut self) {
         let tuner = &mut self.tuner;
         let since = tuner.models.since();
@@ -153,8 +153,8 @@ impl Restoring {
 }
 
 impl Tuner {
-    /// Rebuilds a tuner from all its trials at once. `trials`: the open ones in any place, the completed ones
-    /// by rising `completion`; others are not needed and passed over. All configurations were made by
+    /// Rebuilds a tuner from all its trials at once. `trials` holds the open ones in any place and the
+    /// completed ones by rising `completion`; others are ignored. All configurations were made by
     /// `spec.space`.
     pub fn restore(
         spec: Arc<StudySpec>,
@@ -179,7 +179,7 @@ impl Tuner {
         restoring.finish(open)
     }
 
-    /// Goes on in the order of completion past trials that are not stored any more. They count all the same.
+    /// Goes on in the order of completion past trials that are not stored any more. They still count.
     fn reach(&mut self, completion: u64) {
         assert!(completion >= self.last_completion, "{completion} after {}", self.last_completion);
         self.completed += completion - self.last_completion;
@@ -291,7 +291,7 @@ mod tests {
             let back = restored(&tuner, &snapshot, &kept, Some(&checkpoint));
             assert_eq!(back.learnt().checkpoint(), tuner.learnt().checkpoint());
 
-            // Without it the counts are right still, and so is the best of each state.
+            // Without a checkpoint the counts and the best of each state are still right.
             let back = restored(&tuner, &snapshot, &kept, None);
             assert_eq!(back.statistics(), tuner.statistics());
             for (state, other) in back.states.known().iter().zip(tuner.states.known()) {

@@ -1,4 +1,4 @@
-//! The searches of a study's states, and which of their rows are to be written.
+//! The searches of a study's states, and their rows that are to be written.
 //!
 //! Invariant: every change of a search is counted, so that two counts that differ mean a row to be stored
 //! again.
@@ -64,7 +64,7 @@ impl Searches {
         self.of_states.push(StateSearch { exploration, changes: 0 });
     }
 
-    /// The search of a state, if one was begun. It says itself whether it goes on.
+    /// The search of a state, if one was begun. The search may be over.
     pub(super) fn of(&self, state: StateId) -> Option<&Exploration> {
         self.record(state).filter(|exploration| exploration.is_begun())
     }
@@ -79,14 +79,14 @@ impl Searches {
         self.record(state).map_or(0, |exploration| exploration.lost(configuration))
     }
 
-    /// Notes that a lease of a configuration was lost in a state, and tells how many that makes.
+    /// Notes a lost lease of a configuration in a state, and returns their number.
     pub(super) fn note_lost(&mut self, state: StateId, configuration: &Configuration) -> u32 {
         let own = &mut self.of_states[place(state)];
         own.changes += 1;
         own.exploration.get_or_insert_with(Exploration::unbegun).note_lost(configuration)
     }
 
-    /// Forgets the lost leases of a configuration of which something is known now.
+    /// Forgets the lost leases of a configuration that has a result now.
     pub(super) fn forgive(&mut self, state: StateId, configuration: &Configuration) {
         if self.lost(state, configuration) > 0 {
             let own = &mut self.of_states[place(state)];
@@ -103,8 +103,8 @@ impl Searches {
         begun
     }
 
-    /// Begins a search in a state; one that was there before is dropped, and what it confirmed stays. Where
-    /// it confirmed nothing, what other states expect to be best is the incumbent.
+    /// Begins a search in a state. An earlier search is dropped, and its confirmed winner stays. Without one,
+    /// `incumbent` takes its place: the configuration that other states expect to be best.
     pub(super) fn begin(&mut self, state: StateId, search: AnySearch, incumbent: Option<Configuration>) {
         let own = &mut self.of_states[place(state)];
         let exploration = own.exploration.get_or_insert_with(Exploration::unbegun);
@@ -114,7 +114,7 @@ impl Searches {
         own.changes += 1;
     }
 
-    /// Drops the search of a state with what it confirmed, so that another one begins from nothing. Lost
+    /// Drops the search of a state with its confirmed winner, so that another one begins from nothing. Lost
     /// leases are remembered.
     pub(super) fn begin_again(&mut self, state: StateId) {
         let own = &mut self.of_states[place(state)];
@@ -124,14 +124,14 @@ impl Searches {
     }
 
     /// The number of a state's trials that count towards the budget of its search: every one that explored
-    /// it, whatever it ran. Where the policy wants replicates, those of one configuration count as one. Of
-    /// states that an earlier version searched, only trials of new configurations and the search's own
-    /// repeats are known.
+    /// it, with any configuration. Where the policy wants replicates, those of one configuration count as
+    /// one. Of states that an earlier version searched, only trials of new configurations and the search's
+    /// own repeats are known.
     pub(super) fn taken(&self, state: StateId, results: &ResultTable, policy: &Policy) -> usize {
         taken(self.of(state), results, policy.replicates)
     }
 
-    /// How often the search of a state has changed.
+    /// The number of changes of a state's search.
     pub(super) fn changes(&self, state: StateId) -> u64 {
         self.of_states[place(state)].changes
     }

@@ -11,7 +11,7 @@ impl Tuner {
         session.epsilon.unwrap_or_else(by_policy)
     }
 
-    /// Whether a session explores every state until its search has ended, whatever the dice would say.
+    /// Whether a session explores every state until its search has ended, without a draw.
     pub(super) fn explores_to_the_end(&self, session: &SessionPolicy) -> bool {
         let has_one_state = self.spec.indicators.indicators().is_empty();
         let offline = self.spec.policy.offline || has_one_state;
@@ -28,7 +28,7 @@ impl Tuner {
         self.is_spent_for(session, state) && !self.is_to_be_confirmed(state)
     }
 
-    /// Whether a state's search has tried all that a session wants, confirmed or not.
+    /// Whether a state's search has spent a session's number of trials, confirmed or not.
     pub(super) fn is_spent_for(&self, session: &SessionPolicy, state: StateId) -> bool {
         self.is_spent_within(self.room_of(session), state)
     }
@@ -38,7 +38,7 @@ impl Tuner {
         self.searches.are_spent(state, self.states.results(state), &self.spec.policy, room)
     }
 
-    /// Whether the last decision for a client was taken under other wishes than these.
+    /// Whether the last decision for a client was taken under another session policy.
     pub(super) fn has_other_wishes(&self, client_id: &str, session: &SessionPolicy) -> bool {
         self.visits.account(client_id).map_or(SessionPolicy::default(), |account| account.policy())
             != *session

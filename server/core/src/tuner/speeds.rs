@@ -1,10 +1,10 @@
-//! How fast each client's machine is at the moment.
+//! The present speed of each client's machine.
 //!
 //! Clocks rise and fall, and other programs come and go. While a state is searched its incumbent is measured
-//! again now and then; by that, and by whatever else was measured often enough to be known, the
-//! [speed](Speed) of the client is held, and every cost is divided by its factor before it is learnt. Where
-//! the speed is found to have jumped, nobody can tell which of the trials since the last hold came before the
-//! jump: they are taken back, and may be measured again.
+//! again now and then. From the incumbent, and from every other configuration with enough measurements, the
+//! [speed](Speed) of the client is estimated, and every cost is divided by its factor before it is learnt.
+//! After a jump of the speed it is unknown which of the trials since the last estimate came before the jump:
+//! they are taken back, and may be measured again.
 //!
 //! All of it follows from the completed trials in their order, so a restored tuner has it again.
 
@@ -19,19 +19,19 @@ use crate::results::ResultTable;
 use crate::statistics::drift::Speed;
 use crate::tuner::confirmation::Stored;
 
-/// The noise that is assumed before anything was measured twice, and the bounds of what is believed of it.
+/// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
 const NOISE_PRIOR: f64 = 0.05;
 const NOISE_LEAST: f64 = 0.01;
 const NOISE_MAX: f64 = 0.2;
 /// Number of measurements that make the cost of a configuration known. One suffices for the default, with
 /// which every search begins.
 const KNOWN_AFTER: usize = 4;
-/// Number of trials after which the incumbent is due; twice as many once it agreed with its expected cost.
+/// Number of trials after which the incumbent is due; twice as many once its cost agreed with the expected
+/// one.
 const INTERVAL: u64 = 8;
-/// The interval where the speed is seen to wander: trials near the incumbent's compare well with it at any
-/// speed.
+/// The interval where the speed wanders: trials next to the incumbent compare well with it at any speed.
 const INTERVAL_WANDERING: u64 = 4;
-/// The interval while it is unknown what auxiliary measurements explain, for which repeats are needed.
+/// The interval before the regression on auxiliary measurements is learnt, which needs repeats.
 const INTERVAL_HURRIED: u64 = 3;
 /// Further runs of the incumbent after a jump, because its new cost was only measured twice.
 const SETTLING: u64 = 3;
@@ -61,15 +61,15 @@ struct Client {
     factor: f64,
     /// The noise of a measurement when nothing was suspected.
     noise: f64,
-    /// That of the configuration by which the speed was last held.
+    /// The noise of the configuration by which the speed was last held.
     #[serde(default)]
     own_noise: f64,
     /// The state that it reported from last.
     state: u64,
-    /// Trials since it was last held, and whether that agreed with what was expected.
+    /// Trials since the speed was last held, and whether it then agreed with the expected cost.
     since: u64,
     is_calm: bool,
-    /// How often the incumbent is still to be run after a jump.
+    /// The number of runs of the incumbent that are still due after a jump.
     settling: u64,
     unheld: Vec<Unheld>,
     latest: u64,
@@ -109,8 +109,8 @@ pub(super) struct Held {
 }
 
 impl Speeds {
-    /// Takes a cost that a client measured in a state, before the state's table learns it. Where it does not
-    /// hold the speed, because it is not understood yet, the trial is only counted.
+    /// Takes a cost that a client measured in a state, before the state's table learns it. A cost that is not
+    /// understood yet does not hold the speed; its trial is only counted.
     pub(super) fn take(
         &mut self,
         (client_id, trial, state): (&str, u64, StateId),
@@ -130,7 +130,7 @@ impl Speeds {
             client.unheld.clear();
             client.since = 0;
         }
-        // A measurement under suspicion is no noise.
+        // A suspicious measurement says nothing of the noise.
         if !client.speed.is_suspicious() {
             client.noise = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
         }
@@ -183,9 +183,9 @@ impl Speeds {
     }
 
     /// Whether the incumbent of the client's state should be measured before anything else; it is due sooner
-    /// where `hurried`, and where the machine is seen to wander. While it is hurried costs do not hold the
-    /// speed, so that a suspicion which the client brings from another state waits: the incumbent alone would
-    /// never tell what else is to be known first.
+    /// where `hurried`, and where the machine's speed wanders. While `hurried`, costs do not hold the speed,
+    /// so a suspicion from another state waits: the regression on auxiliary measurements needs other
+    /// configurations than the incumbent first.
     pub(super) fn is_due(&self, client_id: &str, state: StateId, hurried: bool, wanders: bool) -> bool {
         let Some(client) = self.clients.get(client_id).filter(|client| client.state == state.0) else {
             return false;
@@ -212,7 +212,7 @@ impl Speeds {
         }
     }
 
-    /// Forgets who has not reported for longest, where there are too many.
+    /// Where there are too many clients, forgets the one whose last report is oldest.
     fn make_room(&mut self) {
         if self.clients.len() >= SPEEDS_MAX {
             let oldest = self.clients.iter().min_by_key(|(_, client)| client.latest);

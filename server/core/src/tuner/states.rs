@@ -1,4 +1,4 @@
-//! The states of a study: which one given indicators are on which machine, and what is known of each.
+//! The states of a study: their recognition from indicators and machines, and the table of each.
 //!
 //! Invariants: state `n` is the `n`-th that was founded; every state is in the index, and every machine that
 //! founded one is among the machines; the number of remembered configurations is that of all tables together.
@@ -23,13 +23,13 @@ use crate::trial::{Fingerprint, Trial};
 pub(crate) struct States {
     /// State `n` sits at place `n - 1`.
     known: Vec<KnownState>,
-    /// Of each state, those that other machines met the same input as, nearest relations first.
+    /// For each state, the states of other machines with the same input, nearest relations first.
     siblings: Vec<Vec<StateId>>,
-    /// Where the states lie.
+    /// The index of the anchors.
     index: StateIndex,
     /// The machines that measured in these states.
     machines: Machines,
-    /// No indicator of a recognised state differs from its anchor by more; of the indicator's range.
+    /// The most by which an indicator of a recognised state differs from its anchor, as a share of its range.
     tolerance: f64,
     default: Configuration,
     /// The number of remembered configurations in all states, and the count above which some are forgotten.
@@ -116,7 +116,7 @@ impl States {
         self.machines.fingerprint(self[id].machine)
     }
 
-    /// The states that other machines met the same input as, nearest relations first.
+    /// The states of other machines with the same input, nearest relations first.
     pub(super) fn siblings(&self, id: StateId) -> &[StateId] {
         &self.siblings[place(id)]
     }
@@ -126,7 +126,7 @@ impl States {
         self.index.omitted_indicators()
     }
 
-    /// How far the indicators reach, as far as is known.
+    /// The known reach of the indicators.
     pub(super) fn indicator_statistics(&self) -> &IndicatorStatistics {
         self.index.indicator_statistics()
     }
@@ -186,8 +186,8 @@ impl States {
         Some(found)
     }
 
-    /// The state of the machine, if one is named that has been there, else of the machine with the most
-    /// frames there, the first among equals.
+    /// The state of the named machine if it has been there, else of the machine with the most frames there,
+    /// the first among equals.
     pub(super) fn recognise_for(
         &self,
         fingerprint: Option<&Fingerprint>,
@@ -253,7 +253,8 @@ impl States {
         assert!(state.results.version() >= version, "version {} after {version}", state.results.version());
         assert!(!had_default || state.results.record(&self.default).is_some(), "the default stays");
         assert!(state.results.remembered() <= RECORDS_PER_STATE_MAX, "{}", state.results.remembered());
-        // A client that brings measurements of many configurations has searched the state, if not by ours.
+        // A client that brings measurements of many configurations has searched the state, though not by the
+        // tuner's search.
         state.explored |= state.results.is_searched_by_clients();
         self.remembered = self.remembered + state.results.remembered() - before;
         assert!(self.remembered >= state.results.remembered(), "{} configurations", self.remembered);
@@ -267,7 +268,7 @@ impl States {
         self.index.note(state);
     }
 
-    /// Forgets what was measured in a state, because it costs something else now.
+    /// Forgets the measurements of a state, because its costs have changed.
     pub(super) fn begin_again(&mut self, id: StateId) {
         let forgotten = self[id].results.remembered();
         assert!(forgotten <= self.remembered, "{forgotten} of {} configurations", self.remembered);
@@ -275,8 +276,8 @@ impl States {
         self.amend(id, ResultTable::begin_again);
     }
 
-    /// Where more configurations are remembered than a study may, forgets most of the states that nobody has
-    /// reported from for longest.
+    /// Where more configurations are remembered than a study may, forgets most configurations of the states
+    /// whose last report is oldest.
     pub(super) fn forget_somewhere(&mut self) {
         if self.remembered <= self.forget_above {
             return;
@@ -300,7 +301,7 @@ impl States {
         }
         let all: usize = self.known.iter().map(|state| state.results.remembered()).sum();
         assert_eq!(self.remembered, all, "the remembered configurations of all tables together");
-        // Where many states make this insufficient, not at every report.
+        // With many states this may not suffice; then it must not run at every report.
         self.forget_above = RECORDS_PER_STUDY_MAX.max(self.remembered + self.remembered / 8);
     }
 
@@ -322,8 +323,8 @@ impl States {
         latest
     }
 
-    /// Takes over what was learnt before: tables of the first states, in their order, made whole with the
-    /// space; what comparisons taught of the first machines; and how far indicators reach.
+    /// Takes over earlier knowledge: tables of the first states in their order, completed with the space; the
+    /// comparisons of the first machines; and the reach of indicators.
     pub(super) fn take_over(
         &mut self,
         tables: Vec<Arc<ResultTable>>,

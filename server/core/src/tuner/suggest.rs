@@ -1,4 +1,4 @@
-//! The first half of a client's frame: what to run next.
+//! The first half of a client's frame: its next configuration.
 
 use crate::decision::{BudgetStatus, Choice, Decision, ExploitRule, ExplorationEstimate, ExploreRule};
 use crate::ids::{StateId, TrialNumber};
@@ -67,7 +67,7 @@ impl Tuner {
         Ok((trial, change))
     }
 
-    /// Keeps what was computed before of a state's configurations.
+    /// Keeps the planned assessment of a state.
     pub(super) fn keep_planned(&mut self, planned: &mut Planned) {
         if let Some((state, assessment)) = planned.take_assessment() {
             self.assessments.keep(state, assessment);
@@ -79,7 +79,7 @@ impl Tuner {
             return Err(TunerError::TooManyStates);
         }
         let is_new = self.visits.of(client_id).is_none();
-        // Somebody who holds nothing can be forgotten unless all do.
+        // A client without an open trial can be forgotten, unless every client holds one.
         if is_new && self.visits.len() >= CLIENTS_MAX && self.trials.holders() >= self.visits.len() {
             return Err(TunerError::TooManyClients);
         }
@@ -105,7 +105,7 @@ impl Tuner {
         forgotten
     }
 
-    /// Whether a held trial is what the policy would still have the client run.
+    /// Whether the policy still wants the client to run a trial that it holds.
     pub(super) fn still_fits(&self, trial: &Trial, fixed: Option<&Prediction>) -> bool {
         let policy = &self.spec.policy;
         match fixed {
@@ -114,8 +114,8 @@ impl Tuner {
             }
             None if trial.mode() == Mode::Pinned => false,
             None if trial.decision.explores() => {
-                // An exploring trial of an earlier session, or of a time without a budget, is not covered.
-                // Nor is another run where too little is left for one.
+                // The budget does not cover an exploring trial of an earlier session or of a time without a
+                // budget, nor another run where too little is left.
                 let account = self.visits.account(&trial.client_id);
                 let covers =
                     |budget| account.is_some_and(|account| account.covers_again(trial.number, budget));
@@ -193,7 +193,7 @@ impl Tuner {
         trial
     }
 
-    /// Gives a trial again whose answer was lost, which may have been run all the same.
+    /// Hands a trial out again whose answer was lost. The client may have run it.
     fn hand_out_again(&mut self, ask: &Ask, number: TrialNumber, now_ms: i64) -> Option<Trial> {
         if let Some(account) = self.visits.account_mut(&ask.client_id) {
             account.again(number.0);
@@ -201,8 +201,8 @@ impl Tuner {
         self.renew(number, now_ms)
     }
 
-    /// Counts the trial that is about to be handed out in its session, and tells whether it is not to be
-    /// learnt. One that is carried over is not run, so it warms nothing up.
+    /// Counts the next trial in its session, and returns whether it is excluded from learning. A trial
+    /// carried over from elsewhere is not run, so it warms nothing up.
     fn is_silent(&mut self, ask: &Ask) -> bool {
         let warm_up = u64::from(self.spec.policy.warm_up);
         let frozen = self.spec.policy.operation == Operation::Freeze;

@@ -1,7 +1,7 @@
-//! The open trials of a study: their leases, and who holds what.
+//! The open trials of a study, their leases and their holders.
 //!
-//! Invariants: every open trial has one lease, one holder and one entry among what runs in its state; a
-//! client holds at most one trial of a state; numbers rise by one.
+//! Invariants: every open trial has one lease, one holder and one entry among the running configurations of
+//! its state; a client holds at most one trial of a state; numbers rise by one.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -13,7 +13,7 @@ use crate::trial::Trial;
 #[derive(Clone, Debug, Default)]
 pub(super) struct OpenTrials {
     open: BTreeMap<TrialNumber, Trial>,
-    /// When their leases run out, in milliseconds of the caller's clock, soonest first.
+    /// The ends of their leases, in milliseconds of the caller's clock, soonest first.
     leases: BTreeSet<(i64, TrialNumber)>,
     held: BTreeMap<String, BTreeMap<StateId, TrialNumber>>,
     /// The number of open trials of each configuration in each state. Only looked up, so its order does not
@@ -69,7 +69,7 @@ impl OpenTrials {
         self.running.contains_key(&state)
     }
 
-    /// When the next lease runs out.
+    /// The end of the next lease.
     pub(super) fn next_expiry_ms(&self) -> Option<i64> {
         self.leases.first().map(|&(expire_ms, _)| expire_ms)
     }
@@ -118,7 +118,7 @@ impl OpenTrials {
         Some(trial)
     }
 
-    /// Notes of an open trial who holds it now, and how many leases of its configuration were lost.
+    /// Notes the session that holds an open trial now, and the number of lost leases of its configuration.
     pub(super) fn hold_by(&mut self, number: TrialNumber, session: u64, lost_leases: u32) {
         if let Some(trial) = self.open.get_mut(&number) {
             (trial.decision.session, trial.decision.lost_leases) = (session, lost_leases);

@@ -25,7 +25,7 @@ use crate::tuner::budget::Account;
 use crate::tuner::exploration::Exploration;
 use crate::tuner::insight::Insight;
 
-/// A client's question: what to run next?
+/// A client's question for its next configuration.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ask {
     /// Stable over the client's restarts, unique among clients; 1 to 128 printable characters.
@@ -34,13 +34,13 @@ pub struct Ask {
     pub indicators: BTreeMap<String, f64>,
     /// The machine, if the client names it. Clients that name none count as one machine.
     pub fingerprint: Option<Fingerprint>,
-    /// Tells the client's sessions apart; 0 for one endless session.
+    /// The number of the client's session; 0 for one endless session.
     pub session: u64,
     /// The client stops every trial when its cost reaches the trial's cap.
     pub can_abort: bool,
     /// The session's own policy, in place of the study's. Only [`Ask::at`] reads its deadline.
     pub session_policy: SessionPolicy,
-    /// Where a wanted configuration was measured before; at most 200 printable characters.
+    /// The origin of a wanted configuration that was measured before; at most 200 printable characters.
     pub origin: Option<String>,
 }
 
@@ -69,7 +69,7 @@ pub struct StateRecord {
     pub search: Option<Exploration>,
 }
 
-/// Where a client is, and what was decided when it came there. One row per client.
+/// A client's state, and the decision that was taken when it came there. One row per client.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Visit<C = Configuration> {
     /// The client.
@@ -78,8 +78,7 @@ pub struct Visit<C = Configuration> {
     pub state_id: u64,
     /// The number of visits of the client, this one included.
     pub number: u64,
-    /// The last trial that had been handed out when this was last decided: clients with the lowest are
-    /// forgotten first.
+    /// The number of the last trial before the latest decision: clients with the lowest are forgotten first.
     #[serde(default)]
     pub since: u64,
     /// Explore or exploit.
@@ -164,7 +163,7 @@ impl Change {
     }
 }
 
-/// All that must be kept to rebuild a tuner, but for its trials.
+/// The rows that rebuild a tuner, without its trials.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Snapshot {
     /// Every state, by rising id.
@@ -196,7 +195,7 @@ pub struct Prediction {
     pub predicted_cost: Option<f64>,
     /// Why this configuration was chosen.
     pub decision: Decision,
-    /// The state's insight, where [`crate::tuner::Tuner::predict`] was asked about one that was met before.
+    /// The state's insight, where [`crate::tuner::Tuner::predict`] recognised the state.
     pub insight: Option<Insight>,
 }
 
@@ -206,13 +205,13 @@ impl Prediction {
         self.decision.mode()
     }
 
-    /// How it came about, for people and for logs.
+    /// The reason of the answer, for people and for logs.
     pub fn reason(&self) -> Reason {
         self.decision.reason()
     }
 }
 
-/// The best known configuration of a state: what its own measurements answer.
+/// The best known configuration of a state, by its own measurements.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Best {
     /// The configuration.
@@ -227,13 +226,13 @@ pub struct Best {
     pub state_id: u64,
     /// The most recent trial that measured it.
     pub trial: u64,
-    /// When that was, in milliseconds of the caller's clock.
+    /// The time of that measurement, in milliseconds of the caller's clock.
     pub last_measure_ms: i64,
-    /// How far it is proven.
+    /// Its standing.
     pub standing: Standing,
 }
 
-/// Counts that tell how far a study is.
+/// Counts of a study's progress.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StudyCounts {
     /// Distinct states met.
@@ -303,7 +302,7 @@ pub enum TunerError {
     /// A reason is too long.
     #[error("outcome: the reason has more than {OUTCOME_REASON_CHARACTERS_MAX} characters")]
     OutcomeReason,
-    /// The account of where a trial was measured is too long or not printable.
+    /// The origin of a trial is too long or not printable.
     #[error("origin must have 1 to {ORIGIN_CHARACTERS_MAX} printable characters")]
     Origin,
     /// The trial is complete: answer a repeated report with the stored trial.
@@ -323,7 +322,7 @@ pub enum TunerError {
     NotOpen {
         /// The trial.
         number: u64,
-        /// Where it stands.
+        /// Its state.
         state: TrialState,
     },
     /// The study never handed out such a trial.

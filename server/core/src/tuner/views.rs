@@ -29,7 +29,7 @@ impl Tuner {
         self.models.since()
     }
 
-    /// How wrong each predictor was in this study: mean error with a 95 % interval, see
+    /// The mean error of each predictor in this study, with its 95 % interval, see
     /// [`prequential`](crate::predict::prequential). `Auto` stands for the choice among them.
     pub fn predictor_errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
         self.models.errors()

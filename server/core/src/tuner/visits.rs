@@ -1,8 +1,9 @@
-//! Where each client is, what was decided when it came there, and what exploring may still cost it.
+//! Each client's state, the decision that was taken when it came there, and the rest of its budget for
+//! exploring.
 //!
 //! Invariant: a client has one visit at a time, and its account, if the policy keeps one, goes with it from
-//! visit to visit for as long as the client's session lasts. Where clients are more than a study remembers,
-//! the one whose last decision is longest ago is forgotten; should it come back, it is new.
+//! visit to visit for as long as the client's session lasts. Where there are more clients than a study
+//! remembers, the one with the oldest last decision is forgotten, and is new if it comes back.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -28,7 +29,7 @@ impl Visits {
         self.by_client.len()
     }
 
-    /// Where a client is.
+    /// The visit of a client.
     pub(super) fn of(&self, client_id: &str) -> Option<&Visit> {
         self.by_client.get(client_id)
     }
@@ -79,8 +80,8 @@ impl Visits {
         Some(oldest.1)
     }
 
-    /// Opens a client's account if the policy keeps one or its session wants something for itself, and notes
-    /// where the client is. Trials after `last` are of the session that the account is for.
+    /// Opens a client's account if the policy keeps one or its session has its own policy, and notes the
+    /// client's state. Trials after `last` are of the session that the account is for.
     pub(super) fn keep_account(&mut self, ask: &Ask, policy: &Policy, state: StateId, last: TrialNumber) {
         let has_wishes = !ask.session_policy.is_empty();
         let wanted = policy.regret_budget.is_some() || policy.warm_up > 0 || has_wishes;
@@ -92,7 +93,7 @@ impl Visits {
         if let Some(account) = &mut visit.account {
             account.set_policy(ask.session_policy);
             account.enter(state.0);
-            // It is stored in any case, so its age may be as well.
+            // The visit is stored in any case, so its age may be updated.
             self.by_age.remove(&(visit.since, visit.client_id.clone()));
             visit.since = last.0;
             self.by_age.insert((visit.since, visit.client_id.clone()));

@@ -1,14 +1,14 @@
 //! Warm start: the evidence of other states for a search that begins in a new state.
 //!
-//! It is the states nearest to it in which a search was begun, on whatever machine: what the nearest few
-//! measured makes [`MainEffects`], and the [portfolio](super::portfolio) of all of them, then the favourite
-//! of those effects, are the first points. A portfolio of the best configurations of other instances is how
-//! algorithm configurators begin as well (Feurer, Springenberg and Hutter, "Initializing Bayesian
-//! hyperparameter optimization via meta-learning", AAAI 2015).
+//! The evidence is the nearest states in which a search was begun, on any machine. The measurements of the
+//! nearest few give the [`MainEffects`]. The first points are the [portfolio](super::portfolio) of all these
+//! states, then the best configuration by the effects. A portfolio of the best configurations of other
+//! instances is how algorithm configurators begin as well (Feurer, Springenberg and Hutter, "Initializing
+//! Bayesian hyperparameter optimization via meta-learning", AAAI 2015).
 //!
-//! Fitting takes some milliseconds, so what it rests on is copied and computed apart where the tuner is
-//! shared (see `plan`). A beginning is all that is taken over. The search is stored with its effects, so that
-//! a tuner that is restored has the same, whatever the others have learnt since.
+//! Fitting takes some milliseconds, so its inputs are copied and it is computed apart where the tuner is
+//! shared (see `plan`). Only the beginning of a search is taken over. The search is stored with its effects,
+//! so that a restored tuner has the same ones even if other states have learnt since.
 
 use crate::configuration::Configuration;
 use crate::limits::REWARD_COST_MIN;
@@ -22,7 +22,7 @@ const RECORDS: usize = 640;
 /// Fewest states whose best fixed configuration is the incumbent of a new one. A single one that wants the
 /// opposite would cost the search a ninth of the optimum at 20 trials.
 const INCUMBENT_STATES_LEAST: usize = 2;
-/// Most of their configurations that say what can be run.
+/// The most of their configurations that show what runs and what fails.
 const RUNS: usize = 64;
 
 /// The warm start of a search.
@@ -59,9 +59,9 @@ impl MeasuredElsewhere {
         if !first.contains(&downhill) {
             first.push(downhill);
         }
-        // The expected best of two other states or more is to be beaten here. That needs no proof: neither it
-        // nor the default is known here, and the first few measurements show where it does badly. It is
-        // decoded as it will be run, because a point gives a number less exactly than its measurement.
+        // The expected best of two or more other states is the incumbent here. That needs no proof: neither
+        // it nor the default is known here, and the first few measurements show where it does badly. It is
+        // rounded as it will be run, because a point is less exact than its configuration.
         let incumbent = Some(space.decode(&on_grid(&first[0])))
             .filter(|first| self.states.len() >= INCUMBENT_STATES_LEAST && first != space.default_ref());
         Some(WarmStart { main_effects, first, runs: self.runs(space), incumbent })

@@ -1,7 +1,7 @@
-//! Exploring within a budget: what a client that explores gets where the policy limits what exploring may
-//! cost.
+//! Exploring within a budget: the next configuration of a client that explores where the policy limits its
+//! regret.
 //!
-//! [`budget`](super::budget) keeps the account; here it is asked before, and what it says decides the answer.
+//! [`budget`](super::budget) keeps the account. It is asked here before a client explores.
 
 use crate::decision::{
     BudgetStatus, Choice, ExploitRule, ExploitSource, ExplorationEstimate, Explore, ExploreRule,
@@ -13,7 +13,7 @@ use crate::tuner::plan::Planned;
 use crate::tuner::proposal::Exploitation;
 use crate::tuner::{Ask, Prediction, Tuner};
 
-/// Why a client explores, and what was estimated when that was decided.
+/// Why a client explores, and the estimate of that decision.
 pub(super) type ExploreBasis = (ExploreRule, ExplorationEstimate);
 
 impl Tuner {

@@ -12,9 +12,9 @@ pub(in super::super) struct Place {
     pub(in super::super) y: f64,
     /// The rank that its colour shows: the smaller, the warmer.
     pub(in super::super) rank: f64,
-    /// That in words.
+    /// The rank in words.
     pub(in super::super) words: String,
-    /// Where it leads.
+    /// The target of its link.
     pub(in super::super) link: String,
 }
 
@@ -76,11 +76,11 @@ pub(in super::super) struct Runner {
     pub(in super::super) name: String,
     /// Cost over its default's, in the order of the trials.
     pub(in super::super) ratios: Vec<f64>,
-    /// How its costs are told.
+    /// Its view of costs.
     pub(in super::super) view: CostView,
 }
 
-/// How the best so far came down in several studies, each beside its own default, which is 1.
+/// The fall of the best cost so far in several studies, each relative to its own default, which is 1.
 pub(in super::super) fn race(runners: &[Runner]) -> String {
     let best: Vec<(&str, Vec<f64>)> = runners
         .iter()
@@ -133,7 +133,7 @@ pub(in super::super) fn race(runners: &[Runner]) -> String {
     svg + "</svg>"
 }
 
-/// The ratio that a study came to; of what is maximised the best value over the default's, too.
+/// The last ratio of a study; for a maximised metric also the best value over the default's.
 fn reached(ratio: f64, view: &CostView) -> String {
     match view.is_maximised() {
         true => format!("{} ({} {} times the default’s)", figure(ratio), view.name(), figure(1.0 / ratio)),

@@ -1,5 +1,5 @@
-//! Several studies side by side: how their best so far came down beside their own defaults, and what is
-//! proven in each.
+//! Several studies side by side: the fall of their best cost so far relative to their own defaults, and their
+//! proven gains.
 
 use askama::Template;
 use treewright_core::standing::StandingVerdict;

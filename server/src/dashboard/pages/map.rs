@@ -1,5 +1,5 @@
-//! The context map: where the states of a study lie by two of their indicators, coloured by gain, cost, or
-//! the value of a parameter in what is best there.
+//! The context map: the states of a study by two of their indicators, coloured by gain, cost, or a
+//! parameter's value in the best configuration there.
 
 use askama::Template;
 use treewright_core::cost_view::CostView;
@@ -131,14 +131,14 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
     render(&page)
 }
 
-/// Where a trial's indicator lies between its ends, on its own scale.
+/// The place of a trial's indicator between its ends, on its own scale.
 fn position(indicator: &Indicator, trial: &v1::Trial) -> f64 {
     let value = trial.indicators.get(&indicator.name).copied().unwrap_or(indicator.min);
     indicator.normalise(value).clamp(0.0, 1.0)
 }
 
-/// Two indicators that set the states apart: the one by which they differ most, and the one that differs most
-/// beside it, since what follows the first in a straight line would place all states on one line.
+/// Two indicators that separate the states: the one by which they differ most, and the one that differs most
+/// apart from it. A linear function of the first would place all states on one line.
 fn widest(indicators: &[Indicator], states: &[StateStands]) -> (usize, usize) {
     let columns: Vec<Vec<f64>> = indicators
         .iter()

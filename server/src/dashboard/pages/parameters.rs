@@ -13,7 +13,7 @@ use crate::error::Error;
 
 /// Most parameters in pictures: the most important.
 const PARAMETERS: usize = 12;
-/// Most axes of parallel coordinates: what can be read at the width of a screen.
+/// Most axes of parallel coordinates that can be read at the width of a screen.
 const AXES: usize = 10;
 
 #[derive(Template)]
@@ -121,7 +121,8 @@ fn slice(parameter: &Parameter, index: usize, runs: &[Run], view: &CostView) -> 
     (parameter.name.clone(), charts::slice(&stats::axis(parameter), &points, view))
 }
 
-/// The axes of the contour: those asked for, else the two that explain most; `None` with a single parameter.
+/// The axes of the contour: the requested ones, else the two that explain most; `None` with a single
+/// parameter.
 fn contour_axes(all: &[Parameter], shown: &[usize], query: &Query) -> Option<(usize, usize)> {
     let asked = |name: &str| all.iter().position(|parameter| parameter.name == query.text(name));
     match (asked("x"), asked("y"), shown) {

@@ -18,20 +18,21 @@ use crate::rpc;
 pub(super) struct StateStands {
     pub(super) state: i64,
     pub(super) trial: v1::Trial,
-    /// `None` where nothing was measured, or where another replica has the study.
+    /// `None` where nothing was measured, or where another replica holds the study.
     pub(super) best: Option<v1::Best>,
     pub(super) standing: Option<Standing>,
 }
 
 impl StateStands {
-    /// Over the default, with its interval; empty where that was not measured, or is itself the answer.
+    /// The gain over the default, with its interval; empty where the default was not measured, or is the
+    /// answer.
     pub(super) fn gain(&self, view: &CostView) -> String {
         let gain = self.standing.and_then(|standing| standing.gain).filter(|gain| gain.share != 0.0);
         gain.map(|gain| gain.by(view).to_string()).unwrap_or_default()
     }
 }
 
-/// Reads a state; `None` where the visitor has none of that number.
+/// Reads a state; `None` where no visible state has that number.
 pub(super) async fn read_state(
     visitor: &Visitor<'_>,
     id: &str,
@@ -49,8 +50,8 @@ pub(super) async fn read_state(
     Ok(Some(StateStands { state, trial, best, standing }))
 }
 
-/// The best configuration; `None` where nothing was measured, or where another replica has the study. A study
-/// that is being read into memory is waited for.
+/// The best configuration; `None` where nothing was measured, or where another replica holds the study. It
+/// waits for a study that is being loaded.
 async fn read_best(visitor: &Visitor<'_>, request: v1::GetBestRequest) -> Result<Option<v1::Best>, Error> {
     let mut waits = 0;
     loop {
@@ -65,8 +66,8 @@ async fn read_best(visitor: &Visitor<'_>, request: v1::GetBestRequest) -> Result
     }
 }
 
-/// The cost that a search which goes on is expected to reach in the end: the answer's, lowered by the gain
-/// that is still expected. Once the search is over that is the answer's own.
+/// The expected final cost of a search: the answer's cost, lowered by the gain that is still expected. Once
+/// the search is over it is the answer's own cost.
 pub(super) async fn roofline(visitor: &Visitor<'_>, id: &str, of: &StateStands) -> Option<f64> {
     let request = v1::PredictRequest {
         study: format!("studies/{id}"),
@@ -78,8 +79,8 @@ pub(super) async fn roofline(visitor: &Visitor<'_>, id: &str, of: &StateStands) 
     Some(of.standing?.cost * (1.0 - expected.clamp(0.0, 1.0)))
 }
 
-/// The savings of each state within a day until now. `latest` are the newest trials; where there may be more
-/// of that day, the time that these span counts for all of it.
+/// The savings of each state within the last day. `latest` are the newest trials. Where the day may have more
+/// trials, their span stands for the whole day.
 pub(super) fn benefits(
     states: &[StateStands],
     latest: &[v1::Trial],

@@ -52,7 +52,7 @@ struct BestCard {
 
 struct StateRow {
     state: i64,
-    /// Its curve is the one that is shown.
+    /// Its curve is shown.
     is_shown: bool,
     cost: String,
     gain: String,
@@ -84,7 +84,7 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
     let id = super::id(&study.name);
     visitor.tuning.begin_loading(id);
     let latest = read_trials(visitor, id, "", "number desc", TRIALS).await?;
-    // Without a wish the state that was met last.
+    // Without a requested state, the state that was met last.
     let state = query.number("state").or_else(|| latest.first().map(|trial| trial.state_id));
     if let Some(state) = query.number("state") {
         head.query = format!("?state={state}");
@@ -94,7 +94,7 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         states.extend(read_state(visitor, id, number).await?);
     }
     let in_state = match state {
-        // The trials that were read already may be all of its trials.
+        // The trials at hand may be all trials of the state.
         Some(state) if head.states > 1 || latest.len() == TRIALS => {
             read_trials(visitor, id, &format!("state_id = {state}"), "number desc", TRIALS).await?
         }

@@ -1,4 +1,4 @@
-//! The meaning of a filter, in memory. The translations to SQL are held against this.
+//! The meaning of a filter, in memory. Tests compare the translations to SQL with it.
 
 use treewright_core::trial::RawTrial;
 use treewright_core::value::Value;

@@ -1,12 +1,11 @@
-//! The language in which trials are asked for: `state = COMPLETED AND cost < 12.5`.
+//! The query language for trials: `state = COMPLETED AND cost < 12.5`.
 //!
-//! The contract stands in the comments of `QueryTrialsRequest`. A filter is parsed once into the
-//! [`Filter`] below, which no longer contains anything unchecked. It then means the same thing in two
-//! places: [`Filter::matches`] evaluates it in memory, and the stores on databases compile it to bound SQL. A
-//! property test holds them against each other.
+//! The contract stands in the comments of `QueryTrialsRequest`. A filter is parsed and checked once into the
+//! [`Filter`] below. [`Filter::matches`] evaluates it in memory, and the stores on databases compile it to
+//! bound SQL. A property test compares the two.
 //!
-//! One rule covers everything that could be doubtful: a comparison with a value that the trial does not
-//! have, or that is of another kind, is false, whatever the operator. It is what SQL does with NULL.
+//! One rule covers all doubtful cases: a comparison with a value that the trial lacks, or of another kind, is
+//! false for every operator, as with NULL in SQL.
 
 mod evaluate;
 mod names;
@@ -26,10 +25,10 @@ pub struct Filter {
 }
 
 impl Filter {
-    /// Reads a filter. Blank text is the filter that matches everything.
+    /// Reads a filter. Blank text matches every trial.
     ///
     /// # Errors
-    /// [`FilterError`] with the place and what was expected there.
+    /// [`FilterError`] with the place and the expected token.
     pub fn parse(text: &str) -> Result<Self, FilterError> {
         parse::filter(text)
     }
@@ -39,7 +38,7 @@ impl Filter {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("at character {position}: {problem}")]
 pub struct FilterError {
-    /// Where, counted in characters from 1.
+    /// The place, counted in characters from 1.
     pub position: usize,
     /// The mistake there, and how to mend it.
     pub problem: String,
@@ -52,7 +51,7 @@ impl FilterError {
     }
 }
 
-/// How two values are compared.
+/// The comparison of two values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operator {
     /// `=`
@@ -99,7 +98,7 @@ pub(crate) enum Literal {
     Boolean(bool),
 }
 
-/// One comparison. Equality-only kinds carry an operator that is `=` or `!=`; the parser sees to it.
+/// One comparison. The parser gives kinds without an order only the operators `=` and `!=`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum FieldComparison {
     State(Operator, TrialState),

@@ -1,8 +1,7 @@
-//! Whether a study has the parameters and indicators that a filter names.
+//! The check that a study has the parameters and indicators of a filter.
 //!
-//! A comparison with a name that a study does not have would match no trial, which looks like an answer.
-//! Names of measurements are not checked: clients may report whatever they like beside the objective's
-//! metrics.
+//! A comparison with an unknown name would match no trial, which looks like an answer. Names of measurements
+//! are not checked: clients may report any beside the objective's metrics.
 
 use treewright_core::study::StudySpec;
 
@@ -18,11 +17,10 @@ impl Filter {
         self.comparisons.iter().any(is_named)
     }
 
-    /// Refuses parameters and indicators that the study does not have. `text` is what the filter was parsed
-    /// from.
+    /// Refuses parameters and indicators that the study does not have. `text` is the filter's source.
     ///
     /// # Errors
-    /// [`FilterError`] with the place of the first such name, and the names that there are.
+    /// [`FilterError`] with the place of the first such name, and the known names.
     pub fn check_names(&self, text: &str, spec: &StudySpec) -> Result<(), FilterError> {
         debug_assert_eq!(Self::parse(text).as_ref(), Ok(self), "the filter is of another text");
         let parameters: Vec<&str> = spec.space.parameters().iter().map(|one| one.name.as_str()).collect();
@@ -44,8 +42,7 @@ impl Filter {
     }
 }
 
-/// Where a field stands in a filter, counted in characters from 1: not within a longer word, nor
-/// within text.
+/// The place of a field in a filter, counted in characters from 1: not within a longer word, nor within text.
 fn position(text: &str, field: &str) -> usize {
     let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
     let places = text.match_indices(field);

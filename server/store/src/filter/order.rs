@@ -9,8 +9,8 @@ use super::parse;
 use super::token::{FilterToken, tokens};
 use crate::cursor::Cursor;
 
-/// An order. Equal values, and trials without the value, which come last, follow by rising number, so
-/// that an order is always total and a page can go on where the last one ended.
+/// An order. Trials without the value come last. Ties are broken by rising number, so that an order is always
+/// total and a page can go on where the last one ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Order {
     /// The key that is compared.
@@ -24,7 +24,7 @@ pub struct Order {
 pub enum OrderKey {
     /// The trial's number.
     Number,
-    /// The objective that was measured.
+    /// The measured objective.
     Cost,
     /// A measurement, by name.
     Measurement(String),
@@ -40,7 +40,7 @@ impl Order {
     /// Reads an order. Blank text means rising number.
     ///
     /// # Errors
-    /// [`FilterError`] with the place and what was expected there.
+    /// [`FilterError`] with the place and the expected word.
     pub fn parse(text: &str) -> Result<Self, FilterError> {
         const KEYS: &str = "number, cost or measurement.NAME";
         const DIRECTION: &str = "`desc` or the end";
@@ -73,7 +73,7 @@ impl Order {
         Ok(Self { key, descending })
     }
 
-    /// The value by which `trial` is ordered; none puts it last.
+    /// The value by which `trial` is ordered; without one it comes last.
     #[must_use]
     #[allow(clippy::cast_precision_loss)] // Numbers are far below 2^53.
     pub fn value<C>(&self, trial: &Trial<C>) -> Option<f64> {
@@ -90,7 +90,7 @@ impl Order {
         Cursor { value: self.value(trial), number: i64::try_from(trial.number).unwrap_or(i64::MAX) }
     }
 
-    /// Which of two rows comes first.
+    /// The order of two rows.
     #[must_use]
     pub fn compare(&self, left: &Cursor, right: &Cursor) -> Ordering {
         let values = match (left.value, right.value) {

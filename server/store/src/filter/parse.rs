@@ -60,7 +60,7 @@ fn spelt(name: &str, position: usize, is_right: bool, rule: &str) -> Result<Stri
 struct Parser {
     tokens: Vec<PlacedToken>,
     next: usize,
-    /// The place just behind the text, where what is missing is missing.
+    /// The place just behind the text, at which missing tokens are reported.
     end: usize,
 }
 

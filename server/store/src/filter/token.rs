@@ -9,7 +9,7 @@ pub(super) enum FilterToken {
     Word(String),
     /// A comparison.
     Operator(Operator),
-    /// A number as it was written; whether a whole number is wanted depends on the field.
+    /// A number as it was written. The field decides whether it must be whole.
     Number(String),
     /// Text between double quotes, unescaped.
     Text(String),

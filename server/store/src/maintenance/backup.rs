@@ -2,8 +2,8 @@
 //!
 //! `VACUUM INTO` reads one snapshot and writes all of it to a new file. The copy holds all changes that were
 //! acknowledged before it began and no later ones, and writes go on meanwhile
-//! (<https://sqlite.org/lang_vacuum.html>). SQLite leaves the copy to the system's memory, so it is made
-//! durable here; then it is checked, and only then does it get its name.
+//! (<https://sqlite.org/lang_vacuum.html>). SQLite does not sync the copy, so it is made durable here. Then
+//! it is checked, and only then gets its name.
 
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
@@ -15,8 +15,8 @@ use super::files::{self, PartialFile};
 use super::{Inventory, MaintenanceError, check_closed, connect, schema_version};
 use crate::sqlite::file;
 
-/// Writes a copy of `database` to the file `to`, which may exist only if it is to be replaced. While it is
-/// written, the database's write-ahead log cannot be folded and grows by what is written to it.
+/// Writes a copy of `database` to the file `to`, which may exist only if it is to be replaced. Meanwhile the
+/// database's write-ahead log cannot be folded, and grows with every write.
 ///
 /// # Errors
 /// [`MaintenanceError`]; then `to` is as it was.
@@ -35,7 +35,7 @@ pub async fn back_up(database: &Path, to: &Path, replace: bool) -> Result<Invent
     let mut source = connect(database).await?;
     schema_version(&mut source, database).await?;
     let draft = PartialFile::beside(to, database)?;
-    // An absolute path is never taken for a URI.
+    // SQLite takes no absolute path for a URI.
     let absolute =
         std::path::absolute(draft.path()).map_err(MaintenanceError::system(draft.path(), "written"))?;
     let name =
@@ -63,7 +63,7 @@ pub async fn back_up(database: &Path, to: &Path, replace: bool) -> Result<Invent
 async fn write(source: &mut SqliteConnection, to: &str) -> Result<(), sqlx::Error> {
     let shrinks: i64 = sqlx::query_scalar("PRAGMA auto_vacuum").fetch_one(&mut *source).await?;
     if shrinks == 0 {
-        // Files of early versions cannot shrink. Their copies can; the source stays as it is.
+        // Files of early versions cannot shrink, but their copies can; the source stays as it is.
         sqlx::query("PRAGMA auto_vacuum = INCREMENTAL").execute(&mut *source).await?;
     }
     sqlx::query("VACUUM INTO $1").bind(to).execute(source).await.map(|_| ())

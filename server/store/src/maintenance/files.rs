@@ -1,5 +1,5 @@
 //! File system tools of backup and restore: names beside a name, copies that vanish unless they are kept, and
-//! names that are on the disk.
+//! durable names.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -17,7 +17,7 @@ pub(super) fn beside(path: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Refuses what is not a file.
+/// Refuses a path that is not a file.
 pub(super) fn need(path: &Path) -> Result<(), MaintenanceError> {
     if path.is_dir() {
         return Err(OpenError::Directory { path: path.to_owned() }.into());
@@ -48,7 +48,7 @@ pub(super) fn sync_folder(path: &Path) -> Result<(), MaintenanceError> {
     synced.map_err(MaintenanceError::system(folder, "made durable"))
 }
 
-/// A file that is being written under a name for the time being. It is removed unless it is kept.
+/// A file that is written under a temporary name. It is removed unless it is kept.
 pub(super) struct PartialFile {
     path: PathBuf,
     is_kept: bool,
@@ -81,13 +81,13 @@ impl PartialFile {
         synced.map_err(MaintenanceError::system(&self.path, "made durable"))
     }
 
-    /// Gives it its name, durably, in the place of what has that name now.
+    /// Gives it its name, durably, and replaces a file of that name.
     pub(super) fn keep_as(self, path: &Path) -> Result<(), MaintenanceError> {
         self.rename(path)?;
         sync_folder(path)
     }
 
-    /// Gives it its name, in place of what has that name.
+    /// Gives it its name, and replaces a file of that name.
     pub(super) fn rename(mut self, path: &Path) -> Result<(), MaintenanceError> {
         debug_assert_eq!(folder(&self.path), folder(path), "only within a folder is one name put at once");
         fs::rename(&self.path, path).map_err(MaintenanceError::system(path, "put in place"))?;
@@ -113,7 +113,7 @@ impl PartialFile {
 impl Drop for PartialFile {
     fn drop(&mut self) {
         if !self.is_kept {
-            // Should it stay, the next draft of this name takes its place.
+            // If it stays, the next draft of this name replaces it.
             let _ = fs::remove_file(&self.path);
         }
     }

@@ -1,8 +1,7 @@
-//! Keeping a database file over the years: copies of it while a daemon runs, putting one back, and looking
-//! whether it is sound.
+//! Maintenance of a database file: backups while a daemon runs, restoring one, and checking the file.
 //!
 //! All three work on the file itself, beside the daemon or without one. `backup` writes copies, `restore`
-//! puts them back, `files` holds what both need of the file system. For PostgreSQL its own tools do all that.
+//! puts them back, `files` holds their tools for the file system. PostgreSQL has its own tools for all three.
 
 mod backup;
 mod files;
@@ -22,7 +21,7 @@ use crate::sqlite::{Depth, FileOwner, Looked, Unsound, file};
 /// Why a database could not be copied, put back or checked. Nothing was changed unless the message says so.
 #[derive(Debug, thiserror::Error)]
 pub enum MaintenanceError {
-    /// The database cannot be had.
+    /// The database cannot be opened.
     #[error(transparent)]
     Open(#[from] OpenError),
     /// There is no such file.
@@ -31,7 +30,7 @@ pub enum MaintenanceError {
         /// The path.
         path: PathBuf,
     },
-    /// The place of the copy is taken.
+    /// The copy's name is taken.
     #[error("{} exists already; choose another name or pass --replace", path.display())]
     Exists {
         /// The path.
@@ -97,18 +96,18 @@ impl MaintenanceError {
 pub struct Inventory {
     /// Studies.
     pub studies: u64,
-    /// Trials that are stored, in all of them.
+    /// Stored trials of all studies.
     pub trials: u64,
     /// Length of the file in bytes.
     pub bytes: u64,
 }
 
-/// Looks at all of a database, whether a daemon has it or not: pages, indexes, references, and documents that
-/// can be read. It takes minutes for ten gigabytes. Writes go on meanwhile, into a write-ahead log that grows
+/// Checks all of a database, even while a daemon has it: pages, indexes, references, and that documents can
+/// be read. It takes minutes for ten gigabytes. Writes go on meanwhile, into a write-ahead log that grows
 /// until the check is done.
 ///
 /// # Errors
-/// [`MaintenanceError::Damaged`] with what was found, or why one could not look.
+/// [`MaintenanceError::Damaged`] with the problems, or the reason why the check failed.
 pub async fn check(database: &Path) -> Result<Inventory, MaintenanceError> {
     files::need(database)?;
     let mut connection = connect(database).await?;
@@ -138,7 +137,7 @@ async fn connect(path: &Path) -> Result<SqliteConnection, MaintenanceError> {
     options.connect().await.map_err(|error| MaintenanceError::sqlite(path, &error))
 }
 
-/// A connection to a closed file that nobody changes: it needs neither locks nor files beside it.
+/// A connection to a closed file that no process changes: it needs neither locks nor files beside it.
 async fn connect_closed(path: &Path) -> Result<SqliteConnection, MaintenanceError> {
     let options = file::options(path).create_if_missing(false).read_only(true).immutable(true);
     options.connect().await.map_err(|error| MaintenanceError::sqlite(path, &error))
@@ -170,7 +169,7 @@ async fn inventory(connection: &mut SqliteConnection, path: &Path) -> Result<Inv
     Ok(Inventory { studies: count(studies), trials: count(trials), bytes: count(bytes) })
 }
 
-/// Looks through a closed file that may be of an earlier schema, and says what it holds.
+/// Checks a closed file, which may be of an earlier schema, and counts its contents.
 async fn check_closed(path: &Path) -> Result<Inventory, MaintenanceError> {
     let mut connection = connect_closed(path).await?;
     let version = schema_version(&mut connection, path).await?;

@@ -1,8 +1,9 @@
 //! Putting a backup in the place of a database.
 //!
-//! The backup is copied beside the database, made durable and checked there, so that what is checked is what
-//! will be used. Then the database so far gets further names, with its write-ahead log, which must not lie
-//! beside the new file: SQLite would take it for that file's own. One rename puts the new file in place.
+//! The backup is copied beside the database, made durable and checked there, so that the checked file is the
+//! one in use later. Then the old database and its write-ahead log get further names. The old log must not
+//! lie beside the new file, because SQLite would take it for that file's own. One rename puts the new file in
+//! place.
 
 use std::fs::{self, File};
 use std::io;
@@ -18,11 +19,11 @@ use crate::sqlite::file;
 pub struct Restored {
     /// The present contents of the database.
     pub inventory: Inventory,
-    /// Where the database is that was there before, if there was one.
+    /// The new path of the former database, if there was one.
     pub aside: Option<PathBuf>,
 }
 
-/// Puts a copy of the backup `from` in the place of `database`, whether or not there is one.
+/// Puts a copy of the backup `from` in the place of `database`, which need not exist.
 ///
 /// # Errors
 /// [`MaintenanceError`], chiefly when a daemon has the database, or the backup is damaged or of a newer
@@ -68,8 +69,8 @@ fn copy(from: &Path, to: &Path) -> Result<(), MaintenanceError> {
     io::copy(&mut source, &mut target).map_err(MaintenanceError::system(to, "written")).map(|_| ())
 }
 
-/// Gives the database and its log further names, and takes the log from beside it. Where that fails, all is
-/// as before: a database that kept a second name would be refused at the next start.
+/// Gives the database and its log further names, and takes the log from beside it. On failure everything is
+/// as before: a database with a second name would be refused at the next start.
 fn put_aside(database: &Path) -> Result<PathBuf, MaintenanceError> {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let aside = files::beside(database, &format!(".before-restore-{}", since.as_millis()));
@@ -92,7 +93,7 @@ fn put_back(database: &Path, aside: &Path) {
     }
 }
 
-/// The same; the names that it has `made` are told.
+/// Does the work of [`put_aside`], and collects new names in `made`.
 fn take_away(database: &Path, aside: &Path, made: &mut Vec<PathBuf>) -> Result<(), MaintenanceError> {
     let log = files::beside(database, "-wal");
     for (name, other) in [(database, aside.to_owned()), (&log, files::beside(aside, "-wal"))] {
@@ -103,7 +104,7 @@ fn take_away(database: &Path, aside: &Path, made: &mut Vec<PathBuf>) -> Result<(
         }
     }
     files::sync_folder(database)?;
-    // The log last: without it the database lacks what it holds.
+    // The log goes last, because the database is incomplete without it.
     for name in [files::beside(database, "-shm"), log] {
         match fs::remove_file(&name) {
             Ok(()) => {}

@@ -10,22 +10,22 @@ use crate::rows::{Rows, StateRow, TrialRow, VisitRow};
 use treewright_core::trial::TrialState;
 use treewright_core::words::Word as _;
 
-/// Commits that share a statement. Of several changes to one row only the last is kept, since a statement
-/// may touch a row only once.
+/// Commits that share a statement. Of several changes to one row the last is kept, because a statement may
+/// touch a row only once.
 #[derive(Default)]
 pub(super) struct Batch<'r> {
     fences: BTreeMap<i64, i64>,
     states: BTreeMap<(i64, i64), &'r StateRow>,
     visits: BTreeMap<(i64, &'r str), &'r VisitRow>,
-    /// Clients whose visits go, none of them among the visits.
+    /// Clients whose visits are removed, none of them among the visits.
     forgotten: BTreeSet<(i64, &'r str)>,
     trials: BTreeMap<(i64, i64), &'r TrialRow>,
 }
 
 impl<'r> Batch<'r> {
-    /// Adds a commit, or leaves it out when it has to wait for what the batch holds already: for a trial
-    /// that the batch completes, so that the database sees both and refuses to change what is final; and for
-    /// another epoch of the same study.
+    /// Adds a commit, or leaves it out when it must wait for the batch. It waits if the batch completes one
+    /// of its trials, so that the database sees both changes and can refuse to change a final one. It also
+    /// waits for another epoch of the same study.
     pub(super) fn add(&mut self, fence: &Fence, rows: &'r Rows) -> bool {
         let study = fence.key();
         let completed = TrialState::Completed.word();
@@ -55,7 +55,7 @@ impl<'r> Batch<'r> {
         true
     }
 
-    /// Whether there are no rows to store, so that only the epochs are asked for.
+    /// Whether there are no rows to store, so that only the epochs are checked.
     fn is_empty(&self) -> bool {
         self.states.is_empty()
             && self.visits.is_empty()
@@ -63,7 +63,7 @@ impl<'r> Batch<'r> {
             && self.forgotten.is_empty()
     }
 
-    /// Stores what belongs to studies whose epoch still holds, durably, and returns the keys of these.
+    /// Stores the rows of studies whose epoch still holds, durably, and returns the keys of these studies.
     pub(super) async fn store(&self, connection: &mut PgConnection) -> Result<HashSet<i64>, sqlx::Error> {
         let states = || self.states.iter().map(|((study, _), row)| (*study, *row));
         let visits = || self.visits.iter().map(|((study, _), row)| (*study, *row));
@@ -136,7 +136,7 @@ fn column<'r, R: 'r, T>(rows: impl Iterator<Item = (i64, &'r R)>, of: impl Fn(i6
     rows.map(|(study, row)| of(study, row)).collect()
 }
 
-/// PostgreSQL's text cannot hold the character NUL; the sign for a character that is lost stands in.
+/// PostgreSQL's text cannot hold the character NUL; the replacement character stands in.
 pub(super) fn without_nul(text: &str) -> String {
     text.replace('\0', "\u{fffd}")
 }

@@ -1,4 +1,4 @@
-//! Taking a study: who loads it holds it, unless another replica that lives does.
+//! Taking a study: the replica that loads it holds it, unless another living replica does.
 
 use std::time::Instant;
 
@@ -12,11 +12,11 @@ use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
 
-/// How often a claim is tried, should another replica be quicker each time.
+/// The number of tries of a claim while other replicas are quicker.
 const TRIES: usize = 8;
 
-/// Raises the study's epoch and makes this replica its owner. Whatever anybody computed before is refused
-/// from here on.
+/// Raises the study's epoch and makes this replica its owner. From then on, changes computed under an older
+/// epoch are refused.
 pub(super) async fn claim(
     connection: &mut PgConnection,
     shared: &SharedState,

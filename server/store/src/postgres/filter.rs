@@ -1,8 +1,8 @@
-//! PostgreSQL's own way to say a filter: `->>` and `json_typeof`.
+//! Filters in PostgreSQL's own terms: `->>` and `json_typeof`.
 //!
 //! A number in a document is cast to double precision, which PostgreSQL does exactly. A cast of another kind
-//! would be an error, and SQL may evaluate the parts of an AND in any order. So CASE separates the kinds,
-//! because it has an order.
+//! would be an error, and SQL may evaluate the parts of an AND in any order. So CASE, which has an order,
+//! separates the kinds.
 
 use sqlx::{Postgres, QueryBuilder};
 

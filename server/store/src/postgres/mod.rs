@@ -5,9 +5,9 @@
 //! and is refused under an older one. So a replica that lost a study, for whatever reason, can store nothing
 //! more of it: the fencing token of M. Kleppmann, "Designing Data-Intensive Applications", chapter 8.
 //!
-//! `open` connects, `replica` keeps this replica alive in the eyes of the others and hears what they do,
-//! `claim` takes studies, `writer` and `batch` write, `read` and `studies` ask, `filter` translates
-//! questions, `statements` holds the SQL, `shared` what they all know. `tokens` stands for itself.
+//! `open` connects, `replica` shows the others that this replica lives and hears their notices, `claim` takes
+//! studies, `writer` and `batch` write, `read` and `studies` ask, `filter` translates questions, `statements`
+//! holds the SQL, `shared` the common state. `tokens` is independent of them.
 
 mod batch;
 mod claim;
@@ -75,10 +75,10 @@ impl Drop for Listening {
 }
 
 impl PostgresStore {
-    /// Connects, brings the schema up to date and enters this replica. `advertised` is where other replicas
-    /// reach it; `patience` is how long a server may take to come up. Must be called within a tokio runtime,
-    /// on which the writers then live. Dropped without [`close`](Store::close), the store is as one whose
-    /// process was killed.
+    /// Connects, brings the schema up to date and enters this replica. `advertised` is its address for other
+    /// replicas; `patience` is the longest wait for a server that comes up. Must be called within a tokio
+    /// runtime, on which the writers then run. Dropped without [`close`](Store::close), the store is like
+    /// that of a killed process.
     ///
     /// # Errors
     /// [`OpenError`] with the cause and a remedy, never with a password.
@@ -144,7 +144,7 @@ impl PostgresStore {
     }
 }
 
-/// Trouble with the database as the daemon's callers see it.
+/// An error of the database in the form for the daemon's callers.
 fn failed(error: sqlx::Error) -> StoreError {
     let problem = match &error {
         sqlx::Error::PoolClosed => return StoreError::Closed,
@@ -265,7 +265,7 @@ impl Store for PostgresStore {
         for (part, bytes) in parts.iter().enumerate() {
             let row = rows::PartRow::of(*completion, part, parts.len(), bytes)?;
             let (answer, saved) = oneshot::channel();
-            // One after the other, so that others' writes come in between.
+            // The parts go one after the other, so that other writes come in between.
             self.enqueue(fence.study(), StudyJob::Part { fence: fence.clone(), row, answer });
             saved.await.unwrap_or(Err(StoreError::Closed))?;
         }
@@ -316,7 +316,7 @@ impl Store for PostgresStore {
                 tracing::warn!(%error, "a writer ended badly");
             }
         }
-        // The session may have ended already; then there is nobody to tell.
+        // The session may have ended already; then no task receives this.
         let _ = leave.send(());
         let _ = session.await;
         drop(listener);

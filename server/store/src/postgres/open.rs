@@ -1,4 +1,4 @@
-//! Connecting: address, settings, migrations, and an understandable answer when it fails.
+//! Connecting: address, settings, migrations, and clear errors.
 
 use std::str::FromStr as _;
 use std::time::Duration;
@@ -12,16 +12,16 @@ use super::statements as sql;
 use crate::error::OpenError;
 use crate::{limits, migrations};
 
-/// The oldest PostgreSQL that knows everything the statements use.
+/// The oldest PostgreSQL that supports the statements.
 const OLDEST_SERVER: i32 = 130_000;
 
 /// Pause between attempts to reach a server that may be starting.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// How often it is said that a start waits.
+/// The interval of log messages while a start waits.
 const SAID_AGAIN: Duration = Duration::from_secs(10);
 
-/// Where a database is and how to be let in. Shows no password.
+/// The address of a database with the credentials. Its text shows no password.
 #[derive(Clone)]
 pub struct PostgresAddress {
     options: Box<PgConnectOptions>,
@@ -39,7 +39,7 @@ impl PostgresAddress {
         if !crate::is_postgres_address(url) {
             return Err(bad("it does not begin with postgres://"));
         }
-        // The parser's message could quote what it was given.
+        // The parser's message could quote the address.
         let options = PgConnectOptions::from_str(url).map_err(|_| bad("it is not a URL"))?;
         if options.get_database().is_none_or(str::is_empty) {
             return Err(bad("it names no database"));
@@ -70,7 +70,7 @@ impl PostgresAddress {
         &self.options
     }
 
-    /// A connection of one's own, ready for use.
+    /// A separate connection, ready for use.
     pub(super) async fn connect(&self) -> Result<PgConnection, sqlx::Error> {
         let connecting = async {
             let mut connection = PgConnection::connect_with(&self.options).await?;
@@ -104,9 +104,8 @@ pub(super) fn silent() -> sqlx::Error {
     sqlx::Error::Io(std::io::Error::new(std::io::ErrorKind::TimedOut, "the server does not answer"))
 }
 
-/// Connects and brings the schema up to date, waiting up to `patience` for a server that is not there yet,
-/// and for as long as it takes for one that says it is starting: to recover after a crash can take many
-/// minutes.
+/// Connects and brings the schema up to date. It waits up to `patience` for a server that does not answer
+/// yet, and without limit for one that says it is starting: recovery after a crash can take many minutes.
 pub(super) async fn open(address: &PostgresAddress, patience: Duration) -> Result<PgConnection, OpenError> {
     let mut until = Instant::now() + patience;
     let mut said: Option<Instant> = None;
@@ -157,7 +156,7 @@ async fn prepare(address: &PostgresAddress) -> Result<PgConnection, OpenError> {
     Ok(connection)
 }
 
-/// The secret that every replica finds in the database, and nobody else.
+/// The secret that only replicas find, in the database.
 pub(super) async fn replica_key(connection: &mut PgConnection, server: &str) -> Result<[u8; 32], OpenError> {
     let found: Result<Vec<u8>, _> = sqlx::query_scalar(sql::REPLICA_KEY).fetch_one(connection).await;
     let key = found.map_err(|error| explain(server, &error))?;

@@ -1,9 +1,9 @@
 //! A replica's life in the database: its row, its heartbeat, its lock, and the notices of the others.
 //!
 //! Safety rests on none of this: every write is checked against the study's epoch (see
-//! [`fence`](crate::fence)). It only decides how soon others take over. A replica that is killed loses its
-//! connection and with it its lock, which shows at once; one that is cut off stops renewing its heartbeat,
-//! which shows after [`REPLICA_LAPSE`](limits::REPLICA_LAPSE).
+//! [`fence`](crate::fence)). It only decides how soon others take over. A killed replica loses its connection
+//! and with it its lock, which shows at once. One that is cut off stops renewing its heartbeat, which shows
+//! after [`REPLICA_LAPSE`](limits::REPLICA_LAPSE).
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,14 +22,14 @@ use crate::limits;
 /// Pause after an attempt to come back to the database.
 const RETRY: Duration = Duration::from_millis(100);
 
-/// Pieces of deleted studies taken away between two heartbeats.
+/// Pieces of deleted studies that are removed between two heartbeats.
 const REAPS_PER_BEAT: usize = 4;
 
 /// Enters a new replica and takes its lock on this connection.
 pub(super) async fn register(connection: &mut PgConnection, advertised: &str) -> Result<i32, sqlx::Error> {
     let me: i32 =
         sqlx::query_scalar(sql::REPLICA_INSERT).bind(advertised).fetch_one(&mut *connection).await?;
-    // Nobody else knows the id yet, or only asks whether the lock is taken; so it is free in a moment.
+    // Other replicas at most ask for a moment whether the lock is taken, so it is free soon.
     while !take_lock(connection, me).await? {
         sleep(RETRY).await;
     }
@@ -40,8 +40,8 @@ async fn take_lock(connection: &mut PgConnection, me: i32) -> Result<bool, sqlx:
     sqlx::query_scalar(sql::REPLICA_LOCK).bind(me).fetch_one(connection).await
 }
 
-/// Keeps the replica alive in the eyes of the others until `leave` has a message. It ends as if killed when
-/// `leave` closes without one.
+/// Renews the heartbeat until `leave` has a message. If `leave` closes without one, the replica ends as if
+/// killed.
 pub(super) async fn live(
     shared: Arc<SharedState>,
     connection: PgConnection,
@@ -87,7 +87,8 @@ async fn beat(shared: &SharedState, session: Option<PgConnection>) -> Result<PgC
             tracing::info!(replica = me, "the database is back");
         }
     } else {
-        // Taken for dead and cleared away, or an old connection still holds the lock at the server.
+        // The row was removed because the replica seemed dead, or an old connection still holds the lock at
+        // the server.
         sqlx::query(sql::REPLICA_DELETE).bind(me).execute(&mut connection).await?;
         let anew = register(&mut connection, &shared.advertised).await?;
         debug_assert_ne!(anew, me, "who holds the earlier id would hold its studies");
@@ -130,7 +131,7 @@ pub(super) async fn listener(shared: &SharedState) -> Result<PgListener, sqlx::E
     Ok(listener)
 }
 
-/// Acts on the notices of the others, for ever. A lost notice costs time and nothing else.
+/// Acts on the notices of the others, for ever. A lost notice only costs time.
 pub(super) async fn listen(shared: Arc<SharedState>, mut listener: PgListener) {
     loop {
         match listener.try_recv().await {
@@ -163,7 +164,7 @@ fn act(shared: &SharedState, notice: &str) {
                 shared.forget_owners(|owner| owner.replica == replica);
             }
         }
-        // A newer replica may say more.
+        // A newer replica may send other notices.
         _ => tracing::debug!(notice, "not understood"),
     }
 }

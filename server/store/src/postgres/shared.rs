@@ -1,5 +1,5 @@
-//! Shared state of the parts of a PostgreSQL store: its identity, the studies that it holds, and those that
-//! it knows others to hold.
+//! Shared state of the parts of a PostgreSQL store: its identity, its studies, and the known studies of other
+//! replicas.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicI32, Ordering};
@@ -13,7 +13,7 @@ use crate::limits;
 /// Shared by the store, its writers, its session and its listener.
 pub(super) struct SharedState {
     pub(super) database: PostgresAddress,
-    /// Where other replicas reach this one.
+    /// The address of this replica for others.
     pub(super) advertised: String,
     me: AtomicI32,
     fences: Mutex<HashMap<i64, Fence>>,
@@ -29,7 +29,7 @@ pub(super) struct StudyHolder {
     pub(super) seen: Instant,
 }
 
-/// A panic under one of these locks leaves whole entries behind.
+/// A poisoned lock is usable: a panic leaves whole entries behind.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -50,7 +50,7 @@ impl SharedState {
         self.me.load(Ordering::Acquire)
     }
 
-    /// Goes on under another id. The studies held under the old one are no longer this replica's.
+    /// Goes on under another id. Studies held under the old id are no longer this replica's.
     pub(super) fn become_replica(&self, me: i32) {
         self.me.store(me, Ordering::Release);
         for (_, fence) in lock(&self.fences).drain() {
@@ -66,7 +66,7 @@ impl SharedState {
         }
     }
 
-    /// Another load raised the study's epoch: what was loaded before is no longer current.
+    /// Another load raised the study's epoch, so the copy in memory is no longer current.
     pub(super) fn claimed(&self, key: i64, epoch: i64) {
         let mut fences = lock(&self.fences);
         if fences.get(&key).is_some_and(|fence| fence.epoch() < epoch)
@@ -86,12 +86,12 @@ impl SharedState {
         self.forget_owners(|owner| owner.key == key);
     }
 
-    /// The known holder of the study, where that is fresh enough to be believed.
+    /// The known holder of the study, if it was found recently.
     pub(super) fn owner(&self, study: &str) -> Option<StudyHolder> {
         lock(&self.owners).get(study).filter(|owner| owner.seen.elapsed() < limits::OWNER_REMEMBERED).cloned()
     }
 
-    /// Remembers who holds a study.
+    /// Remembers the holder of a study.
     pub(super) fn remember_owner(&self, study: &str, owner: StudyHolder) {
         let mut owners = lock(&self.owners);
         if owners.len() >= limits::OWNERS_REMEMBERED {
@@ -101,12 +101,12 @@ impl SharedState {
         assert!(owners.len() <= limits::OWNERS_REMEMBERED);
     }
 
-    /// Forgets who holds one study.
+    /// Forgets the holder of one study.
     pub(super) fn forget_owner(&self, study: &str) {
         lock(&self.owners).remove(study);
     }
 
-    /// Forgets owners.
+    /// Forgets the holders that `which` names.
     pub(super) fn forget_owners(&self, which: impl Fn(&StudyHolder) -> bool) {
         lock(&self.owners).retain(|_, owner| !which(owner));
     }

@@ -1,6 +1,6 @@
 //! The fixed SQL for PostgreSQL.
 //!
-//! A replica lives while it renews its heartbeat and holds the advisory lock of its id; who asks takes the
+//! A replica lives while it renews its heartbeat and holds the advisory lock of its id. A question takes the
 //! shared lock for a moment, so that several may ask at once. `$lapse` below is in seconds.
 
 /// First key of every advisory lock of ours ("TWrt"); the second is the replica's id.
@@ -10,8 +10,8 @@ macro_rules! lock_class {
     };
 }
 
-/// Whether the replica `r` lives; false without one. `$lapse` is the parameter with the seconds after which
-/// a silent one is dead.
+/// Whether the replica `r` lives; false without one. `$lapse` is the parameter with the seconds of silence
+/// after which a replica is dead.
 macro_rules! lives {
     ($lapse:literal) => {
         concat!(
@@ -24,7 +24,7 @@ macro_rules! lives {
     };
 }
 
-/// The channel on which replicas tell each other who takes, leaves and deletes what.
+/// The channel of notices between replicas about studies that are taken, left and deleted.
 macro_rules! channel {
     () => {
         "treewright"
@@ -40,7 +40,7 @@ pub(super) const SETTINGS: &str = "SET synchronous_commit = on; SET timezone = '
 pub(super) const SERVER: &str =
     "SELECT current_setting('server_version_num')::integer, current_setting('fsync')";
 
-/// Whether there are tables here, and whether they are ours.
+/// Whether there are tables, but none of ours.
 pub(super) const FOREIGN: &str = "SELECT count(*) > 0 AND bool_and(c.relname <> '_sqlx_migrations') \
      FROM pg_class c JOIN pg_namespace n ON n.oid = c.relnamespace \
      WHERE n.nspname = current_schema() AND c.relkind IN ('r', 'p')";
@@ -63,21 +63,21 @@ pub(super) const REPLICA_DELETE: &str = concat!(
     "', 'left ' || id)"
 );
 
-/// Clears away the rows of replicas that have been silent for long; each is taken by one of those who clean.
+/// Removes the rows of replicas that have been silent for long. Each row is removed by one replica.
 pub(super) const REPLICAS_REAP: &str = "DELETE FROM replicas WHERE id IN (SELECT r.id FROM replicas r \
      WHERE r.id <> $1 AND r.heartbeat < clock_timestamp() - $2 * interval '1 second' \
      FOR UPDATE SKIP LOCKED)";
 
 // Studies.
 
-/// Begins a transaction that only reads, and reads the database as it is at its first question.
+/// Begins a transaction that only reads, and sees the database as of its first question.
 pub(super) const BEGIN_READING: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
 
 pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1";
 
 pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies WHERE name IS NOT NULL";
 
-/// The highest trial number that earlier studies have handed out under a name, as `former.last`.
+/// The highest trial number of earlier studies under a name, as `former.last`.
 macro_rules! former {
     ($name:literal) => {
         concat!(
@@ -88,7 +88,7 @@ macro_rules! former {
     };
 }
 
-/// The highest trial number that a study has handed out, or left to others.
+/// The highest trial number that a study has handed out or skipped.
 macro_rules! last_trial {
     () => {
         "greatest(named_after, (SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id))"
@@ -102,10 +102,10 @@ pub(super) const STUDY_INSERT: &str = concat!(
     " ON CONFLICT (name) DO NOTHING"
 );
 
-/// Keeps others from storing what belongs to the study until the end of the transaction.
+/// Keeps other replicas from storing rows of the study until the end of the transaction.
 pub(super) const STUDY_LOCK: &str = "SELECT id FROM studies WHERE name = $1 FOR UPDATE";
 
-/// Notes which numbers a study has handed out under the name that it is about to lose.
+/// Notes the last trial number of a study under the name that it is about to lose.
 pub(super) const NAME_LEFT: &str = concat!(
     "INSERT INTO former_names (name, last_trial) SELECT name, last FROM (SELECT name, ",
     last_trial!(),
@@ -113,8 +113,7 @@ pub(super) const NAME_LEFT: &str = concat!(
     "ON CONFLICT (name) DO UPDATE SET last_trial = greatest(former_names.last_trial, excluded.last_trial)"
 );
 
-/// Of more than `$1` former names those with the lowest numbers are no longer listed: the empty name stands
-/// for them.
+/// Merges former names beyond `$1`, those with the lowest numbers, into the empty name.
 pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_trial) SELECT '', highest FROM \
      (SELECT max(last_trial) AS highest FROM (SELECT last_trial FROM former_names WHERE name <> '' \
      ORDER BY last_trial DESC OFFSET $1) AS lowest) AS rest WHERE highest IS NOT NULL \
@@ -123,7 +122,8 @@ pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_tria
 pub(super) const FOLDED_NAMES_DELETE: &str = "DELETE FROM former_names WHERE name <> '' \
      AND last_trial <= (SELECT last_trial FROM former_names WHERE name = '')";
 
-/// Takes the name from the study, which nobody finds any more, and raises its epoch, so that nobody stores.
+/// Takes the name from the study, so that it cannot be found, and raises its epoch, so that no replica stores
+/// it.
 pub(super) const STUDY_DELETE: &str = concat!(
     "WITH gone AS (UPDATE studies SET name = NULL, owner = NULL, epoch = epoch + 1 ",
     "WHERE id = $1 RETURNING id) SELECT id FROM gone, LATERAL pg_notify('",
@@ -131,7 +131,8 @@ pub(super) const STUDY_DELETE: &str = concat!(
     "', 'deleted ' || id)"
 );
 
-/// Gives the study another name, and raises its epoch: who has it in memory loads it again.
+/// Gives the study another name, and raises its epoch, so that a replica with the study in memory loads it
+/// again.
 pub(super) const STUDY_RENAME: &str = concat!(
     "WITH renamed AS (UPDATE studies SET name = $2, owner = NULL, epoch = epoch + 1, named_after = greatest(former.last, ",
     last_trial!(),
@@ -153,7 +154,7 @@ pub(super) const STUDY_OWNER: &str = concat!(
     " THEN r.address END AS address FROM studies s LEFT JOIN replicas r ON r.id = s.owner WHERE s.name = $1"
 );
 
-/// Where the replica is reached that holds the study, while it lives.
+/// The address of the replica that holds the study, while it lives.
 pub(super) const HOLDER_ADDRESS: &str = concat!(
     "SELECT CASE WHEN ",
     lives!("$2"),
@@ -162,7 +163,7 @@ pub(super) const HOLDER_ADDRESS: &str = concat!(
 
 pub(super) const DATABASE_BYTES: &str = "SELECT pg_database_size(current_database())";
 
-/// Takes the study, unless somebody else took it since it was looked at.
+/// Takes the study, unless another replica took it since it was read.
 pub(super) const STUDY_CLAIM: &str = concat!(
     "WITH claimed AS (UPDATE studies SET owner = $3, epoch = epoch + 1 ",
     "WHERE id = $1 AND epoch = $2 AND name IS NOT NULL RETURNING id, epoch) ",
@@ -175,7 +176,7 @@ pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $3::json, mo
      WHERE id = $1 AND epoch = $2 AND name IS NOT NULL";
 
 /// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count;
-/// trial numbers leave some out; each is one look at the end of an index.
+/// trial numbers have gaps. Each of these values is at the end of an index.
 macro_rules! study_select {
     ($rest:literal) => {
         concat!(
@@ -241,10 +242,10 @@ pub(super) const CHECKPOINT: &str = "SELECT completion FROM checkpoints WHERE st
 pub(super) const CHECKPOINT_PARTS: &str =
     "SELECT bytes FROM checkpoints WHERE study = $1 AND completion = $2 ORDER BY part";
 
-// Background work that replicas share: a row that one works on is passed over by the others.
+// Background work that replicas share: a row in use by one replica is skipped by the others.
 
-/// The studies with leases that ended before `$1`: those of replica `$2`, and those of nobody alive, which
-/// it takes over.
+/// The studies with leases that ended before `$1`: those of replica `$2`, and those without a living owner,
+/// which it takes over.
 pub(super) const STUDIES_WITH_DUE_LEASES: &str = concat!(
     "WITH orphans AS (SELECT s.id FROM studies s LEFT JOIN replicas r ON r.id = s.owner ",
     "WHERE s.name IS NOT NULL AND s.owner IS DISTINCT FROM $2 AND EXISTS (SELECT 1 FROM trials t ",
@@ -257,12 +258,13 @@ pub(super) const STUDIES_WITH_DUE_LEASES: &str = concat!(
     "AND t.state = 'OPEN' AND t.lease_expire_ms < $1) LIMIT $4) ORDER BY name"
 );
 
-/// Of these studies, those whose epoch still holds: for commits without rows, behind which somebody reads.
+/// Of these studies, those whose epoch still holds: for commits without rows, whose callers wait for earlier
+/// writes.
 pub(super) const HELD_STUDIES: &str = "SELECT s.id FROM studies s \
      JOIN unnest($1::bigint[], $2::bigint[]) AS f (id, epoch) ON s.id = f.id AND s.epoch = f.epoch \
      WHERE s.name IS NOT NULL";
 
-/// Locks a deleted study, so that one replica at a time takes its rows away.
+/// Locks a deleted study, so that one replica at a time removes its rows.
 pub(super) const DELETED_STUDY: &str =
     "SELECT id FROM studies WHERE name IS NULL ORDER BY id LIMIT 1 FOR UPDATE SKIP LOCKED";
 
@@ -285,15 +287,15 @@ pub(super) const PART_UPSERT: &str = "WITH held AS (SELECT id FROM studies \
      INSERT INTO checkpoints (study, completion, part, parts, bytes) SELECT id, $3, $4, $5, $6 FROM held \
      ON CONFLICT (study, completion, part) DO UPDATE SET parts = excluded.parts, bytes = excluded.bytes";
 
-/// Removes closed trials of a study whose epoch still holds, unless completed after `$4`: whether it does,
-/// and how many that were.
+/// Removes closed trials of a study whose epoch still holds, unless completed after `$4`. Returns whether the
+/// epoch holds, and the number of removed trials.
 pub(super) const TRIALS_DELETE: &str = "WITH held AS MATERIALIZED (SELECT id FROM studies \
      WHERE id = $1 AND epoch = $2 AND name IS NOT NULL FOR NO KEY UPDATE), \
      gone AS (DELETE FROM trials t USING held WHERE t.study = held.id AND t.number = ANY($3) \
      AND t.state <> 'OPEN' AND (t.completion IS NULL OR t.completion <= $4) RETURNING t.number) \
      SELECT (SELECT count(*) FROM held), (SELECT count(*) FROM gone)";
 
-/// Also what an earlier attempt at the same one left, should that have had more parts.
+/// Also removes surplus parts of an earlier attempt at the same checkpoint.
 pub(super) const OTHER_CHECKPOINTS_DELETE: &str =
     "DELETE FROM checkpoints WHERE study = $1 AND (completion <> $2 OR part >= $3)";
 
@@ -301,8 +303,8 @@ pub(super) const OTHER_CHECKPOINTS_DELETE: &str =
 ///
 /// `held` locks the studies whose epoch is still the writer's, in the order of their keys, so that two
 /// replicas cannot wait for each other; a replica that takes a study meanwhile waits for this lock, and one
-/// that took it before has raised the epoch. Only rows of held studies are stored, and the answer says which
-/// these are. What was handed out stays; only the lease and the report can still change.
+/// that took it before has raised the epoch. Only rows of held studies are stored, and the answer lists these
+/// studies. A stored trial keeps its other columns; only the lease and the report can still change.
 pub(super) const BATCH: &str = "\
 WITH held AS MATERIALIZED (
     SELECT s.id FROM studies s

@@ -1,4 +1,4 @@
-//! Operations on whole studies: creating one, deleting one, and sweeping what is due in any of them.
+//! Operations on whole studies: creating and deleting one, and sweeping due leases in all of them.
 
 use sqlx::postgres::PgConnection;
 use treewright_core::study::StudySpec;
@@ -11,8 +11,8 @@ use crate::limits;
 use crate::rows::{self, signed, unsigned};
 use crate::store::Created;
 
-/// Creates a study, or finds an equal one. Two replicas may try at once: one of them creates it, and both
-/// compare what is there then.
+/// Creates a study, or finds an equal one. If two replicas try at once, one of them creates it, and both
+/// compare the stored study.
 pub(super) async fn create(
     connection: &mut PgConnection,
     id: &str,
@@ -53,7 +53,7 @@ fn one_at_most(rows: u64) {
     assert!(rows <= 1, "{rows} rows have one key");
 }
 
-/// Makes a study unfindable, and returns its key. [`reap`] takes its rows away.
+/// Makes a study unfindable, and returns its key. [`reap`] removes its rows.
 pub(super) async fn delete(connection: &mut PgConnection, study: &str) -> Result<i64, StoreError> {
     let mut transaction = sqlx::Connection::begin(connection).await.map_err(failed)?;
     let key =
@@ -82,8 +82,8 @@ pub(super) async fn rename(connection: &mut PgConnection, study: &str, to: &str)
     Ok(key)
 }
 
-/// Notes which numbers a study has handed out under the name that it is about to lose, and returns its key;
-/// none where no study has the name. Until the end of the transaction nobody stores more of it.
+/// Notes the last trial number of a study under the name that it is about to lose, and returns its key; none
+/// where no study has the name. Until the end of the transaction no replica stores its rows.
 async fn leave_name(connection: &mut PgConnection, study: &str) -> Result<Option<i64>, sqlx::Error> {
     let found: Option<i64> =
         sqlx::query_scalar(sql::STUDY_LOCK).bind(study).fetch_optional(&mut *connection).await?;
@@ -124,7 +124,7 @@ pub(super) async fn remove_trials(
     unsigned(gone)
 }
 
-/// Takes away a piece of a deleted study that no other replica works on; false when there is none.
+/// Removes a piece of a deleted study that no other replica works on; false when there is none.
 pub(super) async fn reap(connection: &mut PgConnection) -> Result<bool, sqlx::Error> {
     let mut transaction = sqlx::Connection::begin(connection).await?;
     let found: Option<i64> = sqlx::query_scalar(sql::DELETED_STUDY).fetch_optional(&mut *transaction).await?;
@@ -147,7 +147,8 @@ pub(super) async fn reap(connection: &mut PgConnection) -> Result<bool, sqlx::Er
     Ok(true)
 }
 
-/// The studies of replica `me` with leases that have run out, and those of nobody alive, which become its.
+/// The studies of replica `me` with leases that have run out, and those without a living owner, which `me`
+/// takes over.
 pub(super) async fn with_due_leases(
     connection: &mut PgConnection,
     me: i32,
@@ -161,7 +162,7 @@ pub(super) async fn with_due_leases(
         .fetch_all(connection)
         .await
         .map_err(failed)?;
-    // As many that were nobody's, and as many of its own.
+    // At most one sweep of studies without an owner, and one of its own.
     assert!(due.len() <= 2 * limits::SWEEP_STUDIES as usize, "{} studies in one sweep", due.len());
     Ok(due)
 }

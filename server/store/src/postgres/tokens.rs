@@ -1,7 +1,7 @@
 //! Tokens in PostgreSQL, where every replica finds them.
 //!
 //! Each replica asks for the [revision](TokenStore::revision) often, so that a token made or revoked through
-//! any of them, or by the command line, counts everywhere soon. Changes of tokens wait for each other at the
+//! any replica, or by the command line, counts everywhere soon. Changes of tokens wait for each other at the
 //! one row of the revision; the database adds up the usage of tokens over all replicas.
 
 use std::collections::BTreeSet;
@@ -25,7 +25,7 @@ const INSERT: &str = "INSERT INTO tokens VALUES ($1, $2, $3, $4, $5::json, $6::j
 
 const REVOKE: &str = "UPDATE tokens SET revoke_ms = coalesce(revoke_ms, $1) WHERE id = $2";
 
-/// Sums that do not fit are as good as the largest that do.
+/// A sum that does not fit becomes the largest number.
 const USAGE: &str = "SELECT least(coalesce(sum(studies), 0), 9223372036854775807)::bigint AS studies, \
                      least(coalesce(sum(trials), 0), 9223372036854775807)::bigint AS trials, \
                      least(coalesce(sum(bytes), 0), 9223372036854775807)::bigint AS bytes \
@@ -47,7 +47,7 @@ pub struct PostgresTokens {
 
 impl PostgresTokens {
     /// Opens the tokens of a database, also while daemons serve it, and brings its schema up to date first.
-    /// `patience` is how long a server may take to come up.
+    /// `patience` is the longest wait for a server that comes up.
     ///
     /// # Errors
     /// [`OpenError`] with the cause and a remedy, never with a password.

@@ -1,9 +1,9 @@
 //! A writer: a task with a connection of its own that stores waiting commits together.
 //!
-//! The commits that have gathered while the last statement was being made durable share the next one
-//! ("group commit"; DeWitt et al., "Implementation techniques for main memory database systems", 1984). Each
-//! caller is answered after PostgreSQL has said that it is done. A study always goes by the same writer, so
-//! that its writes keep their order.
+//! The commits that have gathered while the last statement was being made durable share the next one ("group
+//! commit"; DeWitt et al., "Implementation techniques for main memory database systems", 1984). Each caller
+//! is answered after PostgreSQL has confirmed the commit. Each study has one writer, so that its writes keep
+//! their order.
 
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
@@ -24,15 +24,15 @@ use crate::fence::Fence;
 use crate::limits;
 use crate::rows::{PartRow, Rows, inconsistent};
 
-/// For so long after the database could not be reached, writes are refused without another try.
+/// The time after a failure to reach the database in which writes are refused without another try.
 const FAIL_FAST: Duration = Duration::from_millis(100);
 
-/// How often a statement is tried that the database broke off for the sake of another.
+/// The number of tries of a statement that the database aborts in favour of another.
 const TRIES: usize = 4;
 
 type Statement<'q> = Query<'q, Postgres, PgArguments>;
 
-/// A write and where its answer goes.
+/// A write and the receiver of its answer.
 pub(super) enum StudyJob {
     Commit {
         fence: Fence,
@@ -58,8 +58,8 @@ pub(super) enum StudyJob {
 }
 
 impl StudyJob {
-    /// The caller's change is lost, so nothing computed on top of it may be stored. A caller that has left
-    /// does not matter.
+    /// Answers with an error. The caller's change is lost, so the fence breaks: no later change computed on
+    /// it may be stored.
     pub(super) fn refuse(self, error: StoreError) {
         match self {
             Self::Commit { fence, answer, .. } | Self::Policy { fence, answer, .. } => {
@@ -81,11 +81,11 @@ impl StudyJob {
 
 /// The result of a batch.
 enum BatchResult {
-    /// The studies whose epoch still holds; what belongs to these is stored.
+    /// The studies whose epoch still holds; their rows are stored.
     Held(HashSet<i64>),
     /// One of the rows breaks a rule; nothing is stored.
     Broken(StoreError),
-    /// The database could not do it; nothing is known to be stored.
+    /// The database failed; nothing is known to be stored.
     Failed(StoreError),
 }
 
@@ -123,7 +123,7 @@ impl Writer {
             match group.pop_front() {
                 None => return,
                 Some(StudyJob::Claim { study, answer }) => {
-                    // Nobody listens any more when the caller has left; the claim is then one for nothing.
+                    // A caller that has left does not hear the answer; the claim is then useless.
                     drop(answer.send(self.claim(&study).await));
                 }
                 Some(job) => match self.alone(&job).await {
@@ -237,7 +237,7 @@ impl Writer {
                 if row.part + 1 < row.parts {
                     return Ok(());
                 }
-                // Earlier checkpoints go, and what a crash left of others.
+                // Earlier checkpoints are removed, and the parts that a crash left.
                 let query = sqlx::query(sql::OTHER_CHECKPOINTS_DELETE).bind(fence.key());
                 self.execute(query.bind(row.completion).bind(row.parts)).await.map(|_| ())
             }
@@ -268,7 +268,7 @@ impl Writer {
         Ok(done?.rows_affected())
     }
 
-    /// A connection after trouble is not used again: what it has sent and not read is unknown.
+    /// A connection is not used again after an error, because its unread answers are unknown.
     fn keep_connection_after<T>(&mut self, result: &Result<T, StoreError>) {
         if matches!(result, Err(StoreError::Unavailable { .. })) {
             self.connection = None;

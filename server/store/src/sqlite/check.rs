@@ -1,8 +1,8 @@
-//! Is a database file sound? The tables against what the migrations make, the pages by SQLite's own checks,
-//! and what SQLite cannot know: that documents can be read and counts agree.
+//! Checks of a database file: the tables against the migrations, the pages by SQLite's own checks, and beyond
+//! SQLite's knowledge that documents can be read and counts agree.
 //!
-//! At every start the same is done for a moment only, so that a start takes no longer with a long history;
-//! the rest is left to `treewrightd check`.
+//! A start checks for a moment only, so that it takes no longer with a long history; `treewrightd check` does
+//! the rest.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -18,7 +18,7 @@ const STEPS: i32 = 256;
 /// The extent of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Depth {
-    /// As far as one comes in this time.
+    /// For at most this time.
     For(Duration),
     /// Pages, but not whether indexes and tables agree: enough for a copy that was just written.
     Pages,
@@ -29,13 +29,13 @@ pub(crate) enum Depth {
 /// The extent of a check that found no problems.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Looked {
-    /// All that was to be looked at.
+    /// Everything in the extent was checked.
     Through,
-    /// The time was over before.
+    /// The time ended before.
     InPart,
 }
 
-/// Why a check did not come to the end.
+/// Why a check failed.
 #[derive(Debug)]
 pub(crate) enum Unsound {
     /// The problems, at least one, each in a line.
@@ -75,7 +75,7 @@ pub(crate) async fn check(connection: &mut SqliteConnection, depth: Depth) -> Re
     }
 }
 
-/// Checks the pages alone, whatever the schema.
+/// Checks the pages alone, for any schema.
 pub(crate) async fn check_pages(connection: &mut SqliteConnection) -> Result<(), Unsound> {
     look(connection, "PRAGMA quick_check(20)").await
 }
@@ -102,15 +102,15 @@ async fn look(connection: &mut SqliteConnection, pragma: &'static str) -> Result
     Unsound::unless_empty(found)
 }
 
-/// Rows that refer to others that are not there.
+/// Rows that refer to missing rows.
 async fn strays(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
     let sql = "SELECT \"table\" || ' row ' || coalesce(rowid, '?') || ' refers to a missing row of ' || parent \
                FROM pragma_foreign_key_check LIMIT 20";
     Ok(sqlx::query_scalar(sql).fetch_all(connection).await?)
 }
 
-/// Documents that cannot be read: SQLite keeps no check sums, so that a bit that fell over inside a text
-/// shows, if anywhere, here.
+/// Documents that cannot be read: SQLite keeps no check sums, so a flipped bit inside a text can only show
+/// here.
 async fn contents(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
     let sql = "SELECT 'trial ' || number || ' of study ' || study || ' cannot be read' FROM trials \
                WHERE NOT (json_valid(configuration) AND json_valid(indicators) AND json_valid(measurements) \
@@ -120,8 +120,8 @@ async fn contents(connection: &mut SqliteConnection) -> Result<Vec<String>, Unso
     Ok(sqlx::query_scalar(sql).fetch_all(connection).await?)
 }
 
-/// Tables, indexes and triggers that are missing or differ from what the migrations make. An operator's own
-/// additions for questions are ignored.
+/// Tables, indexes and triggers that are missing or differ from those of the migrations. An operator's own
+/// indexes and views are ignored.
 async fn schema(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
     let found = objects(connection).await?;
     let mut fresh = SqliteConnection::connect("sqlite::memory:").await?;
@@ -141,7 +141,7 @@ async fn schema(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsoun
     Ok(expected.into_iter().filter_map(problem).collect())
 }
 
-/// All that the schema holds but SQLite's and the migrator's own: kind and name, and how it was made.
+/// All objects of the schema but SQLite's and the migrator's own: kind, name, and SQL.
 async fn objects(
     connection: &mut SqliteConnection,
 ) -> Result<BTreeMap<(String, String), String>, sqlx::Error> {

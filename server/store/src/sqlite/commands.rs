@@ -145,7 +145,7 @@ fn one_at_most(rows: u64) {
     assert!(rows <= 1, "{rows} rows have one key");
 }
 
-/// Notes which numbers a study has handed out under the name that it is about to lose.
+/// Notes the last trial number of a study under the name that it is about to lose.
 async fn leave_name(connection: &mut SqliteConnection, key: i64) -> Result<(), sqlx::Error> {
     let noted = sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await?;
     one_at_most(noted.rows_affected());
@@ -176,7 +176,7 @@ async fn rename(connection: &mut SqliteConnection, study: &str, to: &str) -> Res
     Ok(Some(key))
 }
 
-/// Saves a part of a checkpoint; with the last one earlier checkpoints go, and what a crash left of others.
+/// Saves a part of a checkpoint. The last part removes earlier checkpoints and the parts that a crash left.
 async fn save_part(
     connection: &mut SqliteConnection,
     study: i64,
@@ -203,8 +203,8 @@ async fn save_part(
     Ok(())
 }
 
-/// Removes closed trials, and gives pages back to the system where many are free. Some are kept for what
-/// comes next: to let a file shrink and grow again and again helps nobody.
+/// Removes closed trials, and gives pages back to the system where many are free. Some stay free, so that a
+/// file need not shrink and grow again and again.
 async fn remove(
     connection: &mut SqliteConnection,
     study: i64,
@@ -261,7 +261,7 @@ async fn create(
     Ok(Created { study, is_new: true })
 }
 
-/// A constraint that a write breaks is a defect of the writer's; anything else is the database's trouble.
+/// A broken constraint is a defect of this program; any other error is the database's.
 pub(super) fn refused(error: sqlx::Error) -> StoreError {
     use sqlx::error::ErrorKind;
     match error.as_database_error() {

@@ -1,8 +1,7 @@
-//! SQLite's own way to say a filter: `json_extract` and `json_type`.
+//! Filters in SQLite's own terms: `json_extract` and `json_type`.
 //!
-//! SQLite reads a number in JSON text to within a last digit, not always exactly. So a number that is
-//! compared with one is bound as JSON text as well, and both go through the same reading: equal numbers
-//! stay equal.
+//! SQLite reads a number in JSON text to within a last digit, not always exactly. So a number to compare is
+//! bound as JSON text as well. Both are read in the same way, and equal numbers stay equal.
 
 use sqlx::{QueryBuilder, Sqlite};
 
@@ -95,7 +94,7 @@ mod tests {
         rows.iter().map(|row| row.get("detail")).collect()
     }
 
-    /// The questions of the dashboard's pages read no more trials than they show, however many a study has.
+    /// The questions of the dashboard's pages read no more trials than they show, even in a large study.
     #[tokio::test]
     async fn questions_of_pages_read_what_they_show() {
         let mut connection = SqliteConnection::connect("sqlite::memory:").await.expect("a database");
@@ -110,7 +109,7 @@ mod tests {
             let plan = plan(&mut connection, filter, order).await;
             assert!(plan.len() == 1 && plan[0].ends_with(index), "{filter} {order}: {plan:?}");
         }
-        // The few open ones are put in order by themselves.
+        // The few open trials are sorted.
         let plan = plan(&mut connection, "state = OPEN", "").await;
         assert!(plan[0].contains("trials_open"), "{plan:?}");
     }

@@ -1,8 +1,8 @@
-//! Whether the files that are written are still those that lie under the database's name.
+//! The check that the open files still lie under the database's name.
 //!
-//! SQLite goes on writing to a file that was moved, deleted or replaced meanwhile, and what it acknowledges
-//! is gone with the last handle on it. So the writer looks at the names before each transaction, which takes
-//! a few microseconds, and refuses while they mean something else. Once the files are back, it goes on.
+//! SQLite goes on writing to a file that was moved, deleted or replaced meanwhile, and acknowledged writes
+//! are lost with its last handle. So the writer checks the names before each transaction, which takes a few
+//! microseconds, and refuses while they name other files. Once the files are back, it goes on.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt as _;
@@ -14,19 +14,19 @@ use crate::error::StoreError;
 const DATABASE_REMEDY: &str =
     "put it back, and writes go on; where it is gone for good, stop the daemon and restore a backup";
 
-/// The log is open still, and closing the database folds it into the file, whatever lies under the log's
+/// The log is open still, and closing the database folds it into the file, even if another file has the log's
 /// name.
 const LOG_REMEDY: &str = "stop the daemon with SIGTERM, which writes all that it has acknowledged into the database, and \
                           start it again. Restore no backup: nothing is lost unless another program wrote meanwhile";
 
-/// A file as the system tells it from others: device and inode.
+/// The system's identity of a file: device and inode.
 type Identity = (u64, u64);
 
 /// One of the files of an open database.
 #[derive(Debug)]
 struct KnownFile {
     name: PathBuf,
-    /// Known once the file has been there; those beside the database then stay until it is closed.
+    /// Known once the file exists; files beside the database then stay until it is closed.
     is: Option<Identity>,
     remedy: &'static str,
 }
@@ -36,7 +36,7 @@ struct KnownFile {
 pub(super) struct FileIdentity([KnownFile; 3]);
 
 impl FileIdentity {
-    /// Remembers what lies under the name of a database that has just been opened.
+    /// Remembers the files under the name of a database that has just been opened.
     pub(super) fn of(database: &Path) -> Self {
         // A link to the database stands for the file that it names, and the others lie beside that.
         let database = database.canonicalize().unwrap_or_else(|_| database.to_owned());
@@ -49,7 +49,7 @@ impl FileIdentity {
         Self([file("", DATABASE_REMEDY), file("-wal", LOG_REMEDY), file("-shm", LOG_REMEDY)])
     }
 
-    /// Refuses when another file, or none, lies where one of ours was.
+    /// Refuses when one of the files was replaced or is missing.
     pub(super) fn check(&mut self) -> Result<(), StoreError> {
         for KnownFile { name, is, remedy } in &mut self.0 {
             let found = identity(name);

@@ -1,9 +1,9 @@
-//! One daemon, one database: an advisory lock (`flock`), which the system releases when its holder dies,
-//! however it dies.
+//! One daemon, one database: an advisory lock (`flock`), which the system releases when its holder dies in
+//! any way.
 //!
-//! `FILE.lock` is locked and holds the process id for the error message. The database file itself is not even
-//! opened: that is left to SQLite, as [`place`](super::place) explains. A second name of the file, for which
-//! the lock would be another one, is refused there.
+//! `FILE.lock` is locked and holds the process id for the error message. Only SQLite opens the database file
+//! itself, as [`place`](super::place) explains. A second name of the file would have another lock, so `place`
+//! refuses it.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read as _, Seek as _, Write as _};
@@ -15,7 +15,7 @@ use rustix::fs::OFlags;
 use super::place;
 use crate::error::OpenError;
 
-/// Held for as long as the store is open. The file stays behind: to delete it could delete the lock of
+/// Held for as long as the store is open. The file stays behind, because deleting it could delete the lock of
 /// a daemon that has just opened it.
 #[derive(Debug)]
 pub(crate) struct DatabaseLock {
@@ -42,8 +42,8 @@ impl DatabaseLock {
     }
 }
 
-/// Opens the file, which nobody else may open: who can read a file can lock it, and would keep the daemon
-/// from starting.
+/// Opens the file, which no other user may open: a user who can read it can lock it, and could keep the
+/// daemon from starting.
 fn open(path: &Path) -> std::io::Result<File> {
     let mut options = OpenOptions::new();
     options.read(true).write(true).create(true).truncate(false).mode(place::PRIVATE);
@@ -52,7 +52,7 @@ fn open(path: &Path) -> std::io::Result<File> {
     Ok(file)
 }
 
-/// Why the lock cannot be had.
+/// Why the lock cannot be taken.
 fn refusal(database: &Path, lock: PathBuf, mut named: File) -> OpenError {
     let mut text = String::new();
     // The process id is a courtesy; without it the message is only shorter.
@@ -71,7 +71,7 @@ fn holder(file: &File) -> Option<u32> {
     let locks = std::fs::read_to_string("/proc/locks").ok()?;
     locks.lines().find_map(|line| {
         // Number, kind, "ADVISORY", "WRITE", process, DEVICE:INODE, first and last byte. Some file systems
-        // show another device here than to everybody else.
+        // show a different device here.
         let words: Vec<&str> = line.split_whitespace().collect();
         let [_, "FLOCK", _, _, process, of, ..] = words[..] else { return None };
         of.ends_with(&inode).then(|| process.parse().ok()).flatten().filter(|&pid| pid > 0)

@@ -1,9 +1,8 @@
 //! The store on SQLite: a write-ahead log, one writer, a few readers.
 //!
-//! `open` readies the file, `place` looks at where it lies, `lock` keeps a second daemon out, `check` looks
-//! whether it is sound, `identity` whether it lies where it did, `writer`, `commands` and `script` write,
-//! `read` reads, `reap` removes what was deleted, `filter` translates questions, `statements` holds the fixed
-//! SQL.
+//! `open` prepares the file, `place` checks its path, `lock` keeps a second daemon out, `check` finds damage,
+//! `identity` notices a moved file, `writer`, `commands` and `script` write, `read` reads, `reap` removes
+//! deleted studies, `filter` translates questions, `statements` holds the fixed SQL.
 
 mod check;
 mod codes;
@@ -55,8 +54,8 @@ pub(crate) mod file {
 pub(crate) use check::{Depth, Looked, Unsound};
 pub(crate) use open::FileOwner;
 
-/// Keeps everything in one SQLite file and survives being killed at any moment: what has been
-/// acknowledged is on the disk.
+/// Keeps everything in one SQLite file and survives being killed at any moment: acknowledged writes are on
+/// the disk.
 #[derive(Debug)]
 pub struct SqliteStore {
     path: PathBuf,
@@ -75,11 +74,11 @@ struct OpenFile {
 }
 
 impl SqliteStore {
-    /// Opens or creates the database file, and brings its schema up to date. Must be called within a
-    /// tokio runtime, on which the writer then lives.
+    /// Opens or creates the database file, and brings its schema up to date. Must be called within a tokio
+    /// runtime, on which the writer then runs.
     ///
     /// # Errors
-    /// [`OpenError`] with the cause and a remedy; a lock held elsewhere is one after at most
+    /// [`OpenError`] with the cause and a remedy; a lock held elsewhere gives one after at most
     /// [`BUSY_TIMEOUT`](limits::BUSY_TIMEOUT).
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
         let opened = open::open(path).await?;
@@ -133,7 +132,7 @@ impl SqliteStore {
     }
 }
 
-/// Trouble with the database as the daemon's callers see it.
+/// An error of the database in the form for the daemon's callers.
 fn store_error(error: &sqlx::Error) -> StoreError {
     match error {
         sqlx::Error::PoolClosed => StoreError::Closed,
@@ -230,7 +229,7 @@ impl Store for SqliteStore {
         let parts = rows::PartRow::cut(bytes);
         for (part, bytes) in parts.iter().enumerate() {
             let row = rows::PartRow::of(*completion, part, parts.len(), bytes)?;
-            // One after the other, so that others' writes come in between.
+            // The parts go one after the other, so that other writes come in between.
             self.write(WriteCommand::Part { fence: fence.clone(), row }).await?;
         }
         Ok(())
@@ -282,7 +281,7 @@ impl Store for SqliteStore {
             return;
         };
         let readers = self.readers.clone();
-        // On a task of its own: who waits for it may give up, and the file is closed in order all the same.
+        // A separate task closes the file in order even if the caller gives up waiting.
         let closed = tokio::spawn(async move {
             close(open, readers).await;
             drop(closing);

@@ -1,4 +1,4 @@
-//! Opening a database file: locks, settings, migrations, and an understandable answer when it fails.
+//! Opening a database file: locks, settings, migrations, and clear errors.
 
 use std::path::Path;
 
@@ -39,16 +39,15 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     let options = options.journal_mode(SqliteJournalMode::Wal);
     let mut making = options.clone();
     if std::fs::metadata(path).is_ok_and(|file| file.len() == 0) {
-        // Pages that retention frees can then be given back to the system piece by piece. Only a new file
-        // takes this on.
+        // Pages that retention frees can then be given back to the system piece by piece. The setting only
+        // works for a new file.
         making = making.auto_vacuum(SqliteAutoVacuum::Incremental);
     }
     let mut writer = SqliteConnection::connect_with(&making).await.map_err(|error| explain(path, &error))?;
     migrate(path, &mut writer).await?;
     look_at(path, &mut writer).await?;
 
-    // All of them now and for good: while the file is moved away none can be opened, and reads go on all the
-    // same.
+    // All readers are opened now and kept, so that reads go on even while the file is moved away.
     let readers = SqlitePoolOptions::new()
         .min_connections(limits::READERS)
         .max_connections(limits::READERS)
@@ -67,7 +66,7 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     Ok(Opened { lock, writer, readers })
 }
 
-/// A short look at the file: damage should show at the start, not at some client's request.
+/// A short check of the file: damage should show at the start, not at some client's request.
 async fn look_at(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenError> {
     match check::at_start(writer).await {
         Ok(Looked::Through) => Ok(()),
@@ -94,7 +93,7 @@ pub(crate) fn in_words(problems: &[String]) -> String {
     }
 }
 
-/// How every connection to the file is made.
+/// The options of every connection to the file.
 pub(crate) fn options(path: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()
         .filename(path)
@@ -104,11 +103,11 @@ pub(crate) fn options(path: &Path) -> SqliteConnectOptions {
         .disable_statement_logging()
         // A commit is on the disk when it returns: in WAL mode that takes FULL, not NORMAL.
         .synchronous(SqliteSynchronous::Full)
-        // A write-ahead log that a long read has let grow becomes small again.
+        // A write-ahead log that grew during a long read becomes small again.
         .pragma("journal_size_limit", limits::WAL_BYTES_KEPT.to_string())
 }
 
-/// Readies a connection to a file that a daemon may have. Where none has, the schema is brought up to date
+/// Prepares a connection to a file that a daemon may have. Without a daemon, the schema is brought up to date
 /// first.
 pub(super) async fn beside(path: &Path) -> Result<SqliteConnectOptions, OpenError> {
     match open(path).await {
@@ -123,7 +122,7 @@ pub(super) async fn beside(path: &Path) -> Result<SqliteConnectOptions, OpenErro
     Ok(options(path).create_if_missing(false))
 }
 
-/// Looks at the file before anything in it is changed: can it be locked, and is it ours?
+/// Checks, before any change, that the file can be locked and is ours.
 async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), OpenError> {
     let explained = |error: sqlx::Error| explain(path, &error);
     let mut connection = SqliteConnection::connect_with(options).await.map_err(explained)?;
@@ -137,11 +136,11 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), Open
     connection.close().await.map_err(explained)
 }
 
-/// Which program a database file belongs to.
+/// The owner of a database file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FileOwner {
     Ours,
-    /// Nothing is in it.
+    /// The file is empty.
     Nobody,
     Foreign,
 }

@@ -1,10 +1,10 @@
-//! Where a database lies, and who may read it: what can be known without opening the file.
+//! The path and the permissions of a database, checked without opening the file.
 //!
-//! Nothing in a process that has a database open may open one of its files but SQLite itself. SQLite's locks
-//! (`fcntl`) belong to the process and not to a descriptor, and the system drops all of them when the process
-//! closes *any* descriptor of the file: another program then takes itself for the only one, folds the
-//! write-ahead log into the file and deletes it (<https://sqlite.org/howtocorrupt.html>, 2.2). So everything
-//! here asks by name: `stat(2)`, `statx(2)`, `statfs(2)`, `access(2)`, `chmod(2)`.
+//! In a process that has a database open, only SQLite may open its files. SQLite's locks (`fcntl`) belong to
+//! the process and not to a descriptor, and the system drops all of them when the process closes *any*
+//! descriptor of the file: another program may then see no lock, fold the write-ahead log into the file and
+//! delete it (<https://sqlite.org/howtocorrupt.html>, 2.2). So every check here works on the name: `stat(2)`,
+//! `statx(2)`, `statfs(2)`, `access(2)`, `chmod(2)`.
 
 use std::fs::{self, OpenOptions, Permissions};
 use std::io::ErrorKind;
@@ -18,7 +18,7 @@ use crate::error::OpenError;
 /// Mode of files that only the owner may read: they hold hashes of tokens, and measurements.
 pub(super) const PRIVATE: u32 = 0o600;
 
-/// Answers what the system can answer better than SQLite, whose one message is "unable to open".
+/// Finds the causes for which SQLite only says "unable to open".
 pub(crate) fn check(path: &Path) -> Result<(), OpenError> {
     check_name(path)?;
     if path.is_dir() {
@@ -38,9 +38,9 @@ pub(crate) fn check(path: &Path) -> Result<(), OpenError> {
     }
 }
 
-/// Refuses names that mean something else to SQLite, or to other programs, than a file of this name.
+/// Refuses names that SQLite or other programs would not take for a file of this name.
 pub(crate) fn check_name(path: &Path) -> Result<(), OpenError> {
-    // To SQLite these are databases that vanish when they are closed.
+    // In SQLite these names stand for databases that vanish when they are closed.
     if path.as_os_str().is_empty() || path.as_os_str() == ":memory:" {
         return Err(OpenError::NoName { path: path.to_owned() });
     }
@@ -57,9 +57,9 @@ pub(crate) fn check_name(path: &Path) -> Result<(), OpenError> {
     }
 }
 
-/// Refuses a file with a second name: SQLite's write-ahead log and our lock lie beside the name that is
-/// given, so two programs that use different names do not see each other, and what is in the log is missing
-/// under the other name.
+/// Refuses a file with a second name: SQLite's write-ahead log and our lock lie beside the given name. Two
+/// programs with different names would not see each other, and the log's contents would be missing under the
+/// other name.
 pub(crate) fn check_names(path: &Path) -> Result<(), OpenError> {
     let Ok(file) = fs::metadata(path) else { return Ok(()) };
     let path = path.to_owned();
@@ -86,13 +86,13 @@ fn is_mounted_alone(path: &Path) -> bool {
     }
 }
 
-/// Makes the database where there is none yet, and keeps others from it and from the files beside it, to
-/// which SQLite gives the rights of the database. To be called under the lock.
+/// Makes the database where there is none yet, and makes it private. SQLite gives its permissions to the
+/// files beside it. To be called under the lock.
 pub(super) fn make_private(path: &Path) -> Result<(), OpenError> {
-    // A file that is new is nobody's yet, so that closing it drops no lock.
+    // A new file has no locks yet, so closing it drops none.
     match OpenOptions::new().write(true).create_new(true).mode(PRIVATE).open(path) {
         Ok(_) => return Ok(()),
-        // Also of a link that leads nowhere yet: SQLite follows it.
+        // Also for a link whose target is missing: SQLite follows it.
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
         Err(error) => {
             return Err(OpenError::NotWritable { path: path.to_owned(), problem: error.to_string() });
@@ -107,7 +107,7 @@ pub(super) fn make_private(path: &Path) -> Result<(), OpenError> {
     Ok(())
 }
 
-/// Removes the rights of everybody but the owner, where others have any. A failure is logged.
+/// Removes the permissions of all users but the owner. A failure is logged.
 pub(super) fn tighten(path: &Path) {
     let Ok(file) = fs::metadata(path) else { return };
     if file.mode() & 0o077 == 0 {
@@ -124,8 +124,8 @@ pub(super) fn tighten(path: &Path) {
     }
 }
 
-/// Says so where the file lies on another machine: SQLite's write-ahead log needs memory that all who use it
-/// share (<https://sqlite.org/wal.html>), and many servers lock or sync otherwise than they say.
+/// Warns where the file lies on another machine: SQLite's write-ahead log needs memory that all its processes
+/// share (<https://sqlite.org/wal.html>), and many file servers do not lock or sync as promised.
 pub(super) fn warn_of_network(path: &Path) {
     let system = rustix::fs::statfs(folder(path)).ok().and_then(|found| network(found.f_type as u64));
     if let Some(system) = system {

@@ -1,8 +1,8 @@
 //! Removing the rows of deleted studies, a piece at a time.
 //!
-//! To delete a study of 100,000 trials takes half a second, for which every other write would have to wait.
-//! So deleting only gives the study a name that nobody can ask for, which is one small write; its rows go
-//! afterwards, in pieces between the other writes, also after a restart.
+//! Deleting a study of 100,000 trials takes half a second, and every other write would have to wait. So
+//! deleting only gives the study a name that cannot be requested, which is one small write. Its rows are
+//! removed afterwards, in pieces between the other writes, also after a restart.
 
 use sqlx::sqlite::SqliteConnection;
 
@@ -15,7 +15,7 @@ pub(super) async fn reap(connection: &mut SqliteConnection) -> Result<bool, sqlx
     let Some(study) = found else {
         return Ok(false);
     };
-    // Rows that refer to others go before them.
+    // Referring rows are removed first.
     for statement in [sql::REAP_TRIALS, sql::REAP_VISITS, sql::REAP_STATES, sql::REAP_CHECKPOINTS] {
         let removed = sqlx::query(statement).bind(study).bind(REAPED_ROWS_SQLITE).execute(&mut *connection);
         if removed.await?.rows_affected() > 0 {

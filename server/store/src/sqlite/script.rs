@@ -1,6 +1,6 @@
 //! The rows of a commit as one script.
 //!
-//! A connection's statements run on a thread of its own, and the way there and back costs more than the
+//! A connection's statements run on a separate thread, and the way there and back costs more than the
 //! statement itself. So a commit is sent as one text of several statements, whose parameters count on.
 
 use sqlx::AssertSqlSafe;
@@ -21,7 +21,7 @@ pub(super) fn rows(study: i64, rows: &Rows) -> Statements<'_> {
     bound(study, rows, text(rows))
 }
 
-/// Stores `rows` in a transaction of its own. After an error the transaction may be open still.
+/// Stores `rows` in a transaction of its own. After an error the transaction may still be open.
 pub(super) fn transaction(study: i64, rows: &Rows) -> Statements<'_> {
     bound(study, rows, format!("BEGIN IMMEDIATE;{};COMMIT", text(rows)))
 }

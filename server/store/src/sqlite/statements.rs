@@ -1,14 +1,14 @@
 //! The fixed SQL. For `script` the upserts have parameters without numbers, which count on from one
 //! statement to the next.
 
-/// Begins a transaction that only reads, and reads the database as it is at its first question.
+/// Begins a transaction that only reads, and sees the database as of its first question.
 pub(super) const BEGIN_READING: &str = "BEGIN";
 
 pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1 AND name < '~'";
 
 pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies WHERE name < '~'";
 
-/// The highest trial number that earlier studies have handed out under a name, as `last`.
+/// The highest trial number of earlier studies under a name, as `last`.
 macro_rules! former {
     ($name:literal) => {
         concat!(
@@ -19,7 +19,7 @@ macro_rules! former {
     };
 }
 
-/// The highest trial number that a study has handed out, or left to others.
+/// The highest trial number that a study has handed out or skipped.
 macro_rules! last_trial {
     () => {
         "max(named_after, (SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id))"
@@ -32,7 +32,7 @@ pub(super) const STUDY_INSERT: &str = concat!(
     former!("$1")
 );
 
-/// Notes which numbers a study has handed out under the name that it is about to lose.
+/// Notes the last trial number of a study under the name that it is about to lose.
 pub(super) const NAME_LEFT: &str = concat!(
     "INSERT INTO former_names (name, last_trial) SELECT name, ",
     last_trial!(),
@@ -40,8 +40,7 @@ pub(super) const NAME_LEFT: &str = concat!(
     "ON CONFLICT (name) DO UPDATE SET last_trial = max(former_names.last_trial, excluded.last_trial)"
 );
 
-/// Of more than `$1` former names those with the lowest numbers are no longer listed: the empty name stands
-/// for them.
+/// Merges former names beyond `$1`, those with the lowest numbers, into the empty name.
 pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_trial) SELECT '', highest FROM \
      (SELECT max(last_trial) AS highest FROM (SELECT last_trial FROM former_names WHERE name <> '' \
      ORDER BY last_trial DESC LIMIT -1 OFFSET $1)) WHERE highest IS NOT NULL \
@@ -63,10 +62,10 @@ pub(super) const STUDY_RENAME: &str = concat!(
 pub(super) const STUDY_OF_UID: &str = "SELECT name FROM studies WHERE uid = $1 AND name < '~'";
 
 /// Gives a study a name that no study can have and that sorts behind all others. [`REAP_TRIALS`] and the
-/// following take its rows away.
+/// following remove its rows.
 pub(super) const STUDY_DELETE: &str = "UPDATE studies SET name = '~' || id WHERE id = $1";
 
-/// A study whose rows are to be taken away.
+/// A study whose rows are to be removed.
 pub(super) const DELETED_STUDY: &str = "SELECT id FROM studies WHERE name >= '~' ORDER BY name LIMIT 1";
 
 pub(super) const REAP_TRIALS: &str = "DELETE FROM trials WHERE study = $1 AND number IN \
@@ -86,7 +85,7 @@ pub(super) const REAP_STUDY: &str = "DELETE FROM studies WHERE id = $1";
 pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $2, models_since = $3 WHERE id = $1";
 
 /// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count;
-/// trial numbers leave some out; each is one look at the end of an index.
+/// trial numbers have gaps. Each of these values is at the end of an index.
 macro_rules! study_select {
     ($rest:literal) => {
         concat!(
@@ -137,7 +136,7 @@ macro_rules! trial_columns {
 /// The columns that a [`TrialRow`](crate::rows::TrialRow) reads.
 pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
 
-/// The trial stays as it was handed out; only the lease and the report can still change.
+/// A stored trial keeps its other columns; only the lease and the report can still change.
 pub(super) const TRIAL_UPSERT: &str = concat!(
     "INSERT INTO trials (study, ",
     trial_columns!(),
@@ -152,12 +151,12 @@ pub(super) const TRIAL_UPSERT: &str = concat!(
 pub(super) const TRIAL_BY_NUMBER: &str =
     concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND number = $2");
 
-/// The sign before the number keeps the index of open trials in use: the order of the numbers would otherwise
-/// be had by reading all trials of the study.
+/// The sign before the number keeps the index of open trials in use: otherwise SQLite would read all trials
+/// of the study in the order of their numbers.
 pub(super) const OPEN_TRIALS: &str =
     concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY +number");
 
-/// A stretch of one index, wherever it begins.
+/// A stretch of one index.
 pub(super) const COMPLETED_TRIALS: &str = concat!(
     "SELECT ",
     trial_columns!(),
@@ -168,7 +167,7 @@ pub(super) const COMPLETED_TRIALS: &str = concat!(
 pub(super) const CLOSED_TRIALS: &str = "SELECT number, completion FROM trials WHERE study = $1 AND number > $2 \
      AND number <= $3 AND state <> 'OPEN' ORDER BY number LIMIT $4";
 
-/// `$2`: a JSON list of numbers, `$3`: the last completion of which one may go.
+/// `$2`: a JSON list of numbers, `$3`: the last completion that may be removed.
 pub(super) const TRIALS_DELETE: &str = "DELETE FROM trials WHERE study = $1 \
      AND number IN (SELECT value FROM json_each($2)) AND state <> 'OPEN' \
      AND (completion IS NULL OR completion <= $3)";
@@ -181,7 +180,7 @@ pub(super) const PART_UPSERT: &str = "INSERT INTO checkpoints (study, completion
      VALUES ($1, $2, $3, $4, $5) \
      ON CONFLICT (study, completion, part) DO UPDATE SET parts = excluded.parts, bytes = excluded.bytes";
 
-/// Also what an earlier attempt at the same one left, should that have had more parts.
+/// Also removes surplus parts of an earlier attempt at the same checkpoint.
 pub(super) const OTHER_CHECKPOINTS_DELETE: &str =
     "DELETE FROM checkpoints WHERE study = $1 AND (completion <> $2 OR part >= $3)";
 
@@ -204,7 +203,7 @@ mod tests {
 
     use super::*;
 
-    /// Every question that is asked of a study, whatever its size: none may walk through its trials.
+    /// The questions about a study of any size: none may walk through its trials.
     #[tokio::test]
     async fn no_question_walks_through_the_trials() {
         let mut connection = SqliteConnection::connect("sqlite::memory:").await.unwrap();
@@ -231,7 +230,7 @@ mod tests {
                 let scans = plan.starts_with("SCAN")
                     && !plan.starts_with("SCAN studies")
                     && !plan.starts_with("SCAN json_each");
-                // Open trials are few, and are put in order by themselves.
+                // Open trials are few, and are sorted.
                 let sorts = plan.contains("TEMP B-TREE") && statement != OPEN_TRIALS;
                 assert!(!scans && !sorts, "{plan}: {statement}");
                 // The highest number or completion of a study is the end of an index.

@@ -1,4 +1,4 @@
-//! Tokens in the SQLite file, over a connection of their own.
+//! Tokens in the SQLite file, over a separate connection.
 //!
 //! The daemon's lock on the file keeps a second daemon out, and is not taken here: SQLite's own locks suffice
 //! for a few small rows, so the command line can make and revoke tokens while the daemon runs.
@@ -24,7 +24,7 @@ pub struct SqliteTokens {
 }
 
 impl SqliteTokens {
-    /// Opens the tokens of a database file, also while a daemon has it. Where none has, the file is created
+    /// Opens the tokens of a database file, also while a daemon has it. Without a daemon, the file is created
     /// and its schema brought up to date first.
     ///
     /// # Errors

@@ -1,9 +1,9 @@
 //! The one writer: a task that owns the writing connection and puts waiting writes into one transaction.
 //!
-//! Waiting for the disk costs far more than the statements, so all writes that have gathered while the
-//! last transaction was being made durable share the next one ("group commit"; DeWitt et al.,
-//! "Implementation techniques for main memory database systems", 1984). Every caller is answered after
-//! COMMIT and not before. A write that the tables refuse is taken out and the others are tried again.
+//! Waiting for the disk costs far more than the statements, so all writes that have gathered while the last
+//! transaction was being made durable share the next one ("group commit"; DeWitt et al., "Implementation
+//! techniques for main memory database systems", 1984). Every caller is answered after COMMIT. A write that
+//! the tables refuse is taken out, and the others are tried again.
 
 use sqlx::sqlite::SqliteConnection;
 use tokio::sync::{mpsc, oneshot};
@@ -17,13 +17,13 @@ use crate::fence::Fence;
 use crate::limits;
 use crate::rows::Rows;
 
-/// A write and where its answer goes.
+/// A write and the receiver of its answer.
 pub(super) struct WriteJob {
     pub(super) command: WriteCommand,
     pub(super) answer: Reply,
 }
 
-/// Where an answer goes. A caller that has left is no reason not to write.
+/// The receiver of an answer. The write happens even if the caller has left.
 pub(super) enum Reply {
     Done(oneshot::Sender<Result<WriteResult, StoreError>>),
     Stored(oneshot::Sender<Result<(), StoreError>>),
@@ -40,7 +40,7 @@ impl Reply {
 
 impl WriteJob {
     pub(super) fn refuse(self, error: StoreError) {
-        // The caller's change is lost, so nothing computed on top of it may be stored.
+        // The caller's change is lost, so no later change computed on it may be stored.
         if let WriteCommand::Policy { fence, .. } | WriteCommand::Commit { fence, .. } = &self.command {
             fence.break_up();
             tracing::warn!(study = fence.study(), %error, "a change was not stored");
@@ -54,7 +54,7 @@ impl WriteJob {
     }
 }
 
-/// Why a transaction did not come about: one write, or the database.
+/// The cause of a failed transaction: one write, or the database.
 struct GroupFailure {
     culprit: Option<usize>,
     error: StoreError,
@@ -84,14 +84,14 @@ pub(super) async fn run(
     connection
 }
 
-/// When the rows of deleted studies are removed: a piece at a time, with a pause between two.
+/// The schedule for removing rows of deleted studies: a piece at a time, with a pause between two.
 struct Reaper {
-    /// When the next piece is due; none while there is nothing to remove.
+    /// The time of the next piece; none while there is nothing to remove.
     due: Option<Instant>,
 }
 
 impl Default for Reaper {
-    /// An earlier process may have left something.
+    /// An earlier process may have left rows.
     fn default() -> Self {
         Self { due: Some(Instant::now() + limits::REAP_PAUSE) }
     }
@@ -128,7 +128,7 @@ impl Reaper {
         }
     }
 
-    /// Notes that there will be something to remove.
+    /// Notes that a write leaves rows to remove.
     fn look_at(&mut self, group: &[WriteJob]) {
         if group.iter().any(|job| matches!(job.command, WriteCommand::Delete { .. })) {
             self.due.get_or_insert_with(|| Instant::now() + limits::REAP_PAUSE);
@@ -202,8 +202,8 @@ async fn transaction(
     Ok(done)
 }
 
-/// A commit that nobody shares its transaction with: what a single client pays for on every frame. It
-/// goes to SQLite in one piece, which spares the way to the connection's thread for each statement.
+/// A commit alone in its transaction, as on every frame of a single client. It goes to SQLite in one piece,
+/// so that it takes one way to the connection's thread, not one for each statement.
 async fn lone_commit(
     connection: &mut SqliteConnection,
     fence: &Fence,
@@ -226,7 +226,7 @@ fn database_failed(error: sqlx::Error) -> GroupFailure {
 }
 
 async fn roll_back(connection: &mut SqliteConnection) {
-    // SQLite rolls back of its own accord after some errors; there is then nothing left to do.
+    // SQLite rolls back of its own accord after some errors; then nothing is left to do.
     if let Err(error) = execute(connection, "ROLLBACK").await {
         tracing::debug!(%error, "nothing to roll back");
     }

@@ -30,7 +30,7 @@ impl MemoryTokens {
         Self::default()
     }
 
-    /// A panic under the lock leaves whole values behind, since every change is a single one.
+    /// A poisoned lock is usable: every change is a single step, so a panic leaves whole values behind.
     fn lock(&self) -> Result<MutexGuard<'_, TokenTables>, TokenError> {
         let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         if inner.closed { Err(StoreError::Closed.into()) } else { Ok(inner) }

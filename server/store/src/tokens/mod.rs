@@ -1,13 +1,12 @@
-//! Tokens as they are stored: who may do what, until when and how much of it.
+//! Stored tokens: rights, expiry and quotas of their holders.
 //!
-//! [`TokenStore`] stands beside [`Store`](crate::Store) and in the same database, so that a backup of the one
-//! is a backup of the other and several daemons on one database agree on who may enter. Only the SHA-256 of a
-//! token's secret is kept. A slow password hash would buy nothing: the secret is 256 random bits and not a
-//! word out of somebody's head, so that guessing is hopeless at any speed, while every request pays for the
-//! hash.
+//! [`TokenStore`] stands beside [`Store`](crate::Store) and in the same database, so that one backup holds
+//! both, and several daemons on one database accept the same tokens. Only the SHA-256 of a token's secret is
+//! kept. A slow password hash would buy nothing: the secret is 256 random bits, so that guessing is hopeless
+//! at any speed, while every request pays for the hash.
 //!
-//! The command line writes to the same tables while the daemon runs. [`TokenStore::revision`] tells the
-//! daemon cheaply that it did.
+//! The command line writes to the same tables while the daemon runs. [`TokenStore::revision`] shows such a
+//! change to the daemon at little cost.
 
 mod memory;
 pub(crate) mod rows;
@@ -54,13 +53,13 @@ pub struct Quota {
     /// Requests and stream frames a second, in the long run; a second's worth may come at once.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub requests_per_s: Option<u32>,
-    /// Studies that it may create in all.
+    /// The number of studies that it may create in all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub studies: Option<u64>,
-    /// Trials that it may be handed in all.
+    /// The number of trials that it may receive in all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trials: Option<u64>,
-    /// Trials that it may be handed in a day (UTC).
+    /// The number of trials that it may receive in a day (UTC).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trials_per_day: Option<u64>,
     /// Bytes of requests that it may send in a day (UTC).
@@ -82,7 +81,7 @@ pub struct Usage {
 /// A token as it is stored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TokenRecord {
-    /// The public part: by this it is looked up, listed and logged.
+    /// The public part, by which it is looked up, listed and logged.
     pub id: String,
     /// For people.
     pub name: String,
@@ -90,20 +89,20 @@ pub struct TokenRecord {
     pub hash: [u8; 32],
     /// The rights of its holder.
     pub scope: Scope,
-    /// For which studies.
+    /// The studies for which it is valid.
     pub studies: Studies,
     /// The quota.
     pub quota: Quota,
-    /// When it was made, in milliseconds since 1970.
+    /// The time of its creation, in milliseconds since 1970.
     pub create_ms: i64,
-    /// When it ends, if ever.
+    /// The end of its validity, if it has one.
     pub expire_ms: Option<i64>,
-    /// When it was revoked, if it was.
+    /// The time of its revocation, if it was revoked.
     pub revoke_ms: Option<i64>,
 }
 
 impl TokenRecord {
-    /// Whether it lets anybody in at this time.
+    /// Whether it is valid at this time.
     #[must_use]
     pub fn is_live(&self, now_ms: i64) -> bool {
         self.revoke_ms.is_none() && self.expire_ms.is_none_or(|expire_ms| now_ms < expire_ms)
@@ -122,7 +121,7 @@ pub enum TokenError {
     /// No token has this id.
     #[error("there is no token {id:?}; `treewrightd token list` shows those there are")]
     NotFound {
-        /// The id that was asked for.
+        /// The requested id.
         id: String,
     },
     /// The id is taken.
@@ -137,12 +136,12 @@ pub enum TokenError {
         /// The limit.
         limit: u32,
     },
-    /// The database does not do it.
+    /// The database fails.
     #[error(transparent)]
     Store(#[from] StoreError),
 }
 
-/// Keeps tokens, and what they used.
+/// Keeps tokens and their usage.
 #[async_trait]
 pub trait TokenStore: Send + Sync + 'static {
     /// Adds a token.
@@ -151,10 +150,10 @@ pub trait TokenStore: Send + Sync + 'static {
     /// All tokens, the oldest first.
     async fn list(&self) -> Result<Vec<TokenRecord>, TokenError>;
 
-    /// Ends a token. Of one that was revoked before, the first time stays.
+    /// Ends a token. A token that was revoked before keeps the first time.
     async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError>;
 
-    /// Removes a token with what is known of its use.
+    /// Removes a token with its usage.
     async fn forget(&self, id: &str) -> Result<(), TokenError>;
 
     /// A number that rises with each change of a token, through any replica or command.
@@ -163,7 +162,7 @@ pub trait TokenStore: Send + Sync + 'static {
     /// The usage of a token in all, and on one day.
     async fn usage(&self, id: &str, day: i64) -> Result<(Usage, Usage), TokenError>;
 
-    /// Adds to what tokens have used on a day. Tokens that are gone are passed over.
+    /// Adds to the tokens' usage on a day. Removed tokens are ignored.
     async fn add_usage(&self, day: i64, used: &[(String, Usage)]) -> Result<(), TokenError>;
 
     /// Closes. Later calls answer [`StoreError::Closed`].

@@ -1,4 +1,4 @@
-//! Tokens as rows: what the tables hold, the same for every database.
+//! Tokens as rows of the tables, for every database.
 
 use super::{Quota, Scope, Studies, TokenError, TokenRecord, Usage};
 use crate::error::StoreError;
@@ -20,7 +20,7 @@ row! {
 }
 
 impl TokenRow {
-    /// Reads the row. What cannot be read lets nobody in.
+    /// Reads the row. An unreadable token is an error, so it admits nobody.
     fn record(self) -> Result<TokenRecord, TokenError> {
         let json = |error: serde_json::Error| inconsistent(format!("a token cannot be read: {error}"));
         let hash = self.hash.as_slice().try_into();
@@ -63,7 +63,7 @@ pub(crate) fn records(rows: Vec<TokenRow>) -> Result<Vec<TokenRecord>, TokenErro
     rows.into_iter().map(TokenRow::record).collect()
 }
 
-/// A count as the tables keep it.
+/// A count in the form of the tables.
 pub(crate) fn signed(count: u64) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)
 }

@@ -119,7 +119,7 @@ pub(crate) fn decided(mode: Mode) -> Decision {
     choice.decided()
 }
 
-/// The trial as it is once it was reported.
+/// The trial after its report.
 pub(crate) fn completed(number: u64, completion: u64, outcome: Outcome) -> Trial {
     let cost = match &outcome {
         Outcome::Ok => Some(0.5 + number as f64),

@@ -112,7 +112,7 @@ fn hyperparameters_stay_within_their_ranges_and_are_stored_exactly() {
     }
     let text = serde_json::to_string(&hyper).expect("plain data");
     assert_eq!(serde_json::from_str::<Hyperparameters>(&text).expect("own output"), hyper);
-    // As it has been stored since the first searches with a model.
+    // The stored form since the first searches with a model.
     let stored = r#"{"log":[0.5,-1.25,-3.0],"steps":[0.3,0.36,0.01],"signs":[1,0,-1]}"#;
     let read: Hyperparameters = serde_json::from_str(stored).expect("a stored row");
     assert_eq!(serde_json::to_string(&read).expect("plain data"), stored);

@@ -154,7 +154,7 @@ fn random_axes_are_one_and_two_in_turn() {
         let pair = changed();
         assert_eq!(pair.len(), 2, "{pair:?}");
         pairs.insert(pair);
-        // Whatever came last, a climb begins with one.
+        // A climb always begins with one axis.
         assert_eq!(changed().len(), 1);
         moves.begin();
     }

@@ -1,5 +1,4 @@
-//! The process against references of other making: a dense one by `nalgebra`, finite differences, random
-//! draws.
+//! The process against independent references: a dense one by `nalgebra`, finite differences, random draws.
 
 mod acquisition;
 mod learning;

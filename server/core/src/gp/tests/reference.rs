@@ -88,7 +88,7 @@ fn mean_variance_and_likelihood_are_those_of_a_dense_reference() {
                 let belief = process.predict(&at);
                 assert!((belief.mean - expected).abs() < 1e-8, "{belief:?}, {expected}");
                 assert!((belief.deviation - deviation).abs() < 1e-7, "{belief:?}, {deviation}");
-                // The first features apart from the others come to the same.
+                // The posterior does not change with the first features given as context.
                 let split = process.at(&process.context(&at[..1]), &at[1..]);
                 assert!((split.mean - expected).abs() < 1e-8 && (split.deviation - deviation).abs() < 1e-7);
             }

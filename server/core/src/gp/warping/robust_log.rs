@@ -1,11 +1,11 @@
 //! A logarithm that draws outliers in.
 //!
-//! Noise grows with the cost and costs span magnitudes, so the process looks at logarithms; and since one
-//! thousandfold outlier must not hide all that lies between the others, what is further from the median than
-//! a few quartile distances is drawn in, itself by a logarithm. All is relative to the median: the unit of
-//! the cost does not matter.
+//! Noise grows with the cost and costs span magnitudes, so the process sees logarithms. One thousandfold
+//! outlier must not hide the differences between the others, so values further from the median than a few
+//! quartile distances are drawn in, by a logarithm of their own. Values are relative to the median, so the
+//! unit of the cost does not matter.
 
-/// Where values begin to be drawn in, in distances of the quartiles.
+/// The distance from the median beyond which values are drawn in, in distances of the quartiles.
 const REACH: f64 = 2.0;
 /// Costs count as no less than this share of the median.
 const LEAST: f64 = 1e-6;
@@ -27,7 +27,7 @@ impl RobustLog {
         let values = RobustLog { median, scale: f64::INFINITY };
         let quartile = |share| at(share).map_or(0.0, |cost| values.see(cost));
         let spread = quartile(0.75) - quartile(0.25);
-        // Where most are alike the others say how far values reach.
+        // Where most values are equal, the others give the reach.
         let widest = if spread > 0.0 { spread } else { (quartile(1.0) - quartile(0.0)) / REACH };
         let scale = if widest > 0.0 { widest } else { f64::INFINITY };
         assert!(median > 0.0 && scale > 0.0, "a scale of {scale} around {median}");

@@ -1,8 +1,7 @@
 //! The measurements near a state, and a Gaussian process fitted to them when a question is answered.
 //!
 //! Collecting them takes microseconds; they are shared with the study's tables, not copied. Fitting the
-//! process and searching it for its least value takes milliseconds, so callers do that apart from the study,
-//! without its lock.
+//! process and searching for its least value take milliseconds, so callers do both without the study's lock.
 
 use std::sync::Arc;
 
@@ -21,7 +20,7 @@ use crate::trial::Neighbour;
 
 /// Most measurements that a process is fitted to.
 const ROWS_MAX: usize = 96;
-/// No process is fitted to less.
+/// The least number of measurements that a process is fitted to.
 const ROWS_MIN: usize = 2;
 /// Most measurements of the nearest state among them. Each further state gives half as many.
 const QUOTA_FIRST: usize = 48;
@@ -30,19 +29,19 @@ const QUOTA_LEAST: usize = 8;
 /// The weight of a measurement of the machine itself, of its group and of the fleet: machines differ.
 const TRUST: [f64; 3] = [1.0, 0.5, 0.25];
 
-/// Most failures that say what cannot be run.
+/// Most failures that the model of feasibility is fitted to.
 const FAILURES_MAX: usize = 64;
 /// Least probability that an explored configuration can be run.
 const EXPLORED_RUNS_LEAST: f64 = 0.5;
-/// Deviations that are taken off where an answer has to be surely good.
+/// Deviations that are subtracted where an answer has to be surely good.
 const CAREFUL: f64 = -1.0;
 
 /// The requirements of an answer.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Asked<'a> {
-    /// Number of deviations that are taken off the expected cost.
+    /// Number of deviations that are subtracted from the expected cost.
     pub(super) optimism: f64,
-    /// The configuration that is answered otherwise.
+    /// The configuration of the answer without this model.
     pub(super) rival: Option<&'a Configuration>,
 }
 
@@ -97,7 +96,7 @@ impl LocalData {
         let is_there =
             |here: &KnownState| found.iter().any(|found| found.name as usize + 1 == here.id.0 as usize);
         if let Some(here) = query.here.filter(|here| !is_there(here)) {
-            // It may know what fails.
+            // Its table may hold failures.
             sources.insert(0, SourceState::of(features, query, here, QUOTA_LEAST));
         }
         LocalData {
@@ -156,8 +155,8 @@ impl LocalData {
         Running::of(&self.features, runs, &self.state)
     }
 
-    /// The configuration of the least cost, less some deviations, that can probably be run. Beside a rival
-    /// it can almost surely be run, and is worth its risk; else there is none.
+    /// The configuration of the least cost, less some deviations, that can probably be run. Beside a rival it
+    /// must almost surely run and be worth its risk; else there is no answer.
     pub(super) fn answer(
         &self,
         hyper: &Hyperparameters,
@@ -179,8 +178,8 @@ impl LocalData {
                 Some(here) if here.ran(&configuration).is_some() => return false,
                 _ => {}
             }
-            // Limits of what can be run are sharp, and the model of them is not: beside a rival, where
-            // anything failed near by, what ran in none of the near states is no answer.
+            // Limits of feasibility are sharp, and their model is not. So beside a rival, where anything
+            // failed near by, only a configuration that ran in a near state is an answer.
             let ran_near = || self.sources.iter().any(|source| source.results.ran(&configuration).is_some());
             if asked.rival.is_some() && running.knows_failures() && !ran_near() {
                 return true;
@@ -194,7 +193,7 @@ impl LocalData {
                 own != other && acquisition::is_worth(process.difference(&context, &own, &other), WORTH)
             })
         };
-        // A surely good point, where the one that may be best is not worth its risk.
+        // A surely good point takes the place of one that may be best but is not worth its risk.
         let ways = [asked.optimism, CAREFUL];
         let (x, belief) =
             ways.into_iter().take(1 + usize::from(asked.rival.is_some())).find_map(|optimism| {

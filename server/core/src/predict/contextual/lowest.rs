@@ -16,8 +16,8 @@ const CHANGES: usize = 40;
 /// Steps along a continuous axis over the climb.
 const RADII: Radii = Radii { first: 0.2, last: 0.01 };
 
-/// The target: the least mean less `optimism` deviations, in the state of the context. Above zero it looks
-/// for points that may be good, below for surely good ones.
+/// The target: the least mean less `optimism` deviations, in the state of the context. Above zero it finds
+/// points that may be good, below zero surely good ones.
 pub(super) struct LowestBound<'a> {
     pub(super) process: &'a Process,
     pub(super) layout: &'a Layout,
@@ -41,8 +41,8 @@ impl LowestBound<'_> {
         ScoredPoint { x, score: -confidence_bound(belief, self.optimism), detail: belief }
     }
 
-    /// The best of `known`, of random points and of what the best of both lead to, but for points that
-    /// `excludes` names: canonical coordinates, and what is believed of them.
+    /// The best of `known`, of random points and of the climbs from the best of both, without the points that
+    /// `excludes` names: canonical coordinates, and their posterior.
     pub(super) fn search(
         &self,
         known: impl Iterator<Item = Vec<f64>>,

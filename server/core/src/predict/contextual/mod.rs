@@ -1,7 +1,7 @@
-//! A predictor that knows states and configurations together, and can look for new configurations.
+//! A predictor that models states and configurations together, and can propose new configurations.
 //!
-//! Where every input is met once, no search inside one state gets anywhere, and the best known configuration
-//! of a neighbour is the best of very few. The remedy is a model of cost over indicators and parameters
+//! Where every input is met once, no search inside one state gets far, and a neighbour's best known
+//! configuration is the best of very few. The remedy is a model of cost over indicators and parameters
 //! together: a contextual Gaussian process (Krause and Ong, "Contextual Gaussian process bandit
 //! optimization", NIPS 2011). Measurements stay in the states' tables; a question fits a small process to the
 //! measurements of the states nearest to it (local fits after Gramacy and Apley, "Local Gaussian process
@@ -31,13 +31,13 @@ use crate::trial::Neighbour;
 use local_data::Asked;
 pub(crate) use local_data::LocalData;
 
-/// Most lessons that lengths are learnt from: the latest.
+/// The number of latest lessons that lengths are learnt from.
 const LESSONS_MAX: usize = 160;
-/// Lessons that are each worth a step; later ones share one: about an eighth of all lessons so far, within
-/// these limits. A step takes as much time as ten trials do otherwise, and lengths change slowly by then.
+/// Up to this number each lesson takes a step. Later lessons share a step: about an eighth of all lessons so
+/// far, within these limits. A step takes as much time as ten trials, and lengths change slowly by then.
 const LESSONS_EAGER: u64 = 160;
 const LESSONS_SHARE: [u64; 2] = [32, 512];
-/// Steps that a lesson is worth.
+/// Steps of ascent for a lesson.
 const STEPS: usize = 2;
 /// The prior of lengths and noise before anything is measured. Lengths have room to differ, which separates
 /// indicators that matter from the others: with 64 lessons and a spread of 0.35 twenty of these led to a mean
@@ -52,9 +52,9 @@ const PRIOR: Prior = Prior {
     squares: 1e-2,
     step_max: 0.8,
 };
-/// Deviations that are taken off what is expected, when a new configuration is looked for; when an answer is
-/// given where nobody searches, so that answers themselves must learn, as far as they are worth their risk;
-/// and where states near by were searched, so that what was measured there is preferred to what was not.
+/// Deviations that are subtracted from the expected cost: for a new configuration; for an answer where no
+/// state is searched, so that answers themselves must learn; and for an answer where states near by were
+/// searched, so that measured configurations are preferred.
 const EXPLORE: f64 = 1.0;
 const EXPLOIT: f64 = 1.0;
 const EXPLOIT_SEARCHED: f64 = -0.5;
@@ -95,7 +95,8 @@ impl FeatureMap {
     }
 }
 
-/// How many lessons share a step after so many: a power of two, so that steps are evenly apart.
+/// The number of lessons that share a step after `lessons` of them: a power of two, so that steps are evenly
+/// apart.
 fn share(lessons: u64) -> u64 {
     let [least, most] = LESSONS_SHARE;
     let eighth = (lessons / 8).max(1);
@@ -133,7 +134,7 @@ impl HyperparameterUpdate {
         let sample = Sample::new(self.features.kinds.clone(), &points, vec![1.0; points.len()]);
         let values: Vec<f64> = costs.iter().map(|&cost| warping.see(cost)).collect();
         let schedule = Schedule { steps: STEPS - 1, ahead: true };
-        // Where the lessons cannot be fitted, what was learnt stays.
+        // Where the lessons cannot be fitted, the hyperparameters stay.
         let _fitted = Process::learn(sample, &[(values, 0.0)], hyper, &PRIOR, schedule);
     }
 }
@@ -145,14 +146,14 @@ pub(crate) struct FitRequest {
     hyper: Hyperparameters,
     optimism: f64,
     neighbours: Vec<Neighbour>,
-    /// The configuration that is answered otherwise. `None` for a point to explore.
+    /// The configuration of the answer without this model. `None` for a point to explore.
     rival: Option<Configuration>,
-    /// Names the random numbers: the study's seed, what for, which.
+    /// Names the random numbers: the study's seed, the purpose and the number.
     random: (u64, u64, u64),
 }
 
 impl FitRequest {
-    /// The answer, if there is enough to say something.
+    /// The answer, if there are enough measurements.
     pub(crate) fn answer(&self, space: &Space) -> Option<Answer> {
         let (seed, kind, number) = self.random;
         let random = &mut stream(seed, Purpose::Contextual, kind, number);
@@ -167,7 +168,7 @@ impl FitRequest {
 }
 
 impl Contextual {
-    /// A predictor that has seen nothing yet.
+    /// A predictor without any lesson.
     pub(crate) fn new(setup: PredictorSetup<'_>) -> Self {
         let PredictorSetup { space, indicators, seed, .. } = setup;
         let features = FeatureMap::of(space, indicators);
@@ -175,7 +176,7 @@ impl Contextual {
         Contextual { hyper, features, indicators, seed, examples: Vec::new(), lessons: 0 }
     }
 
-    /// What is learnt of the covariance.
+    /// The learnt hyperparameters of the covariance.
     pub(super) fn hyper(&self) -> &Hyperparameters {
         &self.hyper
     }
@@ -215,14 +216,14 @@ impl Contextual {
         LocalData::new(&self.features, query)
     }
 
-    /// What to exploit.
+    /// The request for an answer to exploit.
     pub(super) fn request(&self, query: &Query<'_>) -> FitRequest {
         let data = self.local_data(query);
         let optimism = if data.is_mostly_searched() { EXPLOIT_SEARCHED } else { EXPLOIT };
         self.requested(query, data, optimism, (self.seed, 0, self.lessons))
     }
 
-    /// What to explore.
+    /// The request for a point to explore.
     pub(super) fn proposal(&self, query: &Query<'_>, number: u64) -> FitRequest {
         let query = &Query { rival: None, ..*query };
         self.requested(query, self.local_data(query), EXPLORE, (self.seed, 1, number))

@@ -1,9 +1,10 @@
-//! The probability that a configuration can be run in a state, by what ran and what failed near by.
+//! The probability that a configuration can be run in a state, by the configurations that ran and that failed
+//! near by.
 //!
-//! A Gaussian process over states and configurations is fitted to 1 for what failed and 0 for what ran, as
-//! in the search of one state ([`model`](crate::search::ModelSearch)): what fails in one state is likely to
-//! fail in those like it. Where nothing ever failed there is nothing to fit, and the count of what ran says
-//! how likely the next one is to run.
+//! A Gaussian process over states and configurations is fitted to 1 for failures and 0 for successes, as in
+//! the search of one state ([`model`](crate::search::ModelSearch)): a configuration that fails in one state
+//! is likely to fail in similar ones. Without failures there is nothing to fit, and the probability follows
+//! from the number of successes.
 
 use crate::gp::acquisition::probability_below;
 use crate::gp::{Hyperparameters, Prior, Process, Sample, Schedule, SharedFeatures};
@@ -12,7 +13,7 @@ use crate::predict::runs_after;
 
 /// Steps of ascent of the process' likelihood.
 const STEPS: usize = 10;
-/// Limits of what can be run are sharp, and differ in what they depend on.
+/// Limits of feasibility are sharp. Their relevant features differ from study to study.
 const PRIOR: Prior = Prior {
     length_mean: 0.5,
     length_spread: 1.0,
@@ -24,7 +25,7 @@ const PRIOR: Prior = Prior {
     step_max: 1.0,
 };
 
-/// What ran and what failed, as points of a process.
+/// The successes and failures near by, as points of a process.
 #[derive(Debug, Default)]
 pub(super) struct Runs {
     pub(super) points: Vec<Vec<f64>>,
@@ -58,7 +59,7 @@ impl Running {
             let context = process.context(state);
             (process, context)
         });
-        // A process that cannot be fitted says nothing good of anything.
+        // A process that cannot be fitted vouches for no configuration.
         Running { ran: if model.is_some() { ran } else { 0 }, model, failed: true }
     }
 

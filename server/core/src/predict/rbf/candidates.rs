@@ -1,4 +1,5 @@
-//! The configurations among which a model of features chooses: those that fared best against the default.
+//! The configurations among which a model of features chooses: those with the least cost relative to the
+//! default.
 
 use std::collections::HashMap;
 
@@ -9,7 +10,7 @@ use crate::limits::CANDIDATES_MAX;
 use crate::predict::Lesson;
 use crate::space::Space;
 
-/// A configuration that was seen to work, and may be chosen.
+/// A configuration that ran, and may be chosen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct CandidateConfiguration {
     #[serde(with = "crate::configuration::unchecked")]
@@ -34,14 +35,16 @@ impl Candidates {
         self.list.iter()
     }
 
-    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
+    /// Completes candidates that were read from a checkpoint. `false` when a configuration does not fit the
+    /// space.
     pub(super) fn settle(&mut self, space: &Space) -> bool {
         let places = self.list.iter().enumerate();
         self.index = places.map(|(place, candidate)| (candidate.configuration.clone(), place)).collect();
         self.list.iter().all(|candidate| space.owns(&candidate.configuration))
     }
 
-    /// Keeps the configuration of a lesson. When full, the one goes that fared worst against the default.
+    /// Keeps the configuration of a lesson. When full, the candidate with the greatest cost relative to the
+    /// default is dropped.
     pub(super) fn keep(&mut self, lesson: &Lesson<'_>, cost: f64, action_2: Vec<f64>) {
         let ratio = match lesson.default_cost {
             Some(default) if default > 0.0 => cost / default,

@@ -19,10 +19,10 @@ use crate::search::Verdict;
 use crate::space::Space;
 
 /// The learning rate; the paper names none. A step never exceeds `1 / |phi|^2`, at which an update would
-/// reproduce the reward exactly; beyond twice that, updates diverge. Of the rates 0.03, 0.1, 0.3, 0.5 and 1,
-/// this is the smallest that learns a smooth cost from 6,000 trials about as well as the largest (mean errors
-/// of the reward 0.108 and 0.106). Gaussian features are so small in many dimensions that a fixed step would
-/// learn nothing; there the rate is a share of `1 / |phi|^2` (normalised least mean squares: Haykin,
+/// reproduce the reward exactly. Beyond twice this length updates diverge. Of the rates 0.03, 0.1, 0.3, 0.5
+/// and 1, this is the smallest that learns a smooth cost from 6,000 trials about as well as the largest (mean
+/// errors of the reward 0.108 and 0.106). Gaussian features are so small in many dimensions that a fixed step
+/// would learn nothing; there the rate is a share of `1 / |phi|^2` (normalised least mean squares: Haykin,
 /// "Adaptive Filter Theory", chapter 6).
 const ALPHA: f64 = 0.3;
 /// Features whose squares sum to less than this lie beyond all centres, and teach nothing.
@@ -63,7 +63,7 @@ impl Rbf {
         Self::new(shape, setup.space.dimension(), setup.indicators, setup.seed, setup.omitted)
     }
 
-    /// The value of a state and an action: the inverse of the cost to expect.
+    /// The value of a state and an action: the inverse of the expected cost.
     fn value(&self, state_2: &[f64], action_2: &[f64], phi: &mut Vec<f64>) -> f64 {
         self.basis.features(state_2, action_2, phi);
         dot(&self.theta, phi)
@@ -105,7 +105,7 @@ impl Predictor for Rbf {
         let target = match lesson.verdict {
             Verdict::Cost(cost) => reward(cost),
             Verdict::Infeasible => 0.0,
-            // The reward is at most this: there is nothing to learn while the model says so too.
+            // The reward is at most this bound. A model whose value is below it learns nothing.
             Verdict::AtLeast(bound) => value.min(reward(bound)),
         };
         let square = dot(&phi, &phi);
@@ -208,8 +208,8 @@ mod tests {
         }
     }
 
-    /// A second implementation, slow and plain: coefficients are trained one trial after the other, and of
-    /// all configurations that were tried the one of the highest value is answered.
+    /// A second implementation, slow and plain: coefficients are trained one trial after the other, and the
+    /// answer is the tried configuration of the highest value.
     #[test]
     fn answers_are_those_of_a_plain_walk_through_the_trials() {
         let centres = Rbf::new(Shape::Printed, 3, 3, 11, &[]).basis.centres;

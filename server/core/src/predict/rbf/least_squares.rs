@@ -3,10 +3,9 @@
 //! The paper leaves per-node prediction to future work ("hierarchical optimization or per node optimization
 //! is promising"). Here every lesson teaches three models of the logarithm of cost: the fleet's, that of the
 //! machine's group (same processor and software) and the machine's own. An answer weighs them by precision
-//! (Gelman et al., "Bayesian Data Analysis", chapter 5): the inverse of how much each model missed this
-//! machine's trials by, plus what the model does not know yet about the asked point. A new machine's own
-//! model knows nothing, so the fleet answers; as its trials come in, its own takes over as far as it is
-//! better.
+//! (Gelman et al., "Bayesian Data Analysis", chapter 5): the inverse of the model's mean square error on this
+//! machine's trials plus its variance at the asked point. A new machine's own model knows nothing, so the
+//! fleet answers. As its trials come in, its own model takes over as far as it is better.
 
 use std::collections::BTreeMap;
 
@@ -25,19 +24,19 @@ use crate::space::Space;
 
 /// The prior's weight against one lesson.
 const PRIOR: f64 = 1e-2;
-/// Deviations from its expectation to which a further value is drawn (Huber, "Robust estimation of a location
-/// parameter", 1964), and the number of lessons after which it is.
+/// A value more than this number of deviations from its expectation is drawn in (Huber, "Robust estimation of
+/// a location parameter", 1964), after this number of lessons.
 const SURPRISE: f64 = 4.0;
 const SURPRISE_AFTER: u64 = 16;
 /// Excess of an infeasible configuration over the worst cost seen, in logarithms.
 const INFEASIBLE: f64 = 1.0;
-/// A model's expected miss of a new machine's trials, and the weight of that in lessons.
+/// A model's prior error on a new machine's trials, and the prior's weight in lessons.
 const MISS: f64 = 0.05;
 const MISS_WEIGHT: f64 = 3.0;
-/// Recent misses count more: an older one fades by this.
+/// The factor by which an older error fades with each new one.
 const MISS_FADE: f64 = 0.99;
 
-/// A model's mean square miss, over `weight` trials.
+/// A model's mean square error, over `weight` trials.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Miss {
     sum: f64,
@@ -60,7 +59,8 @@ impl Miss {
     }
 }
 
-/// The model of a machine or a group, and how the fleet's, the group's and its own did on its trials.
+/// The model of a machine or a group, and the errors of the fleet's, the group's and its own model on its
+/// trials.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Member {
     solver: Solver,
@@ -123,7 +123,7 @@ impl LeastSquares {
         assert_eq!(phi.len(), self.basis.len() + 1, "the features and a constant");
     }
 
-    /// The estimate of each model of a machine's chain, with its miss there, the fleet's first.
+    /// The estimate of each model of a machine's chain, with its error there, the fleet's first.
     fn chain(&self, phi: &[f64], origin: Origin) -> Vec<ModelEstimate> {
         let (node, group) = (self.nodes.get(&origin.node), self.groups.get(&origin.group));
         let misses = node.or(group).map(|member| member.misses);
@@ -135,7 +135,7 @@ impl LeastSquares {
         solvers.into_iter().enumerate().filter_map(|(level, solver)| Some(belief(solver?, level))).collect()
     }
 
-    /// The precision-weighted word of all.
+    /// The precision-weighted estimate of all models.
     fn believe(&self, phi: &[f64], origin: Origin) -> ModelEstimate {
         let chain = self.chain(phi, origin);
         assert!((1..=3).contains(&chain.len()), "{} models, the fleet's among them", chain.len());

@@ -3,8 +3,8 @@
 //! The paper calls its features Gaussians and prints `exp(-omega |x - c|)`, the norm without a square. The
 //! two differ: the printed form has a cusp at its centre and a long tail, so that in the paper's 28
 //! dimensions a typical feature is 0.1; a Gaussian of the same width is smooth and a tenth of that.
-//! [`Shape::Printed`] is the formula, [`Shape::Gaussian`] the words. `omega = 1`; centres come from a Latin
-//! hypercube; there are 3.5 times as many features as parameters and indicators.
+//! [`Shape::Printed`] follows the formula, [`Shape::Gaussian`] the text. `omega = 1`; centres come from a
+//! Latin hypercube; there are 3.5 times as many features as parameters and indicators.
 
 mod candidates;
 mod greedy_gq;
@@ -22,12 +22,12 @@ pub use least_squares::LeastSquares;
 /// The widths of all features.
 const OMEGA: f64 = 1.0;
 
-/// How a feature falls off around its centre.
+/// The fall of a feature around its centre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shape {
     /// `exp(-omega |x - c|)`, as the paper prints it.
     Printed,
-    /// `exp(-omega |x - c|²)`, as the paper's words have it.
+    /// `exp(-omega |x - c|²)`, as the paper's text says.
     Gaussian,
 }
 
@@ -102,8 +102,8 @@ fn distance_2(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }
 
-/// `exp(-x)` for `x >= 0`, to 1e-13 of its value; what is beyond 700 counts as 700. Without branches, so that
-/// the compiler computes several at once: features are most of what a model spends its time on.
+/// `exp(-x)` for `x >= 0`, to 1e-13 of its value; `x` counts as at most 700. It has no branches, so that the
+/// compiler computes several at once: features take most of a model's time.
 fn exp_minus(x: f64) -> f64 {
     use std::f64::consts::{LN_2, LOG2_E};
     /// Adding this leaves an integer in the lowest bits.

@@ -4,8 +4,8 @@
 //! Source: Golub and Van Loan, "Matrix Computations", 4th edition, section 6.5 (adding a row to a QR
 //! factorisation); Haykin, "Adaptive Filter Theory", chapter 15. Covariances, which the textbook recursion
 //! updates by subtraction, lose their positive definiteness to rounding after some thousand steps; here only
-//! rotations touch the factor, whose condition is the root of that of the normal equations. Old lessons fade;
-//! what fades is replaced by the prior, one axis after the other, so that the factor is never worse
+//! rotations touch the factor, whose condition is the root of that of the normal equations. Old lessons fade,
+//! and the prior replaces the lost weight, one axis after the other, so that the factor is never worse
 //! conditioned than the prior allows (leakage).
 
 use serde::{Deserialize, Serialize};
@@ -26,12 +26,12 @@ pub(super) struct Solver {
     /// The prior's weight against one lesson.
     prior: f64,
     lessons: u64,
-    /// The coefficients for what was learnt so far.
+    /// The coefficients after all lessons so far.
     theta: Vec<f64>,
 }
 
 impl Solver {
-    /// Knows nothing but the prior: coefficients of zero, with the weight of `prior` lessons each.
+    /// A solver with the prior alone: coefficients of zero, with the weight of `prior` lessons each.
     pub(super) fn new(size: usize, prior: f64) -> Self {
         let mut rows = vec![0.0; size * (size + 1) / 2];
         let mut at = 0;
@@ -48,7 +48,7 @@ impl Solver {
         self.lessons
     }
 
-    /// Learns that `features` have `value`; uses the features up.
+    /// Learns `value` at `features`, which it overwrites.
     pub(super) fn learn(&mut self, features: &mut [f64], value: f64) {
         assert_eq!(features.len(), self.size, "a lesson of other features");
         let fade = FADE.sqrt();
@@ -102,12 +102,12 @@ impl Solver {
         assert_eq!(end, 0, "all rows were solved");
     }
 
-    /// The value to expect.
+    /// The expected value.
     pub(super) fn value(&self, features: &[f64]) -> f64 {
         dot(&self.theta, features)
     }
 
-    /// How far the features are from what was learnt: `phi' P phi`.
+    /// The distance of the features from the lessons: `phi' P phi`.
     pub(super) fn leverage(&self, features: &[f64]) -> f64 {
         let n = self.size;
         assert_eq!(features.len(), n, "a point of other features");

@@ -1,14 +1,13 @@
-//! Statistics of the indicators over all states of a study: the range that each really has, and which of them
+//! Statistics of the indicators over all states of a study: the real range of each, and the indicators that
 //! add nothing.
 //!
-//! A study declares a range for each indicator before anything was measured. Where states lie far outside of
-//! it, that one indicator would dominate every distance. So distances along an axis are divided by the range
+//! A study declares a range for each indicator before anything was measured. An indicator whose states lie
+//! far outside its range would dominate every distance. So distances along an axis are divided by the range
 //! that holds all but a fiftieth of the states, where that is wider than the declared one. Stored coordinates
 //! do not change: states are recognised by the declared scale.
 //!
-//! An indicator that has the same value in all states is left out, and so is one that is a linear function of
-//! another, which would count twice. The first state that contradicts brings a redundant indicator back for
-//! good.
+//! An indicator with one value in all states is left out. So is a linear function of another indicator, which
+//! would count twice. The first state that contradicts brings a redundant indicator back for good.
 
 use serde::{Deserialize, Serialize};
 
@@ -40,7 +39,7 @@ pub(crate) struct OmittedIndicator {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct IndicatorStatistics {
     states: u64,
-    /// Of each indicator: the least values rising, the greatest falling.
+    /// For each indicator, the least values rising and the greatest falling.
     least: Vec<Vec<f64>>,
     greatest: Vec<Vec<f64>>,
     mean: Vec<f64>,
@@ -64,7 +63,7 @@ fn keep(values: &mut Vec<f64>, value: f64, before: impl Fn(f64, f64) -> bool) {
 }
 
 impl IndicatorStatistics {
-    /// Nothing was met yet.
+    /// Statistics of no state.
     pub(crate) fn new(indicators: usize) -> Self {
         IndicatorStatistics {
             states: 0,
@@ -141,7 +140,7 @@ impl IndicatorStatistics {
     }
 
     /// Weights for the squares of distances: 1 within the declared range, less where states reach further, 0
-    /// for what is left out.
+    /// for omitted indicators.
     pub(crate) fn weights(&self) -> Vec<f64> {
         let rank = (self.states / BEYOND_SHARE).max(1) as usize;
         let bound =
@@ -158,7 +157,7 @@ impl IndicatorStatistics {
         weights
     }
 
-    /// The number of states that it rests on.
+    /// The number of states behind the statistics.
     pub(crate) fn states(&self) -> u64 {
         self.states
     }
@@ -212,7 +211,7 @@ mod tests {
         statistics.take(&[0.5, 0.5, 0.9]);
         (0..1000).for_each(|_| statistics.take(&state()));
         assert_eq!(statistics.omitted(), [], "for good");
-        // Two that have nothing in common but one wild state are not one.
+        // Two indicators that only share one wild state are not redundant.
         let mut statistics = IndicatorStatistics::new(2);
         (0..40).for_each(|_| statistics.take(&[random.random(), random.random()]));
         statistics.take(&[1e9, 1e9]);

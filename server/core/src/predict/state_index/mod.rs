@@ -1,4 +1,5 @@
-//! The state index: which known states are nearest to a question, and which one is met again.
+//! The state index: it finds the known states nearest to a question, and recognises a state that is met
+//! again.
 //!
 //! A k-d tree (Bentley, "Multidimensional binary search trees used for associative searching", CACM 18, 1975)
 //! for each kind of query, with distances scaled by the range that each indicator has in the states so far.
@@ -21,9 +22,9 @@ pub struct StateIndex {
     all: BTreeMap<MachineId, KdTree>,
     /// States in which something was measured.
     measured: KdTree,
-    /// Those of them in which a search was begun.
+    /// Measured states in which a search was begun.
     explored: KdTree,
-    /// Which trees hold each state: measured, explored.
+    /// For each state, whether the measured and the explored tree hold it.
     held: Vec<(bool, bool)>,
     /// Over the measured states.
     statistics: IndicatorStatistics,
@@ -46,7 +47,7 @@ impl StateIndex {
     }
 
     /// Takes a new state, or notes that a known one was measured or explored. States come in the order of
-    /// their ids; to tell it twice changes nothing.
+    /// their ids; a second call changes nothing.
     pub fn note(&mut self, state: &KnownState) {
         let place = state.id.0 as u32 - 1;
         if self.held.len() == place as usize {
@@ -70,9 +71,9 @@ impl StateIndex {
         assert!(*measured || !*explored, "what was explored was measured");
     }
 
-    /// Takes a state's indicators for evidence of how far they reach. Called once for each state, in the
-    /// order of their first measurements, so that a replay gives the same result. Returns `true` where the
-    /// omitted indicators have changed.
+    /// Adds a state's indicators to the statistics of their reach. Called once for each state, in the order
+    /// of their first measurements, so that a replay gives the same result. Returns `true` where the omitted
+    /// indicators have changed.
     pub(crate) fn weigh(&mut self, anchor: &[f64]) -> bool {
         let before = self.statistics.omitted();
         self.statistics.take(anchor);
@@ -114,12 +115,12 @@ impl StateIndex {
         terms.sum::<f64>().sqrt()
     }
 
-    /// No state of the machine is recognised again; what was measured there goes on to count.
+    /// From now on no state of the machine is recognised. Its measurements still count.
     pub fn displace(&mut self, machine: MachineId) {
         self.all.remove(&machine);
     }
 
-    /// The place of a machine's nearest state of which no indicator is further from `state` than `tolerance`.
+    /// The place of a machine's nearest state with all indicators within `tolerance` of `state`.
     pub(crate) fn within(&self, machine: MachineId, state: &[f64], tolerance: f64) -> Option<usize> {
         self.all.get(&machine)?.within(state, tolerance).map(|found| found.name as usize)
     }
@@ -136,8 +137,8 @@ impl StateIndex {
     }
 
     /// The `count` nearest states in which something was measured, nearest first. `further` gives the square
-    /// of what counts as distance beside that of the indicators, and `None` for states to leave out.
-    /// `explored` leaves out those without a search.
+    /// of an additional distance, and `None` for states to leave out. `explored` leaves out those without a
+    /// search.
     pub(crate) fn nearest(
         &self,
         state: &[f64],

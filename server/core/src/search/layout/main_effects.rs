@@ -1,18 +1,18 @@
-//! Main effects: which values of each parameter were cheap in other states of a study, as a start for the
-//! search of a new one.
+//! Main effects: the cheap values of each parameter in other states of a study, as a start for the search of
+//! a new one.
 //!
-//! Scenes differ, but much of what makes a configuration good is common to them. Before a search begins in a
-//! new state, the logarithms of the costs that were measured in other states are fitted by a sum: one level
+//! Scenes differ, but the causes of a good configuration are mostly common to them. Before a search begins in
+//! a new state, the logarithms of the costs that were measured in other states are fitted by a sum: one level
 //! for each state, and one effect for each active parameter. This is an analysis of variance by main effects
 //! (Box, Hunter and Hunter, "Statistics for Experimenters", 1978). Effects are shrunk towards zero by ridge
 //! regression (Hoerl and Kennard, Technometrics 12, 1970). Hundreds of noisy measurements come down to a few
 //! numbers for each parameter, so that effects of a few percent stand out from noise.
 //!
-//! The sum is not taken for true of the new state. The Gaussian process of the new state gets it as one more
+//! The sum need not hold for the new state. The Gaussian process of the new state gets it as one more
 //! feature, on which costs may depend linearly (`FeatureKind::Linear` of the kernel), and learns the
-//! coefficient from what is measured there. Where the other states mislead, the coefficient goes to zero.
-//! Vizier treats earlier studies in the same spirit, by a stack of processes (Golovin et al., "Google Vizier:
-//! a service for black-box optimization", KDD 2017, section 3.3).
+//! coefficient from measurements there. Where the other states mislead, the coefficient goes to zero. Vizier
+//! treats earlier studies in the same spirit, by a stack of processes (Golovin et al., "Google Vizier: a
+//! service for black-box optimization", KDD 2017, section 3.3).
 
 use serde::{Deserialize, Serialize};
 
@@ -37,7 +37,7 @@ const ROUNDS_MAX: usize = 16;
 /// A measurement of another state, from which effects are learnt.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceMeasurement {
-    /// Which state, from 0.
+    /// The number of its state, from 0.
     pub state: usize,
     /// Its point.
     pub x: Vec<f64>,
@@ -48,15 +48,14 @@ pub struct SourceMeasurement {
 /// The effects of all parameters. See the head of this module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MainEffects {
-    /// For each axis, at its knots or for its values by rank. In standard deviations of the sums that were
-    /// measured.
+    /// For each axis, at its knots or for its values by rank. In standard deviations of the measurements'
+    /// sums.
     effects: Vec<Vec<f64>>,
     /// The mean sum over the measurements.
     mean: f64,
 }
 
-/// Between which two effects of an axis a coordinate lies: the index of the first, and the weight of the
-/// second.
+/// The two effects of an axis around a coordinate: the index of the first, and the weight of the second.
 fn interpolation(layout: &Layout, axis: usize, x: f64) -> (usize, f64) {
     match layout.cells(axis) {
         0 | CELLS_MAX.. => {
@@ -170,8 +169,8 @@ impl MainEffects {
     }
 
     /// The point of least predicted cost by coordinate descent from a point: one parameter after the other,
-    /// until no other value of any is cheaper. Begun at a configuration that was measured to be good, it
-    /// stays near measurements, where the sum is most reliable.
+    /// until no other value of any is cheaper. From a configuration with a good measurement it stays near
+    /// measurements, where the sum is most reliable.
     pub(crate) fn descend(&self, layout: &Layout, from: &[f64]) -> Vec<f64> {
         let enter = |mut x: Vec<f64>| {
             let active = layout.canonical(&mut x);

@@ -1,10 +1,9 @@
-//! A space as a model needs it: which axes are ordered, which are choices, and when they count.
+//! The structure of a space for a model: the ordered axes, the choices, and when each axis counts.
 //!
-//! A point of the cube and the configuration it stands for are not one to one: cells of integers, inactive
-//! parameters and folded constraints make many points one configuration. A model that sees the cube learns
-//! the same thing again and again; a [`Layout`] gives it the configuration instead, without names and
-//! without text: [`Layout::canonical`] is `encode(decode(point))` of the space, some hundred times faster
-//! where no constraint is an expression.
+//! Cells of integers, inactive parameters and folded constraints make many points of the cube one
+//! configuration. A model of the cube would learn each configuration many times. A [`Layout`] gives it the
+//! configuration instead, without names and text: [`Layout::canonical`] is `encode(decode(point))` of the
+//! space, some hundred times faster where no constraint is an expression.
 
 pub(crate) mod main_effects;
 
@@ -31,7 +30,7 @@ enum AxisKind {
     Choice { levels: u32, ranks: Vec<u32> },
 }
 
-/// When an axis counts: while its `parent` is active and stands at one of the levels.
+/// The condition of an axis: it counts while its `parent` is active and at one of the levels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Gate {
     parent: usize,
@@ -45,18 +44,18 @@ struct LayoutAxis {
     gate: Option<Gate>,
 }
 
-/// The axes of a space, in order. Empty where nothing is known: every axis is a number then.
+/// The axes of a space, in order. Without any axes, every axis counts as a number.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Layout {
     axes: Vec<LayoutAxis>,
     /// Pairs of axes whose values must not fall: `(lesser, greater)`.
     order: Vec<(usize, usize)>,
-    /// Where inactive axes sit.
+    /// The coordinates of inactive axes.
     default: Vec<f64>,
-    /// Axes that are left where they are, and where. Points that were measured elsewhere stay what they are.
+    /// The held axes, and their coordinates. Points that were measured elsewhere are not moved.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     held: Vec<(usize, f64)>,
-    /// The space, where only it can tell which configuration a point stands for. It is not stored.
+    /// The space, where a point's configuration needs it. It is not stored.
     #[serde(skip)]
     space: Option<Arc<Space>>,
     /// The prediction of points by other states. Rows of version 0.1.0 call it `guide`.
@@ -106,8 +105,8 @@ impl Layout {
         self.space = space.has_expressions().then(|| Arc::new(space.clone()));
     }
 
-    /// Axes that count as numbers in 0..1, for a search that knows no more than their number and, for
-    /// choices of equal shares, the count of their values.
+    /// Axes that count as numbers in 0..1, for a search that only knows their number and, for choices of
+    /// equal shares, the number of their values.
     pub(crate) fn plain(default: Vec<f64>, levels: &[u32]) -> Self {
         let axis = |index: usize| {
             let kind = match levels.get(index).copied().unwrap_or(0) {
@@ -136,12 +135,12 @@ impl Layout {
         self.main_effects = Some(main_effects);
     }
 
-    /// Has features end without.
+    /// Removes the prediction of other states from the features.
     pub(super) fn drop_guide(&mut self) {
         self.main_effects = None;
     }
 
-    /// Whether features end with what a guide says of them.
+    /// Whether the last feature is the prediction of a guide.
     pub(super) fn has_guide(&self) -> bool {
         self.main_effects.is_some()
     }
@@ -151,14 +150,14 @@ impl Layout {
         self.main_effects.as_ref().map(|guide| guide.at(self, x, &self.active(x)))
     }
 
-    /// Moves the held axes of a point to where they are held.
+    /// Moves the held axes of a point to their held coordinates.
     pub(super) fn hold(&self, x: &mut [f64]) {
         for &(axis, at) in &self.held {
             x[axis] = at;
         }
     }
 
-    /// Whether nothing is known.
+    /// Whether the layout has no axes.
     pub(crate) fn is_empty(&self) -> bool {
         self.axes.is_empty()
     }
@@ -168,7 +167,7 @@ impl Layout {
         self.axes.len()
     }
 
-    /// How the values of each feature compare.
+    /// The comparison of the values of each feature.
     pub(crate) fn kinds(&self) -> Vec<FeatureKind> {
         let kind = |axis: &LayoutAxis| match &axis.kind {
             AxisKind::Choice { ranks, .. } if ranks.is_empty() => FeatureKind::Categorical,
@@ -231,7 +230,7 @@ impl Layout {
         }
     }
 
-    /// Which axes count at a point whose parents are canonical.
+    /// Whether each axis counts at a point whose parents are canonical.
     pub(crate) fn active(&self, x: &[f64]) -> Vec<bool> {
         assert_eq!(x.len(), self.axes.len(), "a coordinate for every axis");
         let mut active = vec![true; x.len()];

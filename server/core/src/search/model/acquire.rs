@@ -1,4 +1,4 @@
-//! Where to measure next: the point of highest expected improvement that can probably be run.
+//! The next point to measure: the one of highest expected improvement that can probably be run.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -37,11 +37,11 @@ const KNOWN_CLIMBERS: usize = 2;
 const CHANGES: usize = 240;
 /// Steps along a continuous axis over the climb.
 const RADII: Radii = Radii { first: 0.15, last: 0.01 };
-/// The probability that a point can be run is never taken for less than this.
+/// The least probability that is assumed for a point to run.
 const FEASIBLE_MIN: f64 = 1e-3;
-/// Its power that an improvement is multiplied by. A model of cost learns nothing from what fails and goes
-/// on to expect much of it: with 1 and without a wanted probability 38 of 80 trials of a recorded
-/// compressor failed, with these 17, and the best that ran was no worse.
+/// An improvement is multiplied by this power of the probability. A model of cost learns nothing from
+/// failures and goes on to expect much of such points. With power 1 and without a wanted probability 38 of 80
+/// trials of a recorded compressor failed, with these values 17, and the best that ran was no worse.
 const FEASIBLE_WEIGHT: f64 = 2.0;
 /// Points that can be run with this probability come before all others, by this much of a logarithm.
 const FEASIBLE_WANTED: f64 = 0.9;
@@ -66,7 +66,7 @@ impl Acquisition<'_> {
         let improvement = |deviation: f64| {
             log_expected_improvement(best, Posterior { mean, deviation: self.doubt * deviation })
         };
-        // Nothing unknown could make more of it than this; most points end here.
+        // No measurement could raise the improvement above this bound; most points end here.
         if improvement(cost.deviation_max(&covariances)) <= floor {
             return f64::NEG_INFINITY;
         }

@@ -1,7 +1,7 @@
 //! The next point of a model-based search, planned on a copy of it.
 //!
-//! Fitting the models takes a thousand times as long as all else that a search does. A copy can do it while
-//! the search itself receives other results. Its point is used unless somebody has measured that meanwhile.
+//! Fitting the models takes a thousand times as long as all other steps of a search. A copy can do it while
+//! the search itself receives results. The point is used unless another client has measured it meanwhile.
 
 use rand::RngExt;
 
@@ -10,18 +10,18 @@ use crate::gp::local_search::Neighbourhood;
 use crate::search::Step;
 use crate::search::model::{GRID, MeasuredPoint, ModelSearch, acquire, steps};
 
-/// A guess is near one of the best: the number of those, the mean number of parameters that it changes, and
-/// the greatest change as a share of an axis.
+/// A guess is near one of the best points: their number, the mean number of changed parameters, and the
+/// greatest change as a share of an axis.
 const GUESSED_NEAR: usize = 4;
 const GUESSED_CHANGES: f64 = 2.0;
 const GUESSED_RADIUS: f64 = 0.2;
 
-/// A point by the models, and what fitting them taught.
+/// A point by the models, and the state of the models after the fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedPoint {
-    /// Where to measure and why; `None` where there is nothing to model.
+    /// The point to measure, and why; `None` where there is nothing to model.
     pub(super) point: Option<(Vec<f64>, Step)>,
-    /// More points, chosen as if those before were pending: for who asks while nobody can think.
+    /// More points, chosen as if those before were pending, for clients that ask while no fit is possible.
     reserve: Vec<(Vec<f64>, Step)>,
     cost: Hyperparameters,
     failure: Hyperparameters,
@@ -34,7 +34,7 @@ pub struct PlannedPoint {
 
 impl PlannedPoint {
     /// Computes the next point of a search, which is a copy because its models move, and `reserve` more. The
-    /// search takes over only the state after the first point, so that it goes on the same without a reserve.
+    /// search takes over only the state after the first point, so that it goes on as without a reserve.
     pub(super) fn of(mut search: ModelSearch, reserve: usize) -> PlannedPoint {
         let point = search.propose();
         let ModelSearch { cost, failure, trended, fitted, draws, .. } = search.clone();
@@ -54,15 +54,15 @@ impl PlannedPoint {
 }
 
 impl ModelSearch {
-    /// Whether the next point is at hand: what came back, the design, or a plan that was taken over.
+    /// Whether the next point is at hand: a withdrawn one, one of the design, or a planned one.
     pub(super) fn has_next(&self) -> bool {
         let begins = self.pending.added() == 0 || self.default_is_due || self.pending.has_withdrawn();
         let designs = self.believes_others() || !self.queue.is_empty() && !self.is_mostly_infeasible();
         begins || designs || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
     }
 
-    /// Takes over what a copy has found. A plan that rests on fewer measurements than the last fit, or on a
-    /// guide that was dropped, is passed over.
+    /// Takes over the plan of a copy. A plan with fewer measurements than the last fit, or with a dropped
+    /// guide, is ignored.
     pub(super) fn take_over(&mut self, plan: PlannedPoint) {
         if plan.fitted < self.fitted || plan.guided != self.setup.layout.has_guide() {
             return;
@@ -84,14 +84,14 @@ impl ModelSearch {
         plan.point.as_ref().is_none_or(|(x, step)| self.is_worth(x, *step))
     }
 
-    /// Whether nobody measured a point meanwhile, or does so now.
+    /// Whether a point was not measured meanwhile, and is not pending.
     fn is_worth(&self, x: &[f64], step: Step) -> bool {
         let grid = steps(x);
         let is_pending = self.pending.points().any(|point| self.grid(&point.x).0 == grid);
         !is_pending && (step == Step::Replicate || self.seen.iter().all(|seen| seen.x != grid))
     }
 
-    /// The next of the reserve that is still worth something, else a guess near one of the best.
+    /// The next of the reserve that is still of use, else a guess near one of the best.
     pub(super) fn next_at_once(&mut self) -> (Vec<f64>, Step) {
         while let Some((x, step)) = self.reserve.pop_front() {
             if step != Step::Replicate && self.is_worth(&x, step) {

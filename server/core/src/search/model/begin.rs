@@ -4,13 +4,13 @@
 //! these say next to nothing, and half of them lie near corners. There the design goes one step along each
 //! axis in turn, from the best so far, as Powell's COBYLA builds its first simplex ("A direct search
 //! optimization method that models the objective and constraint functions by linear interpolation", 1994):
-//! the model then knows a slope along every axis, and the steps that were gains add up. Where the default is
-//! far from the middle of the cube, the middle is measured before the steps: the optimum is nearer to it than
-//! to most other places.
+//! the model then knows a slope along every axis, and successful steps add up. Where the default is far from
+//! the middle of the cube, the middle is measured before the steps: the optimum is nearer to it than to most
+//! other places.
 //!
-//! Where other states of the study are known, what did well there comes before either, and nothing is left of
-//! a Latin hypercube unless it does badly here: a point drawn at random costs twice as much as the best, and
-//! says little.
+//! Where other states of the study are known, their good points come before either design. They replace the
+//! Latin hypercube unless they do badly here: a random point costs twice as much as the best, and says
+//! little.
 
 use std::collections::VecDeque;
 
@@ -24,15 +24,16 @@ use crate::limits::REWARD_COST_MIN;
 use crate::search::latin_hypercube::design;
 use crate::search::{MainEffects, SearchSetup};
 
-/// How far a Latin hypercube reaches along continuous axes, as a share of the cube, and from how many axes
-/// on: most of a cube of many dimensions are corners, which say nothing of the rest.
+/// The reach of a Latin hypercube along continuous axes, as a share of the cube, and the number of axes from
+/// which on it is limited: a cube of many dimensions is mostly corners, which say nothing of the rest.
 const REACH: f64 = 0.75;
 const REACH_FROM: usize = 3;
-/// How long the steps are, and from how many axes on they are taken.
+/// The length of the steps, and the number of axes from which on they are taken.
 const STEP: f64 = 0.25;
 const STEPS_FROM: usize = 4;
 
-/// Points from other states run until this many more did clearly worse than the default than better.
+/// Points from other states run until the clearly worse ones than the default outnumber the better ones by
+/// this number.
 const PATIENCE: usize = 2;
 /// Multiple of the default's cost above which a point did clearly worse.
 const CLEARLY_WORSE: f64 = 1.15;
@@ -42,8 +43,8 @@ const GUIDE_TESTED_AT: usize = 8;
 const GUIDE_CORRELATION_LEAST: f64 = 0.2;
 
 impl ModelSearch {
-    /// Has the search profit from other states, before any model was fitted. `first` are points to begin
-    /// with, after the default.
+    /// Gives the search the results of other states, before any model was fitted. `first` are its first
+    /// points after the default.
     pub(super) fn begin_with(&mut self, main_effects: MainEffects, first: Vec<Vec<f64>>) {
         self.setup.layout.set_main_effects(main_effects);
         let kinds = self.setup.layout.kinds();
@@ -52,8 +53,8 @@ impl ModelSearch {
         self.elsewhere = first.into();
     }
 
-    /// The numbers of points that did better than the default, and clearly worse; 0 before that was measured.
-    /// Where the default itself serves most states best, the others come close to it at most.
+    /// The numbers of points that did better than the default, and clearly worse; both are 0 before the
+    /// default was measured. Where the default itself serves most states best, the others hardly beat it.
     fn against_default(&self) -> (usize, usize) {
         let start = self.grid(&self.setup.start).0;
         let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.observed.rank());
@@ -65,8 +66,7 @@ impl ModelSearch {
         (better, worse)
     }
 
-    /// Whether there is something left that did well in other states, and the first of it has not shown that
-    /// this means nothing here.
+    /// Whether good points of other states are left, and the first of them did well enough here.
     pub(super) fn believes_others(&self) -> bool {
         let (better, worse) = self.against_default();
         !self.elsewhere.is_empty() && worse < better + PATIENCE
@@ -85,7 +85,7 @@ impl ModelSearch {
         next
     }
 
-    /// Drops a guide that does not agree with what is measured here, as soon as there is enough to tell.
+    /// Drops a guide that does not agree with the measurements here, once there are enough of them.
     pub(super) fn test_guide(&mut self) {
         let measured = self.seen.iter().filter(|seen| matches!(seen.observed, Observed::Cost { .. })).count();
         if measured != GUIDE_TESTED_AT || !self.setup.layout.has_guide() {
@@ -289,7 +289,7 @@ mod tests {
             let text = serde_json::to_string(&search).expect("plain data");
             let mut copy: ModelSearch = serde_json::from_str(&text).expect("own output");
             assert_eq!(copy, search);
-            // Thinking apart comes to the same.
+            // A plan on a copy gives the same point.
             if !search.is_ready() {
                 let plan = search.plan(0).expect("a model to fit");
                 copy.adopt(plan);

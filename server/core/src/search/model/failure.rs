@@ -1,7 +1,7 @@
-//! The model of failure: which points can probably be run, by what ran and what failed.
+//! The model of failure: the probability that a point can be run, by successes and failures.
 //!
-//! It begins with what ran and what failed in other states. That counts for less than what is tried here, and
-//! is forgotten where it does not hold.
+//! It begins with the successes and failures of other states. They count for less than trials here, and are
+//! forgotten where they do not hold.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,19 +21,19 @@ pub(super) struct RunElsewhere {
 }
 
 impl ModelSearch {
-    /// Takes over what ran elsewhere.
+    /// Takes over the successes and failures of other states.
     pub(super) fn hear_of_runs(&mut self, runs: Vec<SourceRun>) {
         let run = |run: SourceRun| RunElsewhere { x: self.grid(&run.x).0, failed: run.failed };
         self.runs_elsewhere = runs.into_iter().map(run).collect();
     }
 
-    /// The features of what ran elsewhere, and whether it failed.
+    /// The features of a run in another state, and whether it failed.
     fn ran_elsewhere(&self, run: &RunElsewhere) -> (Vec<f64>, bool) {
         let x: Vec<f64> = run.x.iter().map(|&x| f64::from(x) / GRID).collect();
         (self.setup.layout.features(&x, &self.setup.layout.active(&x)), run.failed)
     }
 
-    /// Fits the model of failure: 1 for what could not be run, 0 for all else.
+    /// Fits the model of failure: 1 for points that could not be run, 0 for all others.
     pub(super) fn failures(&mut self, places: &[ModelledPoint], schedule: Schedule) -> Option<Process> {
         let label = |failed: bool| f64::from(u8::from(failed));
         let elsewhere: Vec<(Vec<f64>, bool)> =
@@ -54,8 +54,8 @@ impl ModelSearch {
         fit.map(|(process, _)| process)
     }
 
-    /// Forgets what ran elsewhere where that does not hold here: two configurations or more turned out
-    /// otherwise, and a third of those that were tried in both.
+    /// Forgets the runs of other states where they do not hold here: two configurations or more, and a third
+    /// of those that were tried in both, had another result.
     pub(super) fn test_elsewhere(&mut self) {
         let of_both = self.runs_elsewhere.iter().filter_map(|run| {
             let seen = self.seen.iter().find(|seen| seen.x == run.x)?;

@@ -1,10 +1,10 @@
 //! A closer look around the best: a model of the nearest measurements, in coordinates of their own.
 //!
 //! A process over the whole space is too coarse for the last digits, and its distances follow the axes, while
-//! valleys rarely do. So every other point comes from a second process, made for the occasion: it sees the
-//! measurements next to the best only, their costs relative to each other, through axes along which the
-//! better half of them is spread evenly, and it has a quadratic trend. Its point of highest expected
-//! improvement is looked for no further out than half of these measurements lie.
+//! valleys rarely do. So every other point comes from a second process. It is fitted to the measurements next
+//! to the best only, in axes along which the better half of them is spread evenly, and has a quadratic trend.
+//! The search for its highest expected improvement goes no further out than the nearer half of these
+//! measurements.
 //!
 //! Sources: the local models of TuRBO (Eriksson et al., "Scalable global optimization via local Bayesian
 //! optimization", NeurIPS 2019); the spread of the better half, weighted by ranks, as the metric from CMA-ES
@@ -32,27 +32,27 @@ const NEAREST: usize = 6;
 const STEPS: usize = 12;
 /// Points closer to a measurement than this share of the radius teach nothing.
 const APART_MIN: f64 = 0.05;
-/// Closest to a pending point. Its result is unknown, and may make it the better place to be close to.
+/// The least distance from a pending point, whose result is unknown.
 const APART_PENDING_MIN: f64 = 0.3;
 /// Numbers of random points at the beginning, of those that climb, and of their steps.
 const BEGIN: usize = 100;
 const CLIMBERS: usize = 3;
 const CLIMB: usize = 80;
-/// Axes of that many cells or more count as continuous.
+/// Axes with at least this number of cells count as continuous.
 const CELLS_MIN: u32 = 32;
 
-/// A measurement by its coordinates along the axes that are searched.
+/// A measurement by its coordinates along the searched axes.
 struct LocalMeasurement {
     x: Vec<f64>,
     cost: f64,
     count: f64,
 }
 
-/// The measurements that agree with the best in all that is not continuous.
+/// The measurements that agree with the best in every parameter that is not continuous.
 pub(super) struct Near {
     /// Canonical coordinates of the best.
     best: Vec<f64>,
-    /// The axes that are searched.
+    /// The searched axes.
     axes: Vec<usize>,
     measured: Vec<LocalMeasurement>,
     /// The weights of the global process along these axes.
@@ -124,7 +124,7 @@ fn square(v: &[f64]) -> f64 {
 
 impl Near {
     /// Gathers the measurements around the best of `known`, which are `measured` in the same order. `None`
-    /// where there is nothing continuous to search, or too little is known to begin.
+    /// where there is nothing continuous to search, or where there are too few measurements.
     pub(super) fn of(
         layout: &Layout,
         measured: &[&ModelledPoint],
@@ -154,7 +154,7 @@ impl Near {
     }
 
     /// The point of highest expected improvement around the best, canonical but for rounding. `pending` are
-    /// points that count as measured at what is expected of them.
+    /// points that count as measured at their expected cost.
     pub(super) fn propose(
         &self,
         acquisition: &Acquisition,
@@ -169,7 +169,8 @@ impl Near {
             let apart = measured[index].x.iter().zip(&centre).zip(&self.weights);
             apart.map(|((x, c), weight)| weight * (x - c) * (x - c)).sum()
         };
-        // Who is near is a matter of these coordinates, which are a matter of who is near: twice is enough.
+        // The nearest measurements depend on these coordinates, which depend on the nearest measurements: two
+        // rounds are enough.
         let whitening = Whitening::of(measured, &nearest(measured.len(), count, weighted), &centre)?;
         let chosen = nearest(measured.len(), count, |index| square(&whitening.enter(&measured[index].x)));
         let whitening = Whitening::of(measured, &chosen, &centre)?;
@@ -195,7 +196,7 @@ impl Near {
             self.axes.iter().zip(whitening.leave(&u)).for_each(|(&axis, place)| x[axis] = place);
             acquisition.layout.hold(&mut x);
             let active = acquisition.layout.canonical(&mut x);
-            // Where the cube or a cell moves the point, it counts where it is.
+            // A point that the cube or a cell moves counts at its final place.
             let u = whitening.enter(&pick(&x));
             let apart = |v: &Vec<f64>| v.iter().zip(&u).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
             let closest = |to: &[Vec<f64>]| to.iter().map(apart).fold(f64::INFINITY, f64::min).sqrt();
@@ -203,7 +204,7 @@ impl Near {
                 return ScoredPoint { x: u, score: f64::NEG_INFINITY, detail: x };
             }
             let gain = log_expected_improvement(least, process.predict(&feature(&u)));
-            // Whether it can be run only takes away from it.
+            // The probability of failure can only lower the gain.
             if gain <= floor {
                 return ScoredPoint { x: u, score: f64::NEG_INFINITY, detail: x };
             }

@@ -2,35 +2,34 @@
 //!
 //! The frame is that of Jones, Schonlau and Welch, "Efficient global optimization of expensive black-box
 //! functions" (Journal of Global Optimization 13, 1998): a small design (`begin`), then again and again a
-//! Gaussian process (`gp`) is fitted to all that was measured, and the point of highest expected
-//! improvement is measured next. What was added, and from where:
+//! Gaussian process (`gp`) is fitted to all measurements, and the point of highest expected improvement is
+//! measured next. The additions, with their sources:
 //! - *Mixed, conditional spaces.* The model sees configurations, not points of the cube (see [`Layout`]), and
 //!   the improvement is climbed by changing one parameter at a time from the best known configurations, as in
 //!   SMAC (Hutter, Hoos and Leyton-Brown, LION 5, 2011; Lindauer et al., JMLR 23, 2022).
 //! - *Infeasible regions.* A second process predicts whether a point can be run at all; the expected
 //!   improvement is multiplied by that probability, as in BaCO (Hellsten et al., ASPLOS 2024). A design is
 //!   left early where most of it cannot be run.
-//! - *Noise.* Improvement is counted against the model's best mean, not the luckiest sample, and the
-//!   uncertainty that counts is that of the mean, noise left out. A newcomer that looks best is measured
-//!   again before it is believed.
-//! - *Precision.* Every other point is the most promising one of a model of its own of the measurements
-//!   around the best (see `local`), so that the search converges where the global model is too coarse.
-//! - *Grids.* Where there is nothing continuous to look at more closely, every other point is that of a model
-//!   with a quadratic trend, if the measurements speak for one: costs of kernels and trees are near products
-//!   of powers of their parameters. A trend that is not there misleads, hence the proof and the other half.
+//! - *Noise.* Improvement is counted against the model's best mean, not the luckiest sample, and uncertainty
+//!   is that of the mean, without noise. A new best point is measured again before it is believed.
+//! - *Precision.* Every other point comes from a separate model of the measurements around the best (see
+//!   `local`), so that the search converges where the global model is too coarse.
+//! - *Grids.* Without a continuous axis, every other point comes from a model with a quadratic trend, if the
+//!   measurements support one: costs of kernels and trees are near products of powers of their parameters. A
+//!   wrong trend misleads, so it needs evidence and gives only half of the points.
 //! - *Doubt.* Where there are choices the model is too sure of itself: cliffs and interactions that it has
-//!   not met make it keep to the surroundings of a poor default. There deviations count the more at the
-//!   points in between the longer nothing better was found.
-//! - *Trials that were stopped early.* They count as measured at the mean of what the model expects above
-//!   the bound (Schmee and Hahn, "A simple method for regression analysis with censored data",
-//!   Technometrics 21, 1979; for model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
-//! - *Other states.* What other states of the study know, a [`MainEffects`] adds up: the search begins with
-//!   what it and the best of the others name, and costs may depend on it linearly. Its weight is learnt like
-//!   a length; where it does not agree with the first few measurements here, it is dropped.
+//!   not met make it keep to the surroundings of a poor default. There deviations count more at every other
+//!   point, the longer no better point was found.
+//! - *Trials that were stopped early.* They count as measured at the model's mean above the bound (Schmee and
+//!   Hahn, "A simple method for regression analysis with censored data", Technometrics 21, 1979; for
+//!   model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
+//! - *Other states.* A [`MainEffects`] sums up the other states of the study. The search begins with its best
+//!   point and the best of the others, and costs may depend on it linearly. Its weight is learnt like a
+//!   length. Where it does not agree with the first few measurements here, it is dropped.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
-//! - *Several clients.* Pending points count as measured, at what the model expects of them (the "kriging
-//!   believer" of Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise: what has the noise of a
-//!   measurement leaves its surroundings attractive, and several clients would measure almost the same point.
+//! - *Several clients.* Pending points count as measured at their expected cost (the "kriging believer" of
+//!   Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise. With the noise of a measurement
+//!   their surroundings would stay attractive, and several clients would measure almost the same point.
 
 mod acquire;
 mod ahead;
@@ -60,11 +59,11 @@ use observed::Observed;
 
 /// Steps of a canonical coordinate that are distinguished.
 const GRID: f64 = (1u32 << 24) as f64;
-/// Most points that a model is fitted to, and their number once there are more. A suggestion must stay a
-/// matter of a few milliseconds, and the chosen points include the best.
+/// Most points that a model is fitted to, and their number once there are more. A suggestion must take no
+/// more than a few milliseconds, and the chosen points include the best.
 const FITTED_MAX: usize = 96;
 const FITTED_THEN: usize = 64;
-/// From then on the covariance is learnt once in this number of measurements.
+/// With more points the covariance is learnt once in this number of measurements.
 const LEARN_EVERY: u64 = 4;
 /// Most points that are kept.
 const KEPT_MAX: usize = 512;
@@ -73,7 +72,7 @@ const KEPT_MAX: usize = 512;
 const ROUNDS_FIRST: usize = 30;
 const ROUNDS: usize = 4;
 const ROUNDS_UNTIL: usize = 32;
-/// A trend is believed in from this logarithm of a likelihood ratio on: twenty to one.
+/// The logarithm of the likelihood ratio from which on a trend is used: twenty to one.
 const TREND_EVIDENCE: f64 = 3.0;
 /// Where there are choices, deviations count more at every other point: once more per `DOUBT_EVERY`
 /// configurations without a new best, and at most `DOUBT_MAX` times more.
@@ -81,7 +80,7 @@ const DOUBT_EVERY: f64 = 8.0;
 const DOUBT_MAX: f64 = 2.0;
 /// Weight of a pending point, in measurements.
 const PENDING_COUNT: f64 = 20.0;
-/// Few measurements in many dimensions: the prior of what all models of the search learn.
+/// The prior of all models of the search, for few measurements in many dimensions.
 const PRIOR: Prior = Prior {
     length_mean: 0.5,
     length_spread: 1.0,
@@ -92,9 +91,9 @@ const PRIOR: Prior = Prior {
     squares: 1e-3,
     step_max: 1.0,
 };
-/// Number of runnable points that suffice to leave a design that mostly could not be run.
+/// Number of runnable points that suffice to leave a mostly infeasible design.
 const FEASIBLE_ENOUGH: usize = 3;
-/// Greatest share of the measurements that measure the best again, and most measurements of one point.
+/// The greatest share of repeats of the best among the measurements, and the most measurements of one point.
 const REPEAT_SHARE: f64 = 0.04;
 const REPEATS_MAX: f64 = 5.0;
 
@@ -115,22 +114,22 @@ pub struct ModelSearch {
     pending: PendingPoints,
     /// Points of the initial design that were not asked yet.
     queue: VecDeque<Vec<f64>>,
-    /// Points that did well in other states, and come before the design.
+    /// Good points of other states, which come before the design.
     #[serde(default, skip_serializing_if = "VecDeque::is_empty")]
     elsewhere: VecDeque<Vec<f64>>,
     /// Configurations that ran and that failed in other states.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     runs_elsewhere: Vec<RunElsewhere>,
-    /// The default was not asked yet, because something came before it.
+    /// The default was not asked yet, because another point came before it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     default_is_due: bool,
-    /// Whether that are steps from the best so far, not places.
+    /// Whether the queue holds steps from the best so far, not places.
     #[serde(default)]
     queue_of_steps: bool,
     seen: Vec<MeasuredPoint>,
     cost: Hyperparameters,
     failure: Hyperparameters,
-    /// Of the costs with a trend, once that was asked for.
+    /// The hyperparameters of the model with a trend, once it was fitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     trended: Option<Hyperparameters>,
     /// Measurements at the last fit.
@@ -144,12 +143,12 @@ pub struct ModelSearch {
     /// The next point, where a copy has planned it. Not stored: it would be planned again.
     #[serde(skip)]
     planned: Option<PlannedPoint>,
-    /// More points that were thought of with it, for who asks while nobody can think. Not stored either.
+    /// The reserve of that plan, for clients that ask while no fit is possible. Not stored either.
     #[serde(skip)]
     reserve: VecDeque<(Vec<f64>, Step)>,
 }
 
-/// A configuration that was seen, as the models see it.
+/// A known configuration, in the form that the models use.
 struct ModelledPoint {
     x: Vec<f64>,
     features: Vec<f64>,
@@ -161,7 +160,7 @@ struct CostModel {
     process: Process,
     /// The relative deviation of a measurement of the best.
     noise: f64,
-    /// The log likelihood of what was measured, before pending points were added.
+    /// The log likelihood of the measurements, before pending points were added.
     evidence: f64,
 }
 
@@ -217,8 +216,8 @@ impl ModelSearch {
         stream(self.setup.seed, Purpose::Search, self.setup.state_id, self.draws)
     }
 
-    /// Makes a point pending at the place of its configuration, on the grid, where its result will find it.
-    /// The default stays as it was given.
+    /// Makes a point pending at the place of its configuration, on the grid, so that its result can be
+    /// matched to it. The default is not moved.
     fn make_pending(&mut self, mut x: Vec<f64>, step: Step) -> Point {
         if !matches!(step, Step::Default | Step::Replicate) {
             self.setup.layout.hold(&mut x);
@@ -242,18 +241,18 @@ impl ModelSearch {
         (steps(&x), features)
     }
 
-    /// Whether a design would waste measurements: most of it, so far, could not be run, but enough could to
-    /// begin a model with.
+    /// Whether a design would waste measurements: most of its points so far could not be run, but enough
+    /// could to begin a model.
     fn is_mostly_infeasible(&self) -> bool {
         let failed = self.seen.iter().filter(|seen| seen.observed == Observed::Infeasible).count();
         2 * failed >= self.seen.len() && self.seen.len() - failed >= FEASIBLE_ENOUGH
     }
 
-    /// By how many times more than the model says deviations count, by how long ago the best was found.
+    /// The factor on the model's deviations, which grows with the time since the best was found.
     fn doubt(&self) -> f64 {
         let has_choices = (0..self.setup.dimension()).any(|axis| self.setup.layout.cells(axis) > 0);
         let newest_first = self.seen.iter().rev().enumerate();
-        // Of equals the oldest.
+        // Among equals the oldest counts.
         let best = newest_first.rev().min_by(|a, b| a.1.observed.rank().total_cmp(&b.1.observed.rank()));
         let since = best.map_or(0, |(since, _)| since);
         let doubt = if has_choices { (since as f64 / DOUBT_EVERY).min(DOUBT_MAX) } else { 0.0 };
@@ -261,7 +260,7 @@ impl ModelSearch {
         doubt
     }
 
-    /// A configuration that was seen, as the models see it.
+    /// A known configuration, in the form that the models use.
     fn place(&self, index: usize) -> ModelledPoint {
         let mut x: Vec<f64> = self.seen[index].x.iter().map(|&x| f64::from(x) / GRID).collect();
         let active = self.setup.layout.canonical(&mut x);
@@ -363,7 +362,7 @@ impl ModelSearch {
     /// likelihood without one is `plain`.
     fn trended(&mut self, measured: &[&ModelledPoint], plain: f64, schedule: Schedule) -> Option<CostModel> {
         let (mut hyper, steps) = match self.trended.take() {
-            // Asked for half as often, it learns twice as much at a time.
+            // This model is fitted half as often, so it learns twice as much at a time.
             Some(hyper) => (hyper, if schedule.ahead { (2 * schedule.steps).max(1) } else { 0 }),
             None => (Hyperparameters::with_trend(&self.setup.layout.kinds(), &PRIOR), ROUNDS_FIRST),
         };
@@ -399,7 +398,7 @@ impl ModelSearch {
             process = Process::fit(sample(&points, counts.clone()), views[view].0.clone(), hyper, &PRIOR)?;
         }
         let noise = warping.relative(view, process.noise().sqrt());
-        // Pending points count as measured at what is expected of them.
+        // Pending points count as measured at their expected cost.
         let pending: Vec<Vec<f64>> = self.pending.points().map(|point| self.grid(&point.x).1).collect();
         if pending.is_empty() {
             return Some(CostModel { process, noise, evidence });
@@ -413,9 +412,9 @@ impl ModelSearch {
         Some(CostModel { process, noise, evidence })
     }
 
-    /// The configuration that measured best, if rivals are so close that it may have been luck. `noise` is
-    /// the model's guess at the relative deviation of a measurement; it takes what the cost surface is too
-    /// rough for it for noise, so that what replicates themselves say soon outweighs it.
+    /// The best measured configuration, if rivals are so close that it may have been lucky. `noise` is the
+    /// model's estimate of the relative deviation of a measurement. The model takes roughness of the cost
+    /// surface for noise, so the evidence of replicates soon outweighs its estimate.
     fn doubtful(&self, measured: &[&ModelledPoint], noise: f64) -> Option<Vec<f64>> {
         assert!((0.0..=1.0).contains(&noise), "a relative deviation of {noise}");
         let (repeats, squares) = self.scatter;
@@ -438,7 +437,7 @@ impl ModelSearch {
 /// The measured points, as a model of cost sees them.
 fn known(measured: &[&ModelledPoint], cost: Option<&Process>) -> Vec<EstimatedPoint> {
     let believed = |place: &ModelledPoint| match (cost, place.observed) {
-        // A point that was stopped early is never the best.
+        // An aborted point is never the best.
         (_, Observed::AtLeast(_)) => f64::INFINITY,
         (Some(cost), _) => cost.predict(&place.features).mean,
         (None, _) => 0.0,
@@ -446,7 +445,7 @@ fn known(measured: &[&ModelledPoint], cost: Option<&Process>) -> Vec<EstimatedPo
     measured.iter().map(|place| EstimatedPoint { x: place.x.clone(), believed: believed(place) }).collect()
 }
 
-/// A point as it will be asked, to the precision of the search.
+/// A point rounded to the precision of the search.
 pub(crate) fn on_grid(x: &[f64]) -> Vec<f64> {
     steps(x).iter().map(|&x| f64::from(x) / GRID).collect()
 }

@@ -56,8 +56,8 @@ fn searched(
     all.into_iter().map(sample).collect()
 }
 
-/// Over 20 searches: the estimated gain, the true one, that of the lowest mean, and how often the interval
-/// held.
+/// Over 20 searches: the estimated gain, the true one, that of the lowest mean, and the share of intervals
+/// that held.
 fn told(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize) -> (f64, f64, f64, usize) {
     let (mut sums, mut held) = ([0.0; 3], 0);
     for seed in 0..20 {
@@ -173,8 +173,8 @@ fn few_and_equal_samples_are_fine() {
 }
 
 /// On a machine whose speed wanders (deviation 0.13, 20 trials) with little noise from trial to trial (0.04):
-/// the first configuration, and others whose logarithms are lower by `gain`. Each entry of `plan` is who runs
-/// next.
+/// the first configuration, and others whose logarithms are lower by `gain`. Each entry of `plan` is the next
+/// configuration to run.
 fn wandering(plan: &[usize], gain: f64, seed: u64) -> Vec<ConfigurationSample> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let keep: f64 = (-1.0_f64 / 20.0).exp();
@@ -280,7 +280,7 @@ fn what_is_to_be_gained_less_what_is_to_be_lost_is_the_gain() {
 
 #[test]
 fn a_landscape_that_may_be_flat_is_no_reason_to_stay() {
-    // Two configurations, one of which ran 6 % faster, in little noise: perhaps both are the same.
+    // Two configurations, one of which ran 6 % faster, in little noise: both may be equal.
     let sample = |features: f64, log_costs: &[f64]| ConfigurationSample {
         features: vec![features],
         measurements: unordered(log_costs),

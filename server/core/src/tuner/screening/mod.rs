@@ -1,14 +1,13 @@
-//! Which parameters do not matter in a state any more: sequential sensitivity screening.
+//! Sequential sensitivity screening: finds the parameters that no longer matter in a state.
 //!
 //! A linear model of each parameter's own effect on the logarithm of the cost is kept for the states that
-//! were explored last, and what their effects have in common is learnt from all of them (see `regression`).
-//! Every few trials each parameter is tried: is the chance below the policy's risk that any other value of it
-//! gains more than [`GAIN`] over the best known one, here? Then the search leaves it there, and goes on with
-//! the others. The question is asked again and again, so evidence to the contrary thaws a parameter; and
-//! every [`CONTROL`]th point is free of all of this, so that there is such evidence.
+//! were explored last. The common part of their effects is learnt from all of them (see `regression`). Every
+//! few trials the model judges each parameter. If the chance that another value gains more than [`GAIN`] over
+//! the best known one is below the policy's risk, the search holds the parameter there. Later evidence to the
+//! contrary releases it. Every [`CONTROL`]th point holds nothing, so that such evidence can appear.
 //!
-//! The model cannot see effects that two parameters only have together. They count as noise, and make it
-//! careful. A parameter that decides whether others are active is never held. After Morris ("Factorial
+//! The model cannot see effects that two parameters only have together. They count as noise, which makes the
+//! model careful. A parameter that decides whether others are active is never held. After Morris ("Factorial
 //! sampling plans for preliminary computational experiments", Technometrics 1991) in aim, Bayesian in method.
 
 mod features;
@@ -41,7 +40,7 @@ pub(super) struct Screening {
     gates: Vec<bool>,
     #[serde(skip)]
     width: usize,
-    /// Of each state that is kept: its sums, the first cost, and when it was last learnt from.
+    /// For each kept state, its sums, the first cost, and the time of the last lesson.
     states: BTreeMap<usize, ScreenedState>,
     clock: u64,
 }
@@ -69,11 +68,11 @@ pub(super) struct HeldParameters {
 pub(super) struct HeldAxis {
     /// Its place in the space.
     pub(super) axis: usize,
-    /// Where it is held, in 0..1.
+    /// Its held coordinate, in 0..1.
     pub(super) x: f64,
-    /// The most that another value may gain, but for the risk; a share of the cost.
+    /// The most that another value may gain, as a share of the cost; the chance of more is the policy's risk.
     pub(super) gain_at_most: f64,
-    /// After how many tried configurations it was held first.
+    /// The number of tried configurations when it was first held.
     pub(super) since: usize,
 }
 
@@ -87,7 +86,7 @@ impl Screening {
         Screening { parts, gates, width, states: BTreeMap::new(), clock: 0 }
     }
 
-    /// Makes what was read from a checkpoint whole. `false` when it is of another space.
+    /// Completes the evidence that was read from a checkpoint. `false` when it is of another space.
     pub(super) fn settle(&mut self, space: &Space) -> bool {
         let Screening { parts, gates, width, .. } = Screening::new(space);
         (self.parts, self.gates, self.width) = (parts, gates, width);
@@ -126,7 +125,7 @@ impl Screening {
         self.is_able() && held.is_none_or(|held| tried >= held.tried + EVERY)
     }
 
-    /// Which parameters to hold in a state, at the values of `best`.
+    /// The parameters to hold in a state, at the values of `best`.
     pub(super) fn judge(
         &self,
         space: &Space,
@@ -250,11 +249,11 @@ mod tests {
         let held = screening.judge(&space, 0, &best, 0.05, None, 120);
         let axes: Vec<usize> = held.axes.iter().map(|axis| axis.axis).collect();
         assert_eq!(axes, [1, 2], "{held:?}");
-        // A parameter that matters has nothing to give either where it stands best.
+        // A parameter that matters has nothing to gain at its best value.
         let settled = space.decode(&[0.0, 0.5, 0.1]);
         let held = screening.judge(&space, 0, &settled, 0.05, Some(&held), 128);
         assert_eq!(held.axes.iter().map(|axis| axis.since).collect::<Vec<_>>(), [128, 120, 120]);
-        // In a new state much of this is known before a trial; a parameter that begins to matter there thaws.
+        // A new state knows much of this before a trial; a parameter that begins to matter there is released.
         learn(&mut screening, 7, 60, |c| 10.0 * (1.0 + (number(c, "b") - 0.9).abs()));
         let held = screening.judge(&space, 7, &best, 0.05, Some(&held), 60);
         assert!(held.axes.iter().all(|axis| axis.axis != 1), "{held:?}");

@@ -1,10 +1,9 @@
-//! Bayesian linear regression from sums, and what several of them have in common.
+//! Bayesian linear regression from sums, and the common part of several regressions.
 //!
 //! Each state has effects of its own, drawn around those of all states: `w_s ~ N(m, diag(t))`. Mean `m` and
 //! spread `t` are found by expectation and maximisation (Dempster, Laird and Rubin 1977) in the form of a
-//! hierarchical linear model (Gelman et al., "Bayesian Data Analysis", chapter 15). A parameter whose effects
-//! were alike everywhere is thereby known in a new state before anything is measured there, one whose effects
-//! differ is not.
+//! hierarchical linear model (Gelman et al., "Bayesian Data Analysis", chapter 15). A parameter with alike
+//! effects everywhere is thereby known in a new state before any measurement there.
 
 use serde::{Deserialize, Serialize};
 
@@ -87,7 +86,7 @@ pub(super) struct Common {
     mean: Vec<f64>,
     /// Variance of each effect from state to state.
     spread: Vec<f64>,
-    /// Variance of what the effects do not explain.
+    /// Variance that the effects do not explain.
     pub(super) noise: f64,
 }
 
@@ -97,7 +96,7 @@ const EFFECT_PRIOR: f64 = 0.2;
 const CONSTANT_PRIOR: f64 = 1.0;
 /// Weight of the spread's prior, in states.
 const SPREAD_PRIOR_STATES: f64 = 0.1;
-/// Residuals are never taken to be smaller: timers are not that good.
+/// The least residual that is assumed: timers are not better.
 const NOISE_LEAST: f64 = 1e-4;
 const STEPS: usize = 8;
 

@@ -9,16 +9,16 @@ use crate::policy::Operation;
 use crate::randomness::standard_normal;
 use crate::session::SessionPolicy;
 
-/// A random study: states, what cannot be run in each, noise, and machines whose speed drifts and jumps.
+/// A random study: states, the infeasible region of each, noise, and machines whose speed drifts and jumps.
 struct RandomWorld {
     tuner: Tuner,
     random: ChaCha8Rng,
     states: Vec<(f64, f64)>,
     noise: f64,
-    /// Where the limit of what can be run lies, and how it moves with the state.
+    /// The limit of feasibility, and its movement with the state.
     limit: (f64, f64),
     frames: u64,
-    /// Of each state, what ran to its end and what did not.
+    /// For each state, the configurations that ran to the end and those that did not.
     ran: BTreeMap<u64, Vec<Configuration>>,
     failed: BTreeMap<u64, Vec<Configuration>>,
 }
@@ -44,7 +44,7 @@ impl RandomWorld {
         }
     }
 
-    /// The cheapest configurations lie just beside what cannot be run.
+    /// The cheapest configurations lie just beside the infeasible region.
     fn truth(&self, trial: &Trial) -> Option<f64> {
         let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
         let reach = number("travel_cost") + 0.2 * number("width");
@@ -198,8 +198,8 @@ fn what_is_predicted_while_a_study_is_tuned_can_mostly_be_run() {
     }
     println!("predicted, and of these failed: {predicted:?}; taken over: {taken_over:?}");
     let (count, failed) = predicted;
-    // The goal is one in a hundred. Measured were 15 of 291, and 86 of 473 where it was enough that a model
-    // of what can be run was sure; limits are sharper than the model believes.
+    // The goal is one in a hundred. Measured were 15 of 291, and 86 of 473 where a sure model of feasibility
+    // sufficed; limits are sharper than the model believes.
     assert!(count > 100 && 12 * failed <= count, "{failed} of {count} predictions failed");
     assert_eq!(taken_over.1, 0, "what runs in other states runs here");
 }

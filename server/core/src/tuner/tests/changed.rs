@@ -39,7 +39,7 @@ fn a_state_that_costs_something_else_is_searched_again() {
         let mut tuner = tuner(finishes());
         let before = finish_search(&mut tuner, seed);
         (0..50).for_each(|_| drop(frame(&mut tuner, seed, |_| 1.0)));
-        // Wide nodes become bad, which no indicator tells.
+        // Wide nodes become bad, which no indicator shows.
         let width = before.get("width").cloned();
         let dear = |trial: &Trial| if trial.configuration.get("width") == width.as_ref() { 2.0 } else { 1.0 };
         let after: Vec<Trial> = (0..150).map(|_| frame(&mut tuner, seed, dear)).collect();

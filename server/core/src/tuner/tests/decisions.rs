@@ -30,7 +30,7 @@ fn agree(mode: Mode, rule: Option<Rule>) -> bool {
         Mode::Explore => [Explore, NothingKnown, Confirming].contains(&rule),
         // An incumbent that is not the default is measured again.
         Mode::Exploit => exploits.contains(&rule) || [Confirming, Incumbent].contains(&rule),
-        // The baseline of what is explored, what is left where nothing is known, and what a shadow answers.
+        // The baseline of exploring, the fallback where nothing is known, and the answer of shadow operation.
         Mode::Default => {
             [Explore, NothingKnown, Shadow, Confirming, Incumbent].contains(&rule) || exploits.contains(&rule)
         }

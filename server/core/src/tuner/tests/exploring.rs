@@ -1,4 +1,4 @@
-//! How states are explored: what is measured, how often, and how far it gets.
+//! The exploring of states: the measured configurations, their repeats, and the progress.
 
 use super::*;
 
@@ -15,7 +15,7 @@ fn exploring_begins_with_the_default_and_never_samples_a_pair_twice() {
         // The budget is spent: the best known is exploited from now on.
         let best = trials.iter().min_by(|a, b| a.cost.partial_cmp(&b.cost).expect("finite")).expect("some");
         let next = suggest(&mut tuner, "a", 0.5, 0.5);
-        // As far as single measurements can tell, of which some may be wrong by some percent.
+        // As far as single measurements show, some of which may be wrong by some percent.
         let (least, told) = (best.cost.expect("measured"), next.predicted_cost.expect("measured"));
         assert_eq!(next.mode(), Mode::Exploit);
         assert!(cost(&next) <= 1.1 * least && (told / least - 1.0).abs() < 0.1, "{told} and {least}");

@@ -13,7 +13,7 @@ struct Node {
     embree: &'static str,
     /// All costs are this factor times those on the first.
     factor: f64,
-    /// It wants the opposite of what the others want.
+    /// Its best configuration is the opposite of the others'.
     differs: bool,
 }
 
@@ -36,7 +36,7 @@ impl Node {
         let (width, least, most) = (number("width"), number("min_leaf_size"), number("max_leaf_size"));
         let travel = number("travel_cost");
         let cost = if self.differs {
-            // The default's neighbourhood is good here, and what the others like is bad.
+            // The default's neighbourhood is good here, and the others' best region is bad.
             12.0 + 0.8 * width + 0.4 * least + 0.3 * (16.0 - most) + 0.7 * (travel - 1.5).abs()
         } else {
             16.0 - width + 0.25 * least + 0.5 * (most - 3.0).abs() + 0.9 * (travel - 6.0).abs()
@@ -72,7 +72,7 @@ fn fleet(seed: u64) -> Tuner {
     tuner
 }
 
-/// The frame at which a run first ran what costs no more than the least over 0.98.
+/// The first frame at which a run's configuration cost at most the least cost over 0.98.
 fn reached(costs: &[f64], least: f64) -> usize {
     costs.iter().position(|&cost| cost <= least / 0.98).map_or(costs.len() + 1, |index| index + 1)
 }
@@ -155,7 +155,7 @@ fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
         let fingerprint = Fingerprint { cpu_model: cpu.into(), threads, ..Fingerprint::default() };
         Ask { fingerprint: Some(fingerprint), ..ask(client, 0.6, 0.5) }
     };
-    // One machine of another processor, one of the same; they want different things.
+    // One machine of another processor, one of the same processor; their best configurations differ.
     for (cpu, threads, node) in
         [("far", 8, Node { differs: true, ..Node::like(1, 1.0) }), ("near", 8, Node::like(1, 1.0))]
     {

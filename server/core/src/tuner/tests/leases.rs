@@ -1,4 +1,4 @@
-//! States, leases and what is refused.
+//! States, leases and refusals.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Limits on measurements: what is beyond one is infeasible, with its measurements, and is learnt as such.
+//! Limits on measurements: a trial beyond one keeps its measurements and is learnt as infeasible.
 
 use super::*;
 use crate::objective::MeasurementLimit;

@@ -107,7 +107,7 @@ fn run(tuner: &mut Tuner, client: &str, x: f64, y: f64, trials: usize) -> Vec<Tr
     (0..trials).map(one).collect()
 }
 
-/// The search alone: nothing is measured again to confirm what it found, or to tell the speed of the machine.
+/// The search alone: nothing is measured again to confirm its results or to find the speed of the machine.
 fn explore_always() -> Policy {
     Policy { epsilon: 1.0, trials_per_state: 30, confirm_rounds: 0, track_speed: false, ..Policy::default() }
 }

@@ -1,4 +1,4 @@
-//! Exploring that pays, stops, and is shared among workers; and what a state begins with that nobody has met.
+//! Exploring that pays, stops, and is shared among workers; and the first configurations of a new state.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -26,7 +26,7 @@ fn explored(
     explored
 }
 
-/// A policy without the trials that confirm what a search found, which are not what is counted here.
+/// A policy without the trials of a confirmation, which these tests do not count.
 fn unconfirmed() -> Policy {
     Policy { confirm_rounds: 0, track_speed: false, ..Policy::default() }
 }
@@ -205,7 +205,7 @@ fn what_clients_brought_along_serves_the_next_state() {
 fn forty_concurrent_questions_get_many_configurations() {
     let mut tuner = tuner(Policy { offline: true, trials_per_state: 80, ..Policy::default() });
     run(&mut tuner, "a", 0.5, 0.5, 16);
-    // Nobody else plans: all but one have to be answered at once.
+    // Only one plans; all others have to be answered at once.
     let mut distinct = BTreeSet::new();
     for worker in 0..40 {
         let ask = ask(&format!("worker {worker}"), 0.5, 0.5);

@@ -6,8 +6,8 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::statistics::simulated::normal;
 
-/// Plays frames of one client in a world of costs `truth` with noise; `report` may replace what is measured
-/// in a frame.
+/// Plays frames of one client in a world of costs `truth` with noise; `report` may replace the measurement in
+/// a frame.
 fn played(
     seed: u64,
     frames: usize,

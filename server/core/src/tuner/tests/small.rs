@@ -56,7 +56,7 @@ fn a_factor_of_two_among_three_values_is_always_found() {
             continue;
         }
         let mut tuner = levels(3, default, seed, Policy::default());
-        // As somebody would who gives it twenty runs.
+        // As a user would who gives it twenty runs.
         let runs = tuned(&mut tuner, |level| if level == best as f64 { 1.0 } else { 2.0 }, noise, 20);
         assert!(runs >= 9 || noise < 0.15, "it ended after {runs} runs");
         found += u64::from(answer(&tuner).0 == best);

@@ -1,7 +1,7 @@
 //! Verdicts hold in disturbed sessions: other programs come and go, and the reported standing of an answer
 //! stays true.
 //!
-//! A larger number of `WORLDS` plays more sessions; `-- --nocapture` prints what came of them.
+//! A larger number of `WORLDS` plays more sessions; `-- --nocapture` prints their results.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -18,10 +18,10 @@ const NEAR: f64 = 0.75;
 /// A world in which nothing, little or much can be gained, on a machine on which up to two other programs
 /// come and go.
 struct World {
-    /// By which share the best configuration costs less than it would in a flat world.
+    /// The share by which the best configuration costs less than in a flat world.
     depth: f64,
     noise: f64,
-    /// By how much each busy program slows everything down.
+    /// The slow-down by each busy program.
     slows: f64,
     busy_max: u32,
 }
@@ -97,7 +97,7 @@ fn what_is_told_in_disturbed_sessions_is_true() {
         let low = told.low.is_none_or(|low| low <= gain + 1e-9);
         let high = told.high.is_none_or(|high| gain <= high + 1e-9);
         holds += u64::from(low && high);
-        // Where the machine is hardly ever quiet nobody can tell what it costs then.
+        // On a machine that is hardly ever quiet, the cost at rest cannot be known.
         if quiet >= QUIET_LEAST {
             knowable += 1;
             near += u64::from((standing.cost / truth - 1.0).abs() <= 0.05);
@@ -130,7 +130,7 @@ fn what_is_told_in_disturbed_sessions_is_true() {
     assert!(share(wrong) <= 0.01, "{wrong} of {WORLDS}");
 }
 
-/// A study of states that are all flat: what did best in one is no winner in the others.
+/// A study of states that are all flat: the best of one is no winner in the others.
 #[test]
 fn in_a_flat_study_nothing_is_proven_better() {
     let (mut verdicts, mut incumbents) = (BTreeMap::<&str, u32>::new(), 0);

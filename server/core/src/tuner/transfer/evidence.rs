@@ -40,8 +40,8 @@ impl Transfer<'_> {
         self.measured_elsewhere(query, true)
     }
 
-    /// The other states that can answer for one in which nothing was measured that runs: those that were
-    /// searched, or all where none was.
+    /// The other states that can answer for one without a measured configuration that can be run: the
+    /// searched ones, or all where none was searched.
     pub(super) fn answers_elsewhere(&self, query: &Query<'_>) -> MeasuredElsewhere {
         let searched = self.measured_elsewhere(query, true);
         if searched.is_empty() { self.measured_elsewhere(query, false) } else { searched }

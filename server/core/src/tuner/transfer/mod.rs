@@ -1,4 +1,4 @@
-//! Transfer: all that a decision takes from other states and other machines comes through here.
+//! Transfer: the only way by which results of other states and machines reach a decision.
 //!
 //! - The answer of other states, for one that is new: [`Transfer::best_elsewhere`].
 //! - The predictors' best configuration, which carry knowledge from state to state: [`Transfer::answer`] to
@@ -8,8 +8,7 @@
 //!   [`Transfer::best_by_machines`] to exploit, [`Transfer::untried_by_machines`] to explore.
 //! - The evidence of the nearest states for a search that begins (`evidence`, computed in `warm_start`).
 //!
-//! The callers choose among them, in `decide` and `explore`. All of these learn from measurements in
-//! `report`, and nowhere else.
+//! The callers choose among them, in `decide` and `explore`. All of these learn only in `report`.
 
 mod evidence;
 mod other_machines;
@@ -38,7 +37,7 @@ const NEAR: usize = 8;
 /// Number of nearest states that say whether anything fails.
 const RUNS_STATES: usize = 48;
 
-/// Everything that a transfer asks.
+/// The inputs of a transfer.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Transfer<'a> {
     pub(super) spec: &'a StudySpec,
@@ -54,8 +53,8 @@ impl<'a> Transfer<'a> {
     }
 
     /// The configuration that the policy's predictor would exploit for these indicators in place of a
-    /// measured rival, and which predictor said so. It was not measured in this state, can almost surely be
-    /// run there, and is worth its risk.
+    /// measured rival, and the predictor that names it. The configuration was not measured in this state, can
+    /// almost surely be run there, and is worth its risk.
     pub(super) fn answer(
         &self,
         normalised: &'a [f64],
@@ -76,7 +75,8 @@ impl<'a> Transfer<'a> {
         })
     }
 
-    /// Whether an answer can almost surely be run and is worth its risk. A contextual model has seen to both.
+    /// Whether an answer can almost surely be run and is worth its risk. A contextual model ensures both
+    /// itself.
     fn is_sound(&self, query: &Query<'_>, answer: &Answer, method: PredictorMethod) -> bool {
         if method == PredictorMethod::Contextual {
             return true;
@@ -94,8 +94,8 @@ impl<'a> Transfer<'a> {
         is_worth(change, WORTH) && records().all(|record| !record.fails()) && runs_after(ran) >= RUNS_LEAST
     }
 
-    /// The first configuration to run in a state without measurements, if the predictor can say from
-    /// elsewhere where much may be gained. Trial `number` makes answers differ from one to the next.
+    /// The first configuration to run in a state without measurements, if the predictor expects much gain
+    /// from other states' measurements. Trial `number` makes answers differ from one to the next.
     pub(super) fn first(
         &self,
         state: StateId,
@@ -114,8 +114,9 @@ impl<'a> Transfer<'a> {
         }
     }
 
-    /// Whether the search of a state begins with what did best in others: where the states near by were
-    /// searched. Where inputs are met once, nothing was, and a predictor proposes what to run.
+    /// Whether the search of a state begins with the best configurations of others: where the states near by
+    /// were searched. Where every input is met only once, none was searched, and a predictor proposes
+    /// instead.
     pub(super) fn begins_with_portfolio(&self, normalised: &'a [f64], here: Option<StateId>) -> bool {
         if !self.warms_up_searches() {
             return false;
@@ -143,8 +144,8 @@ impl<'a> Transfer<'a> {
         (!evidence.is_empty()).then_some(evidence)
     }
 
-    /// The incumbent or confirmed winner of other states that serves them best, for a state in which
-    /// nothing was measured that can be run.
+    /// The incumbent or confirmed winner of other states that serves them best, for a state without a
+    /// measured configuration that can be run.
     pub(super) fn best_elsewhere(
         &self,
         normalised: &'a [f64],
@@ -156,8 +157,7 @@ impl<'a> Transfer<'a> {
             None => evidence.best(&self.spec.space),
             Some(best) => best.cloned(),
         };
-        // That the default ran somewhere makes it no answer, unless the states near by were searched and
-        // found nothing better.
+        // The default is an answer only where the states near by were searched and found nothing better.
         let is_found = |best: &Configuration| {
             best != self.spec.space.default_ref() || self.begins_with_portfolio(normalised, here)
         };

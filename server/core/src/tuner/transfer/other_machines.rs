@@ -8,7 +8,7 @@
 //!
 //! The estimate of a configuration's cost pools four sources by their precision: that it does as well as the
 //! default, the fleet's measurements, the group's, and the machine's own. A new machine has none, so it runs
-//! what the fleet found best; whatever it measures itself soon counts for more, and where it disagrees, the
+//! the fleet's best configuration. Its own measurements soon count for more, and where they disagree, the
 //! others count less.
 
 use crate::configuration::Configuration;
@@ -22,8 +22,7 @@ use crate::tuner::proposal::{Exploitation, ProposedTrial};
 use crate::tuner::states::States;
 use crate::tuner::transfer::Transfer;
 
-/// By how much, as a logarithm, a configuration is taken to differ from the default before anybody measured
-/// it.
+/// The assumed difference of an unmeasured configuration's cost from the default's, as a logarithm.
 const SPREAD: f64 = 0.3;
 /// Number of a machine's best configurations by which two machines are compared, beside the default.
 const SHARED: usize = 16;
@@ -34,7 +33,7 @@ const CANDIDATES: usize = 4;
 /// Number of configurations after which the others are asked each time, while its own search goes on.
 const ASK_EVERY: usize = 8;
 
-/// The state of another machine that met the same input.
+/// The state of another machine with the same input.
 #[derive(Clone, Copy, Debug)]
 struct OtherMachine {
     state: StateId,
@@ -54,7 +53,7 @@ struct LevelEstimate {
     measurements: u64,
 }
 
-/// The logarithm of a configuration's cost by all levels together, and which of them counts most in it.
+/// The logarithm of a configuration's cost by all levels together, and the level that counts most in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct PooledEstimate {
     mean: f64,
@@ -132,7 +131,7 @@ impl<'a> OtherMachines<'a> {
         self.peers.is_empty()
     }
 
-    /// The peers' estimate of a configuration at a level, as it would be here.
+    /// The peers' estimate of a configuration at a level, converted to this machine.
     fn by_level(&self, level: MachineLevel, configuration: &Configuration) -> Option<LevelEstimate> {
         let (mut sum, mut precision, mut machines, mut measurements) = (0.0, 0.0, 0, 0);
         for peer in self.peers.iter().filter(|peer| peer.level == level) {
@@ -153,7 +152,7 @@ impl<'a> OtherMachines<'a> {
         [MachineLevel::Group, MachineLevel::Fleet].map(|level| (level, self.by_level(level, configuration)))
     }
 
-    /// The estimate of a configuration's cost here by all that was measured of it; `None` where nobody did.
+    /// The estimate of a configuration's cost here from all its measurements; `None` where it has none.
     fn pooled(&self, baseline: Option<f64>, configuration: &Configuration) -> Option<PooledEstimate> {
         let (machines, machine) = (self.states.machines(), self.states[self.state].machine);
         let mut sources = Vec::with_capacity(3);
@@ -272,8 +271,7 @@ fn by_machines(peers: &OtherMachines<'_>, estimate: &PooledEstimate) -> ByMachin
     }
 }
 
-/// Holds a measured cost against what other machines' measurements would have said of it, before it is
-/// learnt.
+/// Compares a measured cost with the prediction of other machines' measurements, before it is learnt.
 pub(in crate::tuner) fn compare(
     states: &mut States,
     default: &Configuration,
@@ -296,7 +294,7 @@ pub(in crate::tuner) fn compare(
         }
     }
     assert!(count > 0.0, "another machine measured it");
-    // The first time only: afterwards it is among what machines are compared by.
+    // The first time only: afterwards machines are compared by this configuration.
     let baseline = measured(states, state, default).map(|record| log(record.mean_cost));
     let baseline = baseline.filter(|_| measured(states, state, configuration).is_none());
     let carried = baseline.map(|baseline| {
