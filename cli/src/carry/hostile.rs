@@ -1,5 +1,4 @@
-//! Files that are damaged, or made to be: whatever stands in them, a reader answers with trials or with a
-//! problem.
+//! Damaged and hostile files: a reader answers each with trials or with a problem, and never panics.
 
 use std::path::{Path, PathBuf};
 

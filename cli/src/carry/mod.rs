@@ -1,11 +1,10 @@
-//! Results on their way from one database to another: what an export writes, an import reads, and a copy of a
-//! study carries over.
+//! Results on their way from one database to another: exports, imports, and copies of studies.
 //!
 //! A carried trial is never run again. It enters the study as a trial that its client wanted, with the result
-//! that it had elsewhere, its machine, and its origin: `SITE/studies/ID@UID/trials/NUMBER`, by which it is
-//! known again, whatever site and study are called by then. So an import can be repeated, and databases can
-//! be merged in any order. A trial of the study itself is known only where the study holds it: trials can
-//! have been removed, and databases restored.
+//! that it had elsewhere, its machine, and its origin, `SITE/studies/ID@UID/trials/NUMBER`. The UID and the
+//! number identify it even after site or study are renamed. So an import can be repeated, and databases can
+//! be merged in any order. A trial that began in this study is skipped only while the study still holds it:
+//! trials can have been removed, and databases restored.
 
 pub(crate) mod csv_table;
 pub(crate) mod foreign;
@@ -87,7 +86,7 @@ fn origin(trial: &TrialRecord, site: &str) -> String {
     trial.origin.clone().unwrap_or_else(|| format!("{site}/{}", trial.name))
 }
 
-/// What tells a trial from all others: from the study's identity on, where its origin says one.
+/// The part of an origin that identifies a trial: from the study's identity on, where the origin has one.
 fn key(origin: &str) -> &str {
     let is_key = |rest: &str| {
         rest.split_once("/trials/")
@@ -184,7 +183,7 @@ impl<'a> Importer<'a> {
         })
     }
 
-    /// Adds what is not there yet.
+    /// Adds the trials that the study does not hold yet.
     ///
     /// # Errors
     /// When a trial cannot be read, or the daemon cannot be reached.
@@ -239,8 +238,8 @@ impl<'a> Importer<'a> {
             None => self.read_held()?,
         };
         let whole = |trial: &CarriedTrial| self.spec.space.complete(&trial.configuration).ok();
-        // Not the time: a table does not tell it, and what comes home from another site has that of its
-        // import there.
+        // Times are not compared: a table has none, and a trial that comes home from another site has the
+        // time of its import there.
         let is_held = held
             .get(&number)
             .is_some_and(|own| own.measurements == trial.measurements && whole(own) == whole(trial));

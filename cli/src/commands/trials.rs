@@ -1,4 +1,4 @@
-//! What is known: trials, the best, predictions, explanations.
+//! Commands that read results: trials, best configurations, predictions, explanations.
 
 use serde::Serialize;
 use treewright_client::blocking::Client;
