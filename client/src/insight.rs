@@ -1,4 +1,4 @@
-//! Why the service answers as it does, and what it leaves out.
+//! Why the service answers as it does, and which parameters it leaves out.
 
 use serde::Serialize;
 

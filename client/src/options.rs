@@ -12,8 +12,8 @@ pub struct Options {
     /// The client's name for the service: 1 to 128 printable characters, unique among the machines that work
     /// on a study. Trials that run side by side, in threads, tasks or processes of this machine, have workers
     /// with names of their own: `ID`, `ID#2`, `ID#3` and so on, up to [`limits::WORKERS`]. Default: program,
-    /// machine, user and the first free slot among those that run at the same time. A restart has the same
-    /// name again, and so gets back the unfinished trials; clients of one process share it.
+    /// machine, user and the first free slot among those that run at the same time. A restarted program gets
+    /// that name again, and with it the unfinished trials; clients of one process share it.
     pub client_id: String,
     /// The machine and software, sent with every suggestion. Default: [`crate::detect_fingerprint`].
     pub fingerprint: Fingerprint,

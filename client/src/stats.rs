@@ -1,5 +1,4 @@
-//! Counts of what became of suggestions and reports, declared where they are read and counted where it
-//! happens.
+//! Counts of the fates of suggestions and reports.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
