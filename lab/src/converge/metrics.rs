@@ -66,7 +66,7 @@ impl Yardstick {
         })
     }
 
-    /// What squared errors are multiplied with, for each channel of each pixel.
+    /// The weight of squared errors, for each channel of each pixel.
     pub(super) fn weights(&self) -> &[[f64; 3]] {
         &self.weights
     }

@@ -1,12 +1,12 @@
-//! What predictions are worth, from a record alone (paper, section 7).
+//! The speed of predictors' answers, from a record alone (paper, section 7).
 //!
-//! At every camera that examines, the configuration that a predictor answered is held against four: the mean
-//! of the search's iterations (Figures 12 and 15), the best that the search found (the roofline, Figures 13
-//! and 16), the best fixed configuration by the cameras that teach, and the recommended default. A search's
-//! best of eighty measurements is partly luck; so it was measured again in the same rounds as the answers,
-//! and that is what counts here. The single measurement, which is the paper's roofline, stands beside it.
-//! Those rounds also hold the default, the best fixed configurations and what a search had found on its way;
-//! in older records the first two are held against the roofline in other rounds.
+//! At every camera that examines, a predictor's answer is compared with four costs: the mean of the search's
+//! iterations (Figures 12 and 15), the best that the search found (the roofline, Figures 13 and 16), the best
+//! fixed configuration by the cameras that teach, and the recommended default. A search's best of eighty
+//! measurements is partly luck, so it was measured again in the same rounds as the answers, and those rounds
+//! count here. The single measurement, which is the paper's roofline, stands beside it. Those rounds also
+//! hold the default, the best fixed configurations and the search's best at each milestone. In older records
+//! the default and the fixed configurations are compared with the roofline in other rounds.
 
 use std::collections::BTreeMap;
 
@@ -27,7 +27,7 @@ pub(crate) const BREAK_EVEN_MAX: f64 = 10_000.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum BreakEven {
-    /// After so many iterations.
+    /// After this number of iterations.
     At(f64),
     /// After more than are drawn.
     Late,
@@ -35,7 +35,7 @@ pub(crate) enum BreakEven {
     Never,
 }
 
-/// A search at one camera, and what everybody is held against there.
+/// A search at one camera, and the costs that all answers are compared with there.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Ground {
     pub(crate) place: Place,
@@ -48,7 +48,7 @@ pub(crate) struct Ground {
     pub(crate) roofline_once_ms: f64,
     /// The best configuration measured again.
     pub(crate) roofline_ms: f64,
-    /// How many times faster it is than the recommended default, in the same rounds.
+    /// Its speed over that of the recommended default, in the same rounds.
     pub(crate) search_over_default: f64,
     /// Cost of every iteration, in milliseconds; absent where it failed.
     pub(crate) curve_ms: Vec<Option<f64>>,
@@ -65,17 +65,17 @@ pub(crate) struct Row {
     pub(crate) answer: String,
     /// Median of its rounds, in milliseconds.
     pub(crate) predicted_ms: f64,
-    /// How many times faster so many frames are than those of the search.
+    /// Its speed over the mean of the search's iterations.
     pub(crate) over_search: f64,
     /// Its speed over that of the roofline, measured in the same rounds: 1 is level, more is better.
     pub(crate) of_roofline: f64,
-    /// The same over the single measurement.
+    /// Its speed over the roofline's single measurement.
     pub(crate) of_roofline_once: f64,
     pub(crate) over_default: f64,
     pub(crate) over_fixed: f64,
     pub(crate) break_even: BreakEven,
-    /// What the search cost beyond having known the best from the start, and what the prediction did, in
-    /// milliseconds.
+    /// Time of the search's frames, and of as many frames of the answer, beyond as many frames of the faster
+    /// of the answer and the search's best, in milliseconds.
     pub(crate) search_overhead_ms: f64,
     pub(crate) prediction_overhead_ms: f64,
 }
@@ -88,20 +88,19 @@ pub(crate) struct Verdict {
     pub(crate) rows: Vec<Row>,
     /// The best fixed configuration over all cameras, for people.
     pub(crate) fixed: Option<String>,
-    /// How many times faster what the search found is than the best fixed one of the other cameras, camera by
-    /// camera.
+    /// Speed of the search's best over the best fixed one of the other cameras, camera by camera.
     pub(crate) search_over_fixed: Vec<f64>,
     /// Answers that cannot be run at the camera they were given for.
     pub(crate) infeasible: usize,
-    /// How many answers of an entrant were not measured. Such an entrant has no rows.
+    /// Number of unmeasured answers of an entrant. Such an entrant has no rows.
     pub(crate) unmeasured: BTreeMap<String, usize>,
-    /// Cameras where default, best fixed configuration and what the search had found at each milestone were
+    /// Cameras where the default, the best fixed configuration and the search's best at each milestone were
     /// measured in the same rounds as the answers.
     pub(crate) same_rounds: usize,
 }
 
 impl Verdict {
-    /// Whether everybody was measured in the same rounds everywhere.
+    /// Whether all were measured in the same rounds at every camera.
     pub(crate) fn is_whole(&self) -> bool {
         self.same_rounds == self.grounds.len()
     }
@@ -144,7 +143,7 @@ pub(crate) fn judge(
             rows.push(Row { split: fold.split, fold: number, entrant, answer, ..row });
         }
     }
-    // Who is judged by a part of the cameras is not comparable.
+    // An entrant that is judged by a part of the cameras is not comparable.
     rows.retain(|row| !unmeasured.contains_key(&row.entrant));
     if rows.is_empty() && !unmeasured.is_empty() {
         return Err(CliError::Failed("no answer was measured; run `evaluate verify` first".to_owned()));
@@ -198,7 +197,7 @@ impl View<'_> {
         group.cost(configuration, self.objective, self.clock)
     }
 
-    /// What an answer is worth that took so long; whose it is comes later.
+    /// The row of an answer with a cost of `predicted_ms`; its entrant is filled in later.
     fn row(&self, ground: &Ground, group: &Group, fixed: Option<&Configuration>, predicted_ms: f64) -> Row {
         let best_ms = self.best_cost(&ground.place, group).unwrap_or(predicted_ms);
         let frames = ground.measured as f64;
@@ -228,7 +227,7 @@ impl View<'_> {
         own.find(|one| one.objective == self.objective.name())
     }
 
-    /// What the search at a place found, measured in a group.
+    /// The cost of the best that the search at a place found, measured in a group.
     fn best_cost(&self, place: &Place, group: &Group) -> Option<f64> {
         let (found, _) = best(self.search(place)?, self.objective, self.clock)?;
         self.cost_in(group, &found.configuration)
@@ -277,14 +276,14 @@ impl View<'_> {
                 }
             }
         }
-        // What searches found stands beside them at its own camera alone.
+        // The best of a search stands beside them at its own camera alone.
         let everywhere = sums.into_iter().filter(|(_, (_, count))| *count == groups && groups > 0);
         let best = everywhere.min_by(|a, b| (a.1.0).total_cmp(&b.1.0).then_with(|| a.0.cmp(b.0)));
         best.map(|(configuration, _)| configuration.clone())
     }
 
-    /// How many times faster what a search found is than another configuration, in the same rounds: those of
-    /// the answers where they hold both, else those of the fixed configurations.
+    /// Speed of a search's best over another configuration, in the same rounds: those of the answers where
+    /// they hold both, else those of the fixed configurations.
     fn over_found(&self, search: &Search, other: &Configuration) -> Option<f64> {
         let (found, _) = best(search, self.objective, self.clock)?;
         [GroupKind::Answers, GroupKind::Fixed].into_iter().find_map(|kind| {
@@ -293,7 +292,7 @@ impl View<'_> {
         })
     }
 
-    /// Whether the rounds of the answers hold everybody who is compared at a search's place.
+    /// Whether the rounds of the answers hold all configurations that are compared at a search's place.
     fn is_same(&self, search: &Search, fixed: Option<&Configuration>) -> bool {
         let group = |kind| self.record.groups.get(&(kind, search.place.clone()));
         let Some(answers) = group(GroupKind::Answers) else { return false };
