@@ -1,4 +1,4 @@
-//! `kill -9` in mid-run: nothing acknowledged is lost, and the search goes on where it stood.
+//! `kill -9` in mid-run: no acknowledged report is lost, and the search goes on where it stood.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Unix sockets, sockets that the system passes on, and the id of a client that was given none.
+//! Unix sockets, sockets that the system passes on, and the default id of a client.
 
 use std::io::{BufRead as _, BufReader};
 use std::net::TcpListener;
@@ -74,7 +74,7 @@ async fn sockets_that_the_system_opened_take_the_place_of_others() {
     let database = folder.path().join("tuning.db");
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
-    // Who comes before the daemon waits in the queue.
+    // A client that connects before the daemon is there waits in the queue.
     let waiting = tokio::spawn(async move { frame(&format!("http://{address}")).await });
     tokio::time::sleep(Duration::from_millis(200)).await;
     let daemon = activated(listener.into(), &database);

@@ -5,7 +5,7 @@ use std::process::Command;
 
 use treewright_tests::programs::workspace;
 
-/// What each crate may depend on among ours. Anything else is an arrow against the grain.
+/// The crates of the workspace that each crate may depend on.
 const ARROWS: &[(&str, &[&str])] = &[
     ("treewright-model", &[]),
     ("treewright-proto", &["treewright-model"]),
@@ -25,7 +25,7 @@ const ARROWS: &[(&str, &[&str])] = &[
         "treewright-render-cli",
         &["treewright-accel", "treewright-client", "treewright-renderer", "treewright-scene"],
     ),
-    // Nobody may know the laboratory; it judges the core's searches and predictors besides.
+    // No crate may depend on the laboratory; it also judges the core's searches and predictors.
     (
         "treewright-lab",
         &[
@@ -159,7 +159,7 @@ fn pure_crates_do_no_io() {
 }
 
 /// The compiler forbids `unsafe` wherever the workspace's lints hold, and clippy wants an argument for each
-/// block; what is left to look at is that they hold everywhere but where Embree or another language begins.
+/// block. This test checks that they hold everywhere but where Embree or another language begins.
 #[test]
 fn the_lints_of_the_workspace_hold_everywhere_but_at_the_edges() {
     let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
