@@ -32,8 +32,8 @@ pub enum Builder {
     Ploc,
 }
 
-/// The eleven parameters of Table 1, and behind them what makes a tree fast beyond the paper: their default
-/// is what the paper's space fixes them at.
+/// The eleven parameters of Table 1, and behind them those that make a tree fast beyond the paper. The
+/// defaults of the latter are the values that the paper's space fixes.
 ///
 /// Not every parameter matters in every configuration:
 ///
@@ -85,7 +85,7 @@ pub struct TreeParameters {
     /// neighbours: 1 to 8. Builds are faster and trees a little worse with more. Acts with [`Builder::Ploc`]
     /// only.
     pub cluster_size: u32,
-    /// How the wide tree comes about.
+    /// The way to the wide tree.
     pub collapse: Collapse,
     /// Passes of insertion-based optimisation over the binary tree, 0 to 16. Acts with [`Collapse::Optimal`]
     /// only.
@@ -107,7 +107,7 @@ pub struct TreeParameters {
     pub instance_opening: u32,
 }
 
-/// How a tree of many children a node comes about.
+/// The way to a tree of many children a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Collapse {
@@ -197,7 +197,7 @@ impl TreeParameters {
         if self.branching_factor >= 8 { self.format } else { NodeFormat::Full }
     }
 
-    /// Those of a tree with the same kinds of nodes and leaves that is built as fast as possible.
+    /// The parameters of a tree with the same kinds of nodes and leaves that is built as fast as possible.
     pub(crate) fn quick(&self) -> Self {
         // Nodes of sixteen need a collapse.
         let collapse = if self.branching_factor == 16 { Collapse::Optimal } else { Collapse::Builder };
@@ -279,20 +279,20 @@ pub enum Update {
     /// It is rebuilt.
     #[default]
     Rebuild,
-    /// What is together stays together; boxes follow.
+    /// The triangles of a node stay together; boxes follow.
     Refit,
     /// As [`Update::Refit`], then those parts are rebuilt whose SAH cost has grown too much since they were
     /// built.
     Partial {
         /// Greatest ratio of the cost to that of the last build: 1 to 4.
         rebuild_threshold: f32,
-        /// How what is rebuilt is built.
+        /// The builder of rebuilt parts.
         #[serde(default)]
         parts: Parts,
     },
 }
 
-/// How a partial update builds what it rebuilds.
+/// The builder of the parts that a partial update rebuilds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Parts {

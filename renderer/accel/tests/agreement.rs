@@ -136,7 +136,7 @@ fn is_close_call(triangles: &Triangles, ray: &Ray, hit: &Hit) -> bool {
     let height =
         |weight: f64| weight * normal.length() / (b - a).length().max((c - a).length()).max((c - b).length());
     let slant = (normal.dot(direction) / (normal.length() * direction.length())).abs();
-    // How far the hit is inside the triangle, as the ray sees it, against the rounding of coordinates.
+    // The hit's distance from the triangle's edges, as the ray sees it, against the rounding of coordinates.
     let margin = weights.map(height).into_iter().fold(f64::INFINITY, f64::min) * slant;
     let reach = origin.length() + a.length() + b.length() + c.length();
     let t = f64::from(hit.t);
@@ -348,7 +348,7 @@ fn robust_trees_are_watertight() {
     }
 }
 
-/// The origin lies beside the long edge by less than single precision can tell from its products.
+/// The origin lies beside the long edge by less than single precision can resolve in its products.
 #[test]
 fn robust_trees_decide_close_edges_in_double_precision() {
     let (b, c) = (Vec3A::new(1.0 + f32::EPSILON, 1.0, 0.0), Vec3A::new(-1.0, f32::EPSILON / 2.0 - 1.0, 0.0));
