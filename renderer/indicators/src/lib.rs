@@ -1,6 +1,6 @@
 //! The seventeen indicators that describe a scene and a camera to the tuner (paper Table 2).
 //!
-//! Where the paper leaves room, this is what we do and why:
+//! Where the paper leaves room, these are our choices and reasons:
 //! - Surface values are divided by the squared diagonal of the scene's box, as the paper says. A triangle's
 //!   size is its area so divided, and the variances are taken of those sizes, so that they do not depend on
 //!   the unit of length either.

@@ -30,7 +30,7 @@ const STRENGTH: &str = "TREEWRIGHT_STRESS_STRENGTH";
 /// A process that gets no further for so long hangs.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// The files of a batch: what to run, the number of the line that runs, and what was found.
+/// The files of a batch: the configurations, the number of the line that runs, and the findings.
 const LINES: &str = "lines";
 const AT: &str = "at";
 const FOUND: &str = "found";
