@@ -1,5 +1,5 @@
 //! Settings in a file: `~/.config/treewright/config.toml`. An argument goes before an environment variable,
-//! that before the file, and the file before what is built in.
+//! the variable before the file, and the file before the built-in value.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -50,7 +50,7 @@ pub(crate) struct Analysis {
     pub(crate) study: String,
     /// Of all completed ones, those that were measured.
     pub(crate) trials: usize,
-    /// Those that cannot be run.
+    /// Trials that cannot be run.
     pub(crate) infeasible: usize,
     /// States, within which measurements are compared.
     pub(crate) states: usize,
@@ -91,7 +91,7 @@ pub(crate) struct Metric {
     pub(crate) pairs: Vec<variance::Pair>,
 }
 
-/// How one parameter and one measurement go together.
+/// The dependence between one parameter and one measurement.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Influence {
     pub(crate) parameter: String,

@@ -18,7 +18,7 @@ const KEPT: f64 = 0.9;
 /// Greatest share of all trials that a run may have.
 const WORTH: f64 = 0.75;
 
-/// What a search for one measurement may be held to.
+/// The ranges and values to which a search for one measurement may be held.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Narrowed {
     pub(crate) metric: String,

@@ -142,7 +142,7 @@ pub(super) struct Table {
     pub(super) infeasible: usize,
     pub(super) random: bool,
     state_ids: Vec<i64>,
-    /// A number for each trial, the same for runs of one configuration in one state.
+    /// A number for each trial, equal for runs of one configuration in one state.
     pub(super) configurations: Vec<usize>,
 }
 

@@ -139,7 +139,7 @@ fn execute(path: &Path, statements: &[String]) {
     });
 }
 
-/// What no program writes into a column.
+/// Values that no program writes into a column.
 const VALUES: [&str; 12] = [
     "NULL",
     "x'ff00'",

@@ -29,7 +29,7 @@ use treewright_client::{
 use crate::failure::Failure;
 use crate::progress;
 
-/// How the client of a carried trial is called, before its own name.
+/// Prefix of the client's name in a carried trial.
 const CARRIED: &str = "import:";
 /// Longest name of a client, in characters.
 const CLIENT_CHARACTERS: usize = 128;
@@ -41,7 +41,7 @@ const SHOW_EVERY: u64 = 100;
 pub(crate) struct CarriedTrial {
     /// Where it was measured.
     pub(crate) origin: String,
-    /// Who measured it.
+    /// The client that measured it.
     pub(crate) client_id: String,
     pub(crate) indicators: BTreeMap<String, f64>,
     pub(crate) configuration: Configuration,
@@ -95,13 +95,13 @@ fn key(origin: &str) -> &str {
     origin.rsplit_once('@').map(|(_, rest)| rest).filter(|rest| is_key(rest)).unwrap_or(origin)
 }
 
-/// Who measured a trial, here or elsewhere.
+/// The client that measured a trial, here or elsewhere.
 fn client_id(trial: &TrialRecord) -> &str {
     let carried = trial.origin.as_ref().and_then(|_| trial.client_id.strip_prefix(CARRIED));
     carried.unwrap_or(&trial.client_id)
 }
 
-/// What became of the trials of an import.
+/// Counts of the fates of an import's trials.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Tally {
     /// The study that they went into.
@@ -141,9 +141,9 @@ pub(crate) struct Importer<'a> {
     site: String,
     /// The study, named with its identity.
     name: String,
-    /// How origins of this very study begin: today's, and those of versions in which studies had no identity.
+    /// Prefixes of this study's origins: today's, and that of versions in which studies had no identity.
     own: [String; 2],
-    /// The [keys](key) of what was imported before.
+    /// The [keys](key) of the trials that were imported before.
     known: BTreeSet<String>,
     /// The study's own trials, by their numbers; read when the first that may be one of them comes.
     held: Option<BTreeMap<u64, CarriedTrial>>,

@@ -28,7 +28,7 @@ pub(super) enum Kind {
     Time,
 }
 
-/// What stands in one place of a table.
+/// The contents of one place of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum TrialCell {
     Boolean(bool),

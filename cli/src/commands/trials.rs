@@ -40,7 +40,7 @@ pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String
     }
 }
 
-/// What names a state: its indicators.
+/// The indicators that name a state.
 fn indicators(client: &Client, state: &State) -> Result<Indicators, Failure> {
     match state.state {
         None => Ok(state.indicators.iter().cloned().collect()),

@@ -40,7 +40,7 @@ pub(crate) enum MetricSource {
     Json,
 }
 
-/// How programs are run.
+/// The settings of runs.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Runner<'a> {
     pub(crate) metric: MetricSource,
@@ -58,7 +58,7 @@ pub(crate) struct Runner<'a> {
     pub(crate) stop: &'a AtomicBool,
 }
 
-/// How a run ended.
+/// The end of a run.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Run {
     /// It did its work.
