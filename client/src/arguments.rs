@@ -1,4 +1,4 @@
-//! Credentials as command line arguments, the same for every program that talks to a daemon.
+//! Credentials as command line arguments, for every program that talks to a daemon.
 
 use std::path::PathBuf;
 

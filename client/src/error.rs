@@ -69,7 +69,7 @@ pub enum ClientError {
         url: String,
         /// The call.
         call: &'static str,
-        /// How long was waited.
+        /// The time waited.
         deadline: Duration,
     },
 
@@ -117,7 +117,7 @@ pub enum ClientError {
     Unflushed {
         /// Reports and abandoned trials not yet acknowledged.
         waiting: usize,
-        /// How long was waited.
+        /// The time waited.
         deadline: Duration,
         /// The most recent error, or `none`.
         last: String,
@@ -191,7 +191,7 @@ impl ClientError {
         matches!(self, Self::Refused { code: tonic::Code::InvalidArgument, .. })
     }
 
-    /// How long to leave the daemon in peace, if it said so; at most
+    /// The pause that the daemon asked for before another call; at most
     /// [`LONGEST_HINT`](crate::limits::LONGEST_HINT).
     #[must_use]
     pub fn retry_after(&self) -> Option<Duration> {

@@ -38,7 +38,7 @@ const THREE: &[&[f64]] = &[
     &[3.0 / 7.0, 1.0 / 7.0, 3.0 / 7.0],
     &[1.0 / 7.0, 3.0 / 7.0, 3.0 / 7.0],
 ];
-/// How much the weighted sum counts beside the largest part, as in ParEGO.
+/// Weight of the weighted sum beside the largest part, as in ParEGO.
 const AUGMENTATION: f64 = 0.05;
 /// One run in this number minimises a metric itself.
 const FIRST_PART: u32 = 4;
@@ -104,7 +104,7 @@ pub struct FrontPoint {
 pub struct ParetoFront {
     /// The names of the metrics.
     pub metrics: Vec<String>,
-    /// Those of them that are to be large.
+    /// The metrics among them that are to be large.
     pub maximised: Vec<String>,
     /// Runs that measured all metrics, without the trials that were carried over between directions.
     pub runs: usize,
@@ -265,7 +265,7 @@ pub struct FrontHistory {
     /// Only completed ones.
     trials: Vec<TrialRecord>,
     planned: u32,
-    /// How many runs there were at the beginning.
+    /// Number of runs at the beginning.
     before: usize,
     over: BTreeSet<usize>,
 }

@@ -221,8 +221,8 @@ fn idle_s() -> u32 {
     std::env::var(IDLE_VARIABLE).ok().and_then(|text| text.parse().ok()).filter(|&s| s > 0).unwrap_or(IDLE_S)
 }
 
-/// How often a client of this address has to ask for the user's own daemon to stay while the program is busy
-/// with something else; `None` for other daemons.
+/// Interval of health checks at which a client of this address keeps the user's own daemon alive while the
+/// program is busy with something else; `None` for other daemons.
 pub(crate) fn keep_awake_every(url: &str) -> Option<Duration> {
     let is_own = LocalDaemon::of_user().is_ok_and(|own| own.url() == url);
     is_own.then(|| Duration::from_secs(idle_s().into()) / ASKED_WHILE_IDLE)

@@ -23,9 +23,9 @@ pub struct Options {
     /// [`crate::Suggestion::abort_above`], even within a frame. A regret budget then sets far less aside for
     /// each trial. Default false.
     pub can_abort: bool,
-    /// How long a suggestion may keep a frame waiting, connecting included. Default 50 ms.
+    /// Longest wait of a frame for a suggestion, connecting included. Default 50 ms.
     pub deadline: Duration,
-    /// How long any other call may take. Default 5 s.
+    /// Longest time of any other call. Default 5 s.
     pub call_deadline: Duration,
     /// Most reports that may wait for the daemon, 1 to 1048576. Default 1024. When it is full, the oldest is
     /// dropped and counted: its lease is the likeliest to be gone, and the newest says most of the present.

@@ -29,7 +29,7 @@ pub(crate) struct OutboxItem {
     pub(crate) worker: Arc<str>,
     pub(crate) trial: Arc<str>,
     pub(crate) message: Message,
-    /// How often it was sent already.
+    /// Number of attempts so far.
     pub(crate) attempts: u32,
 }
 

@@ -42,7 +42,7 @@ use crate::{ClientError, Finished, Indicators, SharedError, Study, Suggestion, c
 pub struct PrefetchingTuner {
     outstanding: Option<Outstanding>,
     frames: mpsc::Sender<Frame>,
-    // The last field: what is dropped before it still finds the outbox open.
+    // The last field: fields dropped before it still find the outbox open.
     study: Study,
 }
 

@@ -10,7 +10,7 @@ use crate::{
     Policy, Standing, StudySpec, TrialState,
 };
 
-/// How an answer came about.
+/// The reason of an answer.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Reason {
     /// One plain sentence.
@@ -56,7 +56,7 @@ pub struct TrialRecord {
     pub mode: OpenEnum<Mode>,
     /// In the objective's units, where something is known.
     pub predicted_cost: Option<f64>,
-    /// How the answer came about.
+    /// The reason of the answer.
     pub reason: Reason,
     /// Until when the client may take its time.
     #[serde(serialize_with = "time_as_text")]
@@ -112,7 +112,7 @@ pub struct StudyRecord {
     /// When it was created.
     #[serde(serialize_with = "time_as_text")]
     pub create_time: Option<SystemTime>,
-    /// How far it is.
+    /// Its counts of trials and states.
     pub statistics: StudyStatistics,
     /// In the answer to its creation: the fields of the given policy that differ from the stored one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -165,7 +165,7 @@ pub struct Prediction {
     pub mode: OpenEnum<Mode>,
     /// In the objective's units, where something is known.
     pub predicted_cost: Option<f64>,
-    /// How the answer came about.
+    /// The reason of the answer.
     pub reason: Reason,
     /// The insight into the state, if the study has met it.
     pub state: Option<StateInsight>,

@@ -47,7 +47,7 @@ counted! {
     sent,
     /// Reports that the daemon has stored.
     acknowledged,
-    /// Those of them that were stored already, by an attempt whose answer was lost.
+    /// Reports among them that were stored already, by an attempt whose answer was lost.
     duplicates,
     /// Attempts to send a report again.
     resent,

@@ -20,7 +20,7 @@ pub struct Study {
     /// Late answers to earlier questions. Not among what suggestions share, because they hold some.
     outstanding: Arc<Mutex<Vec<Outstanding>>>,
     pub(crate) shared: Arc<Shared>,
-    // The last field: what is dropped before it still finds the outbox open.
+    // The last field: fields dropped before it still find the outbox open.
     _last_handle: Arc<LastHandle>,
 }
 

@@ -121,7 +121,7 @@ impl Suggestion {
         self.abort_above
     }
 
-    /// How the answer came about.
+    /// The reason of the answer.
     #[must_use]
     pub fn reason(&self) -> &Reason {
         &self.reason

@@ -327,7 +327,7 @@ impl Study {
 pub struct Tuner {
     /// Made in the process that uses it.
     tuner: Option<OfProcess<crate::Tuner>>,
-    // The last field: what is dropped before it still finds the thread.
+    // The last field: fields dropped before it still find the thread.
     study: Study,
 }
 
@@ -348,7 +348,7 @@ impl Tuner {
 #[derive(Debug)]
 pub struct Paired {
     paired: OfProcess<Result<crate::Paired, ClientError>>,
-    // The last field: what is dropped before it still finds the thread.
+    // The last field: fields dropped before it still find the thread.
     study: Study,
 }
 
@@ -366,7 +366,7 @@ impl Paired {
 pub struct PrefetchingTuner {
     /// Made in the process that uses it.
     tuner: Option<OfProcess<crate::PrefetchingTuner>>,
-    // The last field: what is dropped before it still finds the thread.
+    // The last field: fields dropped before it still find the thread.
     study: Study,
 }
 

@@ -1,4 +1,4 @@
-//! The blocking client: the same answers, without a runtime of the caller's.
+//! The blocking client: it gives the asynchronous client's answers, without a runtime of the caller's.
 
 use std::time::Duration;
 
