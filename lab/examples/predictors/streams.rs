@@ -28,8 +28,7 @@ pub(crate) struct Stream {
     parameters: usize,
     indicators: usize,
     frames: usize,
-    /// How many states there are, of which five frames in a row share one; `None` where each frame brings a
-    /// new one.
+    /// Number of states, of which five frames in a row share one; `None` where each frame brings a new one.
     states: Option<usize>,
     /// Share of the frames in which a search decides and not a predictor.
     epsilon: f64,

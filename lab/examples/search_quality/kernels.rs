@@ -56,7 +56,7 @@ impl At<'_> {
     }
 }
 
-/// How far a value is from the best one, in powers of two.
+/// Distance of a value from the best one, in powers of two.
 fn off(value: f64, best: f64) -> f64 {
     (value.max(1e-9) / best).log2().abs()
 }

@@ -1,4 +1,4 @@
-//! How well the searches search: problems by methods by seeds, as tables.
+//! The quality of searches: problems by methods by seeds, as tables.
 //!
 //! `cargo run --release -p treewright-lab --example search_quality -- SUITE SEEDS METHOD...` with the suites
 //! trees, grids, effects, kernels and unseen (on which nothing is tuned). Scores are means over the problems

@@ -16,7 +16,7 @@ pub struct Ablation {
     pub size: [u32; 2],
     /// Render threads.
     pub threads: usize,
-    /// What a frame is.
+    /// The objective, which decides the cost of a frame.
     pub objective: Objective,
     /// Rounds that were run.
     pub rounds: usize,

@@ -1,4 +1,4 @@
-//! How far a picture is from the reference.
+//! The error of a picture against the reference.
 //!
 //! Three numbers. The relative mean squared error is computed on linear radiance and is what theory speaks
 //! about: for an unbiased estimator it falls as one over the number of samples (Rousselle, Knaus, Zwicker:

@@ -20,7 +20,7 @@ pub const TRUSTED_FROM: f64 = 2.0;
 /// A converged picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference {
-    /// What it shows.
+    /// Its scene, view and settings.
     pub key: ReferenceKey,
     /// Samples a pixel of each of the halves.
     pub samples_each: u32,

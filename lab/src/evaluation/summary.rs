@@ -57,7 +57,7 @@ pub(crate) struct Standing {
     pub(crate) over_default: Mean,
     pub(crate) over_fixed: Mean,
     /// Share of the search's overhead that the predictor saves: sums over all answers. `None` where the
-    /// search cost nothing beyond what it found.
+    /// search has no overhead.
     pub(crate) overhead_reduction: Option<f64>,
     pub(crate) break_even: BreakEvens,
 }
