@@ -91,8 +91,8 @@ async fn sockets_that_the_system_opened_take_the_place_of_others() {
     assert!(socket.exists(), "it is the system's");
 }
 
-/// What [`who_starts_again_gets_its_open_trial_back`] starts as a process of its own: asks once with the
-/// default id, says which trial it got, and waits to be killed. Among the other tests it does nothing.
+/// The process that [`who_starts_again_gets_its_open_trial_back`] starts: asks once with the default id,
+/// prints its trial, and waits to be killed. Among the other tests it does nothing.
 #[tokio::test]
 async fn client_of_another_test() {
     let Ok(url) = std::env::var(URL) else { return };

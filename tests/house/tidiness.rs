@@ -18,7 +18,7 @@ const LEFTOVERS: &[&str] =
 pub(crate) struct File {
     /// Path below the top folder.
     pub(crate) path: String,
-    /// What it says.
+    /// Its contents.
     pub(crate) text: String,
 }
 

@@ -1,4 +1,4 @@
-//! How far partitioning studies over several databases goes: a simulation of farms larger than any that can
+//! The limits of partitioning studies over several databases: a simulation of farms larger than any that can
 //! be had on one machine.
 //!
 //! `cargo run --release -p treewright-tests --example partition -- [DAEMON_US DATABASE_US CLIENT_US DURABLE_US]`:

@@ -13,7 +13,7 @@ use crate::machine::Machine;
 use crate::requests::{self, Answer, Request};
 use crate::world::World;
 
-/// A machine that does not answer another for so long is given up.
+/// Time without an answer after which a machine gives another up.
 const SILENCE: Duration = Duration::from_secs(2);
 
 /// The result of a call, and the number of acknowledged reports when its machine began.

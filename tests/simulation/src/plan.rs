@@ -9,9 +9,9 @@ use serde::Serialize;
 pub enum Bug {
     /// The disk answers before it has written.
     AcknowledgeBeforeCommit,
-    /// A replica that lost a study to another still stores its decisions.
+    /// A replica that lost a study to another still stores what it decides.
     LeaseWithoutClaim,
-    /// Now and then the end of a write wakes no task.
+    /// Now and then nobody learns that a write has ended.
     LostWakeUp,
     /// The study explores without the budget that clients were promised.
     Overspending,
