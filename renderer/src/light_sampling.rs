@@ -23,8 +23,8 @@ pub struct LightSampling {
     /// A shadow ray for less light than this share of the picture's mean is traced with a lower probability,
     /// and brings more if it is; 0 to trace them all.
     pub shadow_roulette: f32,
-    /// A path that carries less than this share of its light goes on with a lower probability, and counts
-    /// more if it does; 0 to end none.
+    /// A path whose throughput is below this goes on with a lower probability, and brings more light if it
+    /// does; 0 to end none.
     pub path_roulette: f32,
 }
 

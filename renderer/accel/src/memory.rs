@@ -1,5 +1,4 @@
-//! How the kernel and the allocator treat the memory of trees: huge pages under large tables, and freed
-//! memory kept for the next build.
+//! Memory of trees: huge pages under large tables, and freed memory kept for the next build.
 
 /// A huge page of x86-64, and of ARM with its usual small ones.
 #[cfg(target_os = "linux")]

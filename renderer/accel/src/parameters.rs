@@ -94,7 +94,7 @@ pub struct TreeParameters {
     pub order: NodeOrder,
     /// In which order rays that look for any hit visit the children of a node.
     pub child_order: ChildOrder,
-    /// How a node keeps its children's bounds. Acts on nodes of 8 and 16.
+    /// The format of the children's bounds in a node. Acts on nodes of 8 and 16.
     pub format: NodeFormat,
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts
     /// with [`Quality::SahSplit`] only.
@@ -149,7 +149,7 @@ pub enum ChildOrder {
     Topmost,
 }
 
-/// How a node keeps its children's bounds.
+/// The format of the children's bounds in a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NodeFormat {
@@ -269,7 +269,7 @@ impl TreeParameters {
     }
 }
 
-/// How a structure follows triangles that moved.
+/// The update of a structure after triangles have moved.
 ///
 /// For a tuning space: `update` is one of three choices, and `rebuild_threshold` acts with the partial one
 /// only. Native scenes know no partial update and refit instead. Neither acts in a static scene.

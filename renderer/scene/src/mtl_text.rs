@@ -73,7 +73,7 @@ pub(super) fn map(line: &str) -> Option<(String, bool)> {
         match option {
             "-clamp" => clamped = words.next() == Some("on"),
             "-blendu" | "-blendv" | "-cc" | "-imfchan" | "-type" => drop(words.next()),
-            // Those that move or scale have one to three numbers.
+            // Options that move or scale have one to three numbers.
             _ => while words.next_if(is_number).is_some() {},
         }
     }

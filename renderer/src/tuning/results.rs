@@ -107,7 +107,7 @@ pub struct SceneFacts {
 pub struct Prediction {
     /// The point of the camera path.
     pub camera_at: f32,
-    /// How the service answered.
+    /// The mode of the service's answer.
     pub mode: OpenEnum<Mode>,
     /// Its reason in one sentence.
     pub reason: String,

@@ -251,7 +251,7 @@ pub(super) fn machine(results: &TuningResults) -> String {
     format!("{cpu}, {} threads, {}", machine.threads, machine.isa)
 }
 
-/// A sentence about two pictures of `samples` samples and their difference.
+/// Sentences about the two pictures of `samples` samples and their difference.
 pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -> String {
     let kind = match results.objective {
         Objective::Error => {
@@ -271,7 +271,7 @@ pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -
     )
 }
 
-/// The tuned space, with the number of its parameters.
+/// An introduction to the tuned space.
 pub(super) fn what_was_tuned(results: &TuningResults) -> &'static str {
     match results.space {
         Preset::Paper => {

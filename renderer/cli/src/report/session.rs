@@ -11,7 +11,7 @@ use treewright_renderer::tuning::verdict::BEST_FIXED;
 const WIDTH: u32 = 900;
 const HEIGHT: u32 = 360;
 
-/// End of the curve, as a factor on the frame in which the session pays, or else on its own frames.
+/// End of the curve, as a factor on the frame in which the session pays, or else on its number of frames.
 const BEYOND: f64 = 10.0;
 /// Most frames that are drawn.
 const FRAMES_MAX: f64 = 1e7;
