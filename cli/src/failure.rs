@@ -14,7 +14,7 @@ pub(crate) enum Failure {
     /// The client or the daemon says no.
     #[error(transparent)]
     Client(#[from] ClientError),
-    /// What is given does not fit the study.
+    /// A given value does not fit the study.
     #[error("space: {0}")]
     Space(#[from] SpaceError),
     /// A file cannot be read or written, or holds something else.
@@ -22,7 +22,7 @@ pub(crate) enum Failure {
     File {
         /// Which one.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault in the file.
         problem: String,
     },
     /// The program that is tuned does not do as it should.
@@ -37,9 +37,9 @@ pub(crate) enum Failure {
     /// Something was found before it went wrong.
     #[error("{cause}")]
     Unfinished {
-        /// What is to be printed of it.
+        /// The text to print of the results so far.
         found: String,
-        /// What went wrong.
+        /// The failure that ended it.
         cause: Box<Failure>,
     },
     /// The result cannot be put into JSON.

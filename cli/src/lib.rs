@@ -1,3 +1,3 @@
-//! What the command line `treewright` shares with the tests that fuzz it: how it reads what programs print.
+//! The reader of program output, which the command line `treewright` shares with the tests that fuzz it.
 
 pub mod printed;

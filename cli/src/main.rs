@@ -1,9 +1,9 @@
 //! `treewright`: tunes programs, and looks at and steers a tuning daemon, from the command line. A thin main:
-//! read the settings and the arguments, do one thing, print it, and say with the exit code how that went.
+//! it reads the settings and the arguments, runs one command, prints the answer and returns an exit code.
 //!
-//! `arguments` says what can be written, `commands` does it, `show` puts answers into words. `study_file` and
-//! `carry` read and write studies and their trials, `analysis` says what parameters do, `exec` runs other
-//! programs, `local` finds or starts a daemon of one's own.
+//! `arguments` defines the command line, `commands` runs it, `show` puts answers into words. `study_file` and
+//! `carry` read and write studies and their trials, `analysis` measures the influence of parameters, `exec`
+//! runs other programs, and `local` finds or starts the user's own daemon.
 
 mod analysis;
 mod arguments;
@@ -39,10 +39,10 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if let Failure::Unfinished { found, .. } = &failure {
-                // What went wrong counts more than that it cannot be printed.
+                // The failure counts more than an error of printing.
                 let _ = print(found);
             }
-            // Nobody may be listening; the exit code says it all the same.
+            // Standard error may be closed; the exit code reports the failure anyway.
             let _ = writeln!(std::io::stderr(), "treewright: {failure}");
             failure.exit_code()
         }
@@ -50,7 +50,7 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments, settings: &Settings) -> Result<String, Failure> {
-    // Who looks for what is wrong must get to see it.
+    // Commands that look for faults also run with a faulty settings file.
     let looks = matches!(arguments.command, Command::Doctor | Command::Config(_));
     match settings.problem() {
         Some(problem) if !looks => Err(Failure::Usage(problem.to_owned())),

@@ -1,4 +1,4 @@
-//! What a command prints: JSON, or words for people.
+//! The output of a command: JSON, or words for people.
 
 use serde::Serialize;
 

@@ -11,18 +11,18 @@ use std::fmt;
 use serde_json::{Map, Value};
 use treewright_client::{MeasurementLimit, Measurements, ObjectiveTerm};
 
-/// Longest piece of what was printed that is quoted in a reason, in characters.
+/// Longest piece of an output that a reason quotes, in characters.
 const QUOTED_CHARACTERS: usize = 60;
 /// Most printed names that are shown where a metric is missing.
 const NAMES_TOLD: usize = 8;
 
-/// What the last JSON object of an output says.
+/// The measurements in the last JSON object of an output.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Printed {
     /// All that is minimised was measured.
     Measured {
-        /// What can be reported: finite numbers of at least 0 under names that the service takes, and not too
-        /// many of them.
+        /// The numbers that can be reported: finite, at least 0, under names that the service takes, and as
+        /// many as it takes at most.
         measurements: Measurements,
         /// Other printed numbers that cannot be reported.
         left_out: Vec<LeftOut>,
@@ -38,7 +38,7 @@ pub enum Printed {
 pub struct LeftOut {
     /// As printed, shortened where it is long.
     pub name: String,
-    /// What is wrong with it.
+    /// The reason.
     pub why: WhyLeftOut,
 }
 
@@ -159,7 +159,7 @@ fn number(
     })
 }
 
-/// Says that a metric is not there, and what is.
+/// Says that a metric is missing, and lists the keys that are there.
 fn missing(metric: &str, found: &Map<String, Value>, is_missing: bool) -> String {
     if is_missing {
         return format!(
@@ -230,8 +230,8 @@ fn last_object(out: &str) -> Result<Option<Map<String, Value>>, String> {
     Ok(None)
 }
 
-/// Whether a line is meant as an object: what begins like one, even if it was cut off, and what is in braces
-/// and names something.
+/// Whether a line is meant as an object: it begins like one, even if it was cut off, or it stands in braces
+/// and has a key.
 fn looks_like_an_object(line: &str) -> bool {
     let Some(inner) = line.strip_prefix('{').map(str::trim_start) else { return false };
     inner.starts_with(['"', '\'', '}']) || (inner.contains(':') && inner.ends_with('}'))
@@ -272,7 +272,7 @@ fn with_words_as_text(text: &str) -> String {
     done
 }
 
-/// How long the text in quotation marks is at the beginning, in bytes, both marks included.
+/// Length of the quoted text at the beginning, in bytes, both quotation marks included.
 fn text_length(rest: &str) -> usize {
     let mut is_escaped = false;
     for (place, each) in rest.char_indices().skip(1) {
@@ -290,7 +290,7 @@ fn is_of_a_word(each: char) -> bool {
     each.is_alphanumeric() || "+-._".contains(each)
 }
 
-/// What is quoted of a text: its beginning, without control characters.
+/// The beginning of a text, without control characters, for a quotation.
 fn short(text: &str) -> String {
     let plain = text.chars().filter(|each| !each.is_control());
     let mut shown: String = plain.clone().take(QUOTED_CHARACTERS).collect();

@@ -5,7 +5,7 @@ use clap::error::ErrorKind;
 use clap::{Arg, ArgMatches, Args, Command, Error, FromArgMatches};
 use treewright_client::{Policy, PolicyField};
 
-/// What the flags set.
+/// The policy that the flags set.
 #[derive(Debug, Default)]
 pub(crate) struct SettingFlags(pub(crate) Policy);
 

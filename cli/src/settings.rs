@@ -1,5 +1,5 @@
 //! Settings in a file: `~/.config/treewright/config.toml`. An argument goes before an environment variable,
-//! that before the file, and the file before what is built in.
+//! the variable before the file, and the file before the built-in value.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -18,7 +18,7 @@ const VARIABLE: &str = "TREEWRIGHT_CONFIG";
 /// The file's name in its folder.
 const NAME: &str = "config.toml";
 
-/// What can be set, by the argument of the same name.
+/// The settings; each has the name of its argument.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -87,7 +87,7 @@ impl Settings {
         settings
     }
 
-    /// What is wrong with the file.
+    /// The fault in the file, if it has one.
     pub(crate) fn problem(&self) -> Option<&str> {
         self.problem.as_deref()
     }

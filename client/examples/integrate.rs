@@ -1,4 +1,4 @@
-//! A renderer, tuned: everything that has to be added to one. Start a daemon first:
+//! A tuned renderer, with everything that has to be added to one. Start a daemon first:
 //! `treewrightd serve --listen 127.0.0.1:50611 --database tuning.db`. It runs without one, too.
 
 use std::time::{Duration, Instant};
@@ -6,8 +6,7 @@ use std::time::{Duration, Instant};
 use treewright_client::blocking::Client;
 use treewright_client::{ClientError, Configuration, Indicators, Options, Outcome, Scale, Space, StudySpec};
 
-/// What can be tuned, with the values used so far as defaults; what describes the input; what is to become
-/// small.
+/// The study: its parameters, with the values used so far as defaults, its indicators, and its objective.
 fn spec() -> Result<StudySpec, ClientError> {
     let space = Space::builder()
         .integer("max_leaf_size", 1..=32)

@@ -1,9 +1,9 @@
-//! Getting an answer within a deadline, whichever way it is asked for.
+//! Getting an answer within a deadline, by a single call or by a stream.
 //!
 //! An answer arrives through a one-shot channel that is made with the question. A caller whose deadline
-//! passes keeps the channel; the next call for the same state takes the answer from it. If nobody
-//! wants it any more the channel is dropped, the answer with it, and a dropped suggestion gives its trial
-//! back. So a late answer is used or given back, and cannot be taken for the answer to a later question.
+//! passes keeps the channel; the next call for the same state takes the answer from it. A channel without a
+//! use is dropped with its answer, and a dropped suggestion gives its trial back. So a late answer is used or
+//! given back, and cannot be taken for the answer to a later question.
 
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -25,7 +25,7 @@ pub(crate) struct Outstanding {
 /// Answers within the deadline: with the late answer to an earlier question about the same state, with
 /// the answer to a new question, or with the fallback.
 ///
-/// `ask` sends the question. It is dropped, with what it holds, as soon as it is clear that it is not needed.
+/// `ask` sends the question. It is dropped, with everything that it holds, as soon as it is not needed.
 pub(crate) async fn within_deadline(
     shared: &Arc<Shared>,
     outstanding: &mut Option<Outstanding>,

@@ -1,4 +1,4 @@
-//! Credentials as command line arguments, the same for every program that talks to a daemon.
+//! Credentials as command line arguments, for every program that talks to a daemon.
 
 use std::path::PathBuf;
 
@@ -52,7 +52,7 @@ pub struct CredentialArguments {
 impl CredentialArguments {
     /// Reads what the arguments name.
     ///
-    /// Errors: [`ClientError::Invalid`] for a file that cannot be read or is not what it should be.
+    /// Errors: [`ClientError::Invalid`] for a file that cannot be read or has the wrong contents.
     pub fn credentials(&self) -> Result<Credentials, ClientError> {
         let mut credentials = Credentials::new();
         if let Some(path) = &self.token_file {

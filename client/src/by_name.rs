@@ -1,9 +1,9 @@
-//! Trials by name: ask and tell apart, for programs whose halves are processes of their own, such as lines of
-//! a shell script, and for what carries measurements over from elsewhere.
+//! Trials by name, with ask and tell as separate calls: for programs whose halves are processes of their own,
+//! such as lines of a shell script, and for programs that carry measurements over from elsewhere.
 //!
-//! Nothing here falls back and nothing is queued: each call is one question to the daemon, and its error is
-//! an error. A trial that is handed out stays with its client until it is reported or given back, or its
-//! lease ends; dropping the record does nothing. Frame loops use [`crate::Study`].
+//! Each call is one question to the daemon and returns its error; there are no fallbacks and no queue. A
+//! trial that is handed out stays with its client until it is reported or given back, or its lease ends;
+//! dropping the record does nothing. Frame loops use [`crate::Study`].
 
 use treewright_proto::convert::{
     configuration_to_wire, fingerprint_to_wire, outcome_to_wire, session_policy_to_wire,
@@ -107,7 +107,7 @@ impl Client {
         self.core.read_trial("GetTrial", trial)
     }
 
-    /// One trial of a state, which tells its indicators and its machine; `None` where the state has none.
+    /// One trial of a state, which holds its indicators and its machine; `None` where the state has none.
     /// Errors: as for [`Client::tell`].
     pub async fn trial_in_state(
         &self,

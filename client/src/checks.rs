@@ -1,4 +1,4 @@
-//! Checks that find, before anything is sent, what the service would refuse.
+//! Checks that find, before anything is sent, values that the service would refuse.
 
 use treewright_model::limits;
 use treewright_model::names::{NAME_RULE, is_name};
@@ -14,7 +14,7 @@ pub(crate) fn state(spec: &StudySpec, indicators: &Indicators) -> Result<Vec<f64
         .map_err(|error| ClientError::invalid("indicators", error.to_string()))
 }
 
-/// Whether the service takes both for one state: every normalised indicator within the tolerance.
+/// Whether the service takes both indicators for one state: every normalised value within the tolerance.
 pub(crate) fn are_one_state(spec: &StudySpec, a: &Indicators, b: &Indicators) -> bool {
     let (Ok(a), Ok(b)) = (state(spec, a), state(spec, b)) else { return false };
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= spec.state_tolerance)
@@ -44,8 +44,8 @@ pub(crate) fn measurements(measurements: &Measurements) -> Result<(), ClientErro
     Ok(())
 }
 
-/// Checks a result: with [`Outcome::Ok`] every metric of the objective must have been measured, and what is
-/// within all limits must have a cost. The daemon would refuse it later, when nobody looks.
+/// Checks a result: with [`Outcome::Ok`] it must have every metric of the objective, and a cost unless it is
+/// beyond a limit. The daemon would refuse it later, when nobody looks.
 pub(crate) fn result(
     spec: &StudySpec,
     outcome: &Outcome,
@@ -75,7 +75,7 @@ pub(crate) fn result(
 
 fn has_cost(spec: &StudySpec, measured: &Measurements) -> Result<(), ClientError> {
     let numbers = measured.iter().map(|(name, value)| (name.to_owned(), value)).collect();
-    // What is beyond a limit is infeasible, whatever it costs.
+    // A result beyond a limit is infeasible and needs no cost.
     match spec.objective.beyond(&numbers) {
         Ok(Some(_)) => Ok(()),
         Ok(None) => spec.objective.cost(&numbers).map(drop),

@@ -1,6 +1,6 @@
-//! Whether the daemon answers. After a failure nobody waits for it any more until a probe in the
-//! background, made after growing pauses, finds it answering again; so an absent daemon costs a frame
-//! one deadline at most, and not one after the other. A circuit breaker, after M. Nygard, "Release It!".
+//! A circuit breaker (after M. Nygard, "Release It!"): whether the daemon answers. After a failure no call
+//! waits for it until a probe in the background finds it answering again; probes come after growing pauses.
+//! So an absent daemon costs one frame one deadline, and the frames after it none.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -78,7 +78,7 @@ impl CircuitBreaker {
         }
     }
 
-    /// The daemon did what it was asked, or said why not.
+    /// The daemon answered, be it with a refusal.
     pub(crate) fn success(&self) {
         self.state.send_if_modified(|state| {
             let changes = state.failures > 0 || !matches!(state.status, Status::Connected);

@@ -1,4 +1,4 @@
-//! The client: one connection, the studies on it, and everything that is not part of a frame.
+//! The client: one connection, the studies on it, and all calls outside of frames.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -1,9 +1,8 @@
-//! The id of a client that was given none: the same again after a restart, and nobody else's at the same
-//! time.
+//! The default id of a client. It is unique among running clients, and a restarted program gets it again.
 //!
-//! It names program, machine and user, and a slot that tells those apart that run side by side. Containers
-//! that share a machine's network share its slots as well; those with a network of their own have a host name
-//! of their own.
+//! It names program, machine and user, and a slot that distinguishes clients that run side by side.
+//! Containers that share a machine's network share its slots as well; those with a network of their own have
+//! a host name of their own.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -41,7 +40,7 @@ impl DefaultId {
                 slot => return Self { id: format!("{who}/{number}"), process, _slot: slot },
             }
         }
-        // Where there are no such sockets, at least nobody else has it.
+        // Where there are no such sockets, the id is at least unique.
         Self { id: format!("{who}-{process}"), process, _slot: Slot::Held(None) }
     }
 }
@@ -58,7 +57,7 @@ fn whoever() -> String {
 }
 
 /// The host's name, and a number that distinguishes hosts of one name: a hash of `machine-id(5)`, which
-/// itself is nobody's business.
+/// itself is confidential.
 pub(crate) fn machine_name() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = if name.trim().is_empty() { "machine" } else { name.trim() };
@@ -86,7 +85,7 @@ mod tests {
         assert_eq!((first.id.as_str(), second.id.as_str()), (&*format!("{who}/0"), &*format!("{who}/1")));
         drop(first);
         assert_eq!(DefaultId::take(&who).id, format!("{who}/0"));
-        // Of names that are too long for a socket, none is taken twice all the same.
+        // Names that are too long for a socket are not taken twice either.
         let long = "x".repeat(200);
         let both = [DefaultId::take(&long), DefaultId::take(&long)];
         assert_ne!(both[0].id, both[1].id);

@@ -1,4 +1,4 @@
-//! Shared by all handles of one client: the channel, the state of the connection, the outbox, the counts.
+//! The parts that all handles of one client share: channel, state of the connection, outbox, counts.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -32,7 +32,7 @@ pub(crate) struct Core {
     pub(crate) counters: Counters,
     /// The workers, by their names for the service.
     pub(crate) workers: Arc<Workers>,
-    /// Tells this client from an earlier one of the same id.
+    /// Distinguishes this client from an earlier one of the same id.
     pub(crate) session: u64,
     process: u32,
     channel: Failover,
@@ -179,7 +179,7 @@ impl Core {
             Ok(Ok(response)) if response.get_ref().status() == ServingStatus::Serving => Ok(()),
             Ok(Ok(_)) => Err(ClientError::away(&self.url, "it is not serving at the moment")),
             Ok(Err(status)) => match ClientError::from_status(&self.url, "Check", &status) {
-                // Somebody answers, without a health service: that is good enough to ask the real thing.
+                // A server without a health service answers: that is good enough to send requests.
                 ClientError::Refused { code: tonic::Code::Unimplemented, .. } => Ok(()),
                 problem => Err(problem),
             },
@@ -253,7 +253,7 @@ fn endpoint(url: &str, credentials: &Credentials) -> Result<Endpoint, ClientErro
                 "it names no whole path; write it like unix:/run/user/1000/treewright/daemon.sock".into(),
             ));
         }
-        // Nobody but its two ends reads what goes through a Unix socket, so a token may.
+        // Only its two ends can read a Unix socket, so a token may be sent through it.
         return Endpoint::from_shared(format!("unix:{path}"))
             .map_err(|error| bad(crate::error::innermost(&error)));
     }

@@ -1,7 +1,7 @@
 //! Credentials of a client and those that it asks of a daemon: tokens and certificates.
 //!
-//! None of it appears in debug output or in errors. A token is only sent where nobody can listen: over TLS,
-//! or to this machine.
+//! No credential appears in debug output or in errors. A token is only sent where nobody can listen: over
+//! TLS, or to this machine.
 
 use std::fmt;
 use std::io::Read as _;

@@ -1,6 +1,6 @@
-//! The background task that empties the outbox: one item after the other, again and again until the
-//! daemon has taken or refused it. Sending twice is harmless, because the service takes only the first
-//! report of a trial.
+//! The background task that empties the outbox. It sends one item after the other, and repeats each until the
+//! daemon has taken or refused it. Repeats are harmless, because the service takes only the first report of a
+//! trial.
 
 use std::sync::Arc;
 
@@ -86,7 +86,7 @@ pub(crate) fn report_request(
     }
 }
 
-/// Whether sending the same again may succeed.
+/// Whether another attempt may succeed.
 pub(crate) fn worth_repeating(problem: &ClientError, attempts: u32) -> bool {
     match problem {
         // A defect of the daemon: it may pass, but must not hold up the queue for ever.

@@ -69,7 +69,7 @@ pub enum ClientError {
         url: String,
         /// The call.
         call: &'static str,
-        /// How long was waited.
+        /// The time waited.
         deadline: Duration,
     },
 
@@ -84,7 +84,7 @@ pub enum ClientError {
         message: String,
         /// When it may be asked again, if it said so.
         retry_after: Option<Duration>,
-        /// By which the daemon's log tells more about it.
+        /// The id under which the daemon's log says more.
         request_id: Option<String>,
     },
 
@@ -117,7 +117,7 @@ pub enum ClientError {
     Unflushed {
         /// Reports and abandoned trials not yet acknowledged.
         waiting: usize,
-        /// How long was waited.
+        /// The time waited.
         deadline: Duration,
         /// The most recent error, or `none`.
         last: String,
@@ -185,13 +185,13 @@ impl ClientError {
         matches!(self, Self::Refused { code: tonic::Code::NotFound, .. })
     }
 
-    /// Whether the daemon said that it cannot read what it was asked, e.g. a filter.
+    /// Whether the daemon said that it cannot read the request, e.g. its filter.
     #[must_use]
     pub fn is_invalid_argument(&self) -> bool {
         matches!(self, Self::Refused { code: tonic::Code::InvalidArgument, .. })
     }
 
-    /// How long to leave the daemon in peace, if it said so; at most
+    /// The pause that the daemon asked for before another call; at most
     /// [`LONGEST_HINT`](crate::limits::LONGEST_HINT).
     #[must_use]
     pub fn retry_after(&self) -> Option<Duration> {
@@ -205,7 +205,7 @@ impl ClientError {
         }
     }
 
-    /// Nobody answers, for this reason.
+    /// The error of a daemon that does not answer, for this reason.
     pub(crate) fn away(url: &str, reason: impl Into<String>) -> Self {
         Self::Away { url: url.to_owned(), reason: reason.into(), retry_after: None }
     }
@@ -246,7 +246,7 @@ impl ClientError {
     }
 }
 
-/// Adds what is likely wrong with the address where one side speaks TLS and the other does not.
+/// Adds the likely fault of the address where one side speaks TLS and the other does not.
 fn with_remedy(url: &str, reason: String) -> String {
     let rest = url.split_once("://").map_or("", |(_, rest)| rest);
     // rustls says so where the answer is no TLS record.

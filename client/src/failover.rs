@@ -1,4 +1,4 @@
-//! Several addresses of one service: the replicas of a daemon, of which any will do.
+//! Several addresses of one service: the replicas of a daemon, any of which can answer.
 //!
 //! Requests go to one of them. When it does not answer, or says that it is not serving, the next request asks
 //! the health service of each in turn and stays with the first that serves. The failed request is the
@@ -86,12 +86,12 @@ impl Failover {
     }
 }
 
-/// Whether somebody answers there and serves.
+/// Whether a daemon answers there and serves.
 async fn serves(channel: Channel, limit: Duration) -> bool {
     let request = HealthCheckRequest { service: String::new() };
     match timeout(limit, HealthClient::new(channel).check(request)).await {
         Ok(Ok(answer)) => answer.get_ref().status() == ServingStatus::Serving,
-        // Somebody answers, without a health service for us: that is good enough to ask the real thing.
+        // A server answers, but no health service for this client: that is good enough to send requests.
         Ok(Err(status)) => {
             matches!(status.code(), Code::Unimplemented | Code::Unauthenticated | Code::PermissionDenied)
         }

@@ -1,5 +1,5 @@
-//! A trial of several frames: the first ones left out while caches and clocks warm up, the median of the
-//! others, and an early end for what is slower than it may be.
+//! A trial of several frames. The first frames, which warm up caches and clocks, do not count; the median of
+//! the others does. A configuration above its cost bound ends early.
 
 use crate::Suggestion;
 
@@ -177,7 +177,7 @@ mod tests {
         let costs = [30.0, 10.0, 25.0, 40.0, 9.0];
         let (count, result) = run(FrameSet::with_cap(Some(20.0), 5), &costs);
         assert_eq!((count, result), (4, FrameSetResult::Stopped { lower_bound: 25.0 }));
-        // The bound is true whatever the last frame would have cost.
+        // The bound holds for any cost of the last frame.
         assert_eq!(run(FrameSet::with_cap(None, 5), &costs), (5, FrameSetResult::Measured(25.0)));
         assert_eq!(run(FrameSet::with_cap(Some(50.0), 5), &costs).1, FrameSetResult::Measured(25.0));
         // One frame cannot be ended early but by itself.
@@ -190,7 +190,7 @@ mod tests {
         one.push_stopped(20.5);
         assert!(!one.goes_on());
         assert_eq!(one.result(), FrameSetResult::Stopped { lower_bound: 20.5 });
-        // One of three is no matter to the median, two of four are.
+        // One of three does not move the median, two of four do.
         let mut three = FrameSet::with_cap(Some(20.0), 3);
         three.push_stopped(21.0);
         three.push(10.0);

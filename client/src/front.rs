@@ -4,8 +4,8 @@
 //! metrics are weighed: every direction is a state with a search of its own. The first directions are the
 //! metrics themselves. The others minimise the augmented Chebyshev norm of the logarithms of the metrics over
 //! their best values (Knowles, "ParEGO: a hybrid algorithm with on-line landscape approximation for expensive
-//! multiobjective optimization problems", 2006); the exponential of it is the cost. Each run is reported for
-//! all directions: for the others as a trial that is carried over, with the run's name as its origin.
+//! multiobjective optimization problems", 2006); its exponential is the cost. Each run is reported for all
+//! directions: for the others as a trial that is carried over, with the run's name as its origin.
 //!
 //! Everything follows from stored trials, so a program that is started again goes on with the same numbers.
 
@@ -38,13 +38,13 @@ const THREE: &[&[f64]] = &[
     &[3.0 / 7.0, 1.0 / 7.0, 3.0 / 7.0],
     &[1.0 / 7.0, 3.0 / 7.0, 3.0 / 7.0],
 ];
-/// How much the weighted sum counts beside the largest part, as in ParEGO.
+/// Weight of the weighted sum beside the largest part, as in ParEGO.
 const AUGMENTATION: f64 = 0.05;
-/// Only the metrics themselves are minimised in this part of the runs: one in so many.
+/// One run in this number minimises a metric itself.
 const FIRST_PART: u32 = 4;
 /// Runs that a direction may have beyond its share of the planned ones.
 const SPARE: usize = 8;
-/// How origins begin that name a trial of the same database.
+/// Prefix of origins that name a trial of the same database.
 const OWN: &str = "studies/";
 /// Most characters that are kept of a client's name in that of its carried trials.
 const CLIENT_CHARACTERS: usize = 120;
@@ -86,7 +86,7 @@ pub struct Front {
     metrics: Vec<(String, bool)>,
 }
 
-/// A configuration with what it came to.
+/// A configuration with its measurements.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FrontPoint {
     /// The configuration.
@@ -99,14 +99,14 @@ pub struct FrontPoint {
     pub ratios: Option<Measurements>,
 }
 
-/// What trials say of a front.
+/// A front, from the trials of a study.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParetoFront {
     /// The names of the metrics.
     pub metrics: Vec<String>,
-    /// Those of them that are to be large.
+    /// The metrics among them that are to be large.
     pub maximised: Vec<String>,
-    /// Runs that measured all metrics; what was carried over between directions does not count.
+    /// Runs that measured all metrics, without the trials that were carried over between directions.
     pub runs: usize,
     /// Different configurations among them.
     pub configurations: usize,
@@ -123,7 +123,7 @@ pub struct ParetoFront {
 }
 
 impl Front {
-    /// The indicator that tells the direction, from 0 on.
+    /// The indicator whose value is the number of the direction, from 0 on.
     pub const DIRECTION: &'static str = "direction";
     /// The measurement that is minimised: what a run costs in its direction.
     pub const COST: &'static str = "front_cost";
@@ -132,7 +132,7 @@ impl Front {
     /// large.
     ///
     /// # Errors
-    /// [`ClientError::Invalid`] for another number of metrics, one that is given twice, and what is no name.
+    /// [`ClientError::Invalid`] for another number of metrics, a repeated metric, or an invalid name.
     pub fn new(metrics: &[impl AsRef<str>]) -> Result<Self, ClientError> {
         let wrong = |problem: String| Err(ClientError::invalid("metrics of a front", problem));
         if !(2..=3).contains(&metrics.len()) {
@@ -190,8 +190,8 @@ impl Front {
         each.map(|(value, (_, is_maximised))| if *is_maximised { value.recip() } else { *value }).collect()
     }
 
-    /// What a run costs in a direction: the metric itself in the first ones, else the exponential of the
-    /// augmented Chebyshev norm, in which the default's values cancel out.
+    /// The cost of a run in a direction: the metric itself in the first directions, else the exponential of
+    /// the augmented Chebyshev norm, in which the default's values cancel out.
     fn cost(&self, direction: usize, minimised: &[f64], ideal: Option<&[f64]>) -> Option<f64> {
         if let Some(metric) = minimised.get(direction) {
             return Some(*metric);
@@ -277,7 +277,7 @@ pub struct FrontHistory {
     /// Only completed ones.
     trials: Vec<TrialRecord>,
     planned: u32,
-    /// How many runs there were at the beginning.
+    /// Number of runs at the beginning.
     before: usize,
     over: BTreeSet<usize>,
 }
@@ -298,15 +298,15 @@ impl FrontHistory {
         &self.trials
     }
 
-    /// What is looked for.
+    /// The metrics of the front.
     #[must_use]
     pub fn front(&self) -> &Front {
         &self.front
     }
 
     /// The budget of each direction's search, for [`crate::SessionPolicy::trials_per_state`]: its share of
-    /// the planned runs, and some more, so that these are all done where a direction ends early. What is
-    /// carried over does not count there.
+    /// the planned runs, and some more, so that all runs are done where a direction ends early. Trials that
+    /// are carried over do not count.
     #[must_use]
     pub fn runs_each(&self) -> u32 {
         let all = self.before + self.planned as usize;
@@ -357,8 +357,8 @@ impl FrontHistory {
         }
     }
 
-    /// What is to be carried over so that every direction knows of every run: questions for
-    /// [`crate::Client::ask`], with what is to be reported then. Nothing of it is run.
+    /// The results to carry over, so that every direction knows of every run: questions for
+    /// [`crate::Client::ask`], each with its report. These trials are not run.
     #[must_use]
     pub fn owed(&self) -> Vec<(Question, Measurements, Outcome)> {
         let carried = |trial: &TrialRecord| Some((carried_from(trial)?, self.front.direction(trial)?));
@@ -381,7 +381,7 @@ impl FrontHistory {
                         };
                         (Outcome::Ok, run.measurements.clone().with(Front::COST, cost))
                     }
-                    // That says nothing of the configuration.
+                    // Such a result says nothing of the configuration.
                     _ => continue,
                 };
                 let client_id: String = run.client_id.chars().take(CLIENT_CHARACTERS).collect();
@@ -429,7 +429,7 @@ fn is_measured(trial: &TrialRecord) -> bool {
     trial.outcome == Some(OpenEnum::Known(Outcome::Ok))
 }
 
-/// The number of the run of the same study whose result a trial repeats for its direction.
+/// The number of the run whose result a trial of this study repeats for its own direction.
 fn carried_from(trial: &TrialRecord) -> Option<u64> {
     let own = trial.origin.as_ref()?.strip_prefix(OWN)?;
     own.rsplit_once('/')?.1.parse().ok()
@@ -463,8 +463,8 @@ fn non_dominated(points: &[Vec<f64>]) -> Vec<usize> {
     kept
 }
 
-/// The volume of the unit cube of so many dimensions between the points and its far corner: by slices across
-/// the last dimension.
+/// The volume of the unit cube of `dimensions` dimensions between the points and its far corner, by slices
+/// across the last dimension.
 fn hypervolume(points: &[&[f64]], dimensions: usize) -> f64 {
     let last = dimensions - 1;
     if last == 0 {

@@ -1,4 +1,4 @@
-//! Why the service answers as it does, and what it leaves out.
+//! Why the service answers as it does, and which parameters it leaves out.
 
 use serde::Serialize;
 
@@ -38,7 +38,7 @@ pub struct StateInsight {
     pub state_id: i64,
     /// Configurations with a verdict.
     pub tried: i64,
-    /// How often clients came to the state.
+    /// Number of clients' visits to the state.
     pub visits: i64,
     /// The number of frames reported from it.
     pub frames: i64,
@@ -47,7 +47,7 @@ pub struct StateInsight {
     pub noise: Option<f64>,
     /// Measurements that were far from all others of their configuration.
     pub outliers: i64,
-    /// How often costs were found to have changed for good.
+    /// Number of lasting changes of the costs.
     pub drifts: i64,
     /// By how much going on with the search is expected to lower the cost of each later frame, as a share.
     pub expected_gain: Option<f64>,

@@ -1,28 +1,28 @@
 //! Client SDK of the Treewright tuning service.
 //!
-//! A program describes what it can tune ([`Space`]) and what describes its input ([`Indicators`]),
-//! asks for a [`Suggestion`] before each build, and reports what it measured. A frame never waits for
-//! the network longer than the deadline: if the daemon is slow or away, the program gets the last good
-//! configuration, or the default. Reports wait in a bounded queue and are sent again until they are
-//! acknowledged; what is dropped is counted ([`Client::stats`]).
+//! A program describes its parameters ([`Space`]) and its input ([`Indicators`]), asks for a [`Suggestion`]
+//! before each build, and reports its measurements. A frame never waits for the network longer than the
+//! deadline: if the daemon is slow or away, the program gets the last good configuration, or the default.
+//! Reports wait in a bounded queue and are sent again until they are acknowledged; dropped reports are
+//! counted ([`Client::stats`]).
 //!
-//! Programs without a tokio runtime use [`blocking`], which has the same shape. The meaning of every
-//! message on the wire stands in `proto/treewright/v1/*.proto`.
+//! Programs without a tokio runtime use [`blocking`], which has the same shape. The files
+//! `proto/treewright/v1/*.proto` define the meaning of every message on the wire.
 //!
-//! | module | what it holds |
+//! | module | holds |
 //! |---|---|
-//! | `numbers`, `records`, `insight` | what the service tells, as Rust types; the rest of its words is `treewright-model` |
-//! | `checks` | what the service would refuse, found before it is sent |
-//! | `wire` | messages as records; what both sides convert alike is in `treewright_proto::convert` |
-//! | `client`, `study`, `suggestion`, `tuner`, `prefetching`, `paired`, `pages` | what a program calls |
-//! | `credentials`, `attach`, `machine`, `arguments` (a feature) | what is shown to the daemon with every call |
+//! | `numbers`, `records`, `insight` | the service's answers as Rust types; `treewright-model` has the rest |
+//! | `checks` | checks for values that the service would refuse |
+//! | `wire` | messages as records; conversions that both sides need are in `treewright_proto::convert` |
+//! | `client`, `study`, `suggestion`, `tuner`, `prefetching`, `paired`, `pages` | the calls of a program |
+//! | `credentials`, `attach`, `machine`, `arguments` (a feature) | additions to every call |
 //! | `circuit_breaker`, `back_off` | whether the daemon is there, and when to ask again |
-//! | `workers`, `slot` | who runs which trial, under the client's name |
-//! | `by_name` | ask and tell apart, for shells and for what carries measurements over |
-//! | `outbox`, `delivery`, `stats` | reports on their way, and counts of what became of them |
-//! | `study_context`, `shared` | what suggestions keep of their study, and what its handles share |
+//! | `workers`, `slot` | names of a client's workers, which run trials side by side |
+//! | `by_name` | ask and tell as separate calls, for shells and for carrying measurements over |
+//! | `outbox`, `delivery`, `stats` | reports on their way, and counts of their fates |
+//! | `study_context`, `shared` | the parts of a study that suggestions keep and that its handles share |
 //! | `front` | several metrics of which none is given up for another |
-//! | `answer`, `memory`, `stream` | answers within a deadline, and what to do without one |
+//! | `answer`, `memory`, `stream` | answers within a deadline, and fallbacks without one |
 
 mod answer;
 #[cfg(feature = "arguments")]

@@ -1,4 +1,4 @@
-//! Every limit of the client, in one place. What is said to the service has the limits of
+//! Every limit of the client, in one place. Messages to the service have the limits of
 //! `treewright_model::limits`.
 
 use std::time::Duration;
@@ -26,21 +26,21 @@ pub const PAGE_SIZE: i32 = 200;
 /// Bytes of the largest answer that is accepted.
 pub const ANSWER_BYTES: usize = 16 << 20;
 
-/// A suggestion that missed its frame is still awaited for so long, for the next frame.
+/// Longest wait for a suggestion that missed its frame; the next frame takes it.
 pub const LATE_ANSWER: Duration = Duration::from_secs(5);
 /// Pause between looks for a daemon that is away.
 pub const WAIT_PAUSE: Duration = Duration::from_millis(100);
-/// One attempt to deliver a report or to give a trial back may take so long.
+/// Longest time of one attempt to deliver a report or to give a trial back.
 pub const DELIVERY_ATTEMPT: Duration = Duration::from_secs(5);
-/// One attempt to find out whether the daemon answers may take so long.
+/// Longest time of one attempt to find out whether the daemon answers.
 pub const PROBE: Duration = Duration::from_secs(1);
 /// Addresses of one service that a client may be given.
 pub const ADDRESSES: usize = 16;
-/// Establishing one connection may take so long.
+/// Longest time for establishing one connection.
 pub const CONNECT: Duration = Duration::from_secs(1);
-/// When the last handle is gone, queued reports are still sent for so long.
+/// Longest time for sending queued reports after the last handle is gone.
 pub const FLUSH_ON_DROP: Duration = Duration::from_secs(2);
-/// Longest time that a daemon's hint to try again later is obeyed before it is asked again all the same.
+/// Longest time for which a daemon's hint to try again later is obeyed.
 pub const LONGEST_HINT: Duration = Duration::from_secs(60);
 /// Bytes of a token. Ours are far shorter.
 pub const TOKEN_BYTES: usize = 4096;

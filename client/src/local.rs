@@ -1,13 +1,13 @@
-//! A daemon of one's own, for those who have none: started when it is needed, found again by its database,
-//! and ended by itself when nobody has asked it anything for a while. A client asks now and then whether it
-//! serves, so that it stays as long as the client does.
+//! A daemon of the user's own, for users without another one. It is started when it is needed, found again by
+//! its database, and ends by itself after a time without requests. A client sends it a health check now and
+//! then, so that it stays as long as the client does.
 //!
 //! Its database is in the data folder of the user (XDG Base Directory Specification 0.8). It listens on a
 //! Unix socket in a folder beside the database, or below `/tmp` where that path is too long for a socket. So
-//! every program that would use the same database finds it, at a desk or in a job of cron: the folder for a
-//! session (`XDG_RUNTIME_DIR`) is there in the one and not in the other. A user with write access to a folder
-//! can put another daemon or a link into it, so both folders have to be the user's alone. Several programs
-//! that look for the daemon at once take turns by a lock on a file, so that only one is started.
+//! every program that would use the same database finds it. The folder for a session (`XDG_RUNTIME_DIR`)
+//! would not do, because jobs of cron have none. A user with write access to a folder can put another daemon
+//! or a link into it, so both folders have to be the user's alone. Several programs that look for the daemon
+//! at once take turns by a lock on a file, so that only one is started.
 
 use std::fs::{DirBuilder, File, OpenOptions};
 use std::io::{BufRead as _, BufReader};
@@ -22,13 +22,13 @@ use crate::blocking::Client;
 use crate::client_id::{hash, machine_name};
 use crate::{ClientError, Options};
 
-/// It ends when nobody has asked it anything for so long, unless [`IDLE_VARIABLE`] says otherwise.
+/// The daemon ends after this time without requests, unless [`IDLE_VARIABLE`] says otherwise.
 const IDLE_S: u32 = 600;
 /// Seconds without a request after which it ends.
 const IDLE_VARIABLE: &str = "TREEWRIGHT_LOCAL_IDLE_S";
-/// Who holds a client asks so often within that time.
+/// Number of health checks that a client sends within that time.
 const ASKED_WHILE_IDLE: u32 = 4;
-/// One that is just ending still holds the database; so long is waited for that.
+/// Longest wait for a daemon that is just ending and still holds the database.
 const PATIENCE: Duration = Duration::from_secs(15);
 /// One that is there answers within this.
 const ANSWER: Duration = Duration::from_secs(2);
@@ -99,7 +99,7 @@ impl LocalDaemon {
     /// Its address, if it is running. Blocks for two seconds at most.
     #[must_use]
     pub fn running(&self) -> Option<String> {
-        // Before the socket is there, nobody needs to be waited for.
+        // Without a socket there is no daemon to wait for.
         let is_safe =
             self.folders().iter().all(|&(folder, may_be_link)| check_folder(folder, may_be_link).is_ok());
         let is_there = is_safe && self.runtime.join(SOCKET).exists();
@@ -221,8 +221,8 @@ fn idle_s() -> u32 {
     std::env::var(IDLE_VARIABLE).ok().and_then(|text| text.parse().ok()).filter(|&s| s > 0).unwrap_or(IDLE_S)
 }
 
-/// How often a client of this address has to ask for the user's own daemon to stay while the program is busy
-/// with something else; `None` for other daemons.
+/// Interval of health checks at which a client of this address keeps the user's own daemon alive while the
+/// program is busy with something else; `None` for other daemons.
 pub(crate) fn keep_awake_every(url: &str) -> Option<Duration> {
     let is_own = LocalDaemon::of_user().is_ok_and(|own| own.url() == url);
     is_own.then(|| Duration::from_secs(idle_s().into()) / ASKED_WHILE_IDLE)

@@ -1,5 +1,5 @@
-//! The configuration to run with when the daemon does not answer: the last that came from it and was not
-//! reported infeasible.
+//! The configuration to run with when the daemon does not answer: the last one of the
+//! daemon that was not reported infeasible.
 
 use std::collections::VecDeque;
 

@@ -12,8 +12,8 @@ pub struct Options {
     /// The client's name for the service: 1 to 128 printable characters, unique among the machines that work
     /// on a study. Trials that run side by side, in threads, tasks or processes of this machine, have workers
     /// with names of their own: `ID`, `ID#2`, `ID#3` and so on, up to [`limits::WORKERS`]. Default: program,
-    /// machine, user and the first free slot among those that run at the same time. A restart has the same
-    /// name again, and so gets back the unfinished trials; clients of one process share it.
+    /// machine, user and the first free slot among those that run at the same time. A restarted program gets
+    /// that name again, and with it the unfinished trials; clients of one process share it.
     pub client_id: String,
     /// The machine and software, sent with every suggestion. Default: [`crate::detect_fingerprint`].
     pub fingerprint: Fingerprint,
@@ -23,9 +23,9 @@ pub struct Options {
     /// [`crate::Suggestion::abort_above`], even within a frame. A regret budget then sets far less aside for
     /// each trial. Default false.
     pub can_abort: bool,
-    /// How long a suggestion may keep a frame waiting, connecting included. Default 50 ms.
+    /// Longest wait of a frame for a suggestion, connecting included. Default 50 ms.
     pub deadline: Duration,
-    /// How long any other call may take. Default 5 s.
+    /// Longest time of any other call. Default 5 s.
     pub call_deadline: Duration,
     /// Most reports that may wait for the daemon, 1 to 1048576. Default 1024. When it is full, the oldest is
     /// dropped and counted: its lease is the likeliest to be gone, and the newest says most of the present.

@@ -1,9 +1,9 @@
-//! Reports on their way, and which trials this client holds. One lock over both, because they answer
-//! one question: may this trial be handed to the program, given back, or must it wait?
+//! Reports on their way, and the trials that this client holds. One lock guards both, because both decide
+//! whether a trial may be handed to the program, is given back, or must wait.
 //!
-//! The service hands a worker that already holds an open trial for a state that same trial again. So a
-//! new suggestion waits until what was said about its worker's earlier trials has arrived, or it would be
-//! given a trial that is being reported at that moment.
+//! The service hands a worker that already holds an open trial for a state that same trial again. So a new
+//! suggestion waits until the reports of its worker's earlier trials have arrived. Otherwise it could get a
+//! trial that is being reported at that moment.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
@@ -29,7 +29,7 @@ pub(crate) struct OutboxItem {
     pub(crate) worker: Arc<str>,
     pub(crate) trial: Arc<str>,
     pub(crate) message: Message,
-    /// How often it was sent already.
+    /// Number of attempts so far.
     pub(crate) attempts: u32,
 }
 
@@ -72,7 +72,7 @@ struct Sending {
 enum OutboxPhase {
     #[default]
     Open,
-    /// The last handle is gone; what is queued is still sent.
+    /// The last handle is gone; queued items are still sent.
     Closing,
     /// Nothing is sent any more.
     Closed,
@@ -216,7 +216,7 @@ impl Outbox {
         AnswerDue { outbox: Arc::clone(self), with_report }
     }
 
-    /// No handle is left: what is queued is sent, then no more.
+    /// No handle is left: queued items are sent, then no more.
     pub(crate) fn close(&self) {
         self.change(|state| {
             if state.phase == OutboxPhase::Open {
@@ -230,7 +230,7 @@ impl Outbox {
         let _ = self.state.subscribe().wait_for(|state| state.phase != OutboxPhase::Open).await;
     }
 
-    /// Sends nothing any more. Tells what was still waiting.
+    /// Sends nothing any more. Returns the counts of items that were still waiting.
     pub(crate) fn give_up(&self) -> Lost {
         self.change(|state| {
             state.phase = OutboxPhase::Closed;

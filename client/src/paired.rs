@@ -1,5 +1,4 @@
-//! Paired trials: the incumbent and a challenger in turn, so that whatever disturbs the machine disturbs
-//! both.
+//! Paired trials: the incumbent and a challenger in turn, so that a disturbance of the machine hits both.
 //!
 //! The ratio of two frames that run one after the other is steadier than their costs, which drift with the
 //! clock, the heat and the neighbours. Both are reported like any other trial, so the service's estimates
@@ -16,7 +15,7 @@ pub enum Side {
     Challenger,
 }
 
-/// The order within two pairs: whatever grows steadily, such as heat, is as bad for one as for the other.
+/// The order within two pairs: a steady growth, such as that of heat, harms both equally.
 const ORDER: [Side; 4] = [Side::Incumbent, Side::Challenger, Side::Challenger, Side::Incumbent];
 
 /// Trials of two configurations in turn; see [`Study::paired`].

@@ -42,7 +42,7 @@ use crate::{ClientError, Finished, Indicators, SharedError, Study, Suggestion, c
 pub struct PrefetchingTuner {
     outstanding: Option<Outstanding>,
     frames: mpsc::Sender<Frame>,
-    // The last field: what is dropped before it still finds the outbox open.
+    // The last field: fields dropped before it still find the outbox open.
     study: Study,
 }
 
@@ -106,10 +106,9 @@ impl PrefetchingTuner {
         }
     }
 
-    /// Waits until the next frame of this state can be answered, for at most so long, and asks for it where
-    /// nothing is asked yet. Says whether it can be. For programs that would rather wait for a slow daemon
-    /// than run a frame that measures nothing new; what has come by then is answered by
-    /// [`PrefetchingTuner::next`].
+    /// Waits for at most `patience` until the answer for the next frame of this state is there, and asks for
+    /// it where no question is open. Returns whether it is there; [`PrefetchingTuner::next`] then returns it.
+    /// For programs that would rather wait for a slow daemon than run a frame that measures nothing new.
     pub async fn wait(&mut self, indicators: &Indicators, patience: Duration) -> bool {
         let deadline = Instant::now() + patience;
         loop {

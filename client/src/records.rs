@@ -10,7 +10,7 @@ use crate::{
     Policy, Standing, StudySpec, TrialState,
 };
 
-/// How an answer came about.
+/// The reason of an answer.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Reason {
     /// One plain sentence.
@@ -56,7 +56,7 @@ pub struct TrialRecord {
     pub mode: OpenEnum<Mode>,
     /// In the objective's units, where something is known.
     pub predicted_cost: Option<f64>,
-    /// How the answer came about.
+    /// The reason of the answer.
     pub reason: Reason,
     /// Until when the client may take its time.
     #[serde(serialize_with = "time_as_text")]
@@ -67,7 +67,7 @@ pub struct TrialRecord {
     pub measurements: Measurements,
     /// The objective computed from the measurements.
     pub cost: Option<f64>,
-    /// How it ended; `None` before the report.
+    /// The reported outcome; `None` before the report.
     pub outcome: Option<OpenEnum<Outcome>>,
     /// The report came after the lease had expired.
     pub late: bool,
@@ -99,7 +99,7 @@ impl TrialRecord {
 pub struct StudyRecord {
     /// `studies/{study}`.
     pub name: String,
-    /// Its identity, drawn when it was created; empty from a daemon that does not tell.
+    /// Its identity, drawn when it was created; empty from a daemon that does not send one.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub uid: String,
     /// A line for people; may be empty.
@@ -112,7 +112,7 @@ pub struct StudyRecord {
     /// When it was created.
     #[serde(serialize_with = "time_as_text")]
     pub create_time: Option<SystemTime>,
-    /// How far it is.
+    /// Its counts of trials and states.
     pub statistics: StudyStatistics,
     /// In the answer to its creation: the fields of the given policy that differ from the stored one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -130,7 +130,7 @@ impl StudyRecord {
             .map_err(|problem| ClientError::Malformed { call: "GetStudy", problem: problem.clone() })
     }
 
-    /// `studies/{study}@{uid}`, which names this study whatever is called `studies/{study}` by then.
+    /// `studies/{study}@{uid}`, which never names another study that is called `studies/{study}` later.
     #[must_use]
     pub fn identified_name(&self) -> String {
         if self.uid.is_empty() { self.name.clone() } else { format!("{}@{}", self.name, self.uid) }
@@ -143,7 +143,7 @@ impl StudyRecord {
     }
 }
 
-/// Counts that tell how far a study is.
+/// Counts of a study's trials and states.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct StudyStatistics {
     /// Distinct states met.
@@ -165,13 +165,13 @@ pub struct Prediction {
     pub mode: OpenEnum<Mode>,
     /// In the objective's units, where something is known.
     pub predicted_cost: Option<f64>,
-    /// How the answer came about.
+    /// The reason of the answer.
     pub reason: Reason,
     /// The insight into the state, if the study has met it.
     pub state: Option<StateInsight>,
 }
 
-/// The best known configuration: what is exploited in the state. Its standing says how sure that is.
+/// The best known configuration, which is exploited in the state. Its standing says how sure that is.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Best {
     /// The configuration.

@@ -1,5 +1,5 @@
-//! Names that one process of a machine has at a time. A name is held by a Unix socket in the abstract
-//! namespace (`unix(7)`), which the system gives back when its process ends, however it ends, and which
+//! Names that only one process of a machine can hold at a time. A name is held by a Unix socket in the
+//! abstract namespace (`unix(7)`). The system frees it when the process ends, also after a crash, and it
 //! leaves no file behind. Containers that share a machine's network share these names as well.
 
 use std::os::linux::net::SocketAddrExt as _;
@@ -13,12 +13,12 @@ const NAME_BYTES: usize = 107;
 pub(crate) enum Slot {
     /// It is held for as long as this lives; without a socket where the system has none of that kind.
     Held(Option<UnixDatagram>),
-    /// Somebody else has it.
+    /// Another process holds it.
     Taken,
 }
 
 impl Slot {
-    /// Takes the name if nobody has it. Of a longer name only the first 107 bytes count.
+    /// Takes the name if it is free. Of a longer name only the first 107 bytes count.
     pub(crate) fn take(name: &str) -> Self {
         let name = &name.as_bytes()[..name.len().min(NAME_BYTES)];
         let bound = SocketAddr::from_abstract_name(name).and_then(|name| UnixDatagram::bind_addr(&name));

@@ -1,5 +1,4 @@
-//! Counts of what became of suggestions and reports, declared where they are read and counted where it
-//! happens.
+//! Counts of the fates of suggestions and reports.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -48,7 +47,7 @@ counted! {
     sent,
     /// Reports that the daemon has stored.
     acknowledged,
-    /// Those of them that were stored already, by an attempt whose answer was lost.
+    /// Reports among them that were stored already, by an attempt whose answer was lost.
     duplicates,
     /// Attempts to send a report again.
     resent,

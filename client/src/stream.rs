@@ -1,5 +1,6 @@
 //! The background task behind a tuner: it owns the stream, sends frames, and matches answers to them by
-//! order, which the wire contract guarantees. What a broken stream leaves unacknowledged goes to the outbox.
+//! order, which the wire contract guarantees. Reports that a broken stream leaves unacknowledged go to the
+//! outbox.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -80,7 +81,7 @@ impl Stream<'_> {
             tokio::select! {
                 frame = frames.recv(), if requests.is_some() => match (frame, &requests) {
                     (Some(frame), Some(open)) => self.send(frame, open).await?,
-                    // The tuner is gone: tell the daemon, and take what is still on its way.
+                    // The tuner is gone: close the sending side, and take the answers still on their way.
                     _ => requests = None,
                 },
                 answer = answer => match answer {

@@ -1,4 +1,4 @@
-//! A study as a program holds it: ask for suggestions, and for what is known.
+//! A study as a program holds it: questions for suggestions, predictions and results.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -20,7 +20,7 @@ pub struct Study {
     /// Late answers to earlier questions. Not among what suggestions share, because they hold some.
     outstanding: Arc<Mutex<Vec<Outstanding>>>,
     pub(crate) shared: Arc<Shared>,
-    // The last field: what is dropped before it still finds the outbox open.
+    // The last field: fields dropped before it still find the outbox open.
     _last_handle: Arc<LastHandle>,
 }
 
@@ -144,7 +144,7 @@ impl Study {
         Tuner::new(self)
     }
 
-    /// A per-frame loop whose calls never wait: what they answer was asked for a frame ago.
+    /// A per-frame loop whose calls never wait: each returns the answer to the question of a frame ago.
     #[must_use]
     pub fn prefetching_tuner(&self) -> PrefetchingTuner {
         PrefetchingTuner::new(self)

@@ -1,4 +1,4 @@
-//! A suggestion is what to run next and, if it came from the daemon, the handle of a trial under a lease.
+//! A suggestion: the configuration to run next and, if it came from the daemon, a trial under a lease.
 
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -113,15 +113,15 @@ impl Suggestion {
         self.predicted_cost
     }
 
-    /// Stop as soon as the objective exceeds this, and report [`Outcome::aborted`] with what it had reached
-    /// by then: the service learns from it that the configuration is at least so slow. `None`: never. See
+    /// Stop as soon as the objective exceeds this, and report [`Outcome::aborted`] with the value reached by
+    /// then: the service learns from it that the configuration costs at least as much. `None`: never. See
     /// [`crate::FrameSet`] for trials of several frames.
     #[must_use]
     pub fn abort_above(&self) -> Option<f64> {
         self.abort_above
     }
 
-    /// How the answer came about.
+    /// The reason of the answer.
     #[must_use]
     pub fn reason(&self) -> &Reason {
         &self.reason
@@ -169,7 +169,7 @@ impl Suggestion {
         self.finished(measurements, outcome).map(drop)
     }
 
-    /// Gives the trial back unmeasured; the same as dropping it. Returns at once.
+    /// Gives the trial back unmeasured, as dropping it does. Returns at once.
     pub fn abandon(self) {}
 
     /// Renews the lease, counted from now, for work that takes longer. Does nothing for fallbacks.

@@ -26,7 +26,7 @@ use crate::{Finished, Indicators, Study, Suggestion, limits};
 pub struct Tuner {
     outstanding: Option<Outstanding>,
     frames: mpsc::Sender<Frame>,
-    // The last field: what is dropped before it still finds the outbox open.
+    // The last field: fields dropped before it still find the outbox open.
     study: Study,
 }
 

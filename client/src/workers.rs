@@ -3,10 +3,10 @@
 //! themselves: each suggestion takes a free worker of its client when it is asked for, and lets it go with
 //! its result, so that one loop is one worker and four threads are four.
 //!
-//! Workers are called as their client, then `NAME#2`, `NAME#3` and so on; a process takes the lowest that no
-//! other process of the same client has. So a client that starts again with as many threads finds the trials
-//! that it left open. Among those that are free the one comes first that was last in the same state, so that
-//! loops in several states stay who they are.
+//! The first worker has its client's name, the others are `NAME#2`, `NAME#3` and so on; a process takes the
+//! lowest that no other process of its client has. So a client that starts again with as many threads finds
+//! the trials that it left open. Among the free workers the one that was last in the asked state comes first,
+//! so that loops in several states keep their workers.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -22,7 +22,7 @@ use crate::{ClientError, Indicators};
 #[derive(Debug)]
 pub(crate) struct Workers {
     client_id: Arc<str>,
-    /// Tells daemons apart, whose clients may have equal ids.
+    /// Distinguishes daemons, whose clients may have equal ids.
     daemon: u64,
     process: u32,
     state: Mutex<WorkersState>,
@@ -95,7 +95,7 @@ impl Workers {
         Ok(Arc::new(Worker { name, study: Arc::clone(study), seat, workers: Arc::clone(self) }))
     }
 
-    /// The lowest number that nobody has.
+    /// The lowest number that is free.
     fn claim(&self, owned: &[OwnedName]) -> Result<OwnedName, ClientError> {
         let is_new = |number: &usize| owned.iter().all(|other| other.number != *number);
         for number in (1..=WORKERS).filter(is_new) {

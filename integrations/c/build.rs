@@ -1,6 +1,6 @@
-//! Gives the shared library its name for the loader, whose number changes when programs have to be compiled
-//! again: as the header promises, with the major version, and before 1.0 with the minor one, as in
-//! `libtreewright.so.0.1`.
+//! Gives the shared library its name for the loader, as in `libtreewright.so.0.1`. The number in it changes
+//! when programs have to be compiled again: with the major version, and before 1.0 with the minor one, as the
+//! header promises.
 
 fn main() {
     if std::env::var("CARGO_CFG_TARGET_OS").is_ok_and(|system| system == "linux") {

@@ -9,10 +9,10 @@
 //! | `{"ask": INDICATORS}`, an object of numbers | `{"trial": 1, "configuration": {"name": value}, "mode": …, "step": …}` |
 //! | `{"tell": {"trial": 1, "cost": 1.5}}`, or `"cost": null` where it cannot be run | `{"told": 1}` |
 //! | `{"best": INDICATORS}` | `{"configuration": …, "cost": …}`, both null while nothing is known |
-//! | `{"predict": INDICATORS}` | what would be exploited there: as `ask`, without a trial |
+//! | `{"predict": INDICATORS}` | the configuration that would be exploited there: as `ask`, without a trial |
 //!
-//! A request that is refused is answered by `{"error": "…"}`. `nanoseconds` in each answer is the time the
-//! core took, without reading and writing.
+//! A refused request is answered by `{"error": "…"}`. `nanoseconds` in each answer is the core's own time,
+//! without reading and writing.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
@@ -27,7 +27,7 @@ use treewright_core::trial::{Outcome, Trial};
 use treewright_core::tuner::{Ask, Tuner};
 use treewright_core::value::Value;
 
-/// What is minimised: studies opened here have one metric of this name.
+/// The metric of the objective: studies opened here have one metric of this name.
 const METRIC: &str = "cost";
 
 #[derive(Deserialize)]

@@ -1,5 +1,5 @@
-//! What a lever is worth where it differs between scenes, in paired rounds: ways to look for light, by the
-//! time to an error of a tenth, and ways to follow what moves, by the mean frame of an episode.
+//! The gain of choosing a lever's way for each scene, in paired rounds. Levers: ways to sample light, by the
+//! time to an error of a tenth, and ways to follow motion, by the mean frame of an episode.
 //!
 //! `cargo run --release -p treewright-lab --example levers -- --lever light|follow [--rounds N] [--width N]
 //! [--winners FOLDER] WORLD...` A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for
@@ -22,7 +22,7 @@ use treewright_scene::{Scene, SceneError, builtin, load};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Ways to look for light that are compared by hand; what is not said is recommended.
+/// Ways to sample light that are compared by hand; other values are the recommended ones.
 const LIGHT: [(&str, &str); 11] = [
     ("candidates 1", "candidates=1"),
     ("candidates 4", "candidates=4"),
@@ -64,7 +64,7 @@ enum Lever {
     Follow,
 }
 
-/// What a run is asked for.
+/// The command line.
 struct Arguments {
     lever: Lever,
     rounds: u32,
@@ -152,10 +152,10 @@ fn world(written: &str) -> Result<World, Failure> {
     Ok(World { name, scene, moments })
 }
 
-/// Named ways, each a configuration; the first is what others are compared with.
+/// Named ways, each a configuration; the first is the baseline of the others.
 fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choice)>, Failure> {
     let recommended = space.default_choice();
-    // What the renderer does untold: the recommended tree with light by constants, and a quick tree for each
+    // The renderer's own defaults: the recommended tree with light by constants, and a quick tree for each
     // frame.
     let plain = match arguments.lever {
         Lever::Light => Choice { light: Default::default(), ..recommended },
@@ -186,7 +186,7 @@ fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choic
     Ok(all)
 }
 
-/// Everybody in a world.
+/// All ways in one world.
 fn measured(
     world: &World,
     ways: &[(String, Choice)],
@@ -209,7 +209,7 @@ fn measured(
     Ok(standings(&interleaved(&mut renderer, &contenders, &conditions, || true), frames_per_build))
 }
 
-/// How many times as fast, round by round in the geometric mean; nothing for what did not run.
+/// Speed of `one` over `other`, round by round in the geometric mean; nothing for ways that did not run.
 fn speed(one: &Standing, other: &Standing) -> f64 {
     let ratios = other.undelayed_ms.iter().zip(&one.undelayed_ms).map(|(other, one)| (other / one).ln());
     if one.undelayed_ms.is_empty() {

@@ -1,13 +1,13 @@
-//! The laboratory: measurements behind what the project claims, and none that a user needs while tuning.
+//! The laboratory: measurements behind the project's claims. Nobody needs them for tuning.
 //!
-//! | module | what it does |
+//! | module | contents |
 //! |---|---|
 //! | `converge` | error against run time: whose picture is good enough first |
 //! | `ablation` | a winner taken apart, one value at a time |
-//! | `fleet` | what a machine gains from its own measurements, its group's and the fleet's |
-//! | `leave_scene_out` | what the service is worth on scenes it has never seen |
+//! | `fleet` | a machine's gain from its own measurements, its group's and the fleet's |
+//! | `leave_scene_out` | the gain from the service on scenes that it has never seen |
 //! | `evaluation` | the paper's section 7: searches along camera paths are recorded, predictors judged by the record |
-//! | `simulated` | what the studies of the examples are made of |
+//! | `simulated` | parts of the examples' studies |
 //! | `commands` | the program `treewright-lab`: these, `verify` and `leave-out` |
 //!
 //! The examples of this crate measure the tuner without a renderer: searches, predictors, regret

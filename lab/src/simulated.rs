@@ -1,4 +1,4 @@
-//! What simulated studies are made of: noise, parameters from 0 to 1, a specification, a client's frame.
+//! Parts of simulated studies: noise, parameters from 0 to 1, a specification, a client's frame.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,4 @@
-//! The laboratory's program as a user meets it: what it finds out, and wrong input with its message and exit
-//! code.
+//! The laboratory's program as a user meets it: its results, and wrong input with its message and exit code.
 
 #[path = "command_line/evaluation.rs"]
 mod evaluation;
@@ -55,7 +54,7 @@ fn errors_are_compared_over_time() {
     let floor = results["reference"]["relative_mse"].as_f64().expect("it was estimated");
     for contender in contenders {
         assert_eq!(contender["runs"].as_array().map(Vec::len), Some(3));
-        // The same samples, hence the same error whatever the structure.
+        // The samples are the same, hence also the errors of all structures.
         let ends = |field: &str| contender[field]["estimate"].as_f64().expect("it was measured");
         assert_eq!(ends("samples"), 40.0);
         assert!(ends("relative_mse") > floor);

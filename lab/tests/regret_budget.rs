@@ -1,8 +1,8 @@
 //! The regret budget: over simulated sessions with drifting noise and adversarial states it is kept in every
 //! one.
 //!
-//! What is judged is the truth that the simulation knows and the tuner does not: at every frame, what the
-//! frame cost less what the default would have cost in its place, under the same speed of the machine.
+//! The test judges the true regret, which the simulation knows and the tuner does not: at every frame, its
+//! cost less the cost of the default in its place, under the same speed of the machine.
 
 #[path = "regret_budget/session.rs"]
 mod session;

@@ -1,9 +1,8 @@
 //! Whether a machine had other work while something was measured.
 //!
 //! Ratios of pairs survive a machine that changes its speed, but not every disturbance, and a search does not
-//! measure in pairs. So each figure comes with the other load of the processors, as far as the system says
-//! (`/proc/stat` on Linux, of the processors that this process may use), and with the variation of one and
-//! the same frame.
+//! measure in pairs. So each figure comes with the other load of the processors that this process may use, as
+//! far as the system reports it (`/proc/stat` on Linux), and with the variation of one repeated frame.
 
 use std::time::Instant;
 
@@ -20,12 +19,12 @@ const TOLERATED_SPREAD: f64 = 1.2;
 /// Ticks that a system counts a second; on Linux the unit of both files that are read here.
 const TICKS_PER_S: f64 = 100.0;
 
-/// What else went on.
+/// The other work of the machine during a measurement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Disturbance {
     /// Processors that other programs kept busy on average; `None` where the system does not say.
     pub other_cores: Option<f64>,
-    /// Upper quartile over lower quartile of the times of one and the same frame.
+    /// Upper quartile over lower quartile of the times of one repeated frame.
     pub spread: f64,
     /// Whether that is too much for figures to be trusted.
     pub disturbed: bool,
@@ -67,7 +66,7 @@ impl Watch {
         Self { begin: Instant::now(), busy: Busy::now() }
     }
 
-    /// What went on since, while `threads` render threads worked on frames of these times.
+    /// The other work since the begin, while `threads` render threads worked on frames of these times.
     pub fn end(&self, threads: usize, frame_ms: &[f64]) -> Disturbance {
         let elapsed_ticks = self.begin.elapsed().as_secs_f64() * TICKS_PER_S;
         let other_cores = self.busy.zip(Busy::now()).filter(|_| elapsed_ticks >= 1.0).map(|(before, now)| {

@@ -1,4 +1,4 @@
-//! What has been rendered so far: the sum of all samples of each pixel.
+//! The picture so far: the sum of all samples of each pixel.
 
 use glam::Vec3;
 

@@ -1,8 +1,8 @@
 //! A structure that follows a scene in motion, and the episodes in which ways to follow are measured.
 //!
-//! Refitting a tree pays now and costs later: its boxes grow and overlap, and a frame says nothing of that.
-//! A trial is therefore an episode, the same stretch of motion each time, from a fresh build on, and its cost
-//! is the mean over all of its frames.
+//! Refitting a tree pays now and costs later: its boxes grow and overlap, which a single frame does not show.
+//! A trial is therefore an episode, one stretch of motion from a fresh build on, which all trials share. Its
+//! cost is the mean over all of its frames.
 
 use std::sync::Arc;
 
@@ -16,13 +16,13 @@ use crate::limits::EPISODE_FRAMES_MAX;
 use crate::scheduling::{ThreadTimes, of_process};
 use crate::space::Choice;
 
-/// The period that means that a structure is never built anew: longer than any episode.
+/// The period of structures that are never rebuilt: longer than any episode.
 pub const NEVER: u32 = EPISODE_FRAMES_MAX;
 
-/// A structure that makes frames so many times as dear as after its build is built anew, whatever its period.
+/// A structure is rebuilt before its period ends once frames cost this factor of the first after its build.
 const DECAY_MOST: f64 = 2.0;
 
-/// What has become of a structure since it was built: it says when it is to be built anew.
+/// The age and decay of a structure since its build, which decide when it is rebuilt.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Wear {
     /// Frames since the build.
@@ -34,8 +34,8 @@ pub struct Wear {
 }
 
 impl Wear {
-    /// Counts a frame in which the structure has to follow, and tells whether it is to be built anew: because
-    /// its `period` is over, or two frames in a row were too dear. Then it counts from there.
+    /// Counts a frame in which the structure has to follow. Returns whether it is to be rebuilt, because its
+    /// `period` is over or two frames in a row were too dear; the count then begins again.
     pub fn is_over(&mut self, period: u32) -> bool {
         self.age += 1;
         let is_over = period < NEVER && self.age >= period || self.decayed > 1;
@@ -70,11 +70,11 @@ impl Follower {
         Ok((Self { structure, choice: *choice, wear: Wear::default() }, build_ms))
     }
 
-    /// Brings the structure to where the renderer's scene is now, or builds it anew if that is due. Returns
-    /// how long it took, in milliseconds.
+    /// Brings the structure to the present moment of the renderer's scene, or rebuilds it if that is due.
+    /// Returns the time in milliseconds.
     ///
     /// # Errors
-    /// As [`Renderer::follow`]; the structure can be used all the same where the scene has as many triangles.
+    /// As [`Renderer::follow`]; the structure can still be used where the scene has as many triangles.
     pub fn follow(&mut self, renderer: &Renderer) -> Result<f64, BuildError> {
         if self.wear.is_over(self.choice.period) || self.choice.update == Update::Rebuild {
             let (fresh, build_ms) = Self::build(renderer, &self.choice)?;
@@ -92,7 +92,7 @@ impl Follower {
     }
 }
 
-/// What an episode took.
+/// The times of an episode.
 #[derive(Clone, Debug, Default)]
 pub struct Episode {
     /// Frame by frame; the first one has its build.
@@ -212,9 +212,9 @@ impl Renderer {
         self.moments.len()
     }
 
-    /// What an episode does to a structure, of the kind that `choice` says: the share of triangles that move
-    /// from its first frame to its second, and how many times the cost of a fresh tree a refitted one has at
-    /// its end, by the surface area heuristic. `None` where there is no episode or no tree of ours.
+    /// The effect of an episode on a structure of the kind of `choice`: the share of triangles that move from
+    /// its first frame to its second, and the cost of a refitted tree at its end over that of a fresh one, by
+    /// the surface area heuristic. `None` where there is no episode or no tree of ours.
     ///
     /// # Errors
     /// The structure cannot be built.
@@ -246,7 +246,7 @@ impl Renderer {
     }
 }
 
-/// What an episode does to a structure.
+/// The effect of an episode on a structure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionFacts {
     /// Share of triangles that move, 0 to 1.

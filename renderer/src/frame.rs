@@ -23,7 +23,7 @@ use crate::shelf::{Built, Shelf};
 use crate::statistics::Summary;
 use treewright_scene::Scene;
 
-/// What one frame took.
+/// The times of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameTimes {
     /// Building the structure; 0 when it was kept.
@@ -36,11 +36,11 @@ pub struct FrameTimes {
     /// Processor time of the render threads during the frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub render_cpu_ms: Option<f64>,
-    /// How long all threads together waited for a processor during the build; absent where the system does
-    /// not tell.
+    /// Time that all threads together waited for a processor during the build; absent where the system does
+    /// not report it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build_delay_ms: Option<f64>,
-    /// How long the render threads together waited for a processor during the frame.
+    /// Time that the render threads together waited for a processor during the frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub render_delay_ms: Option<f64>,
     /// The number of trials that the structure had served before; absent if it was built for this one.
@@ -49,10 +49,10 @@ pub struct FrameTimes {
     /// The number of frames whose median is the rendering time; absent if it is the requested one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<u32>,
-    /// How many times as long frames took in the second half of an episode as in its first.
+    /// Time of frames in the second half of an episode over that in its first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trend: Option<f64>,
-    /// How noisy it is; absent where only time counts.
+    /// Its noise; absent where only time counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<FrameNoise>,
 }
@@ -135,7 +135,7 @@ pub enum RendererError {
 pub struct Renderer {
     device: Device,
     pool: rayon::ThreadPool,
-    /// Those of the pool's threads; none where the system does not tell.
+    /// The run-queue delays of the pool's threads; none where the system does not report them.
     delays: Vec<RunQueueDelay>,
     pub(crate) prepared: Arc<Prepared>,
     /// The scene at the moments of an episode.
@@ -189,8 +189,8 @@ impl Renderer {
         &self.prepared.scene
     }
 
-    /// Whether shading leaves out features that the scene does not need, which is the default. Pictures are
-    /// the same.
+    /// Whether shading leaves out features that the scene does not need, which is the default. Pictures do
+    /// not change.
     pub fn set_leave_out(&mut self, leave_out: bool) {
         self.leave_out = leave_out;
     }
@@ -211,7 +211,7 @@ impl Renderer {
         Some(learning_ms)
     }
 
-    /// The same with another structure.
+    /// Learns light with another structure.
     pub fn learn_light_with(&mut self, structure: &Structure, view: &View, size: [u32; 2]) -> f64 {
         let begin = Instant::now();
         let pilot = Pilot { prepared: &self.prepared, view, size };
@@ -277,7 +277,7 @@ impl Renderer {
         (pictures, times_ms)
     }
 
-    /// What the shading kernel in use can do.
+    /// The needs that the shading kernel in use covers.
     pub fn needs(&self) -> Needs {
         if self.leave_out { self.prepared.needs } else { Needs::ALL }
     }
@@ -358,10 +358,10 @@ impl Renderer {
         Ok(milliseconds(begin))
     }
 
-    /// Moves on to another moment of the scene and brings the kept structure along; returns `build_ms`, the
-    /// time that took the structure. One that was built by another choice, over another number of triangles
-    /// or over instances is rebuilt, whatever `update` says. If that fails, the structure is that of the
-    /// moment before, or there is none where it would not fit.
+    /// Moves on to another moment of the scene and brings the kept structure along. Returns `build_ms`, the
+    /// time for the structure. A structure of another choice, over another number of triangles or over
+    /// instances is rebuilt under every `update`. If that fails, the structure is that of the moment before,
+    /// or there is none where it would not fit.
     pub fn animate(
         &mut self,
         scene: Arc<Scene>,
@@ -446,7 +446,7 @@ impl Renderer {
         Some((milliseconds(begin), is_whole))
     }
 
-    /// Does some work, and tells what the render threads got of the processors meanwhile.
+    /// Does some work, and returns the render threads' processor times meanwhile.
     pub fn watching_threads<R>(&self, work: impl FnOnce() -> R) -> (R, ThreadTimes) {
         // Asking the threads wakes them, for which they may wait. So it is done outside of the measured time.
         let cpu_before_ms = self.render_cpu_ms();
@@ -461,7 +461,7 @@ impl Renderer {
         self.pool.broadcast(|_| thread_cpu_ms()).iter().sum()
     }
 
-    /// How long the render threads have waited for a processor so far, in milliseconds.
+    /// Time that the render threads have waited for a processor so far, in milliseconds.
     fn delay_ms(&self) -> Option<f64> {
         let all: Option<Vec<f64>> = self.delays.iter().map(RunQueueDelay::read_ms).collect();
         all.filter(|all| !all.is_empty()).map(|all| all.iter().sum())

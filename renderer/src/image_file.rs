@@ -35,12 +35,12 @@ pub enum ImageFileError {
     Write {
         /// The file asked for.
         path: PathBuf,
-        /// What the encoder or the system said.
+        /// The error of the encoder or the system.
         source: image::ImageError,
     },
 }
 
-/// How bright a PNG is.
+/// The brightness of a PNG.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Exposure {
     /// The picture's log-average luminance becomes middle grey.
@@ -50,22 +50,22 @@ pub enum Exposure {
     Stops(f32),
 }
 
-/// How exposed radiance becomes colours of a PNG.
+/// The way from exposed radiance to colours of a PNG.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tone {
     /// By the [tone curve](crate::tone), in which nothing burns out.
     #[default]
     Film,
-    /// As it is, in sRGB; what is above white is cut off.
+    /// As it is, in sRGB; values above white are cut off.
     Plain,
 }
 
 /// Exposure and tone of a PNG.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Look {
-    /// How bright it is.
+    /// Its brightness.
     pub exposure: Exposure,
-    /// How radiance becomes colours.
+    /// The way from radiance to colours.
     pub tone: Tone,
 }
 

@@ -1,16 +1,16 @@
 //! The Treewright path tracer: film, integrator, measured frames, and the loop that tunes them.
 //!
-//! | module | what it does |
+//! | module | contents |
 //! |---|---|
 //! | `integrator` | paths from the camera to the light, in stages or one by one |
 //! | `film`, `tone`, `image_file` | the picture, as it is shown, and PNG and EXR files of it |
-//! | `frame`, `render_options` | one frame: build, render, how long each took |
+//! | `frame`, `render_options` | one frame: build, render, the time of each |
 //! | `follow` | structures that follow a moving scene, and episodes of it |
 //! | `shelf` | structures that are kept for later trials |
-//! | `space` | what can be tuned, and what a configuration means |
-//! | `disturbance` | what else a machine did while something was measured |
-//! | `scheduling` | what threads got of the processors, and how long they waited for one |
-//! | `measure`, `statistics` | contenders in interleaved rounds, and what may be concluded from them |
+//! | `space` | tuning spaces, and the meaning of a configuration |
+//! | `disturbance` | the other work of a machine during a measurement |
+//! | `scheduling` | threads' processor times, and their waits for a processor |
+//! | `measure`, `statistics` | contenders in interleaved rounds, and conclusions from them |
 //! | `tuning` | the loop of the paper's Figure 1, over the wire |
 //! | `recorder` | the rays of a frame in a file |
 //!

@@ -1,34 +1,34 @@
-//! How light is looked for. Every choice gives pictures of the same expectation; time and noise differ.
+//! Options of light sampling. Every choice gives pictures of the same expectation; time and noise differ.
 
 use serde::{Deserialize, Serialize};
 
-/// How light is looked for.
+/// Options of light sampling.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LightSampling {
-    /// Points on lamps drawn by power among which one is chosen by what it would bring: 1 to 16.
+    /// Points on lamps drawn by power, of which one is chosen by the light that it would bring: 1 to 16.
     pub candidates: u32,
-    /// How much more weight a sampled lamp has against one that a bounce finds than its density by power
-    /// gives: 1 and more. The choice among lamps is better than by power alone, which this accounts for.
+    /// Factor on the weight of a sampled lamp, against one that a bounce finds, over that of its density by
+    /// power: 1 and more. It accounts for the choice among lamps, which is better than by power alone.
     pub lamp_weight: f32,
     /// Share of shadow rays that turn to the sun where there are lamps, too: 0.05 to 0.95.
     pub sun_share: f32,
-    /// How the sky is found.
+    /// The sampling of the sky.
     pub sky: SkyChoice,
     /// Share of shadow rays that turn to the sky where it is sampled and there are other lights: 0.05 to
     /// 0.95.
     pub sky_share: f32,
-    /// Whether shadow rays are shared out by what was learnt with the sky, instead of the two shares.
+    /// Whether shadow rays are divided by the shares learnt with the sky, instead of the two constants.
     pub learnt_shares: bool,
     /// A shadow ray for less light than this share of the picture's mean is traced with a lower probability,
     /// and brings more if it is; 0 to trace them all.
     pub shadow_roulette: f32,
-    /// A path that brings less than this share of what it met goes on with a lower probability, and brings
-    /// more if it does; 0 to end none.
+    /// A path whose throughput is below this goes on with a lower probability, and brings more light if it
+    /// does; 0 to end none.
     pub path_roulette: f32,
 }
 
-/// How the sky is found.
+/// The sampling of the sky.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SkyChoice {
@@ -40,7 +40,7 @@ pub enum SkyChoice {
 }
 
 impl LightSampling {
-    /// Whether it needs what pilot frames tell.
+    /// Whether it needs pilot frames.
     pub fn learns(&self) -> bool {
         self.sky == SkyChoice::Learnt || self.shadow_roulette > 0.0
     }

@@ -36,7 +36,7 @@ pub const SHELF_BYTES_MAX: usize = 2 << 30;
 /// Most trials that one build serves.
 pub const TRIALS_PER_BUILD_MAX: u32 = 4;
 
-/// Most frames that a trial renders because its build took long, beyond what was asked for.
+/// Most frames that a trial renders beyond the requested ones because its build took long.
 pub const FRAMES_PER_SLOW_BUILD_MAX: usize = 5;
 
 /// Most random samples at one camera.

@@ -1,9 +1,9 @@
 //! Comparing acceleration structures: all of them in each round, one after the other.
 //!
-//! The speed of a machine drifts by more than the differences that are looked for. Contenders are therefore
-//! measured interleaved, and each round begins with another one. Results are ratios within rounds, of times
-//! without the waiting of threads for processors that other programs held ([`FrameTimes::undelayed`]).
-//! Contenders that are the same work under two names are measured once.
+//! The speed of a machine drifts by more than the differences of interest. Contenders are therefore measured
+//! interleaved, and each round begins with another one. Results are ratios within rounds, of times without
+//! the waits of threads for processors that other programs held ([`FrameTimes::undelayed`]). Contenders that
+//! are equal work under two names are measured once.
 
 use serde::Serialize;
 use treewright_accel::Structure;
@@ -29,21 +29,21 @@ pub struct Contender {
     pub choice: Choice,
 }
 
-/// How contenders are measured.
+/// The conditions of a measurement.
 #[derive(Clone, Copy, Debug)]
 pub struct Conditions {
-    /// What is rendered.
+    /// The rendered view.
     pub view: View,
     /// Pixels across.
     pub width: u32,
     /// Pixels down.
     pub height: u32,
-    /// How often each contender is measured.
+    /// Measurements of each contender.
     pub rounds: u32,
     /// The number of frames that share a build. With 1 each frame builds its own, as real-time rendering
     /// does; otherwise each structure is built once.
     pub frames_per_build: u32,
-    /// What is measured.
+    /// The measured quantity.
     pub yardstick: Yardstick,
 }
 
@@ -286,7 +286,7 @@ fn frame(
         return Ok(times.with_threads(renderer.threads(), build, threads));
     }
     renderer.set_light_sampling(choice.light);
-    // The same sample each time, so that every contender is asked the same rays.
+    // The sample number is fixed, so that every contender traces the same rays.
     film.clear();
     let rendered = || renderer.render_with(structure, &conditions.view, &choice.render, film).0;
     let (render_ms, render) = renderer.watching_threads(rendered);
@@ -304,7 +304,7 @@ pub fn delay_told(standings: &[Standing]) -> Option<String> {
     })
 }
 
-/// Compares everybody with the first contender.
+/// Compares all contenders with the first one.
 pub fn standings(measured: &[Measured], frames_per_build: u32) -> Vec<Standing> {
     let first = measured.first().map(|first| first.undelayed_ms(frames_per_build)).unwrap_or_default();
     measured

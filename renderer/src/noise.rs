@@ -1,5 +1,5 @@
-//! How noisy a picture is, without a reference: two halves of its samples, drawn independently, lie as far
-//! apart as each lies from the truth.
+//! The noise of a picture, without a reference, from two halves of its samples: drawn independently, they lie
+//! as far apart as each lies from the truth.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ const BLOCK: u32 = 8;
 /// Darkness below this share of the picture's mean does not weigh more.
 const FLOOR: f64 = 0.1;
 
-/// What error weighs in each pixel: one over the square of the brightness around it, so that errors are
+/// The weight of error in each pixel: one over the square of the brightness around it, so that errors are
 /// relative. One set serves all pictures that are compared.
 #[derive(Clone, Debug)]
 pub struct Weights {
@@ -112,7 +112,7 @@ pub(crate) const WEIGHT_SAMPLES: u32 = 16;
 /// The relative variance that counts as arrived: errors of a tenth.
 pub const TARGET_VARIANCE: f64 = 0.01;
 
-/// What was measured of a frame's noise.
+/// The measured noise of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameNoise {
     /// Mean relative variance of a picture of twice [`HALF_SAMPLES`] samples a pixel.
@@ -125,8 +125,8 @@ pub struct FrameNoise {
     pub brightness: f64,
 }
 
-/// How far the brightness of a frame may be off: more than noise makes it, and a fault in the sampling of
-/// light.
+/// Largest relative error of a frame's brightness. It is above the error by noise; more is a fault in the
+/// sampling of light.
 pub const BRIGHTNESS_TOLERANCE: f64 = 0.05;
 
 impl FrameNoise {

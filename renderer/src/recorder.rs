@@ -1,9 +1,9 @@
-//! Records the rays of a frame: an [`Intersector`] in front of another one that writes down what it is asked.
+//! Records the rays of a frame: an [`Intersector`] in front of another one that writes down its queries.
 //!
 //! The path tracer does not know that it is watched, so the rays are those of a real frame, path by path on
-//! one thread. Which class a ray is of follows from the order of a path's questions: its first ray starts at
-//! the camera's eye, every further one is a bounce, and shadow rays belong to the point before them (with
-//! them count last rays of which only matters whether they reach the sky). Rays that go on behind a thin
+//! one thread. The class of a ray follows from the order of a path's queries: its first ray starts at the
+//! camera's eye, every further one is a bounce, and shadow rays belong to the point before them. Last rays
+//! that only ask whether they reach the sky count as shadow rays. Rays that go on behind a thin
 //! sheet in the same direction are continuations and left out. At the end the paths are brought into blocks
 //! of 4×4 pixels, the order in which a renderer hands them out in packets.
 
@@ -41,7 +41,7 @@ pub fn record<I: Intersector>(
             last_shadow: Vec3::ZERO,
         }),
     };
-    // Path by path: the order of the questions tells their class.
+    // Path by path: the class of a query follows from its order.
     render_sample(prepared, &recorder, view, &RenderOptions::default(), prepared.needs, film);
     let log = recorder.log.into_inner().unwrap_or_else(PoisonError::into_inner);
     let blocks = blocks(&log.asked, &view.camera, film.width(), film.height());
@@ -64,7 +64,7 @@ struct Asked {
     ray: Ray,
 }
 
-/// What was asked, and how far the present path has come.
+/// The queries so far, and the progress of the present path.
 struct Log {
     asked: Vec<Asked>,
     /// Paths begun.

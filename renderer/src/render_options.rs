@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use treewright_accel::Packets;
 
-/// How a frame is worked off. Pictures do not depend on it.
+/// The order of work of a frame. Pictures do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct RenderOptions {
     /// Tiles in stages (all camera rays, all their shadow rays, all first bounces, …) or path by path.
@@ -20,7 +20,7 @@ pub struct RenderOptions {
     pub bounce: Packets,
     /// Shadow rays after a bounce.
     pub shadow: Packets,
-    /// How rays after a bounce are ordered inside a tile.
+    /// The order of rays after a bounce inside a tile.
     pub sort: Sort,
     /// The number of the renderer's threads that work on a frame; 0 for all of them.
     pub threads: u32,
@@ -37,7 +37,7 @@ pub enum TileOrder {
     Morton,
 }
 
-/// How rays after a bounce are ordered.
+/// The order of rays after a bounce.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sort {

@@ -1,8 +1,8 @@
-//! What threads got of the processors: how long they ran, and how long they were ready to run but had to
+//! Processor times of threads: the time that they ran, and the time that they were ready to run but had to
 //! wait.
 //!
-//! The clock on the wall counts the waiting too. Where other programs run beside a frame it is most of the
-//! difference from one frame to the next, and says nothing of the structure that is measured. Linux gives
+//! The clock on the wall counts the waits too. Where other programs run beside a frame the waits are most of
+//! the difference from one frame to the next, and say nothing of the measured structure. Linux gives
 //! each thread's run-queue delay (`/proc/PID/task/TID/schedstat`, the second number, in nanoseconds;
 //! Documentation/scheduler/sched-stats.rst). The time of a frame without it follows: see [`undelayed_ms`].
 
@@ -11,17 +11,17 @@ use std::os::unix::fs::FileExt as _;
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// The file that tells a thread's run-queue delay; a dead thread's cannot be read any more.
+/// The file with a thread's run-queue delay; a dead thread's cannot be read any more.
 #[derive(Debug)]
 pub(crate) struct RunQueueDelay(File);
 
 impl RunQueueDelay {
-    /// That of the calling thread; `None` where the system does not tell.
+    /// The file of the calling thread; `None` where the system has none.
     pub(crate) fn of_this_thread() -> Option<Self> {
         File::open("/proc/thread-self/schedstat").ok().map(Self).filter(|file| file.read_ms().is_some())
     }
 
-    /// All of it so far, in milliseconds. The present wait of a thread is not part of it yet.
+    /// The delay so far, in milliseconds. The present wait of a thread is not part of it yet.
     pub(crate) fn read_ms(&self) -> Option<f64> {
         let mut text = [0; 96];
         let length = self.0.read_at(&mut text, 0).ok()?;
@@ -30,7 +30,7 @@ impl RunQueueDelay {
 }
 
 /// The run-queue delay that all threads of this process have had so far, in milliseconds; `None` where the
-/// system does not tell. Threads that have ended are left out.
+/// system does not report it. Threads that have ended are left out.
 pub(crate) fn process_delay_ms() -> Option<f64> {
     let mut sum_ms = 0.0;
     for thread in std::fs::read_dir("/proc/self/task").ok()? {
@@ -47,12 +47,12 @@ fn delay_ms(schedstat: &str) -> Option<f64> {
     Some(delay_ns as f64 * 1e-6)
 }
 
-/// What threads got of the processors during some work.
+/// Processor time and waits of threads during some work.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ThreadTimes {
     /// Processor time of all of them together, in milliseconds.
     pub cpu_ms: f64,
-    /// Their run-queue delay together, in milliseconds; `None` where the system does not tell.
+    /// Their run-queue delay together, in milliseconds; `None` where the system does not report it.
     pub delay_ms: Option<f64>,
 }
 
@@ -67,7 +67,7 @@ impl ThreadTimes {
     }
 }
 
-/// Does some work, and tells what all threads of this process got meanwhile, Embree's own included.
+/// Does some work, and returns the times of all threads of this process meanwhile, Embree's own included.
 pub fn of_process<R>(work: impl FnOnce() -> R) -> (R, ThreadTimes) {
     let (cpu_before_ms, delay_before_ms) = (process_cpu_ms(), process_delay_ms());
     let result = work();
@@ -75,10 +75,9 @@ pub fn of_process<R>(work: impl FnOnce() -> R) -> (R, ThreadTimes) {
     (result, ThreadTimes { cpu_ms: process_cpu_ms() - cpu_before_ms, delay_ms })
 }
 
-/// What some work would have taken by the clock on the wall if none of its threads had ever waited for a
-/// processor: the time it took, times the share of the time in which they wanted a processor that they had
-/// one. That is exact where work spreads evenly over the threads and they wait alike, and where one thread
-/// does it all.
+/// Wall time of some work if none of its threads had ever waited for a processor. It is the wall time, times
+/// the share of the time of readiness in which its threads had a processor. That is exact where work spreads
+/// evenly over the threads and they wait alike, and where one thread does all of it.
 pub fn undelayed_ms(wall_ms: f64, cpu_ms: f64, delay_ms: f64) -> f64 {
     if cpu_ms > 0.0 && delay_ms > 0.0 { wall_ms * cpu_ms / (cpu_ms + delay_ms) } else { wall_ms }
 }
@@ -88,7 +87,7 @@ fn process_cpu_ms() -> f64 {
     cpu_ms(ClockId::ProcessCPUTime)
 }
 
-/// That of the calling thread.
+/// Processor time of the calling thread.
 pub(crate) fn thread_cpu_ms() -> f64 {
     cpu_ms(ClockId::ThreadCPUTime)
 }
@@ -119,7 +118,7 @@ mod tests {
     #[test]
     fn threads_wait_no_longer_than_the_work_lasts() {
         let times = |cpu_ms, delay_ms| ThreadTimes { cpu_ms, delay_ms };
-        // Two threads on one processor, and a third one of the same process that has nothing to do with it.
+        // Two threads on one processor, and a third one of this process that has no part in the work.
         assert_eq!(times(18.0, Some(28.0)).shared_by(2, 18.0), times(18.0, Some(18.0)));
         assert_eq!(times(18.0, Some(5.0)).shared_by(2, 18.0), times(18.0, Some(5.0)));
         assert_eq!(times(18.0, Some(5.0)).shared_by(1, 17.0), times(18.0, Some(0.0)));

@@ -1,16 +1,16 @@
-//! Structures that were built before and are kept for the next time they are wanted.
+//! Structures that are kept for later trials of the same choice.
 //!
-//! A search measures its leaders again and again. Where one tree serves a thousand frames, its build costs as
-//! much as twenty of them and says next to nothing, so a tree that is still there is used again. Trees of the
-//! same choice differ from build to build by one to three percent, though. So each serves a few trials and is
-//! then rebuilt: the differences between builds stay in the measurements.
+//! A search measures its leaders again and again. Where one tree serves a thousand frames, its build takes
+//! the time of twenty frames and hardly changes the cost, so a kept tree is used again. Trees of the same
+//! choice differ from build to build by one to three percent, though. So each serves a few trials and is then
+//! rebuilt: the differences between builds stay in the measurements.
 
 use treewright_accel::{BuildChoice, Structure};
 
 use crate::limits::{SHELF_BYTES_MAX, TRIALS_PER_BUILD_MAX};
 use crate::scheduling::ThreadTimes;
 
-/// A structure, what it was built by, and what that took.
+/// A structure, its choice, and the time of its build.
 #[derive(Debug)]
 pub(crate) struct Built {
     pub(crate) structure: Structure,
@@ -22,7 +22,7 @@ pub(crate) struct Built {
     pub(crate) trials: u32,
 }
 
-/// What is kept, and how much memory it takes, which a walk through the whole structure says.
+/// A kept structure and its memory, which is found by a walk through the whole structure.
 #[derive(Debug)]
 struct Kept {
     built: Built,

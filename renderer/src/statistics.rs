@@ -51,7 +51,7 @@ pub struct Ratio {
     pub count: usize,
 }
 
-/// What lies outside of an interval on either side.
+/// The probability outside of an interval on either side.
 const TAIL: f64 = 0.025;
 
 impl Ratio {

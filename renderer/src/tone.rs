@@ -1,4 +1,4 @@
-//! From radiance to colours on a screen: a tone curve that keeps what is bright from burning out.
+//! From radiance to colours on a screen: a tone curve that keeps bright places from burning out.
 //!
 //! AgX of Troy Sobotka, the view that Blender takes since 4.0: colours are drawn towards grey a little, which
 //! makes them run into white instead of into the nearest pure colour, and pass a film-like curve over 16.5
@@ -52,8 +52,8 @@ fn contrast(x: f32) -> f32 {
     COEFFICIENTS.into_iter().fold(0.0, |sum, coefficient| sum * x + coefficient)
 }
 
-/// A colour as it is shown, each channel encoded from 0 to 1, of exposed radiance. Infinity is white; what is
-/// no number is black.
+/// A colour as it is shown, each channel encoded from 0 to 1, of exposed radiance. Infinity is white, NaN
+/// black.
 pub fn displayed(radiance: Vec3) -> Vec3 {
     let sound = radiance.map(|channel| if channel.is_nan() { 0.0 } else { channel.clamp(0.0, 1e9) });
     let share = (INSET * (TO_BT2020 * sound * LOOK_GAIN)).map(|channel| {

@@ -1,4 +1,4 @@
-//! A scene of instances is the same scene flattened: in pictures, indicators and light.
+//! A scene of instances equals its flattened copy in pictures, indicators and light.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -129,7 +129,7 @@ fn a_point_of_forty_candela_at_two_metres_is_a_sun_of_ten() {
     assert!((middle.x - 1.5).abs() < 0.03, "{middle}");
 }
 
-/// The same file in other lengths, as lit by a surface and a point: the same picture.
+/// One file in two units of length, lit by a surface and a point, gives one picture.
 #[test]
 fn a_picture_does_not_depend_on_the_unit_of_length() {
     let of = |unit: f64| {

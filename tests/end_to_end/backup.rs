@@ -1,4 +1,4 @@
-//! Copies of a database under load, and what comes back from them.
+//! Copies of a database under load, and the restored daemons.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -124,7 +124,7 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     let stored = completed(daemon.url(), &study).await;
     assert!(everything.is_subset(&stored), "the old file has lost something");
 
-    // Looking at all of it, also while it is in use.
+    // A check of the whole database, also while it is in use.
     let checked = run("treewrightd", &["check", "--database", text(aside)]);
     assert!(checked.status.success(), "{}", stderr(&checked));
     assert!(stdout(&checked).contains("is sound"), "{}", stdout(&checked));

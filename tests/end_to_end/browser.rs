@@ -1,5 +1,5 @@
 //! The dashboard in a browser: headless Chromium through its WebDriver. Where either is missing, the test
-//! says so and is passed by. `TREEWRIGHT_SCREENSHOTS=FOLDER` keeps a picture of every page, wide and narrow,
+//! says so and is skipped. `TREEWRIGHT_SCREENSHOTS=FOLDER` keeps a picture of every page, wide and narrow,
 //! light and dark.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -137,7 +137,7 @@ impl Browser {
         self.post(&format!("/element/{element}/value"), &json!({ "text": text }));
     }
 
-    /// A key for whatever has the focus.
+    /// A key for the element that has the focus.
     fn press(&self, key: &str) {
         let strokes = json!([{ "type": "keyDown", "value": key }, { "type": "keyUp", "value": key }]);
         self.post(
@@ -158,7 +158,7 @@ impl Browser {
     }
 }
 
-/// One request and its answer, whose length its head tells: the driver keeps connections open.
+/// One request and its answer. The answer's head gives its length, because the driver keeps connections open.
 fn exchange(address: &str, request: &str) -> std::io::Result<(u16, Vec<u8>)> {
     let mut stream = TcpStream::connect(address)?;
     stream.set_read_timeout(Some(2 * PATIENCE))?;
@@ -258,7 +258,7 @@ fn look_at_pages(browser: &Browser, address: &str) {
     browser.tool("Emulation.clearDeviceMetricsOverride", &json!({}));
 }
 
-/// What somebody without a mouse does.
+/// The steps of a user without a mouse.
 fn use_the_keyboard(browser: &Browser, address: &str) {
     browser.goto(format!("http://{address}/studies/scenes"));
     let focus = "const e = document.activeElement; return e.className + '|' + e.textContent.trim()";

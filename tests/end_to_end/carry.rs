@@ -1,5 +1,5 @@
-//! Measurements travel: databases of several sites are merged, studies are copied with their results, and
-//! nothing is there twice.
+//! Measurements travel: databases of several sites are merged, studies are copied with their results, and no
+//! trial is stored twice.
 
 use std::path::Path;
 
@@ -96,14 +96,14 @@ fn a_parquet_file_holds_the_study_its_trials_and_where_they_were_measured() {
     let said = ask(&b, &["import", &path, "--site", "b"]);
     assert_eq!((&said["imported"], &said["misfits"]), (&Value::from(7), &Value::from(0)), "{said}");
     assert_eq!(ask(&b, &["import", &path, "--site", "b"])["known"], 7, "it may be repeated");
-    // The study and every trial are the same as after the way over JSON Lines.
+    // The study and every trial equal those that travelled as JSON Lines.
     let lines = |daemon: &Daemon| -> Vec<Value> {
         let text = say(daemon, &["export", "toy", "--site", "a"]);
         let mut lines: Vec<Value> =
             text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
         for line in &mut lines {
             let line = line.as_object_mut().expect("an object");
-            // Who imported it, and when, is said as well.
+            // The importing client and the time differ.
             line.remove("complete_time");
             line.remove("client_id");
         }
@@ -175,8 +175,8 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
     let (a, b) = (Daemon::start(&folder.path().join("a.db")), Daemon::start(&folder.path().join("b.db")));
     let path = study(folder.path(), "");
     let text = std::fs::read_to_string(&path).expect("a file");
-    // What a document could lose on its way: auxiliary metrics, limits, a warm-up that would swallow the
-    // first trials, a freeze.
+    // Settings that a document could lose on its way: auxiliary metrics, limits, a warm-up that would swallow
+    // the first trials, a freeze.
     let head = "auxiliary = [\"cpu_ms\", \"faults\"]\nlimits = [{ metric = \"loss\", at_most = 1e6 }]\nseed = \"18446744073709551615\"\n";
     std::fs::write(&path, format!("{head}{text}[policy]\nwarm_up = 3\n")).expect("a file");
     say(&a, &["study", "create", &path]);
@@ -196,7 +196,7 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
         assert_eq!(ask(daemon, &["import", out])["known"], 5, "it may be repeated");
         let mut after = exported(daemon, "toy");
         for (line, before) in after.iter_mut().zip(&before).skip(1) {
-            // The site is whatever the first export called it.
+            // The first export named the site.
             let origin = |line: &Value| {
                 line["origin"].as_str().expect("an origin").split_once('/').map(|(_, rest)| rest.to_owned())
             };

@@ -1,4 +1,4 @@
-//! The dashboard over HTTP: pages, headers, tokens, escaping, and events of what changes.
+//! The dashboard over HTTP: pages, headers, tokens, escaping, and events of changes.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;

@@ -38,8 +38,8 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
     let gain = &done["confirmation"];
     assert_eq!(gain["pairs"], 6);
     assert!(gain["low"].as_f64().is_some_and(|low| low > 0.9), "{done}");
-    // The pairs are learnt like all else. The search measured the default once, and perhaps again to tell the
-    // machine's speed.
+    // The pairs are learnt like all else. The search measured the default once, and perhaps again to estimate
+    // the machine's speed.
     let url = daemon.url();
     let all = ["--server", url, "--json", "trials", "toy", "--filter", "config.level = 3", "--all"];
     let of_default = json(&run("treewright", &all)).as_array().map_or(0, Vec::len);
@@ -66,7 +66,7 @@ fn a_front_holds_the_ends_and_what_lies_between() {
     let volume = done["front"]["hypervolume"].as_f64().expect("the default was measured");
     // Of the whole front 0.1228.
     assert!(volume > 0.08 && volume < 0.1229, "{done}");
-    // What is carried over is no run, and every direction has it.
+    // A trial that is carried over is no run, and every direction has one.
     let count = |filter: &str| {
         let all = ["--server", daemon.url(), "--json", "trials", "toy", "--all", "--filter", filter];
         json(&run("treewright", &all)).as_array().map_or(0, Vec::len) as u64
@@ -77,7 +77,7 @@ fn a_front_holds_the_ends_and_what_lies_between() {
     assert_eq!((count("state = COMPLETED AND mode != PINNED"), count("mode = PINNED")), (runs, 8 * runs));
 }
 
-/// What `docs/exec.md` says of the JSON, and what it is, are the same fields.
+/// `docs/exec.md` describes every field of the JSON.
 fn all_fields_are_documented(done: &Value) {
     let page = std::fs::read_to_string(workspace().join("docs/exec.md")).expect("the page");
     let told =
@@ -146,7 +146,7 @@ fn a_limit_keeps_the_answer_within_it() {
     let reason = first["outcome"]["infeasible"]["reason"].as_str().unwrap_or_default();
     assert!(reason.contains("memory_mb <= 125"), "{reason}");
     assert!(first["measurements"]["memory_mb"].as_f64().is_some_and(|memory| memory > 125.0), "{first}");
-    // What is limited has to be measured.
+    // A metric with a limit has to be measured.
     let without = r#"echo "{\"loss\": {level}}""#;
     let missing = exec(daemon.url(), &["--limit", "memory_mb<=125", "--trials", "2"], without);
     assert!(stderr(&missing).contains("memory_mb"), "{}", stderr(&missing));
@@ -205,7 +205,7 @@ fn a_local_daemon_is_started_once_and_ends_by_itself() {
     let started = all.iter().filter(|output| stderr(output).contains("started a local daemon")).count();
     assert_eq!(started, 1, "only one of them starts it");
 
-    // Another call finds it, by no more than being at home; what it makes stays for the next daemon.
+    // Another call in the same home finds it; its studies stay for the next daemon.
     let toy = ["exec", "toy", "--tune", "level=1..30:3", "--trials", "3", "--", "true", "{level}"];
     let done = at_home(home.path()).arg("--json").args(toy).output().expect("the program starts");
     assert_eq!(json(&done)["trials"], 3);

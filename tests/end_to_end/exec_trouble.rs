@@ -1,5 +1,5 @@
-//! Trouble while programs are tuned: bad numbers, crashes by chance, helpers that stay, daemons that go. One
-//! of these does not end a session, and its result is shown however it ends.
+//! Trouble while programs are tuned: bad numbers, crashes by chance, helpers that stay, daemons that go. No
+//! single trouble ends a session, and every session shows its result.
 
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};

@@ -1,5 +1,5 @@
 //! Faults of disk, files, locks and clocks under a running daemon: the errors of clients, the service that
-//! goes on, and the data afterwards. The table of them stands in `docs/durability.md`.
+//! goes on, and the data afterwards. `docs/durability.md` has the table of these faults.
 
 use std::collections::BTreeSet;
 use std::io::{BufRead as _, BufReader, Write as _};
@@ -20,7 +20,7 @@ use crate::wire;
 /// Longest wait for something that should happen by itself.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A client that keeps count of what was acknowledged.
+/// A client that keeps the acknowledged reports.
 struct Book {
     client: TuningServiceClient<Channel>,
     study: String,
@@ -92,7 +92,7 @@ fn refused(status: &Status, reason: &str) {
     assert!(status.message().contains(reason), "{status}");
 }
 
-/// A start that must fail: what it says.
+/// The message of a start that must fail.
 fn failed_start(database: &Path) -> String {
     let output = run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", path(database)]);
     assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
@@ -371,8 +371,7 @@ async fn a_clock_that_jumps_ends_no_lease_early_and_lets_none_live_for_ever() {
         assert!(!told.trial.expect("the trial").late, "nothing is late because of the clock");
     }
 
-    // Leases of two seconds, and the clock goes back by two days: they end, in the same daemon and in the
-    // next.
+    // The clock goes back by two days. Leases of two seconds end anyway, in this daemon and in the next.
     let mut short = wire::study();
     short.policy = Some(pb::Policy { lease_s: 2, ..pb::Policy::default() });
     let request = pb::CreateStudyRequest { study_id: "short".into(), study: Some(short) };
@@ -394,7 +393,7 @@ async fn expires(book: &mut Book, open: &pb::Trial) {
     let begun = Instant::now();
     while state(book, open).await == pb::TrialState::Open {
         assert!(begun.elapsed() < PATIENCE, "the lease does not end");
-        // Who asks anything of the study makes it look at its leases; nothing was measured yet.
+        // Any request for the study makes it look at its leases; nothing was measured yet.
         let best = pb::GetBestRequest { study: book.study.clone(), ..Default::default() };
         let nothing = book.client.get_best(best).await.expect_err("nothing to tell");
         assert_eq!(nothing.code(), Code::NotFound, "{nothing}");

@@ -42,7 +42,7 @@ async fn more_streams_than_there_is_room_for_are_refused_and_others_are_served()
         }
     }
     assert_eq!((open.len(), refused), (TUNE_STREAMS, 6 * 200 - TUNE_STREAMS));
-    // Who has no part in it is served meanwhile.
+    // A client with no part in the flood is served meanwhile.
     other.get_study(pb::GetStudyRequest { name: name.clone() }).await.expect("it serves");
     other.suggest(wire::suggestion(&name, "other", 0.5)).await.expect("it suggests");
 

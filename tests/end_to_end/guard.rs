@@ -1,4 +1,4 @@
-//! What tests of TLS and tokens share: an authority that issues certificates, callers that show tokens.
+//! Helpers of the tests of TLS and tokens: an authority that issues certificates, callers that show tokens.
 
 use std::time::{Duration, Instant};
 

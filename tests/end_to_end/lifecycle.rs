@@ -45,7 +45,7 @@ fn a_socket_that_systemd_hands_over_is_served() {
     let database = folder.path().join("tuning.db");
     let socket = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = socket.local_addr().expect("an address").to_string();
-    // Who connects before the daemon is there waits until it is.
+    // A client that connects before the daemon is there waits for it.
     let url = format!("http://{address}");
     let early = std::thread::spawn(move || run("treewright", &["--server", &url, "--timeout", "2m", "ping"]));
     let mut daemon =

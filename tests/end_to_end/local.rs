@@ -1,5 +1,5 @@
-//! The daemon that a user's programs start for themselves: found by its database, whatever else the session
-//! says, and out of the reach of other users of the machine.
+//! The daemon that a user's programs start for themselves. It is found by its database in every session, and
+//! out of the reach of other users of the machine.
 
 use std::os::unix::fs::{PermissionsExt as _, chown, symlink};
 use std::path::{Path, PathBuf};
@@ -116,7 +116,7 @@ fn folders_that_are_not_the_users_alone_are_not_used() {
     symlink(&moved, data(home.path())).expect("a link");
     server(&ping(home.path(), None));
 
-    // Somebody else's.
+    // A folder of another user.
     let home = tempfile::tempdir().expect("a home");
     std::fs::create_dir_all(data(home.path())).expect("a folder");
     if chown(data(home.path()), Some(12_345), None).is_err() {

@@ -1,5 +1,5 @@
-//! What somebody without a token, or with too many connections, cannot do: shut others out, fill the memory,
-//! hold up the end.
+//! Clients without a token, or with too many connections, cannot shut others out, fill the memory, or delay
+//! the end of the daemon.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -87,7 +87,7 @@ async fn silent_connections_shut_nobody_out_whatever_the_limit_of_descriptors() 
     for descriptors in [256, 1024] {
         let folder = tempfile::tempdir().expect("a folder");
         let daemon = Daemon::start_by(under_descriptors(descriptors), &folder.path().join("tuning.db"));
-        // Who is connected before is served throughout.
+        // A client that was connected before is served throughout.
         let mut known = wire::connect(daemon.url()).await;
         wire::create(&mut known, "calm").await;
         let silent = hold(daemon.address(), 1400, b"");
@@ -233,7 +233,8 @@ async fn messages_without_their_end_fill_no_memory_and_disturb_nobody() {
     }
     let grown_mb = most.saturating_sub(before) / 1_000_000;
     println!("{CONNECTIONS} connections: {grown_mb} MB more");
-    // The budget for what is unfinished, the least window of each connection, and the connections themselves.
+    // The budget for unfinished requests, the least window of each connection, and the connections
+    // themselves.
     assert!(grown_mb < 134 + CONNECTIONS as u64 / 8, "{grown_mb} MB more");
     hostile.into_iter().for_each(|one| one.abort());
     assert!(daemon.terminate().success());
@@ -263,8 +264,8 @@ fn answers_over(socket: &Path, authority: &str) -> bool {
     stream.write_all(&call("ListStudies", authority, &[], &[0; 5], END_STREAM)).expect("sent");
     let mut answer = Vec::new();
     let mut buffer = [0; 4096];
-    // `grpc-status: 0` comes in the trailers, `application/grpc` in the head, both in Huffman code or not: a
-    // frame of data with a message tells it apart from a refusal.
+    // `grpc-status: 0` comes in the trailers, `application/grpc` in the head, both in Huffman code or not.
+    // Only an answer has a frame of data with a message, a refusal has none.
     while let Ok(count) = stream.read(&mut buffer) {
         answer.extend_from_slice(&buffer[..count]);
         if count == 0 || kinds(&answer).contains(&(DATA, 5)) {

@@ -1,6 +1,6 @@
-//! SQLite's locks on the database: the daemon has them as long as it runs, at every request, so that other
-//! programs can read the file beside it. They belong to the process, and the system drops them all when the
-//! process closes any descriptor of the file; so nothing but SQLite may open it there.
+//! SQLite's locks on the database. The daemon holds them as long as it runs, during every request, so that
+//! other programs can read the file beside it. They belong to the process, and the system drops them all when
+//! the process closes any descriptor of the file. So only SQLite may open the file in the daemon.
 
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -47,8 +47,8 @@ fn beside(database: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(format!("{}{suffix}", database.display()))
 }
 
-/// Nothing is missing after what has just been done. The kernel lists locks page by page, so one that is
-/// there can be left out while others come and go; one that was given up stays missing.
+/// No lock is missing after this step. The kernel lists locks page by page, so a held lock can be left out
+/// while others come and go; a lock that was given up stays missing.
 fn held(daemon: &Daemon, database: &Path, after: &str) {
     let mut missing = missing_locks(daemon, database);
     for _ in 0..20 {
@@ -106,7 +106,7 @@ async fn no_option_costs_the_daemon_its_locks() {
     }
 }
 
-/// What is asked of the daemon by the contract, each once and right.
+/// Makes every request of the contract once, and correctly.
 async fn ask_everything(mut client: Caller, mut asked: impl FnMut(&str)) {
     let create = |id: &str| pb::CreateStudyRequest { study_id: id.into(), study: Some(wire::study()) };
     let study = client.create_study(create("first")).await.expect("created").into_inner();

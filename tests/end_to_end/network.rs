@@ -1,4 +1,4 @@
-//! A network that is slow and breaks off between client and daemon: no frame waits for it, and nothing is
+//! A network that is slow and breaks off between client and daemon: no frame waits for it, and no report is
 //! lost.
 //!
 //! The test starts itself again in a network namespace of its own, whose loopback can be delayed and taken

@@ -1,7 +1,7 @@
 //! The state that a power cut would meet: every answer to a report comes after its sync to the disk.
 //!
 //! No test can cut the power. But `strace` shows the daemon's system calls: the write-ahead log was synced
-//! between the write and the answer. Whether the disk keeps its word is the disk's affair.
+//! between the write and the answer. The test trusts the disk to keep synced data.
 
 use std::path::Path;
 use std::process::Command;
@@ -19,8 +19,7 @@ fn calls(trace: &Path) -> Vec<String> {
     text.lines().map(str::to_owned).collect()
 }
 
-/// How often the write-ahead log was written and how often synced, and how often it was written since it was
-/// last synced.
+/// Numbers of writes and of syncs of the write-ahead log, and of its writes since the last sync.
 fn log_calls(trace: &Path) -> (usize, usize, usize) {
     let calls = calls(trace);
     let (mut written, mut synced, mut unsynced) = (0, 0, 0);
@@ -44,7 +43,7 @@ async fn no_report_is_acknowledged_before_the_log_is_synced() {
     const FRAMES: usize = 15;
     let folder = tempfile::tempdir().expect("a scratch folder");
     let trace = folder.path().join("trace");
-    // -D: the daemon stays this process's child. The tracer tells of each call when it is done.
+    // -D: the daemon stays this process's child. The tracer prints each call when it is done.
     let traced = |program: &Path| {
         let mut command = Command::new("strace");
         command.args(["-D", "-f", "-qq", "-y", "-e", "trace=pwrite64,fdatasync,fsync", "-o"]);

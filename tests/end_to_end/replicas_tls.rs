@@ -1,6 +1,6 @@
-//! Two daemons on one PostgreSQL, with mutual TLS between them and tokens in the database: a client that asks
-//! the one that does not hold the study is answered all the same, counted once and, once its token is
-//! revoked, by neither.
+//! Two daemons on one PostgreSQL, with mutual TLS between them and tokens in the database. Both answer a
+//! client, also the daemon that does not hold the study. A request that is passed on counts once. Once the
+//! client's token is revoked, neither daemon answers.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -16,7 +16,7 @@ use treewright_tests::programs::{run, stderr, stdout};
 use crate::guard::{Authority, Caller, Show, until};
 use crate::wire;
 
-/// A daemon with a certificate of an authority, which asks for certificates of the same.
+/// A daemon with a certificate of an authority, which asks for certificates of that authority.
 fn replica(folder: &Path, name: &str, authority: &Authority, database: &str) -> Daemon {
     let (certificate, key) = authority.issue("replica.example");
     let file = |kind: &str, text: &str| {

@@ -1,6 +1,5 @@
 //! Random samples are neither lost nor doubled: not when the renderer is killed, not when the daemon is, and
-//! not when several renderers work on one study. What they measured can be analysed, with the same bytes each
-//! time.
+//! not when several renderers work on one study. An analysis of their results gives the same bytes each time.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -39,7 +38,7 @@ fn ends_well(child: Child) -> String {
     stdout(&output)
 }
 
-/// How often each sample is in the database.
+/// Number of trials of each sample in the database.
 fn counts(url: &str) -> BTreeMap<(u64, u64), usize> {
     let all = ["--server", url, "--json", "trials", "sample-paper", "--all", "--filter", "state = COMPLETED"];
     let output = run("treewright", &all);

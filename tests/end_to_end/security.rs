@@ -1,5 +1,5 @@
-//! The table of attempts: everything that must not get into the daemon, against the real program over real
-//! TLS, and the status with which each is refused.
+//! The table of attempts that the daemon must refuse, against the real program over real TLS, with the status
+//! of each refusal.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -116,7 +116,7 @@ async fn every_attempt_is_refused_with_the_right_status() {
         filter: filter.to_owned(),
         ..pb::QueryTrialsRequest::default()
     };
-    // (attempt, what came of it, what must)
+    // (attempt, status, expected status)
     let mut table: Vec<(&str, Option<Status>, Code)> = Vec::new();
     for (attempt, token) in [
         ("no token", None),
@@ -206,7 +206,7 @@ async fn every_attempt_is_refused_with_the_right_status() {
     owner.get_study(get()).await.expect("still there");
     assert!(owner.list_studies(list()).await.expect("a list").into_inner().studies.len() == 1);
 
-    // Nothing of it has brought a secret into the log, though that is at its finest.
+    // No attempt has brought a secret into the log, even at its finest level.
     assert!(guarded.daemon.terminate().success());
     let log = std::fs::read_to_string(guarded.folder.path().join("log")).expect("a log");
     assert!(log.contains("request refused") && log.contains("TRACE"), "the log is fine enough to tell");

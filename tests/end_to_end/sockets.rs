@@ -1,4 +1,4 @@
-//! Unix sockets, sockets that the system passes on, and the id of a client that was given none.
+//! Unix sockets, sockets that the system passes on, and the default id of a client.
 
 use std::io::{BufRead as _, BufReader};
 use std::net::TcpListener;
@@ -74,7 +74,7 @@ async fn sockets_that_the_system_opened_take_the_place_of_others() {
     let database = folder.path().join("tuning.db");
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
-    // Who comes before the daemon waits in the queue.
+    // A client that connects before the daemon is there waits in the queue.
     let waiting = tokio::spawn(async move { frame(&format!("http://{address}")).await });
     tokio::time::sleep(Duration::from_millis(200)).await;
     let daemon = activated(listener.into(), &database);
@@ -91,8 +91,8 @@ async fn sockets_that_the_system_opened_take_the_place_of_others() {
     assert!(socket.exists(), "it is the system's");
 }
 
-/// What [`who_starts_again_gets_its_open_trial_back`] starts as a process of its own: asks once with the
-/// default id, says which trial it got, and waits to be killed. Among the other tests it does nothing.
+/// The process that [`who_starts_again_gets_its_open_trial_back`] starts: asks once with the default id,
+/// prints its trial, and waits to be killed. Among the other tests it does nothing.
 #[tokio::test]
 async fn client_of_another_test() {
     let Ok(url) = std::env::var(URL) else { return };

@@ -1,9 +1,9 @@
 //! A storm of `kill -9` at random moments under 32 clients, on one daemon with SQLite and on three with
-//! PostgreSQL, and one of SIGSTOP against whichever of three holds the study: nothing acknowledged is lost,
-//! no trial is handed to two clients, and every restart works by itself. The study has the default policy,
-//! and the daemons ask for tokens. Half of the clients make calls and begin a new session now and then, the
-//! other half keep a Tune stream open. Another program reads the database all the while: it opens the file,
-//! counts and closes it, again and again.
+//! PostgreSQL, and a storm of SIGSTOP against the one of three that holds the study. No acknowledged report
+//! is lost, no trial is handed to two clients, and every restart works by itself. The study has the default
+//! policy, and the daemons ask for tokens. Half of the clients make calls and begin a new session now and
+//! then, the other half keep a Tune stream open. Another program reads the database all the while: it opens
+//! the file, counts and closes it, again and again.
 //!
 //! A dozen kills and two stops in a usual run;
 //! `TREEWRIGHT_STORM_KILLS=1000 TREEWRIGHT_STORM_STOPS=100 cargo test --release -p treewright-tests --test end_to_end storm -- --nocapture`
@@ -48,7 +48,7 @@ struct Book {
     acknowledged: BTreeMap<String, Option<f64>>,
     /// The client that was handed each trial.
     handed: BTreeMap<String, String>,
-    /// What should not have been.
+    /// Violations.
     wrong: Vec<String>,
 }
 
@@ -143,7 +143,7 @@ impl Connections {
     }
 }
 
-/// What a client asks in a frame. It moves among states that others visit, too.
+/// The question of a client in a frame. It moves among states that others visit, too.
 fn question(storm: &Storm, number: u32, step: u32) -> pb::SuggestRequest {
     let near = f64::from(number % 8) / 8.0 + f64::from(step / 20 % 3) / 40.0;
     let session = u64::from(step / SESSION_FRAMES + 1);
@@ -193,7 +193,7 @@ async fn by_calls(storm: Arc<Storm>, number: u32) {
 async fn by_stream(storm: Arc<Storm>, number: u32) {
     let mut connections = Connections::to(&storm, number);
     let (mut step, mut asked) = (0u32, Instant::now());
-    // Until somebody has acknowledged it.
+    // A report that no daemon has acknowledged yet.
     let mut unheard: Option<pb::Trial> = None;
     while !storm.is_over() || unheard.is_some() {
         let (say, frames) = mpsc::channel(1);
@@ -259,7 +259,7 @@ struct Weather {
     daemons: Vec<Daemon>,
     storm: Arc<Storm>,
     clients: JoinSet<()>,
-    /// Who reads the database beside: says how often that went well.
+    /// The other reader of the database; it returns the number of its successful reads.
     reader: JoinHandle<u32>,
     begin: Instant,
 }
@@ -310,7 +310,7 @@ impl Weather {
         Self { daemons, storm, clients, reader, begin: Instant::now() }
     }
 
-    /// Lets everybody come to an end, then compares the answers to clients with the stored trials.
+    /// Waits for the end of all clients, then compares the answers to them with the stored trials.
     async fn end(mut self, what: &str, troubles: u32) {
         self.storm.is_over.store(true, Ordering::Relaxed);
         while let Some(ended) = self.clients.join_next().await {

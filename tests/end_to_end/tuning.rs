@@ -103,7 +103,7 @@ fn ways_to_follow_are_tuned_by_episodes() {
     let mut arguments = vec!["tune"];
     arguments.extend(scene.into_iter().chain(view));
     arguments.extend(["--iterations", "12", "--rounds", "2", "--study", "quick", "--json", file]);
-    // Somebody who renders for a hundredth of a second has no use for a search.
+    // A user who renders for a hundredth of a second has no use for a search.
     arguments.extend(["--worth", "0.01"]);
     let output = run("treewright-render", &arguments);
     assert!(output.status.success(), "{}", stderr(&output));
@@ -120,7 +120,7 @@ fn ways_to_follow_are_tuned_by_episodes() {
     let measured = trials(daemon.url(), "state = COMPLETED");
     assert!(measured.len() >= 8);
     for trial in &measured {
-        // A frame of the mean, what decays told beside it.
+        // A mean frame, with the decaying part beside it.
         assert_eq!(trial["measurements"]["frames"], 6.0, "{trial}");
         assert!(trial["measurements"]["trend"].as_f64() > Some(0.0), "{trial}");
     }

@@ -1,7 +1,6 @@
-//! The daemon behind the restrictions of the systemd unit that is shipped with it:
-//! `server/deploy/treewrightd.service` is read, and what it forbids is forbidden by the kernel
-//! (`seccomp(2)`), as systemd would do it. There the process is killed at the first call that is not allowed,
-//! so that nothing hides behind an error that is passed over.
+//! The daemon behind the restrictions of the systemd unit that is shipped with it. The test reads
+//! `server/deploy/treewrightd.service` and lets the kernel forbid the same calls (`seccomp(2)`), as systemd
+//! would do it. The process is killed at the first forbidden call, so that an ignored error hides nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -50,7 +49,7 @@ impl Unit {
     /// The calls that are left by the lines of `SystemCallFilter`, of which the first allows, and those with
     /// a tilde take away.
     fn allowed_calls(&self) -> BTreeSet<String> {
-        // What no filter of systemd's can take away.
+        // Calls that no filter of systemd can take away.
         let mut allowed = BTreeSet::from_iter(calls("@default"));
         for line in self.all("SystemCallFilter") {
             let (takes_away, names) = line.strip_prefix('~').map_or((false, line), |names| (true, names));
@@ -120,7 +119,7 @@ fn bit(argument: u8, bits: u64) -> Value {
     json!({ "index": argument, "type": "qword", "op": { "masked_eq": bits }, "val": bits })
 }
 
-/// What a word of `SystemCallFilter` stands for: a call, or a group of them.
+/// The calls that a word of `SystemCallFilter` stands for: one, or a group.
 fn calls(word: &str) -> Vec<String> {
     if !word.starts_with('@') {
         assert!(

@@ -1,8 +1,8 @@
 //! A database that a released version wrote opens in this one, and its searches go on where they stood.
 //!
-//! `tests/released/VERSION` holds such a database and what that version would have answered next
-//! (`answers.json`). Where a later version answers something else on purpose, `changed.json` says what, study
-//! by study; it is written by `TREEWRIGHT_RECORD_CHANGES=1 cargo test --workspace --test end_to_end upgrade`.
+//! `tests/released/VERSION` holds such a database and the next answers of that version (`answers.json`).
+//! Where a later version gives another answer on purpose, `changed.json` holds it, study by study; that file
+//! is written by `TREEWRIGHT_RECORD_CHANGES=1 cargo test --workspace --test end_to_end upgrade`.
 //! To record another version: check it out, then
 //! `TREEWRIGHT_RECORD=FOLDER cargo test --workspace --test end_to_end upgrade`.
 
@@ -78,8 +78,7 @@ fn study(policy: pb::Policy) -> pb::Study {
     }
 }
 
-/// What the pretend renderer measures: another optimum in each state, and the noise of a number made from the
-/// trial's.
+/// A measurement of the pretend renderer: another optimum in each state, and noise from the trial's number.
 fn render_ms(configuration: &pb::Configuration, near: f64, trial: usize) -> f64 {
     let number = |name: &str| match configuration.values.get(name).and_then(|value| value.kind.clone()) {
         Some(Kind::Integer(value)) => value as f64,
@@ -137,7 +136,7 @@ async fn teach(client: &mut Client, id: &str, policy: pb::Policy) {
     }
 }
 
-/// What is answered next: to a client that comes back to a state, and to one in a state that nobody knows.
+/// The next answers: to a client that comes back to a state, and to one in an unknown state.
 async fn answers(client: &mut Client) -> Value {
     let mut answers = BTreeMap::new();
     for (id, _) in policies() {
@@ -170,7 +169,7 @@ async fn record(folder: &Path) {
     std::fs::write(folder.join("answers.json"), text + "\n").expect("the answers are written");
 }
 
-/// What this version answers on a copy of a database.
+/// The answers of this version on a copy of a database.
 async fn answers_of(database: &Path, scratch: &Path) -> Value {
     let copy = scratch.join("tuning.db");
     std::fs::copy(database, &copy).expect("the recorded database is there");

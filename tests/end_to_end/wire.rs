@@ -1,4 +1,4 @@
-//! A bare client of the wire contract, without the SDK's fallbacks: what the daemon says is what a test sees.
+//! A bare client of the wire contract, without the SDK's fallbacks: tests see the daemon's own answers.
 
 use std::collections::BTreeMap;
 
@@ -69,7 +69,7 @@ pub(crate) fn text(configuration: &pb::Configuration) -> String {
     configuration.values.iter().map(|(name, value)| format!("{name}={:?} ", value.kind)).collect()
 }
 
-/// What the pretend renderer measures: a bowl with its minimum inside the space.
+/// A measurement of the pretend renderer: a bowl with its minimum inside the space.
 pub(crate) fn render_ms(configuration: &pb::Configuration) -> f64 {
     let number = |name: &str| match configuration.values[name].kind {
         Some(Kind::Integer(value)) => value as f64,

@@ -1,5 +1,5 @@
 //! A study that grows wide: a given number of states or of client ids, each with one trial, and retention on.
-//! Shows the daemon's needs for them, and whether the last are served like the first.
+//! Shows the memory and time that the daemon needs, and whether the last are served like the first.
 //!
 //! `cargo run --release -p treewright-tests --example breadth -- states|clients [COUNT] [STREAMS] [FOLDER] [FROM]`
 //! (by default a million states or 100,000 clients over 32 streams; the daemon keeps 20,000 trials). With a
@@ -25,7 +25,7 @@ use treewright_tests::daemon::Daemon;
 
 /// Trials that the daemon keeps: the fewest that it takes.
 const KEPT: &str = "20000";
-/// Places of one indicator; three of them tell 1,000,000 states apart.
+/// Places of one indicator; three indicators have 1,000,000 states.
 const PLACES: u64 = 100;
 
 #[derive(Clone, Copy)]
@@ -51,7 +51,7 @@ impl Width {
     }
 }
 
-/// The study of one integer with the indicators that tell states apart.
+/// The study of one integer with the indicators of the states.
 fn study() -> wire::Study {
     let indicator = |axis: u32| wire::Indicator {
         name: format!("at_{axis}"),

@@ -1,6 +1,5 @@
-//! Ten thousand clients on one daemon: what it costs in memory, whether everybody is served, and what an
-//! active client, who renders at 30 frames a second, notices of the others, who ask for a trial and report it
-//! now and then.
+//! Ten thousand clients on one daemon, which ask for a trial and report it now and then: the memory, the
+//! number of served clients, and the waits of an active client, which renders at 30 frames a second.
 //!
 //! `cargo run --release -p treewright-tests --example crowd -- [CLIENTS] [SECONDS BETWEEN A CLIENT'S FRAMES] [SECONDS]`
 //! (10000, 20 and 15 by default). The crowd is a process of its own, begun by the command in
@@ -20,7 +19,7 @@ use treewright_proto::v1 as wire;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_tests::daemon::Daemon;
 
-/// Tells a process that it is the crowd, and of which daemon.
+/// Makes a process the crowd of the daemon that it names.
 const CROWD: &str = "TREEWRIGHT_CROWD_OF";
 /// A command that becomes the program whose words follow its own.
 const CROWD_BY: &str = "TREEWRIGHT_CROWD_BY";
@@ -45,7 +44,7 @@ fn quantile(times_ms: &mut [f64], share: f64) -> f64 {
     times_ms.get((share * (times_ms.len() - 1) as f64) as usize).copied().unwrap_or(f64::NAN)
 }
 
-/// Renders, and tells how long each frame waited for its answer and how many got a trial.
+/// Renders. Returns the wait of each frame for its answer, and the number of frames with a trial.
 fn active(url: &str, time: Duration) -> (Vec<f64>, usize) {
     let options = Options::new().client_id("active").deadline(Duration::from_secs(2));
     let client = Client::connect(url, options).expect("a good address");
@@ -116,7 +115,7 @@ async fn passer(
     (times_ms, failed)
 }
 
-/// The crowd's process: connects everybody, and says what became of them.
+/// The crowd's process: connects all clients, and prints their results.
 async fn crowd(url: String) {
     let (clients, every, time) = (argument(1, 10_000.0) as usize, argument(2, 20.0), argument(3, 15.0));
     // Connecting all of them takes a while, in which the first ask already.

@@ -1,4 +1,4 @@
-//! Floods of connections against a daemon that asks for tokens: who is still served, and what it costs.
+//! Floods of connections against a daemon that asks for tokens: the clients still served, and the cost.
 //!
 //! `cargo run --release -p treewright-tests --example floods -- [CONNECTIONS] [SECONDS]` (8,000 and 10 by
 //! default). The flood comes from 127.0.0.2; two clients with tokens come from 127.0.0.1: a renderer,

@@ -14,7 +14,7 @@ use treewright_client::{
 };
 use treewright_tests::daemon::Daemon;
 
-/// What becomes of the daemon while frames run.
+/// The daemon's trouble while frames run.
 #[derive(Clone, Copy)]
 enum Trouble {
     Well,

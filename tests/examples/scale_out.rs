@@ -87,7 +87,7 @@ async fn measure(server: &Server, replicas: usize, spread: Spread, clients: usiz
     let database = Database::create_on(&server.url("postgres")).await;
     let daemons: Vec<Daemon> = (0..replicas).map(|_| Daemon::start(Path::new(&database))).collect();
     for number in 0..STUDIES {
-        // Who is asked first holds the study.
+        // The daemon that is asked first holds the study.
         let url = daemons[number % replicas].url().to_owned();
         let mut client = TuningServiceClient::connect(url).await.expect("the daemon listens");
         let id = format!("load-{number}");
@@ -122,7 +122,7 @@ async fn measure(server: &Server, replicas: usize, spread: Spread, clients: usiz
     );
 }
 
-/// What a renderer saw: frames, those without an answer in time, and its longest wait.
+/// The frames of a renderer, those without an answer in time, and its longest wait.
 #[derive(Default)]
 struct Seen {
     frames: u64,
@@ -166,8 +166,8 @@ async fn render(
     Seen { fallbacks: stats.fallbacks, dropped: stats.dropped + stats.refused, ..seen }
 }
 
-/// Renderers at three daemons, of which one after the other is killed, or none; `search` tells whether a
-/// suggestion takes a model to be fitted.
+/// Renderers at three daemons, of which one after the other is killed, or none; `search` decides whether a
+/// suggestion needs a fitted model.
 async fn under_fire(server: &Server, clients: usize, search: SearchMethod, time: Duration, is_calm: bool) {
     let database = Database::create_on(&server.url("postgres")).await;
     let path = Path::new(&database);

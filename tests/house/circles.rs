@@ -1,8 +1,8 @@
-//! Modules of a crate import in one direction: no two that stand beside each other, or below others that do,
-//! need each other.
+//! Modules of a crate import in one direction: no two modules side by side, with everything below them, need
+//! each other.
 //!
-//! What a module takes from those above it, and they from it, does not count: a folder's `mod.rs` may name
-//! its parts, and they may use what stands in it.
+//! Imports between a module and those above it do not count: a folder's `mod.rs` may name its parts, and the
+//! parts may use its items.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -127,7 +127,7 @@ fn resolve(own: &Module, path: &[String], modules: &BTreeSet<Module>) -> Option<
     (0..=full.len()).rev().map(|length| full[..length].to_vec()).find(|module| modules.contains(module))
 }
 
-/// What each module needs of the crate; nothing that stands above it.
+/// The modules of the crate that each module needs, without those above it.
 fn needs(root: &str) -> BTreeMap<Module, BTreeSet<Module>> {
     let files: BTreeMap<Module, String> = rust_files()
         .filter_map(|file| {

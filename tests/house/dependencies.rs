@@ -1,8 +1,8 @@
-//! An audit of everything that is linked in, as far as it goes without a network: from where it comes, under
-//! which licence, in how many versions, and through whose cryptography.
+//! An audit of all linked crates, as far as possible without a network: their sources, licences, versions and
+//! cryptography.
 //!
-//! It cannot know whether a weakness of a crate was published since: the advisory database lives on the
-//! network. Where there is one, `cargo audit` reads `Cargo.lock` and answers that.
+//! It cannot know the published weaknesses of a crate, because the advisory database is on the network. Where
+//! there is a network, `cargo audit` reads `Cargo.lock` and lists them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::packages::metadata;
 
-/// Licences under which everybody may use, change and pass on the whole, with a notice at most.
+/// Licences that allow to use, change and pass on the whole, with a notice at most.
 const LICENCES: &[&str] = &[
     "0BSD",
     "Apache-2.0",
@@ -27,7 +27,7 @@ const LICENCES: &[&str] = &[
     "Zlib",
 ];
 
-/// Crates that name a file in place of a licence, and what somebody read in it.
+/// Crates that name a file in place of a licence, and the licence in it, as read by a person.
 const READ: &[(&str, &str)] = &[
     // The MIT licence.
     ("embree4-sys", "LICENSE"),

@@ -1,6 +1,5 @@
-//! The documentation: every page stands in the summary, every link leads somewhere, every command that is
-//! shown is one that the programs know, and the reference of the API is the one that the contract's comments
-//! make.
+//! The documentation: the summary names every page, every link leads somewhere, the programs know every
+//! command that is shown, and the API's reference agrees with the comments of the contract.
 
 use std::collections::BTreeSet;
 use std::io::Write as _;
@@ -9,7 +8,7 @@ use std::process::{Command, Stdio};
 
 use treewright_tests::programs::{program, workspace};
 
-/// What a page on the front and a page of measurements may hold, in bytes.
+/// Largest sizes of the front page and of a page of measurements, in bytes.
 const README_BYTES: usize = 9_000;
 const MEASUREMENT_BYTES: usize = 4_096;
 
@@ -39,7 +38,7 @@ fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|problem| panic!("{}: {problem}", path.display()))
 }
 
-/// What stands outside of code.
+/// The text outside of code.
 fn prose(text: &str) -> String {
     let mut inside = false;
     let lines = text.lines().filter(|line| {
@@ -59,7 +58,7 @@ fn links(text: &str) -> Vec<String> {
     parts.filter_map(|part| part.split_once(')')).map(|(target, _)| target.to_owned()).collect()
 }
 
-/// How a heading is linked to.
+/// The anchor of a heading in links.
 fn anchor(heading: &str) -> String {
     let letters = heading.trim().to_lowercase();
     let kept = letters.chars().filter(|each| each.is_alphanumeric() || matches!(each, ' ' | '-' | '_'));
@@ -165,7 +164,7 @@ fn shell_lines(text: &str) -> Vec<String> {
     found
 }
 
-/// What is called, and with which long options, up to `--`, a pipe, or the line's end.
+/// The program called, with its words and long options, up to `--`, a pipe, or the line's end.
 fn call(line: &str) -> Option<(&'static str, Vec<String>, Vec<String>)> {
     let line = line.split(" # ").next().unwrap_or_default();
     let mut words =

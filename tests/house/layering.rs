@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::packages::{cargo, packages};
 
-/// What each crate may depend on among ours. Anything else is an arrow against the grain.
+/// The crates of the workspace that each crate may depend on.
 const ARROWS: &[(&str, &[&str])] = &[
     ("treewright-model", &[]),
     ("treewright-proto", &["treewright-model"]),
@@ -24,7 +24,7 @@ const ARROWS: &[(&str, &[&str])] = &[
         "treewright-render-cli",
         &["treewright-accel", "treewright-client", "treewright-renderer", "treewright-scene"],
     ),
-    // Nobody may know the laboratory; it judges the core's searches and predictors besides.
+    // No crate may depend on the laboratory; it also judges the core's searches and predictors.
     (
         "treewright-lab",
         &[
@@ -144,7 +144,7 @@ fn pure_crates_do_no_io() {
 }
 
 /// The compiler forbids `unsafe` wherever the workspace's lints hold, and clippy wants an argument for each
-/// block; what is left to look at is that they hold everywhere but where Embree or another language begins.
+/// block. This test checks that they hold everywhere but where Embree or another language begins.
 #[test]
 fn the_lints_of_the_workspace_hold_everywhere_but_at_the_edges() {
     for package in packages() {

@@ -1,5 +1,5 @@
-//! The house rules as tests: which crate may know which, where `unsafe` and I/O may stand, how long a
-//! file may be, what it may be linked with, and what must not be left lying about.
+//! The house rules as tests: arrows between crates, places of `unsafe` and I/O, lengths of files, linked
+//! crates, and leftovers.
 
 mod circles;
 mod dependencies;

@@ -1,5 +1,5 @@
-//! Packages to publish and to install: each says its purpose and holds all that it is built from, and a
-//! Debian package and an archive find the files that they name.
+//! Packages to publish and to install: each says its purpose and holds all its sources, and the files that
+//! the Debian package and the archive name exist.
 
 use std::collections::BTreeSet;
 use std::process::Command;

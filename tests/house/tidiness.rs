@@ -1,4 +1,4 @@
-//! Files that fit in the head, that say what they are, and that carry no leftovers.
+//! Files are short, have a head that describes them, and carry no leftovers.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ const LEFTOVERS: &[&str] =
 pub(crate) struct File {
     /// Path below the top folder.
     pub(crate) path: String,
-    /// What it says.
+    /// Its contents.
     pub(crate) text: String,
 }
 

@@ -1,5 +1,5 @@
-//! libtreewright: its header says what it exports, a C program and a C++ program get along with it, and no
-//! byte is lost.
+//! libtreewright: the header declares all exports, a C program and a C++ program work with it, and no memory
+//! leaks.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -113,7 +113,7 @@ fn a_c_program_gets_along_with_it() {
             "--show-leak-kinds=definite,indirect",
         ];
         let known = format!("--suppressions={}", file("c/tests/valgrind.supp").display());
-        // What is installed has no symbols, by which suppressions go.
+        // The installed library has no symbols, which suppressions need.
         let symbols = folder.path().join("symbols");
         std::fs::create_dir(&symbols).expect("a folder");
         let loaded = symbols.join(format!("libtreewright.so.{}", fitting_versions()));
@@ -229,7 +229,7 @@ fn a_renderer_on_embree_is_tuned() {
         "16",
         "--rounds",
         "1",
-        // However long the machine takes: what is asked here is not how fast the daemon is.
+        // A long deadline, because this test does not measure the speed of the daemon.
         "--deadline",
         "20000",
     ]));

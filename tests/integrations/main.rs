@@ -1,5 +1,5 @@
 //! The SDKs for other languages, each as a program of that language meets it: compiled or loaded, and run
-//! against a real daemon. What needs packages from the network has a command of its own, `make integrations`.
+//! against a real daemon. Tests that need packages from the network are run by `make integrations`.
 
 mod c_sdk;
 mod node_sdk;

@@ -1,5 +1,5 @@
-//! The package for Node as `npm pack` makes it, unpacked somewhere else: it holds all that it reads, and does
-//! what its tests want. `make integrations` installs it by npm.
+//! The package for Node as `npm pack` makes it, unpacked somewhere else: it holds all files that it reads,
+//! and passes its tests. `make integrations` installs it by npm.
 
 use std::path::Path;
 use std::process::Command;

@@ -1,5 +1,5 @@
-//! The preloaded library before Embree: it counts rightly, and its host computes the same with it, without
-//! it, and where it cannot write.
+//! The preloaded library before Embree: its counts are right, and its host computes the same pictures with
+//! it, without it, and where it cannot write.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -10,13 +10,13 @@ use treewright_tests::programs::program;
 use crate::c_sdk::embree_example;
 use crate::support::{built, has, succeed};
 
-/// What a run of the example computed: the brightness of each picture.
+/// The brightness of each picture that a run of the example computed.
 fn pictures(said: &str) -> Vec<f64> {
     let lines = said.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
     lines.filter_map(|line| line["brightness"].as_f64()).collect()
 }
 
-/// The same pictures; a ray in some thousand meets an edge, of which trees may take either side.
+/// Whether the pictures agree. One ray in some thousand meets an edge, of which trees may take either side.
 fn are_alike(one: &[f64], other: &[f64]) -> bool {
     one.len() == 3 && other.len() == 3 && one.iter().zip(other).all(|(a, b)| (a - b).abs() < 2e-3)
 }
@@ -96,7 +96,7 @@ fn faults_of_the_probe_and_the_daemon_leave_a_thousand_frames_as_they_are() {
     let full = "ln -s /dev/full \"$TREEWRIGHT_PROBE.$$\"; ";
     let full = succeed(&mut preloaded(daemon.url(), full));
     let mut unwritable = preloaded(daemon.url(), "ulimit -f 0; ");
-    // What the host itself says must not go to a file.
+    // The host's own output must not go to a file.
     let child = unwritable.stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
     let mut child = child.expect("it starts");
     // The first picture is done: the study is there, and the daemon may go.

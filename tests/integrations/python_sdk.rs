@@ -32,7 +32,7 @@ fn the_package_does_what_its_documentation_says() {
     assert!(said.ends_with("ok\n"), "{said}");
 }
 
-/// Who has pip has everything: the wheel holds the daemon. Nothing but the installed wheel is in sight.
+/// The wheel holds the daemon, so pip installs all parts. Only the installed wheel is in sight.
 #[test]
 fn the_wheel_alone_runs_a_first_trial() {
     let what = "the wheel for Python";

@@ -1,4 +1,4 @@
-//! What the tests of all languages share.
+//! Helpers for the tests of all languages.
 
 use std::path::PathBuf;
 use std::process::{Command, Output};

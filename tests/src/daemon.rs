@@ -124,7 +124,7 @@ impl Daemon {
     /// # Panics
     /// When it is gone.
     pub fn processor_s(&self) -> f64 {
-        /// What `sysconf(_SC_CLK_TCK)` says on every Linux.
+        /// The value of `sysconf(_SC_CLK_TCK)` on every Linux.
         const TICKS_PER_S: f64 = 100.0;
         let file = format!("/proc/{}/stat", self.process.id());
         let text = std::fs::read_to_string(file).expect("the daemon runs");
@@ -134,7 +134,7 @@ impl Daemon {
         ticks.sum::<f64>() / TICKS_PER_S
     }
 
-    /// What its descriptors lead to, as Linux names it.
+    /// The targets of its descriptors, as Linux names them.
     ///
     /// # Panics
     /// When it is gone.

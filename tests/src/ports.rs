@@ -1,8 +1,8 @@
 //! Addresses to which a daemon can come back after it was killed.
 //!
 //! A port that the system chose is free again the moment its owner is gone, and may be given to the next
-//! program that asks for any. The ones handed out here lie below those that Linux gives away by itself
-//! (`ip(7)`, `ip_local_port_range`: 32768 and above), so only who names them gets them.
+//! program that asks for any. The ports handed out here lie below those that Linux gives away by itself
+//! (`ip(7)`, `ip_local_port_range`: 32768 and above), so a program gets one only by its number.
 
 use std::net::{Ipv4Addr, TcpListener};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -19,7 +19,7 @@ pub fn lasting_address() -> String {
     format!("127.0.0.1:{}", lasting_port())
 }
 
-/// A port of the loopback that is free now and that nobody else is given while its owner is away.
+/// A port of the loopback that is free now and that no other program is given while its owner is away.
 ///
 /// # Panics
 /// When none of a thousand ports is free.

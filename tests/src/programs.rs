@@ -1,5 +1,5 @@
-//! Finds the workspace's programs, building them first so that a test never runs a stale one; or takes those
-//! in the folder that `TREEWRIGHT_PROGRAMS` names, to test what was built before.
+//! Finds the workspace's programs, building them first so that a test never runs a stale one; or takes
+//! earlier builds from the folder that `TREEWRIGHT_PROGRAMS` names.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,13 +1,13 @@
-//! Places where faults do no harm: a small disk, a network of one's own, a clock that can be set. The first
-//! two are namespaces of Linux, which vanish with the process that holds them; they need root. Where the
-//! system does not give what a test needs, the test says so and ends.
+//! Places where faults do no harm: a small disk, a private network, a clock that can be set. The first two
+//! are namespaces of Linux, which vanish with the process that holds them; they need root. Where the system
+//! lacks something that a test needs, the test says so and ends.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// The file in which `tools/test.sh` gathers what was skipped, to say it at the end.
+/// The file in which `tools/test.sh` gathers skipped tests, to list them at the end.
 const SKIPPED: &str = "TREEWRIGHT_SKIPPED";
 
 /// Says, past the capturing of the test runner, why a test was not run.
@@ -15,7 +15,7 @@ pub fn skip(what: &str, why: &str) {
     let line = format!("skipped: {what}: {}\n", why.trim());
     if let Some(file) = std::env::var_os(SKIPPED) {
         let opened = std::fs::OpenOptions::new().append(true).create(true).open(file);
-        // There is nobody else to tell.
+        // An error here cannot be reported.
         let _ = opened.and_then(|mut file| file.write_all(line.as_bytes()));
     }
     let _ = std::io::stderr().write_all(line.as_bytes());
@@ -125,7 +125,7 @@ impl Clock {
     /// # Panics
     /// When its file cannot be written.
     pub fn set(&self, offset: &str) {
-        // By a rename, so that nobody reads half of it.
+        // By a rename, so that no reader sees half of it.
         let draft = self.file.with_extension("new");
         std::fs::write(&draft, format!("{offset}\n")).expect("the clock's file can be written");
         std::fs::rename(&draft, &self.file).expect("the clock's file can be replaced");

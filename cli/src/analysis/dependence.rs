@@ -1,4 +1,4 @@
-//! How strongly two columns go together.
+//! The dependence between two columns.
 //!
 //! Pearson's correlation sees straight lines, Spearman's every rise, mutual information every pattern.
 //! Intervals of correlations are Fisher's ("On the probable error of a coefficient of correlation", Metron 1,

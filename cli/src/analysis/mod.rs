@@ -1,16 +1,17 @@
-//! What a study's trials say of its parameters (paper, sections 4 and 5): how each goes together with each
-//! measurement, how much of the variance it explains, and to which part of its range a search may be held.
+//! The influence of a study's parameters, from its trials (paper, sections 4 and 5): how each parameter goes
+//! together with each measurement, how much of the variance it explains, and to which part of its range a
+//! search may be held.
 //!
-//! Everything is computed from completed trials, in the order of their numbers, and without chance: the same
-//! trials give the same bytes. Trials that were drawn at random (`treewright-render sample`) say most; those
-//! of a search crowd where it looked, which the result says of itself.
+//! Everything is computed from completed trials, in the order of their numbers, and without chance: equal
+//! trials give equal bytes. Trials that were drawn at random (`treewright-render sample`) say most. Trials of
+//! a search crowd where it looked; the result says which kind it rests on.
 //!
-//! | module | what it holds |
+//! | module | holds |
 //! |---|---|
 //! | `table` | trials as columns of numbers, measurements relative to their state |
 //! | `dependence` | correlation, rank correlation, mutual information |
 //! | `variance` | variance-based sensitivity, alone and in pairs |
-//! | `narrow` | ranges and fixed values that keep what is good |
+//! | `narrow` | ranges and fixed values that keep the good configurations |
 //! | `map` | two parameters against a measurement, such as both leaf sizes |
 //! | `page` | all of it for a browser |
 
@@ -33,7 +34,7 @@ pub(crate) const TRIALS_MIN: usize = 30;
 /// Welch, "Choosing the sample size of a computer experiment", 2009).
 const CONFIGURATIONS_PER_PARAMETER: usize = 10;
 
-/// What is to be analysed.
+/// The trials and measurements to analyse.
 #[derive(Clone, Debug)]
 pub(crate) struct Request {
     pub(crate) study: String,
@@ -49,7 +50,7 @@ pub(crate) struct Analysis {
     pub(crate) study: String,
     /// Of all completed ones, those that were measured.
     pub(crate) trials: usize,
-    /// Those that cannot be run.
+    /// Trials that cannot be run.
     pub(crate) infeasible: usize,
     /// States, within which measurements are compared.
     pub(crate) states: usize,
@@ -61,7 +62,7 @@ pub(crate) struct Analysis {
     pub(crate) random: bool,
     /// All trials first, then those for which a condition holds.
     pub(crate) conditions: Vec<Condition>,
-    /// What to hold a search to.
+    /// Ranges and values to which a search may be held, for each objective.
     pub(crate) objectives: Vec<narrow::Narrowed>,
     pub(crate) maps: Vec<map::Map>,
 }
@@ -75,7 +76,7 @@ pub(crate) struct Condition {
     pub(crate) metrics: Vec<Metric>,
 }
 
-/// A measurement and what it depends on.
+/// A measurement and the parameters that it depends on.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Metric {
     pub(crate) name: String,
@@ -90,7 +91,7 @@ pub(crate) struct Metric {
     pub(crate) pairs: Vec<variance::Pair>,
 }
 
-/// How one parameter and one measurement go together.
+/// The dependence between one parameter and one measurement.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Influence {
     pub(crate) parameter: String,

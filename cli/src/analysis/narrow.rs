@@ -1,9 +1,9 @@
-//! Narrower spaces (paper, section 5): to which values a parameter may be held without losing what is good.
+//! Narrower spaces (paper, section 5): to which values a parameter may be held without losing the good
+//! configurations.
 //!
-//! The best tenth of the trials is looked at. A parameter with an order is held to the shortest run of its
-//! values that has nearly all of them, where chance would hardly do this; one without an order is fixed where
-//! nearly all of the best agree. The gain is measured on the other half of the trials, on which nothing was
-//! chosen.
+//! The choice rests on the best tenth of one half of the trials. A parameter with an order is held to the
+//! shortest run of values that holds nearly all of that tenth, where chance would hardly do this. A parameter
+//! without an order is fixed where nearly all of that tenth agree. The gain is measured on the other half.
 
 use std::cmp::Ordering;
 
@@ -18,13 +18,13 @@ const KEPT: f64 = 0.9;
 /// Greatest share of all trials that a run may have.
 const WORTH: f64 = 0.75;
 
-/// What a search for one measurement may be held to.
+/// The ranges and values to which a search for one measurement may be held.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Narrowed {
     pub(crate) metric: String,
     /// The study maximises it.
     pub(crate) higher_is_better: bool,
-    /// Parameters with what is left of them.
+    /// The parameters that are held, with the values that remain.
     pub(crate) narrowed: Vec<Held>,
     /// All of it for a command line: `--range …` and `--fix …`.
     pub(crate) arguments: String,
@@ -37,7 +37,7 @@ pub(crate) struct Narrowed {
 /// parameters.
 const CHANCE: f64 = 1e-4;
 
-/// A parameter and what is left of it.
+/// A parameter and the values that remain for it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Held {
     pub(crate) parameter: String,
@@ -88,7 +88,7 @@ impl Run<'_> {
     }
 }
 
-/// Chooses on every second trial and tells by the others.
+/// Chooses on every second trial and measures the gain on the others.
 pub(super) fn narrow(table: &Table, metric: &Measured) -> Narrowed {
     let measured = |parity: usize| {
         let own = move |trial: &usize| trial % 2 == parity;

@@ -62,7 +62,7 @@ pub(crate) fn html(analysis: &Analysis) -> String {
     page
 }
 
-/// What matters most, in words.
+/// The most important influences, in words.
 pub(crate) fn headline(analysis: &Analysis) -> String {
     let all = analysis.conditions.first().map(|all| all.metrics.as_slice()).unwrap_or_default();
     if analysis.has_few() {

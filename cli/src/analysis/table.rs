@@ -142,7 +142,7 @@ pub(super) struct Table {
     pub(super) infeasible: usize,
     pub(super) random: bool,
     state_ids: Vec<i64>,
-    /// A number for each trial, the same for runs of one configuration in one state.
+    /// A number for each trial, equal for runs of one configuration in one state.
     pub(super) configurations: Vec<usize>,
 }
 
@@ -191,7 +191,7 @@ impl Table {
     }
 }
 
-/// Numbers from 0 for what was run: a configuration in a state.
+/// Numbers each pair of a configuration and a state from 0.
 fn numbered(trials: &[&TrialRecord]) -> Vec<usize> {
     let mut known: BTreeMap<(i64, String), usize> = BTreeMap::new();
     let number = |trial: &&TrialRecord| {
@@ -221,7 +221,7 @@ fn usual(trials: &[&TrialRecord]) -> Vec<String> {
     names
 }
 
-/// A measurement, or a sum of some, by its name. `cost` is what the study tells in its place.
+/// A measurement, or a sum of some, by its name. `cost` stands for the study's objective.
 fn relative(name: String, spec: &StudySpec, trials: &[&TrialRecord]) -> Measured {
     let view = spec.objective.view();
     let is_cost = name == "cost";

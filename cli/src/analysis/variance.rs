@@ -47,7 +47,7 @@ pub(super) fn pairs(table: &Table, metric: &Measured, influences: &[Influence]) 
             let ((in_a, _), (in_b, of_b)) = (a.bins(), b.bins());
             let both: Vec<Option<usize>> =
                 in_a.iter().zip(&in_b).map(|(a, b)| Some((*a)? * of_b + (*b)?)).collect();
-            // The halves by the same trials.
+            // The single shares from the trials that have both values.
             let only = |bins: &[Option<usize>]| -> Vec<Option<usize>> {
                 bins.iter().zip(&both).map(|(bin, both)| both.and(*bin)).collect()
             };
@@ -85,7 +85,7 @@ fn explained(table: &Table, bins: &[Option<usize>], target: &[Option<f64>]) -> O
     }
     let count = means.len() as f64;
     let mean = means.iter().map(|(_, y)| y).sum::<f64>() / count;
-    // How far off the mean of the others is.
+    // The squared distance from the mean of the others.
     let without = |y: f64, mean: f64, count: f64| ((y - mean) * count / (count - 1.0)).powi(2);
     let all: f64 = means.iter().map(|(_, y)| without(*y, mean, count)).sum();
     let within: f64 = means

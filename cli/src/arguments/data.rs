@@ -1,4 +1,4 @@
-//! Arguments of what lists, exports, imports and watches trials.
+//! Arguments of the commands that list, export, import and watch trials.
 
 use std::path::PathBuf;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! Arguments of what runs programs and of ask and tell in a shell.
+//! Arguments of the command that runs programs, and of ask and tell in a shell.
 
 use std::time::Duration;
 
@@ -134,7 +134,7 @@ impl Exec {
         }))
     }
 
-    /// What a study of the front is called, by which it is known again.
+    /// The name of a study of the front, by which a later call finds it.
     pub(crate) fn front_name(&self) -> Option<String> {
         let names: Vec<&str> = self.front.iter().map(|name| name.trim()).collect();
         (!names.is_empty()).then(|| format!("front of {}", names.join(", ")))

@@ -1,5 +1,4 @@
-//! What the command line `treewright` understands: its commands and their arguments. `study`, `exec` and
-//! `data` hold those of one field each.
+//! The commands of `treewright` and their arguments. `study`, `exec` and `data` hold those of one field each.
 
 pub(crate) mod data;
 pub(crate) mod exec;

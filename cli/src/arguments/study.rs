@@ -1,4 +1,4 @@
-//! Arguments of what concerns studies: create, show, copy, delete, steer.
+//! Arguments of the commands for studies: create, show, copy, delete, steer.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! What a study of another tuner becomes here.
+//! A study of another tuner, turned into a study of this one.
 
 use serde_json::{Value as Json, json};
 use treewright_client::{StudySpec, Value};
@@ -23,8 +23,8 @@ pub(crate) struct Foreign {
 }
 
 impl Foreign {
-    /// The name of a study's first metric, which its trials are to measure. The error says that what is
-    /// better there would be worse here.
+    /// The name of a study's first metric, which its trials are to measure. It is an error when one of the
+    /// two studies minimises and the other maximises.
     pub(crate) fn metric_in(&self, spec: &StudySpec) -> Result<String, String> {
         let Some(term) = spec.objective.terms().first() else { return Ok(METRIC.to_owned()) };
         let metric = term.metric.clone();

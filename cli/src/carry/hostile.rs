@@ -1,5 +1,4 @@
-//! Files that are damaged, or made to be: whatever stands in them, a reader answers with trials or with a
-//! problem.
+//! Damaged and hostile files: a reader answers each with trials or with a problem, and never panics.
 
 use std::path::{Path, PathBuf};
 
@@ -140,7 +139,7 @@ fn execute(path: &Path, statements: &[String]) {
     });
 }
 
-/// What no program writes into a column.
+/// Values that no program writes into a column.
 const VALUES: [&str; 12] = [
     "NULL",
     "x'ff00'",

@@ -16,7 +16,7 @@ const VERSION: u32 = 1;
 /// The first line.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Header {
-    /// Tells that this is an export, and in which version.
+    /// Marks the file as an export; its value is the version.
     treewright_export: u32,
     /// The name of the database.
     pub(crate) site: String,
@@ -29,7 +29,7 @@ impl Header {
         Self { treewright_export: VERSION, site: site.to_owned(), study }
     }
 
-    /// Reads what [`write_line`] wrote. The error says what is wrong.
+    /// Reads a line that [`write_line`] wrote. The error names the fault.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
         let header: Self = serde_json::from_str(text)
             .map_err(|error| format!("it does not begin like an export of a study: {error}"))?;

@@ -1,11 +1,10 @@
-//! Results on their way from one database to another: what an export writes, an import reads, and a copy of a
-//! study carries over.
+//! Results on their way from one database to another: exports, imports, and copies of studies.
 //!
 //! A carried trial is never run again. It enters the study as a trial that its client wanted, with the result
-//! that it had elsewhere, its machine, and its origin: `SITE/studies/ID@UID/trials/NUMBER`, by which it is
-//! known again, whatever site and study are called by then. So an import can be repeated, and databases can
-//! be merged in any order. A trial of the study itself is known only where the study holds it: trials can
-//! have been removed, and databases restored.
+//! that it had elsewhere, its machine, and its origin, `SITE/studies/ID@UID/trials/NUMBER`. The UID and the
+//! number identify it even after site or study are renamed. So an import can be repeated, and databases can
+//! be merged in any order. A trial that began in this study is skipped only while the study still holds it:
+//! trials can have been removed, and databases restored.
 
 pub(crate) mod csv_table;
 pub(crate) mod foreign;
@@ -30,7 +29,7 @@ use treewright_client::{
 use crate::failure::Failure;
 use crate::progress;
 
-/// How the client of a carried trial is called, before its own name.
+/// Prefix of the client's name in a carried trial.
 const CARRIED: &str = "import:";
 /// Longest name of a client, in characters.
 const CLIENT_CHARACTERS: usize = 128;
@@ -42,7 +41,7 @@ const SHOW_EVERY: u64 = 100;
 pub(crate) struct CarriedTrial {
     /// Where it was measured.
     pub(crate) origin: String,
-    /// Who measured it.
+    /// The client that measured it.
     pub(crate) client_id: String,
     pub(crate) indicators: BTreeMap<String, f64>,
     pub(crate) configuration: Configuration,
@@ -88,7 +87,7 @@ fn origin(trial: &TrialRecord, site: &str) -> String {
     trial.origin.clone().unwrap_or_else(|| format!("{site}/{}", trial.name))
 }
 
-/// What tells a trial from all others: from the study's identity on, where its origin says one.
+/// The part of an origin that identifies a trial: from the study's identity on, where the origin has one.
 fn key(origin: &str) -> &str {
     let is_key = |rest: &str| {
         rest.split_once("/trials/")
@@ -97,13 +96,13 @@ fn key(origin: &str) -> &str {
     origin.rsplit_once('@').map(|(_, rest)| rest).filter(|rest| is_key(rest)).unwrap_or(origin)
 }
 
-/// Who measured a trial, here or elsewhere.
+/// The client that measured a trial, here or elsewhere.
 fn client_id(trial: &TrialRecord) -> &str {
     let carried = trial.origin.as_ref().and_then(|_| trial.client_id.strip_prefix(CARRIED));
     carried.unwrap_or(&trial.client_id)
 }
 
-/// What became of the trials of an import.
+/// Counts of the fates of an import's trials.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Tally {
     /// The study that they went into.
@@ -143,9 +142,9 @@ pub(crate) struct Importer<'a> {
     site: String,
     /// The study, named with its identity.
     name: String,
-    /// How origins of this very study begin: today's, and those of versions in which studies had no identity.
+    /// Prefixes of this study's origins: today's, and that of versions in which studies had no identity.
     own: [String; 2],
-    /// The [keys](key) of what was imported before.
+    /// The [keys](key) of the trials that were imported before.
     known: BTreeSet<String>,
     /// The study's own trials, by their numbers; read when the first that may be one of them comes.
     held: Option<BTreeMap<u64, CarriedTrial>>,
@@ -185,7 +184,7 @@ impl<'a> Importer<'a> {
         })
     }
 
-    /// Adds what is not there yet.
+    /// Adds the trials that the study does not hold yet.
     ///
     /// # Errors
     /// When a trial cannot be read, or the daemon cannot be reached.
@@ -240,8 +239,8 @@ impl<'a> Importer<'a> {
             None => self.read_held()?,
         };
         let whole = |trial: &CarriedTrial| self.spec.space.complete(&trial.configuration).ok();
-        // Not the time: a table does not tell it, and what comes home from another site has that of its
-        // import there.
+        // Times are not compared: a table has none, and a trial that comes home from another site has the
+        // time of its import there.
         let is_held = held
             .get(&number)
             .is_some_and(|own| own.measurements == trial.measurements && whole(own) == whole(trial));

@@ -28,7 +28,7 @@ pub(super) enum Kind {
     Time,
 }
 
-/// What stands in one place of a table.
+/// The contents of one place of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum TrialCell {
     Boolean(bool),
@@ -68,7 +68,7 @@ impl TrialColumn {
         Self { title: title.into(), kind, read: Box::new(read) }
     }
 
-    /// What it says of a trial.
+    /// The column's value for a trial.
     pub(super) fn of(&self, trial: &TrialRecord) -> Option<TrialCell> {
         (self.read)(trial)
     }

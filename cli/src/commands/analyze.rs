@@ -1,4 +1,4 @@
-//! What a study's parameters do, from its trials.
+//! The influence of a study's parameters, from its trials.
 
 use treewright_client::blocking::Client;
 use treewright_client::{ClientError, Constraint, TrialQuery};

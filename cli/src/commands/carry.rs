@@ -140,7 +140,7 @@ fn into_its_study(
     into_new_or_known(client, import, &id, &header.study, add)
 }
 
-/// Adds trials of a table that does not say what was tuned.
+/// Adds the trials of a table without a specification to a study that the caller names.
 fn into_named_study(
     client: &Client,
     import: &Import,

@@ -1,5 +1,4 @@
-//! What is wrong here: the machine, the programs, the settings, the daemon. Each finding says what to do
-//! about it.
+//! Finds faults of the machine, the programs, the settings and the daemon. Each finding names its remedy.
 
 use std::process::Command;
 use std::time::Duration;

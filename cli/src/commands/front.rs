@@ -1,4 +1,4 @@
-//! The Pareto front of a study's trials, whatever the study minimises.
+//! The Pareto front of a study's trials, over metrics that the study itself need not minimise.
 
 use std::collections::BTreeSet;
 

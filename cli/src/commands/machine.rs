@@ -1,4 +1,4 @@
-//! What other programs need of this one: completions and manual pages, made from the command line itself.
+//! Completions for shells and manual pages, made from the definition of the command line.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use clap::CommandFactory as _;
 use crate::arguments::Arguments;
 use crate::failure::Failure;
 
-/// What a shell needs to complete commands.
+/// The script with which a shell completes commands.
 pub(super) fn completions(shell: clap_complete::Shell) -> String {
     let mut text = Vec::new();
     clap_complete::generate(shell, &mut Arguments::command(), "treewright", &mut text);

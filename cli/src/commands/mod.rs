@@ -33,7 +33,7 @@ const USUAL: &str = "http://127.0.0.1:50611";
 /// The word for a daemon of one's own.
 const LOCAL: &str = "local";
 
-/// Does what the command line says and returns what is to be printed.
+/// Runs the command and returns the text to print.
 pub(crate) fn run(arguments: &Arguments, settings: &Settings) -> Result<String, Failure> {
     let json = arguments.json;
     // These need no daemon.
@@ -142,7 +142,8 @@ struct Address {
     is_local: bool,
 }
 
-/// The daemon's address. Where none is said: the usual one if somebody answers there, else the local one.
+/// The daemon's address. Without one in the arguments: the usual address if a daemon answers there, else
+/// that of the local daemon.
 fn address(arguments: &Arguments) -> Result<Address, Failure> {
     let elsewhere = |url: &str| Address { url: url.to_owned(), is_local: false };
     let here = |local: LocalDaemon| -> Result<Address, Failure> {
@@ -154,7 +155,7 @@ fn address(arguments: &Arguments) -> Result<Address, Failure> {
         None if local::answers(USUAL) => Ok(elsewhere(USUAL)),
         None => {
             let local = LocalDaemon::of_user()?;
-            // Who only looks needs no new one, unless there is something to look at.
+            // A command that only reads starts a daemon only where a database exists.
             if needs_a_daemon(&arguments.command) || local.database().exists() {
                 here(local)
             } else {
@@ -164,7 +165,7 @@ fn address(arguments: &Arguments) -> Result<Address, Failure> {
     }
 }
 
-/// Whether a command makes something, for which a daemon is started where there is none.
+/// Whether a command writes something. A daemon is started for it where there is none.
 fn needs_a_daemon(command: &Command) -> bool {
     matches!(
         command,

@@ -1,4 +1,4 @@
-//! How a study decides: show and change its policy, pin a configuration, freeze.
+//! The policy of a study: show and change it, pin a configuration, freeze.
 
 use treewright_client::blocking::Client;
 use treewright_client::{Configuration, Operation, Policy, PolicyChange, StudyRecord};

@@ -23,7 +23,7 @@ pub(super) fn list(client: &Client, json: bool) -> Result<String, Failure> {
 /// Most states of a study whose standings are read.
 const STATES_READ: i64 = 12;
 
-/// How each study stands. The daemon reads every study into its memory for that.
+/// The standing of each study. The daemon reads every study into its memory for that.
 pub(super) fn standings(client: &Client, json: bool) -> Result<String, Failure> {
     let mut all = Vec::new();
     for study in client.list_studies()? {

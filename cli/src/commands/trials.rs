@@ -1,4 +1,4 @@
-//! What is known: trials, the best, predictions, explanations.
+//! Commands that read results: trials, best configurations, predictions, explanations.
 
 use serde::Serialize;
 use treewright_client::blocking::Client;
@@ -40,7 +40,7 @@ pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String
     }
 }
 
-/// What names a state: its indicators.
+/// The indicators that name a state.
 fn indicators(client: &Client, state: &State) -> Result<Indicators, Failure> {
     match state.state {
         None => Ok(state.indicators.iter().cloned().collect()),

@@ -51,7 +51,7 @@ fn look(client: &Client, study: &str, last: &mut Option<(Instant, i64)>) -> Resu
     Ok(Glance { study, best, open, trials_per_s })
 }
 
-/// Writes over what was shown before, on a terminal.
+/// Overwrites the previous picture, on a terminal.
 fn redraw(text: &str) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
     let clear = if out.is_terminal() { "\x1b[H\x1b[2J" } else { "" };

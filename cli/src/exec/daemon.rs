@@ -1,5 +1,5 @@
-//! The daemon as a session sees it that outlives restarts: passing errors are tried again until the session's
-//! patience is at its end, and a daemon of one's own that is gone is restarted.
+//! The daemon behind a session that outlives restarts. Calls with a passing error are repeated until the
+//! session's patience ends, and the user's own daemon is started again when it is gone.
 
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,13 +17,13 @@ use crate::progress;
 const FIRST_PAUSE: Duration = Duration::from_millis(50);
 /// The longest one.
 const LONGEST_PAUSE: Duration = Duration::from_secs(1);
-/// How often a pause looks whether everything is to end.
+/// Interval at which a pause checks whether the session is to end.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// A client with patience.
 pub(super) struct PatientClient<'a> {
     pub(super) client: &'a Client,
-    /// How long one thing is tried.
+    /// Longest time for which one call is repeated.
     patience: Duration,
     /// The daemon is the user's own, which may be started again.
     is_local: bool,
@@ -64,7 +64,7 @@ impl<'a> PatientClient<'a> {
         }
     }
 
-    /// Asks once, for what is as well left unsaid.
+    /// Asks once, for an answer that the session can do without.
     pub(super) fn ask_once<T>(&self, ask: impl FnOnce(&Client) -> Result<T, ClientError>) -> Option<T> {
         if self.is_away.get() { None } else { ask(self.client).ok() }
     }

@@ -1,5 +1,4 @@
-//! A front in a session: which direction a run is for, what it costs there, and what the other directions
-//! are told of it.
+//! A front in a session: the direction of a run, its cost there, and its reports to the other directions.
 
 use treewright_client::{
     Configuration, Front, FrontHistory, Indicators, ObjectiveTerm, Policy, Question, SessionPolicy,
@@ -16,7 +15,7 @@ use crate::show::figure;
 /// Runs of a call that does not say how many, where the study has no budget of its own.
 const RUNS: u32 = 80;
 
-/// What every run has to measure.
+/// The metrics that every run has to measure.
 pub(super) fn terms(front: &Front) -> Vec<ObjectiveTerm> {
     front.metrics().map(|metric| ObjectiveTerm { metric: metric.to_owned(), weight: 1.0 }).collect()
 }
@@ -36,7 +35,7 @@ fn planned(exec: &Exec, policy: &Policy) -> u32 {
 }
 
 impl Job<'_> {
-    /// What the study knows of the front so far.
+    /// The study's trials of the front so far.
     pub(super) fn front(&self, front: Front, exec: &Exec) -> Result<FrontHistory, Failure> {
         let wanted = exec.front_name().unwrap_or_default();
         if self.study.display_name != wanted {
@@ -103,8 +102,8 @@ impl Session<'_> {
         }
     }
 
-    /// Takes a run that was reported for the front, and tells it to the other directions. The words say what
-    /// it measured.
+    /// Takes a run that was reported for the front, and reports it to the other directions. Returns its
+    /// measurements in words.
     pub(super) fn learn(&mut self, trial: &TrialRecord) -> Result<Option<String>, Failure> {
         let Some(history) = &mut self.front else { return Ok(None) };
         let stored = self.job.daemon.ask(|client| client.trial(&trial.name))?;

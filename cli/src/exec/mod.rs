@@ -1,9 +1,10 @@
-//! `treewright exec`: tunes any program. It asks for a configuration, runs the program with it, takes the
-//! times or what the program prints, reports, and repeats until the search ends. At the end the winner may
-//! run against the default in interleaved pairs, because the best of many noisy runs is mostly luck.
+//! `treewright exec`: tunes any program. It asks for a configuration, runs the program with it, measures the
+//! run or reads its output, reports, and repeats until the search ends. At the end the winner may run against
+//! the default in interleaved pairs, because the best of many noisy runs is mostly luck.
 //!
-//! One bad run, number or daemon does not end it: failures are tried again, numbers that cannot be reported
-//! are left out, and a daemon that is away is waited for. The result is shown at the end, however that comes.
+//! One bad run, number or daemon does not end the session: failed runs are tried again, numbers that cannot
+//! be reported are left out, and the session waits for a daemon that is away. It shows its result at the end,
+//! also after an interruption.
 
 mod daemon;
 mod front;
@@ -39,10 +40,10 @@ use template::Template;
 
 /// Leases are renewed after this share of their time.
 const RENEW_AFTER: f64 = 0.4;
-/// How often the default runs before it is believed that it does not work. Three of ten runs may fail by
-/// chance, and one of four hundred sessions gives up wrongly.
+/// Failed runs after which the default counts as unusable. Where three of ten runs fail by chance, one of
+/// four hundred sessions gives up wrongly.
 const TRIES_OF_DEFAULT: u32 = 5;
-/// How often a configuration that never did its work fails before it counts as unusable.
+/// Failures after which a configuration without one good run counts as unusable.
 const FAILURES_MAX: u32 = 2;
 /// Number of failures in a row, without a run that worked, after which the session ends.
 const FAILURES_IN_VAIN_MAX: u32 = 10;
@@ -54,7 +55,7 @@ const INTERRUPTED: i32 = 130;
 /// The daemon that a session talks to.
 pub(crate) struct Service<'a> {
     pub(crate) client: &'a Client,
-    /// How long it is waited for.
+    /// Longest time for which a call is repeated.
     pub(crate) timeout: Duration,
     /// It is the user's own, which is started when it is needed.
     pub(crate) is_local: bool,
@@ -74,7 +75,7 @@ struct Job<'a> {
     session_policy: SessionPolicy,
 }
 
-/// A session: the job, and what came of it so far.
+/// A session: the job and its results so far.
 struct Session<'a> {
     job: &'a Job<'a>,
     own: OwnRuns,
@@ -85,7 +86,7 @@ struct Session<'a> {
     left_out: BTreeSet<LeftOut>,
 }
 
-/// What became of one trial.
+/// The end of one trial.
 enum Step {
     Measured(f64),
     Infeasible(String),
@@ -245,7 +246,7 @@ impl Job<'_> {
         move || {
             if last.elapsed() > every && under_way.as_ref().is_none_or(JoinHandle::is_finished) {
                 let (client, name) = (client.clone(), name.clone());
-                // A report after the lease has ended is taken all the same.
+                // A failed renewal may be ignored: the service also takes a report after the lease has ended.
                 under_way = Some(std::thread::spawn(move || drop(client.renew(&name))));
                 last = Instant::now();
             }
@@ -505,7 +506,7 @@ impl Session<'_> {
         let mut measured = Vec::new();
         'pairs: for pair in 0..pairs {
             progress::status(&format!("confirming: pair {} of {pairs}", pair + 1));
-            // Who goes first changes, so that neither always profits from the other's caches.
+            // The order changes, so that neither always profits from the other's caches.
             let order = if pair % 2 == 0 { [&job.default, candidate] } else { [candidate, &job.default] };
             let mut costs = [None, None];
             for configuration in order {
@@ -566,7 +567,7 @@ fn default_client() -> String {
     format!("exec@{}-{}", crate::files::host(), std::process::id())
 }
 
-/// Set once somebody wants everything to end. Who says so twice does not want to wait.
+/// A flag that the first signal sets. The second signal ends the process at once.
 fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let set = Arc::clone(&stop);

@@ -7,7 +7,7 @@ use serde::Serialize;
 /// The confidence that the interval has at least, where there are pairs enough for it.
 const CONFIDENCE: f64 = 0.95;
 
-/// What pairs say of a gain. Shares: 0.2 is 20 % less than the default.
+/// A gain, estimated from pairs. Shares: 0.2 is 20 % less than the default.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Gain {
     /// The number of pairs.

@@ -1,8 +1,7 @@
-//! One run of the program that is tuned: start it under a supervisor, wait, and say what it took and how it
-//! ended.
+//! One run of the tuned program: start it under a supervisor, wait, and return its cost or its failure.
 //!
-//! The result counts as soon as the program has ended. Who still holds its output open then, a helper in a
-//! session of its own, say, is not waited for.
+//! The result counts as soon as the program has ended. Another process that still holds its output open, such
+//! as a helper in a session of its own, is not waited for.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::io::{Read, Write as _};
@@ -24,13 +23,13 @@ use crate::progress;
 const KEPT_BYTES: usize = 64 << 10;
 /// Bytes that are read at once.
 const READ_BYTES: usize = 64 << 10;
-/// How often a running program is looked at for the limits it may reach. Its end is noticed at once.
+/// Interval at which a running program is checked against its limits. Its end is noticed at once.
 const LOOK: Duration = Duration::from_millis(100);
-/// How long what a program wrote before it ended is read, where somebody else goes on writing.
+/// Longest time for reading the rest of a program's output while another process goes on writing there.
 const DRAIN: Duration = Duration::from_millis(250);
-/// How long is waited for a program that was killed. One that hangs in a device can take for ever.
+/// Longest wait for a program that was killed. One that hangs in a device can take for ever.
 const KILLED: Duration = Duration::from_secs(5);
-/// What stands before a parameter's name in the program's environment.
+/// Prefix of a parameter's name in the program's environment.
 const VARIABLE: &str = "TREEWRIGHT_PARAM_";
 
 /// Which numbers count.
@@ -42,7 +41,7 @@ pub(crate) enum MetricSource {
     Json,
 }
 
-/// How programs are run.
+/// The settings of runs.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Runner<'a> {
     pub(crate) metric: MetricSource,
@@ -58,7 +57,7 @@ pub(crate) struct Runner<'a> {
     pub(crate) stop: &'a AtomicBool,
 }
 
-/// How a run ended.
+/// The end of a run.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Run {
     /// It did its work.
@@ -67,9 +66,9 @@ pub(crate) enum Run {
     Infeasible(String),
     /// It ended badly or without a result. That may be the configuration's fault, or chance.
     Failed {
-        /// How it ended, with what it said last.
+        /// How it ended, with its last words.
         reason: String,
-        /// The end of what it wrote to standard error.
+        /// The end of its standard error.
         said: String,
     },
     /// It took longer than was worth waiting for: its time in milliseconds.
@@ -139,7 +138,7 @@ impl Runner<'_> {
         })
     }
 
-    /// Waits until the program has ended. Tells why it was ended before its time, if it was.
+    /// Waits until the program has ended. Returns the reason if it was ended before its time.
     fn watch(
         &self,
         supervised: &mut Supervised,
@@ -219,12 +218,12 @@ impl Cut {
     }
 }
 
-/// A program with its supervisor: what is read of them.
+/// The outputs of a program and of its supervisor.
 struct Supervised {
     out: Option<Tail<ChildStdout>>,
     err: Option<Tail<ChildStderr>>,
     socket: UnixStream,
-    /// What the supervisor said so far.
+    /// The supervisor's output so far.
     told: Vec<u8>,
     /// It says no more.
     is_over: bool,
@@ -232,7 +231,7 @@ struct Supervised {
 }
 
 impl Supervised {
-    /// Reads once whatever there is, and waits for it for so long. Tells whether there was anything.
+    /// Reads the available output once, and waits for some for at most `wait`. Returns whether there was any.
     fn read(&mut self, wait: Duration) -> Result<bool, std::io::Error> {
         let sources = [
             self.out.as_ref().and_then(Tail::source),
@@ -257,7 +256,7 @@ impl Supervised {
         Ok(ready.contains(&true))
     }
 
-    /// What became of the program; `None` where the supervisor did not live to tell.
+    /// The program's end; `None` where the supervisor died before it could report one.
     fn fate(&self) -> Option<Fate> {
         serde_json::from_slice(&self.told).ok()
     }
@@ -306,7 +305,7 @@ impl<R: Read + AsFd> Tail<R> {
         self.source.as_ref().map(AsFd::as_fd)
     }
 
-    /// Reads what is there. An error is taken for the end.
+    /// Reads the available output. An error is taken for the end.
     fn read(&mut self, show: bool) {
         let Some(source) = &mut self.source else { return };
         let mut some = [0; READ_BYTES];

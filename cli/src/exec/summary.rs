@@ -1,4 +1,4 @@
-//! What a session came to, as JSON and in words. The last words name one configuration: the one to use.
+//! The result of a session, as JSON and in words. The last words name one configuration: the one to use.
 
 use std::collections::BTreeMap;
 
@@ -12,12 +12,12 @@ use crate::show::{self, figure};
 /// The version of the JSON. It rises when a field changes its meaning or goes.
 const FORMAT: u32 = 1;
 
-/// What the command came to.
+/// The result of a session.
 #[derive(Debug, Serialize)]
 pub(super) struct Summary {
     format: u32,
     pub(super) study: String,
-    /// What is minimised: a metric, with its unit in its name, or the weighted sum of several.
+    /// The objective: a metric, with its unit in its name, or the weighted sum of several.
     pub(super) objective: String,
     /// Trials of this call, the pairs left out.
     pub(super) trials: u64,
@@ -40,7 +40,7 @@ pub(super) struct Summary {
     pub(super) front: Option<ParetoFront>,
 }
 
-/// What ran against the default in pairs, and what came out.
+/// The configuration that ran against the default in pairs, and its gain.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Confirmed {
     pub(super) configuration: Configuration,
@@ -57,7 +57,7 @@ pub(super) struct Winner {
     /// Of the objective, in its unit.
     pub(super) cost: f64,
     pub(super) default_cost: Option<f64>,
-    /// What these costs stand for where one metric is maximised and nothing else counts.
+    /// The metric's own value where one metric is maximised and nothing else counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) value: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -66,7 +66,7 @@ pub(super) struct Winner {
     pub(super) source: WinnerSource,
 }
 
-/// Who says what is best.
+/// The source of the best configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum WinnerSource {
@@ -130,7 +130,7 @@ impl Summary {
 }
 
 impl Confirmed {
-    /// `is_best`: it is what is recommended.
+    /// `is_best`: it is the recommended configuration.
     fn words(&self, is_best: bool, view: &CostView) -> String {
         let Gain { pairs, gain, low, high, confidence, .. } = self.gain;
         let found = format!(
@@ -157,11 +157,11 @@ impl Confirmed {
     }
 }
 
-/// What is minimised, in few words.
+/// The objective in few words.
 pub(super) fn objective(spec: &StudySpec) -> String {
     let (terms, maximised) = (spec.objective.terms(), spec.objective.maximised());
     match terms {
-        // Its own value is told, not the cost.
+        // Its own value is shown, not the cost.
         [term] if term.weight == 1.0 || !maximised.is_empty() => term.metric.clone(),
         _ => {
             let sign = |metric: &String| if maximised.contains(metric) { "/ " } else { "" };
@@ -173,11 +173,11 @@ pub(super) fn objective(spec: &StudySpec) -> String {
     }
 }
 
-/// What this call measured itself: the costs of each configuration.
+/// The measurements of this call: the costs of each configuration.
 #[derive(Debug, Default)]
 pub(super) struct OwnRuns {
     costs: BTreeMap<String, (Configuration, Vec<f64>)>,
-    /// How often each failed, where it never did its work.
+    /// Number of failures of each configuration since it last worked.
     failures: BTreeMap<String, u32>,
 }
 
@@ -188,7 +188,7 @@ impl OwnRuns {
         self.costs.entry(name).or_insert_with(|| (configuration.clone(), Vec::new())).1.push(cost);
     }
 
-    /// Notes that a configuration failed, and tells how often it has, where it never did its work.
+    /// Counts a failure of a configuration. Returns the number of its failures since it last worked.
     pub(super) fn failed(&mut self, configuration: &Configuration) -> u32 {
         let count = self.failures.entry(configuration.to_string()).or_default();
         *count += 1;

@@ -1,5 +1,5 @@
-//! Who stands between `exec` and a program that it runs: this program once more, as a process of its own that
-//! starts the other, measures it, and ends what it leaves behind.
+//! The supervisor between `exec` and a program that it runs: this program once more, as a process of its own.
+//! It starts the other program, measures it, and ends the processes that it leaves behind.
 //!
 //! A process that is killed cannot clean up after itself, but its sockets close. So the two are joined by a
 //! pair of sockets: as soon as `exec` shuts its end, be it because a limit is reached or because it was
@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 
 /// The first argument that makes this program a supervisor. Nobody types it.
 const MARK: &str = "supervise-a-run";
-/// How long what is below is killed again and again until nothing is left.
+/// Longest time in which the processes below are killed again and again until none is left.
 const END_ALL: Duration = Duration::from_secs(1);
 
 /// The fate of a program, as sent over the socket: one line of JSON.
@@ -33,7 +33,7 @@ pub(super) enum Fate {
     NotStarted(Option<i32>),
     /// It ended.
     Ended {
-        /// As `wait(2)` tells it.
+        /// The status from `wait(2)`.
         status: i32,
         wall_ms: f64,
         /// User and system time of all that was waited for.
@@ -91,7 +91,7 @@ fn supervise(mut command: Command) -> Result<(), std::io::Error> {
     std::thread::spawn(move || end_when_told(hears, group, &is_cut));
     until_ended(&mut child);
     let wall_ms = begin.elapsed().as_secs_f64() * 1e3;
-    // What it left running in its group would go on beside the next run.
+    // Processes that it left running in its group would disturb the next run.
     let _ = killpg(group, Signal::SIGKILL);
     let status = child.wait()?;
     let cpu_ms = cpu_ms();
@@ -103,7 +103,7 @@ fn supervise(mut command: Command) -> Result<(), std::io::Error> {
 
 /// Waits until nothing can be read from `exec` any more, and ends the program then.
 fn end_when_told(mut socket: UnixStream, group: Pid, is_cut: &AtomicBool) {
-    // Nothing is ever sent; the end is what is waited for.
+    // Nothing is ever sent: the read returns when the other side closes.
     let _ = socket.read(&mut [0]);
     is_cut.store(true, Ordering::Relaxed);
     let _ = killpg(group, Signal::SIGKILL);

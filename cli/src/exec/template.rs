@@ -7,7 +7,7 @@
 //! | `{{name}}` | the text `{name}` |
 //!
 //! An argument that asks for an inactive parameter is left out, and so is one that a choice leaves empty. All
-//! other braces are what they are, so that programs of awk or JSON need no escapes.
+//! other braces stay as written, so that programs of awk or JSON need no escapes.
 
 use std::collections::BTreeSet;
 
@@ -26,7 +26,7 @@ enum Piece {
     Choice { name: String, yes: String, no: String },
 }
 
-/// What an argument became.
+/// An argument after its places were filled.
 enum Filled {
     Argument(String),
     LeftOut,

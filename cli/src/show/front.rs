@@ -18,7 +18,7 @@ const BOTTOM: f64 = 48.0;
 const LOGARITHMIC: f64 = 10.0;
 /// About how many lines an even axis has.
 const LINES: f64 = 5.0;
-/// Blue and orange are told apart by everybody.
+/// Blue and orange are distinct also for people who see fewer colours.
 const STYLE: &str = "svg{--paper:#fff;--ink:#1d1f24;--line:#dcdad4;--other:#8a8f98;--front:#0b62b8;--default:#c2570c}\
 @media(prefers-color-scheme:dark){svg{--paper:#16181c;--ink:#e9e7e2;--line:#3a3e46;--other:#868b94;--front:#6db3f2;--default:#f0935f}}\
 text{font:12px system-ui,sans-serif;fill:var(--ink)}";

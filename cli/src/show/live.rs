@@ -1,4 +1,4 @@
-//! Several states at once: what is best in each, and what happens at the moment.
+//! Several states at once: the best configuration of each, and the trials under way.
 
 use std::time::SystemTime;
 
@@ -7,10 +7,10 @@ use treewright_client::{Best, Configuration, CostView, StudyRecord, StudySpec, T
 
 use super::{figure, line, table};
 
-/// How wide lines of words are.
+/// Width of lines of words.
 const COLUMNS: u16 = 80;
 
-/// What is seen at one moment.
+/// The picture of one moment.
 #[derive(Debug, Serialize)]
 pub(crate) struct Glance {
     pub(crate) study: StudyRecord,

@@ -1,4 +1,4 @@
-//! Answers as text for people, in tables that fit a terminal. `live` holds what shows several states at once.
+//! Answers as text for people, in tables that fit a terminal. `live` shows several states at once.
 
 mod front;
 mod live;
@@ -32,7 +32,7 @@ fn table(header: &[&str], figures: &[usize]) -> Table {
     table
 }
 
-/// How a study's costs are told: as costs where what it minimises cannot be read.
+/// How a study's costs are shown: as plain costs where its objective cannot be read.
 pub(crate) fn view(study: &StudyRecord) -> CostView {
     study.spec().map(|spec| spec.objective.view()).unwrap_or_default()
 }
@@ -59,7 +59,7 @@ pub(crate) fn studies(studies: &[StudyRecord]) -> String {
     table.trim_fmt()
 }
 
-/// How each study stands: how many of its states are where, and the median of their gains.
+/// The standing of each study: the number of its states at each standing, and the median of their gains.
 pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
     if studies.is_empty() {
         return "no studies yet".to_owned();
@@ -284,7 +284,7 @@ fn stands(standing: &Standing, best: &Best, view: &CostView) -> String {
     text
 }
 
-/// Means of what was measured, from a daemon that does not tell what is proven.
+/// Mean measurements, from a daemon that does not send standings.
 fn means(best: &Best, view: &CostView) -> String {
     let mut text = String::new();
     line(

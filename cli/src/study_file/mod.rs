@@ -1,9 +1,9 @@
-//! Studies as data: a file in TOML or JSON that says what is tuned, and back.
+//! Studies as data: reads a specification from a file in TOML or JSON, and writes one.
 //!
 //! The file is flat and made for people: a parameter has a `type` and its bounds beside its name, whole
-//! numbers are taken for float parameters, and what is left out takes the daemon's default. What is written
-//! by `study show --format toml` creates an equal study when it is read again; `schema` describes the same
-//! for editors.
+//! numbers are taken for float parameters, and a missing entry takes the daemon's default. The output of
+//! `study show --format toml` creates an equal study when it is read again. `schema` describes the file for
+//! editors.
 
 pub(crate) mod find;
 mod inline;
@@ -330,7 +330,7 @@ impl StudyFile {
     /// Reads a file; `-` is standard input.
     ///
     /// # Errors
-    /// [`Failure::File`] with line and column of what is wrong.
+    /// [`Failure::File`] with line and column of the fault.
     pub(crate) fn read(path: &Path) -> Result<Self, Failure> {
         let text = crate::files::read_text(path)?;
         let is_json = path.extension().is_some_and(|extension| extension == "json")
@@ -435,10 +435,10 @@ impl StudyFile {
         Ok(policy)
     }
 
-    /// What describes a stored study.
+    /// The file that describes a stored study.
     ///
     /// # Errors
-    /// When this version cannot read what is tuned.
+    /// When this version cannot read the study's space.
     pub(crate) fn of(study: &StudyRecord) -> Result<Self, Failure> {
         let spec = study.spec()?;
         let mut file = Self::of_spec(spec);

@@ -1,4 +1,4 @@
-//! Study files: what is written is read back as the same study, and mistakes are named.
+//! Study files: a written study is read back as an equal one, and mistakes are named.
 
 use super::*;
 

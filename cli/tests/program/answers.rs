@@ -1,4 +1,4 @@
-//! What the commands print, for people and for scripts.
+//! The output of the commands, for people and for scripts.
 
 use serde_json::Value;
 

@@ -1,4 +1,4 @@
-//! Several metrics at once: what a session reports, goes on with, and prints.
+//! Several metrics at once: a session's reports, its next questions, and its output.
 
 use serde_json::Value;
 use treewright_proto::v1::Mode;

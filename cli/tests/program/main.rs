@@ -1,4 +1,4 @@
-//! The command line as a program, against a stand-in for the daemon: what it prints and how it ends.
+//! The command line as a program, against a stand-in for the daemon: its output and its exit codes.
 
 #[path = "../../../client/tests/support/mod.rs"]
 mod support;
@@ -28,7 +28,7 @@ fn run(fake: &Fake, arguments: &[&str]) -> Output {
     treewright().args(["--server", &fake.url()]).args(arguments).output().expect("the program starts")
 }
 
-/// What a successful run prints.
+/// The output of a run that must succeed.
 fn answer(fake: &Fake, arguments: &[&str]) -> String {
     let output = run(fake, arguments);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));

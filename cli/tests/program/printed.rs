@@ -1,4 +1,4 @@
-//! What counts of an output, line by line and for arbitrary ones.
+//! The measurements that are read from an output, for chosen lines and for arbitrary text.
 
 use proptest::prelude::*;
 

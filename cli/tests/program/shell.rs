@@ -1,4 +1,4 @@
-//! Ask and tell in a shell, and what scripts need besides: exports, completions, manual pages.
+//! Ask and tell in a shell, and other needs of scripts: exports, completions, manual pages.
 
 use serde_json::Value;
 

@@ -1,15 +1,13 @@
 //! The client for programs without a tokio runtime: calls return when they are done.
 //!
-//! One thread drives the network, the outbox and the timers; calls wait on the caller's own thread. What the
-//! asynchronous client never lets block ([`crate::Suggestion::report`], dropping a suggestion) does not block
-//! here.
+//! One thread drives the network, the outbox and the timers; calls wait on the caller's own thread.
+//! [`crate::Suggestion::report`] and dropping a suggestion never block, as in the asynchronous client.
 //!
 //! When the client and its last study are dropped, queued reports are sent for at most two more seconds.
 //!
 //! The child of a fork has none of its parent's threads, and must not speak on its parent's connection.
 //! Handles find out in which process they are used: in a child they connect again, as workers of their own
-//! under the client's name. The parent keeps what it had under way (suggestions, queued reports, pages of
-//! trials).
+//! under the client's name. Suggestions, queued reports and pages of trials under way stay with the parent.
 
 mod per_process;
 mod runtime;
@@ -329,7 +327,7 @@ impl Study {
 pub struct Tuner {
     /// Made in the process that uses it.
     tuner: Option<OfProcess<crate::Tuner>>,
-    // The last field: what is dropped before it still finds the thread.
+    // The last field: fields dropped before it still find the thread.
     study: Study,
 }
 
@@ -350,7 +348,7 @@ impl Tuner {
 #[derive(Debug)]
 pub struct Paired {
     paired: OfProcess<Result<crate::Paired, ClientError>>,
-    // The last field: what is dropped before it still finds the thread.
+    // The last field: fields dropped before it still find the thread.
     study: Study,
 }
 
@@ -368,7 +366,7 @@ impl Paired {
 pub struct PrefetchingTuner {
     /// Made in the process that uses it.
     tuner: Option<OfProcess<crate::PrefetchingTuner>>,
-    // The last field: what is dropped before it still finds the thread.
+    // The last field: fields dropped before it still find the thread.
     study: Study,
 }
 

@@ -1,6 +1,6 @@
 //! Values that belong to one process. After a fork the child has a copy of its parent's memory and none of
-//! its threads: nobody there will let go of a lock that one of them held, or answer. So what is the parent's
-//! is neither used nor cleaned up in the child.
+//! its threads: a lock that one of them held stays locked, and a question to one gets no answer. So the child
+//! neither uses nor cleans up the parent's values.
 
 use std::sync::OnceLock;
 
@@ -62,7 +62,7 @@ impl<T> PerProcess<T> {
         Self { first: OfProcess::new(value), child: OnceLock::new() }
     }
 
-    /// The value of the process that made it, to read what is equal in all.
+    /// The value of the process that made it, for reading the parts that are equal in all processes.
     pub(super) fn first(&self) -> &T {
         self.first.value.as_ref().expect("it is only taken when dropped")
     }

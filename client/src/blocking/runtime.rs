@@ -28,7 +28,7 @@ impl RuntimeThread {
         let to_flush = Arc::clone(&core);
         let drive = move || {
             runtime.block_on(async {
-                // An error means that the sender is gone, which is the same message.
+                // An error means that the sender is gone, which also ends the thread.
                 let _ = ended.await;
                 let core = take(&to_flush);
                 if let Some(core) = core

@@ -48,7 +48,7 @@ fn measured(level: i64) -> Measurements {
     Measurements::from([("time_ms", 100.0 / level as f64), ("rate", 1000.0 / (level * level) as f64)])
 }
 
-/// Runs as a program does until it has run so often in all; what it is to carry over may be interrupted.
+/// Runs as a program does until the history has `runs` runs. Carrying results over may be interrupted.
 fn go_on(history: &mut FrontHistory, runs: usize, interrupted: bool) {
     while history.runs().count() < runs {
         let direction = history.next_direction().expect("nothing is over");

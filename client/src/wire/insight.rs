@@ -6,7 +6,7 @@ use treewright_proto::v1;
 use crate::insight::{Explanation, Omission, StateInsight};
 
 pub(crate) fn explanation_from_wire(explanation: v1::Explanation) -> Explanation {
-    // For people, who are better served by a part of it than by nothing.
+    // It is for people, who are better served by a part of it than by nothing.
     let instead_of = explanation.instead_of.map(|instead| readable_configuration(instead).0.into());
     Explanation {
         rule: WireEnum::from_number(explanation.rule),

@@ -1,7 +1,7 @@
 //! Messages as records of this crate. Shared conversions are in `treewright_proto::convert`.
 //!
-//! Reading a list never fails for what a newer daemon says of one entry: unknown words are carried along, and
-//! an entry keeps the reason why it cannot be read. A caller that must act on it fails with that reason.
+//! One entry of a newer daemon never makes a whole list unreadable: unknown words are carried along, and an
+//! entry keeps the reason why it cannot be read. A caller that must act on the entry fails with that reason.
 
 mod insight;
 mod trial;

@@ -1,4 +1,4 @@
-//! Trials and what is asked about them.
+//! Conversions of trials and of questions about them.
 
 use treewright_proto::convert::{
     fingerprint_from_wire, outcome_from_wire, readable_configuration, standing_from_wire,

@@ -1,4 +1,4 @@
-//! Everything that is not part of a frame.
+//! The calls outside of frames.
 
 use treewright_client::{
     Client, ClientError, Configuration, Indicators, Mode, Options, Outcome, Policy, PolicyChange, Space,

@@ -1,4 +1,4 @@
-//! The blocking client: the same answers, without a runtime of the caller's.
+//! The blocking client: it gives the asynchronous client's answers, without a runtime of the caller's.
 
 use std::time::Duration;
 
@@ -57,7 +57,7 @@ fn a_hanging_daemon_keeps_neither_frame_nor_end() {
         let suggestion = study.suggest(&state(1));
         assert_eq!(suggestion.source(), Source::Default);
     }
-    // A suggestion may outlive the client; then there is nobody left to tell.
+    // A suggestion may outlive the client; then no client is left to send its report.
     let suggestion = study.suggest(&state(1));
     drop((study, client));
     suggestion.report(measured(1.0), Outcome::Ok).unwrap();

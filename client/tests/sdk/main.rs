@@ -1,7 +1,6 @@
 //! The SDK against a stand-in for the daemon that can be slow, absent, unwilling and forgetful.
 //!
-//! No test measures time. That a deadline holds shows in an answer coming at all while the stand-in
-//! holds its own back for ever.
+//! No test measures time. A deadline holds if an answer comes at all while the stand-in never answers.
 
 #[path = "../support/mod.rs"]
 mod support;

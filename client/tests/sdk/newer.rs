@@ -106,7 +106,7 @@ async fn a_value_that_cannot_be_read_is_shown_and_not_run() {
     let trials = client.trials("scene", TrialQuery::all()).take(2).await.unwrap();
     assert_eq!(trials[1].unreadable, ["max_depth"]);
     let suggestion = study.suggest(&state(4)).await;
-    // That trial was given back, whether another came in its place or not.
+    // That trial was given back. Another may have come in its place.
     assert_ne!(suggestion.trial(), Some("studies/scene/trials/2"));
     assert!(suggestion.configuration().integer("max_depth").is_ok());
 }

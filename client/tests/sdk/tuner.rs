@@ -1,4 +1,4 @@
-//! The per-frame loop: one round trip a frame, and what a broken stream leaves behind.
+//! The per-frame loop: one round trip a frame, and the reports that a broken stream leaves behind.
 
 use std::time::Duration;
 

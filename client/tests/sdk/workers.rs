@@ -1,4 +1,4 @@
-//! Trials that run side by side: each suggestion has one of its own, in any thread, task or process.
+//! Trials that run side by side: each suggestion has a worker of its own, in any thread, task or process.
 
 use std::collections::BTreeSet;
 use std::time::Duration;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use tonic::{Code, Status};
 use treewright_proto::v1::{self, TrialState, parameter::Domain};
 
-/// The stand-in's memory, and what it is to do wrong.
+/// The stand-in's memory, and the faults that it is to show.
 #[derive(Debug, Default)]
 pub struct Book {
     pub studies: BTreeMap<String, v1::Study>,
@@ -26,7 +26,7 @@ pub struct Book {
     pub predicted: Option<v1::PredictResponse>,
     /// The standing in answers to GetBest.
     pub standing: Option<v1::Standing>,
-    /// Answers to give instead of doing what is asked.
+    /// Refusals to give, by call.
     pub refuse: BTreeMap<&'static str, Code>,
     /// The number of next questions about the study that meet a daemon that is still loading it.
     pub loading: usize,

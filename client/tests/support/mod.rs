@@ -31,8 +31,7 @@ pub enum Hold {
 /// The stand-in.
 pub struct Fake {
     address: SocketAddr,
-    /// Bound but not listened on: keeps the port while nobody serves it, so that no other program is given
-    /// it.
+    /// Bound but not listening: it reserves the port for this program while the stand-in is away.
     _kept: TcpSocket,
     book: Arc<Mutex<Book>>,
     hold: watch::Sender<Hold>,
@@ -68,7 +67,7 @@ impl Fake {
         self.hold.send_replace(hold);
     }
 
-    /// Ends the process, so to speak: every connection breaks. What is stored stays.
+    /// Breaks every connection, as the end of a process does. Stored studies and trials stay.
     pub fn go_away(&mut self) {
         if let Some(runtime) = self.runtime.take() {
             // Tests call this inside a runtime of their own, where nothing may block but another thread.
@@ -94,7 +93,7 @@ impl Fake {
     }
 }
 
-/// A socket on a port that others of this process may share, which those of other programs may not.
+/// A socket on a port that only sockets of this process may share.
 fn socket_at(address: SocketAddr) -> TcpSocket {
     let socket = TcpSocket::new_v4().expect("a socket");
     socket.set_reuseport(true).expect("a port can be shared");

@@ -34,7 +34,7 @@ pub(crate) struct Camera {
     vertical_fov_deg: f32,
 }
 
-/// What was computed of a scene.
+/// The indicators of a scene.
 #[derive(Debug)]
 pub(crate) struct Scene(SceneIndicators);
 

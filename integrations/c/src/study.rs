@@ -95,7 +95,7 @@ pub(crate) extern "C" fn tw_study_best(
     })
 }
 
-/// What is proven of an answer; see the header.
+/// The standing of an answer; see the header.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub(crate) struct Standing {

@@ -1,4 +1,4 @@
-//! What to run next, and what became of it.
+//! Suggestions: the configuration to run next, and its report.
 
 use std::ffi::{CString, c_char};
 

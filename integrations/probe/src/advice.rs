@@ -1,5 +1,5 @@
-//! What follows from the measurements: shares of processor time, what a better tree or build could bring at
-//! most (Amdahl 1967), and advice.
+//! Conclusions from the measurements: shares of processor time, the largest gain of a better tree or build
+//! (Amdahl 1967), and advice.
 
 use std::fmt::Write as _;
 
@@ -23,7 +23,7 @@ pub(crate) struct Queries {
     pub(crate) total_ms: f64,
 }
 
-/// What the preloaded library wrote.
+/// The file that the preloaded library wrote.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Findings {
     pub(crate) closest: Queries,
@@ -51,8 +51,7 @@ fn amdahl(share: f64, faster: f64) -> f64 {
 }
 
 impl Findings {
-    /// Share of the processor time. Estimates can add up to more than all of it, and something is always
-    /// left.
+    /// Share of the processor time, at most 0.99, because estimates can add up to more than all of it.
     fn share(&self, ms: f64) -> f64 {
         if self.cpu_ms > 0.0 { (ms / self.cpu_ms).clamp(0.0, 0.99) } else { 0.0 }
     }

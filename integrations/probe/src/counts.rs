@@ -1,14 +1,14 @@
 //! The counts, in memory of its own for each thread, and their file.
 //!
 //! No query is timed: a clock around it costs as much as the query, and a thread that waits for its turn
-//! inside one would be taken for a slow query. Each thread says in its shard whether it is within a query,
-//! and a thread of the library looks every [`LOOK`]: the processor time that a thread took since the last
-//! look is put down to what it is found at. Over thousands of looks that is its share.
+//! inside one would be taken for a slow query. Each thread says in its shard whether it is within a query. A
+//! thread of the library looks every [`LOOK`] and attributes the processor time of each thread since the last
+//! look to its present work. Over thousands of looks that gives the work's share.
 //!
 //! Even that costs a tracing program some percent. So only the first [`EXACT`] queries are counted one by
-//! one; from then on the library looks and counts in windows of two milliseconds, one part in [`SHARE`] of
-//! the time and at random places in it, so that they do not keep step with the host's frames, and what it
-//! finds there stands for the rest. Outside of them a query costs one more jump.
+//! one. From then on the library looks and counts in windows of two milliseconds, for one part in [`SHARE`]
+//! of the time; these counts stand for the rest. The windows are at random places, so that they do not keep
+//! step with the host's frames. Outside of them a query costs one more jump.
 
 use std::cell::Cell;
 use std::ffi::{CStr, c_char, c_int};
@@ -186,7 +186,7 @@ fn take_place(mine: &Cell<Option<&'static Shard>>) -> &'static Shard {
     shard
 }
 
-/// Puts each thread's processor time down to what it is at, as long as the process lives.
+/// Attributes each thread's processor time to its present work, as long as the process lives.
 fn look() {
     let mut before = [0u64; SHARDS];
     while counted() < EXACT {
@@ -209,7 +209,7 @@ fn look() {
         }
         WEIGHT.store(0, Relaxed);
         looked += window.elapsed();
-        // On a busy machine sleep takes longer than asked; what was too long is taken from the next.
+        // On a busy machine sleep takes longer than asked; the excess is taken from the next sleep.
         std::thread::sleep((looked * SHARE).saturating_sub(begun.elapsed()));
     }
 }
@@ -220,8 +220,8 @@ fn counted() -> u64 {
     ROOM.shards().iter().map(calls).sum()
 }
 
-/// Takes the threads' processor clocks, and puts what they took since the last time, times `weight`, down to
-/// what they are at.
+/// Reads the threads' processor clocks, and attributes the time since the last look, times `weight`, to each
+/// thread's present work.
 fn look_once(before: &mut [u64; SHARDS], weight: u64) {
     let threads = ROOM.threads.load(Relaxed).min(SHARDS - 1);
     for (shard, before) in ROOM.shards().iter().zip(before).take(threads) {
@@ -325,8 +325,7 @@ pub(crate) fn write() {
         quoted(&device),
         quoted(&crate::real::mapped().join(" ")),
     );
-    // The host's business goes on whatever becomes of the file; and a file larger than the host may write
-    // would end it by a signal.
+    // An error must not disturb the host, and a file larger than the host may write would end it by a signal.
     if has_room(text.len()) {
         let _ = std::fs::write(format!("{path}.{}", std::process::id()), text);
     }

@@ -1,5 +1,5 @@
 //! `treewright-probe -- PROGRAM ARGUMENTS…`: runs a program with the preloaded library before Embree, and
-//! says what there is to win.
+//! estimates the gain of better trees and builds.
 //!
 //! The program runs as it is and with its own results; its exit status is handed on.
 

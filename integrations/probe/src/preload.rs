@@ -1,11 +1,11 @@
-//! A library that is preloaded into a program and stands in front of Embree's entry points: it counts and
-//! times calls, hands each on unchanged, and writes what it found when a device is released and when the
+//! A library that is preloaded into a program and stands in front of Embree's entry points. It counts and
+//! times calls, hands each on unchanged, and writes its findings when a device is released and when the
 //! program ends.
 //!
-//! It never ends its host, and changes a result only by the settings that it was given ([`told`]). Anything
-//! that cannot be found, timed or written is left out. A query costs a nanosecond or two more, and a thread
-//! of the library looks what the others are at ([`counts`]). `TREEWRIGHT_PROBE` names the file, to which the
-//! process's number is added, since programs start others.
+//! It never ends its host, and changes a result only by the settings that it was given ([`told`]). Calls that
+//! cannot be found or timed are left out. A query costs a nanosecond or two more, and a thread of the library
+//! samples the work of the others ([`counts`]). `TREEWRIGHT_PROBE` names the file, to which the process's
+//! number is added, since programs start others.
 //!
 //! Embree 3 and 4 have these entry points with as many arguments of the same sizes; Mitsuba's own copy of
 //! Embree 3 has them in its namespace, hence the long names.
@@ -218,8 +218,8 @@ geometries! {
         "_ZN7mitsuba26rtcSetGeometryBuildQualityEPNS_13RTCGeometryTyENS_15RTCBuildQualityE";
 }
 
-/// For a host that knows of the library: sets what devices made and scenes built from now on are to have, in
-/// the words of `treewright-probe --set`, separated by `;`; what is not named is as the program asks. Returns
+/// For a host that knows of the library: gives settings to devices made and scenes built from now on, in the
+/// words of `treewright-probe --set`, separated by `;`. Other settings stay as the program asks. Returns
 /// false and changes nothing where a word is unknown.
 #[unsafe(export_name = "treewright_probe_set")]
 extern "C" fn set(words: *const c_char) -> bool {

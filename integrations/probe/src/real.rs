@@ -1,5 +1,5 @@
-//! Where the real entry points are: the next library that has them, or, for libraries that an interpreter
-//! loaded for itself alone, the one whose file is mapped.
+//! Finds the real entry points: in the next library that has them, or, where an interpreter loaded a library
+//! for itself alone, in the one whose file is mapped.
 
 use std::ffi::{CString, c_void};
 use std::sync::atomic::{AtomicPtr, Ordering};

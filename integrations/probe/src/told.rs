@@ -1,5 +1,4 @@
-//! What is to be set in place of what the program asks for:
-//! `quality=low;robust=off;device=tri_accel=bvh4.triangle4v`.
+//! Settings that replace those of the program: `quality=low;robust=off;device=tri_accel=bvh4.triangle4v`.
 
 use std::ffi::{CStr, CString, c_int};
 use std::sync::Mutex;

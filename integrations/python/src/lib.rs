@@ -1,5 +1,5 @@
-//! The native half of the Python package `treewright`: the blocking client SDK as classes. What is nicer to
-//! write in Python (asyncio, the Optuna sampler, the autotune cache) stands in `python/treewright`.
+//! The native half of the Python package `treewright`: the blocking client SDK as classes. Parts that are
+//! nicer to write in Python (asyncio, the Optuna sampler, the autotune cache) stand in `python/treewright`.
 //!
 //! The interpreter's lock is let go wherever a call may wait. Handles are shared between threads as Python
 //! shares objects; the SDK below is thread-safe.

@@ -1,4 +1,4 @@
-//! What would be exploited.
+//! The configuration that would be exploited.
 
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;

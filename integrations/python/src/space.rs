@@ -22,7 +22,7 @@ struct Parts {
     constraints: Vec<Given>,
 }
 
-/// A constraint as it was given; mistakes are told with all others.
+/// A constraint as it was given; its mistakes are reported with all others.
 #[derive(Debug)]
 enum Given {
     Order(String, String),
@@ -175,10 +175,10 @@ pub(crate) enum Range {
     Scaled((f64, f64, String)),
 }
 
-/// What a measurement is at least and at most; `None` for no limit on that side.
+/// The lower and the upper limit of a measurement; `None` for no limit on that side.
 pub(crate) type Ends = (Option<f64>, Option<f64>);
 
-/// What `Client.study` is given.
+/// The arguments of `Client.study`.
 pub(crate) struct Definition {
     pub(crate) indicators: Vec<(String, Range)>,
     pub(crate) minimise: Vec<(String, f64)>,

@@ -1,4 +1,4 @@
-//! What to run next, and the frame loop.
+//! Suggestions, and the frame loop.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

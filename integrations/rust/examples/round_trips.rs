@@ -33,7 +33,7 @@ fn main() -> Result<(), Failure> {
     tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(raw(url, count))
 }
 
-/// The same calls without an SDK.
+/// These calls without an SDK.
 async fn raw(url: String, count: usize) -> Result<(), Failure> {
     let mut service = TuningServiceClient::connect(url).await?;
     let name = "studies/latency-raw".to_owned();

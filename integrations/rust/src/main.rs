@@ -126,14 +126,14 @@ fn tune(
 ) -> Result<(), Failure> {
     let input = describe(mesh, rays);
     let mut bench = Bench { mesh, rays, costs_ms: Vec::new() };
-    // What the libraries themselves recommend comes first: the search goes on from there.
+    // The libraries' own presets come first: the search goes on from there.
     let presets = fixed(&arguments.libraries);
     for (_, preset) in presets.iter().take(arguments.trials) {
         bench.try_out(study, &input, preset)?;
     }
     let ranking = presets.iter().zip(&bench.costs_ms).min_by(|a, b| a.1.total_cmp(b.1));
     let best_preset = ranking.map(|((_, preset), _)| preset);
-    // The last quarter tells merit from luck: the best so far and the best preset in turns.
+    // The last quarter separates merit from luck: the best so far and the best preset in turns.
     let pairs = (arguments.trials / 8).min(arguments.trials.saturating_sub(presets.len()) / 2);
     let (mut tuner, mut previous) = (study.tuner(), None);
     for _trial in presets.len() + 2 * pairs..arguments.trials {
@@ -182,8 +182,7 @@ fn compare(
             turns.reverse();
         }
         for turn in turns {
-            // What ran before leaves its mark on caches and memory, so that the first run of each does not
-            // count.
+            // Earlier runs leave their mark on caches and memory, so the first run of each does not count.
             library::run(&all[turn].1, mesh, rays)?;
             let cost = library::run(&all[turn].1, mesh, rays)?;
             costs[turn].push(cost.build_ms + cost.rays_ms);

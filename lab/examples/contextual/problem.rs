@@ -27,7 +27,7 @@ pub(crate) struct Problem {
     /// The least cost in a context.
     least: fn(&[f64; 2]) -> f64,
     integers: bool,
-    /// What a regret of one is in units of cost.
+    /// A regret of one in units of cost.
     unit: f64,
     random: f64,
 }

@@ -1,19 +1,19 @@
 //! Whether searches and answers are as good as when they were last recorded, on the same seeds.
 //!
 //! `cargo run --release -p treewright-lab --example gate` plays every suite and compares each figure with
-//! `lab/record/gate.json`, seed by seed. It fails where one is worse by more than three standard errors of the
-//! paired differences. `-- --record` writes the file anew, which a change for the better or a release does.
+//! `lab/record/gate.json`, seed by seed. It fails where one is worse by more than three standard errors of
+//! the paired differences. `-- --record` rewrites the file, after an improvement or for a release.
 //!
 //! | suite | figure |
 //! |---|---|
 //! | kernels | share of the optimum after 20, 40 and 80 trials, over seven landscapes |
-//! | renderer | the same on a model of the renderer's space |
-//! | bowl, wandering, load | true gain of what a confirmed search answers, on a quiet and on disturbed machines |
-//! | flat | how far the told gain is from none |
+//! | renderer | share of the optimum on a model of the renderer's space |
+//! | bowl, wandering, load | true gain of a confirmed search's answer, on a quiet and on disturbed machines |
+//! | flat | distance of the reported gain from zero |
 //! | contexts | regret where every round brings another context, from round 80 on; also beside 20 indicators that say nothing |
 //! | turns | regret in ten states that are visited in turn, from the third visit on |
-//! | table | share of the optimum where 63 % of the configurations cannot be run; trials that could not; what a frozen study answers |
-//! | machines | regret on two machines that want the opposite, told apart by their fingerprint; never worse than studies of their own |
+//! | table | share of the optimum where 63 % of the configurations cannot be run; infeasible trials; answers of a frozen study |
+//! | machines | regret on two machines with opposite optima, by fingerprint; never worse than studies of their own |
 
 #[path = "../search_quality/grids.rs"]
 #[allow(dead_code)]
@@ -45,13 +45,13 @@ use problem::Problem;
 use world::{Machine, Search, World};
 
 const MARKS: [usize; 3] = [20, 40, 80];
-/// A difference of so many standard errors is no chance.
+/// Standard errors above which a difference is not by chance.
 const ERRORS: f64 = 3.0;
 /// Differences below this are none.
 const NOTHING: f64 = 1e-4;
 const RECORD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/record/gate.json");
 
-/// What one seed comes to: figures by name, of which more is better.
+/// The figures of one seed, by name; more is better.
 type Figures = Vec<(String, f64)>;
 
 struct Suite {
@@ -85,7 +85,7 @@ fn searched(problems: Vec<Problem>, seed: u64) -> Figures {
     MARKS.iter().enumerate().map(|(place, mark)| (format!("at {mark}"), at(place))).collect()
 }
 
-/// The true gain of a search with its confirmation; in a flat world how far the told gain is from none.
+/// The true gain of a search with its confirmation; in a flat world the reported gain's distance from zero.
 fn gained(world: World, machine: Machine, seed: u64) -> Figures {
     let auxiliary = matches!(machine, Machine::Wander);
     let run = Search { world, machine, trials: 80, confirms: true, auxiliary }.run(seed);

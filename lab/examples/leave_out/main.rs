@@ -1,14 +1,13 @@
-//! What leaving out saves: trials until 90, 95 and 98 % of the roofline of the modelled renderer space, with
-//! and without conditional knowledge and held parameters.
+//! Trials saved by leaving out: trials until 90, 95 and 98 % of the roofline of the modelled renderer space,
+//! with and without conditional knowledge and held parameters.
 //!
 //! `cargo run --release -p treewright-lab --example leave_out -- [SEEDS] [SCENES_BEFORE] [TRIALS] [NOISE] [ARM...]`.
-//! Each run asks the tuner itself, one client in one scene after the other; measurements carry so much noise
-//! (the standard deviation of their logarithm; 0.07 unless told), which decides how soon effects of a few
-//! percent can be seen at all. "flat" is the space as a list of parameters that are always active;
-//! "conditional" tells which parameter means something beside which; "held" also holds what is shown not to
-//! matter (risk 0.05). "scenes" are runs in a scene that others were explored before; where they are
-//! "unlike", every other parameter means the opposite there. Runs that do not arrive count as the budget.
-//! Names of arms choose among them.
+//! Each run asks the tuner itself, one client in one scene after the other. NOISE is the standard deviation
+//! of the logarithm of measurements, 0.07 by default; it decides how soon effects of a few percent can be
+//! seen. "flat" is the space as a list of parameters that are always active; "conditional" knows which
+//! parameter is active under which condition; "held" also holds parameters that are shown not to matter (risk
+//! 0.05). In "scenes" other scenes were explored before; where they are "unlike", every other parameter means
+//! the opposite there. Runs that do not arrive count as the budget. Names of arms choose among them.
 
 #[path = "../search_quality/problem.rs"]
 mod problem;
@@ -25,7 +24,7 @@ use treewright_core::space::{Parameter, Space};
 use treewright_core::tuner::Tuner;
 use treewright_lab::simulated::{ask, normal, report, study};
 
-/// Shares of the roofline that count as arrived, by what is truly best among all that was tried.
+/// Shares of the roofline that count as arrived, by the true cost of the best configuration tried.
 const ARRIVED: [f64; 3] = [0.90, 0.95, 0.98];
 
 fn flat(space: &Space) -> Space {

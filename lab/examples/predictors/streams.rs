@@ -1,5 +1,5 @@
-//! Streams of trials on which predictors are compared: over which states they go, who decides, what a
-//! configuration costs, and how much of that is noise.
+//! Streams of trials on which predictors are compared. They differ in the states, in the share of frames that
+//! a search decides, in the costs of configurations, and in their noise.
 
 use std::sync::Arc;
 
@@ -11,13 +11,13 @@ use treewright_core::study::StudySpec;
 use treewright_core::tuner::{Ask, Tuner};
 use treewright_lab::simulated::{report, share, study};
 
-/// What a configuration costs in a state, in a frame.
+/// The cost of a configuration in a state, in a frame.
 type Cost = fn(&[f64], &[f64], usize) -> f64;
 
 /// Frames of a stream, and of a long one.
 const FRAMES: usize = 400;
 const FRAMES_LONG: usize = 3000;
-/// How often a frame costs so many times what it should, where there are such.
+/// In streams with wild frames: their share, and the factor on their costs.
 const WILD_SHARE: f64 = 0.03;
 const WILD: f64 = 10.0;
 
@@ -28,10 +28,9 @@ pub(crate) struct Stream {
     parameters: usize,
     indicators: usize,
     frames: usize,
-    /// How many states there are, of which five frames in a row share one; `None` where each frame brings a
-    /// new one.
+    /// Number of states, of which five frames in a row share one; `None` where each frame brings a new one.
     states: Option<usize>,
-    /// How much of the time a search decides and not a predictor.
+    /// Share of the frames in which a search decides and not a predictor.
     epsilon: f64,
     search: SearchMethod,
     /// The furthest that noise goes, as a share of the cost.

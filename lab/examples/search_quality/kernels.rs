@@ -3,8 +3,7 @@
 //! reason.
 //!
 //! Two suites: the search may be tuned on `kernels`; `unseen` is only ever measured. Costs are rooflines of
-//! compute and traffic times small factors and a ruggedness; what differs from device to device is drawn by
-//! seed.
+//! compute and traffic times small factors and a ruggedness; the seed draws the properties of the device.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -19,7 +18,7 @@ use crate::problem::Problem;
 pub(crate) const KERNELS: [&str; 3] = ["reduction", "hotspot", "sorting"];
 pub(crate) const UNSEEN: [&str; 4] = ["dedispersion", "tiled loops", "wavefront", "transform"];
 
-/// What a cost is computed from: the values of one configuration, and what differs between devices, in 0..1.
+/// The inputs of a cost: the values of one configuration, and properties of the device, in 0..1.
 struct At<'a> {
     configuration: &'a Configuration,
     device: &'a [f64],
@@ -57,7 +56,7 @@ impl At<'_> {
     }
 }
 
-/// How far a value is from the best one, in powers of two.
+/// Distance of a value from the best one, in powers of two.
 fn off(value: f64, best: f64) -> f64 {
     (value.max(1e-9) / best).log2().abs()
 }

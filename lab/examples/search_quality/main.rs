@@ -1,10 +1,10 @@
-//! How well the searches search: problems by methods by seeds, as tables.
+//! The quality of searches: problems by methods by seeds, as tables.
 //!
 //! `cargo run --release -p treewright-lab --example search_quality -- SUITE SEEDS METHOD...` with the suites
-//! trees, grids, effects, kernels and unseen (which nothing is tuned on). Scores are means over the problems
-//! of a suite after 20, 40 and 80 trials: shares of the optimum, more is better, of the configuration that
-//! measured best; in brackets of the best that was ever tried. Ranks are among the methods given, on equal
-//! problems and seeds.
+//! trees, grids, effects, kernels and unseen (on which nothing is tuned). Scores are means over the problems
+//! of a suite after 20, 40 and 80 trials: shares of the optimum, more is better. They are of the
+//! configuration that measured best, and in brackets of the truly best one that was tried. Ranks are among
+//! the methods given, on equal problems and seeds.
 
 mod grids;
 mod kernels;

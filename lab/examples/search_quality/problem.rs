@@ -1,4 +1,4 @@
-//! What is searched: landscapes whose costs are known.
+//! Landscapes with known costs, for searches.
 
 use rand::{Rng, RngExt};
 use treewright_core::configuration::Configuration;
@@ -29,7 +29,7 @@ impl Problem {
     }
 }
 
-/// How many climbs, and how long each is: random points, then changes of the best of them.
+/// Number of climbs, and the length of each: random points, then changes of the best of them.
 const CLIMBS: usize = 6;
 const ANYWHERE: usize = 1500;
 const CHANGES: usize = 2500;

@@ -1,4 +1,4 @@
-//! How well a search does on a problem.
+//! The score of a search on a problem.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use treewright_lab::simulated::normal;
 
 use crate::problem::Problem;
 
-/// What a run came to.
+/// The result of a run.
 pub(crate) struct Run {
     /// Score of the configuration that measured best, after each of the marks.
     pub(crate) scores: Vec<f64>,

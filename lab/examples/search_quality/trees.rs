@@ -71,7 +71,7 @@ fn space() -> Space {
     Space::new(parameters, vec![order]).expect("a valid space")
 }
 
-/// What differs from scene to scene.
+/// The properties of a scene.
 struct Scene {
     weights: Vec<f64>,
 }

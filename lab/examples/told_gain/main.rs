@@ -1,17 +1,17 @@
-//! Whether the service tells the truth about what it gained, and never ends below the start: searches through
-//! the real tuner in worlds whose costs are known.
+//! Whether the gain that the service reports is true, and whether it never ends below the start: searches
+//! through the real tuner in worlds whose costs are known.
 //!
-//! | world | what is asked |
+//! | world | question |
 //! |---|---|
-//! | flat | everything costs the same, 7 % noise: what gain is told, and does its interval hold the truth? |
-//! | bowl | the default is some 20 % above the best: the same, and told gain less the true one |
+//! | flat | all costs are equal, 7 % noise: how large is the reported gain? does its interval hold zero? |
+//! | bowl | the default is some 20 % above the best: the same questions for the true gain |
 //! | jump | the speed of the machine changes threefold in mid-search |
 //! | wanders | the speed of the machine wanders by 13 %, half forgotten after 14 trials, with 4 % of noise from trial to trial |
 //! | load | other programs come and go (wall time x 1, 1.6 and 2.2), with and without processor time as auxiliary metric |
 //!
-//! *before* is what was told and exploited by the lowest mean of the same measurements, taken as they are. On
-//! machines that are not quiet what is exploited is compared, by its true cost, with what a search of the
-//! same seed exploits on a quiet machine.
+//! *before* is the gain and the configuration by the lowest mean of the same measurements, uncorrected. On
+//! machines that are not quiet the exploited configuration is compared, by its true cost, with the one that a
+//! search of the same seed exploits on a quiet machine.
 //!
 //! ```text
 //! cargo run --release -p treewright-lab --example told_gain [SEEDS [TRIALS]]
@@ -30,7 +30,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// What is told of a world's gains on a machine, after the search and after its confirmation.
+/// The reported gains in a world on a machine, after the search and after its confirmation.
 fn gains(name: &str, world: World, machine: Machine, seeds: u64, trials: usize) {
     let auxiliary = matches!(machine, Machine::Wander);
     for confirms in [false, true] {

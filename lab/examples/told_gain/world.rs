@@ -16,29 +16,29 @@ use treewright_lab::simulated::{METRIC, ask, normal, parameter, share, study};
 
 /// The noise of a measurement: the standard deviation of its logarithm.
 const NOISE: f64 = 0.07;
-/// The same from frame to frame on a machine that wanders; how far that goes, and after how many frames it
-/// has half forgotten where it was.
+/// Noise from frame to frame on a machine that wanders, the deviation of its speed, and the number of frames
+/// after which it has half forgotten its speed.
 const NOISE_CALM: f64 = 0.04;
 const WANDER: f64 = 0.13;
 const WANDER_FRAMES: f64 = 14.0;
-/// That of processor time.
+/// Noise of processor time.
 const CPU_NOISE: f64 = 0.02;
 /// The most frames that a client runs to wait for the verdict, beyond the trials of the search.
 const PATIENCE: usize = 120;
 
-/// What configurations cost.
+/// The costs of configurations.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum World {
-    /// All the same.
+    /// All costs are equal.
     Flat,
     /// One optimum, some way from the default.
     Bowl,
 }
 
-/// How fast the machine is.
+/// The speed of the machine.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Machine {
-    /// Always the same.
+    /// Constant speed.
     Quiet,
     /// Three times slower, or faster, from some trial on.
     Jump,
@@ -61,16 +61,16 @@ pub(crate) struct Search {
     pub auxiliary: bool,
 }
 
-/// What came of it. Gains are over the default, as shares.
+/// The result of a run. Gains are over the default, as shares.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Run {
     pub told: f64,
     pub low: f64,
     pub high: f64,
     pub truth: f64,
-    /// The default is what is exploited.
+    /// The default is exploited.
     pub is_start: bool,
-    /// The same by the lowest mean of what was measured.
+    /// The gain by the lowest mean of the measurements.
     pub naive_told: f64,
     pub naive_truth: f64,
     pub disturbances: u64,
@@ -113,7 +113,7 @@ struct Speed {
     machine: Machine,
     jump_at: usize,
     slows: bool,
-    /// How many other programs run, and until when.
+    /// Number of other programs, and the time until which they run.
     others: (usize, usize),
     log_factor: f64,
     random: ChaCha8Rng,

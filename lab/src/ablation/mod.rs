@@ -1,32 +1,32 @@
-//! Which parameter brought what: a winner taken apart, one deviation at a time.
+//! The gain of each parameter: a winner taken apart, one deviation at a time.
 //!
 //! The winner is compared with native Embree as everybody uses it: medium quality, path by path, ray by ray.
 //! Each value in which they differ is once taken back from the winner, all others staying, and once given to
-//! native Embree alone, with what it cannot be without. The first tells what the value still adds beside the
-//! others, the second what it does by itself; where the two disagree, values work together or stand in for
-//! each other.
+//! native Embree alone, with the values that it requires. The first measures the value's gain beside the
+//! others, the second its gain alone. Where the two disagree, values work together or replace each other.
 
 pub mod report;
 
 use treewright_client::{Configuration, Constraint, Parameter, Space, Value};
 
-/// A value of the winner, and the two configurations that tell what it brings.
+/// A value of the winner, and the two configurations that measure its gain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Deviation {
     /// The parameter.
     pub name: String,
     /// The winner's value.
     pub value: Value,
-    /// What native Embree has instead, or what comes closest.
+    /// The value of native Embree, or the closest one.
     pub plain: Value,
     /// The winner without it.
     pub without: Configuration,
-    /// Native Embree with it, and with what it needs.
+    /// Native Embree with the value, and with the values that it requires.
     pub alone: Configuration,
 }
 
-/// What a parameter is in native Embree, used as everybody uses it. Parameters of the tunable tree get what
-/// is nearest to Embree's own: eight boxes a node, four triangles a block, as the builder leaves them.
+/// The value of a parameter in native Embree, used as everybody uses it. Parameters of the tunable tree get
+/// the values nearest to Embree's own: eight boxes a node, four triangles a block, as the builder leaves
+/// them.
 fn plain(parameter: &Parameter) -> Value {
     match parameter.name.as_str() {
         "backend" => "native".into(),
@@ -65,7 +65,7 @@ pub fn deviations(space: &Space, winner: &Configuration) -> Vec<Deviation> {
             let mut without = winners.clone();
             without[index] = plain[index].clone();
             let mut alone = plain.clone();
-            // What it needs is named earlier, link by link.
+            // The parameters that it requires are named earlier, link by link.
             let mut link = Some(index);
             while let Some(at) = link {
                 alone[at] = winners[at].clone();

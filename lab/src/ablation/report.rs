@@ -1,5 +1,4 @@
-//! The page of an ablation: a bar for each parameter, for what it adds to the winner and for what it does
-//! alone.
+//! The page of an ablation: bars for each parameter's gain in the winner and for its gain alone.
 
 use askama::Template;
 use serde::Serialize;
@@ -8,7 +7,7 @@ use treewright_client::Configuration;
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
 
-/// What an ablation found out.
+/// The results of an ablation.
 #[derive(Clone, Debug, Serialize)]
 pub struct Ablation {
     /// Name of the scene.
@@ -17,7 +16,7 @@ pub struct Ablation {
     pub size: [u32; 2],
     /// Render threads.
     pub threads: usize,
-    /// What a frame is.
+    /// The objective, which decides the cost of a frame.
     pub objective: Objective,
     /// Rounds that were run.
     pub rounds: usize,
@@ -33,18 +32,18 @@ pub struct Ablation {
     pub rows: Vec<Row>,
 }
 
-/// A value of the winner and what it brings.
+/// A value of the winner and its gains.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     /// The parameter.
     pub name: String,
     /// The winner's value.
     pub value: String,
-    /// What it is compared with.
+    /// The value that it is compared with.
     pub plain: String,
-    /// How many times faster the winner is than the winner without it.
+    /// Speed of the winner over the winner without it.
     pub kept: Summary,
-    /// How many times faster native Embree is with it, and with what it needs, than without.
+    /// Speed of native Embree with it, and with the values that it requires, over native Embree.
     pub alone: Summary,
     /// Why there is nothing, if one of the two cannot be built.
     pub failure: Option<String>,

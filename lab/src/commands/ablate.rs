@@ -1,4 +1,4 @@
-//! `treewright-lab ablate`: which parameter brought what.
+//! `treewright-lab ablate`: the gain of each parameter of a winner.
 
 use std::path::PathBuf;
 

@@ -108,7 +108,7 @@ impl Arguments {
     }
 }
 
-/// Compares and tells.
+/// Compares the configurations and prints the results.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     arguments.check_files()?;
     let told = arguments.entrants.read(arguments.view.frame.threads)?;

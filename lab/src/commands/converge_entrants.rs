@@ -1,5 +1,5 @@
-//! Who takes part in `converge`: the two defaults, native Embree used well, the best fixed configuration,
-//! what the command line names, what the daemon answers.
+//! The entrants of `converge`: the two defaults, native Embree used well, the best fixed configuration, the
+//! configurations on the command line, and the daemon's answers.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -32,7 +32,7 @@ use treewright_renderer::tuning::verdict::{
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::indicators::SceneIndicators;
 
-/// How long a confirmation waits for an answer of the daemon.
+/// Longest wait of a confirmation for an answer of the daemon.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Which configurations take part besides those that always do.
@@ -106,7 +106,7 @@ fn chosen(
 }
 
 impl EntrantArguments {
-    /// Those that always take part and everything that is given on the command line, checked.
+    /// The entrants that always take part and those of the command line, checked.
     pub(super) fn read(&self, threads: usize) -> Result<Vec<Chosen>, CliError> {
         let space = self.space.whole(Objective::Render, threads)?;
         let native = Choice::native(NativeQuality::Medium);
@@ -135,7 +135,7 @@ impl EntrantArguments {
         Ok(all)
     }
 
-    /// Asks the daemon for its prediction, then tunes with its help. What it cannot answer becomes a note.
+    /// Asks the daemon for its prediction, then tunes with its help. A failure becomes a note.
     pub(super) fn ask(
         &self,
         renderer: &mut Renderer,

@@ -1,4 +1,4 @@
-//! What `converge` prints at the end.
+//! The output of `converge` at the end.
 
 use crate::converge::bootstrap::Interval;
 use crate::converge::report::{seconds, target_in_words, verdict_in_words, with_range};

@@ -1,4 +1,4 @@
-//! `treewright-lab evaluate`: the paper's section 7, recorded and judged apart.
+//! `treewright-lab evaluate`: the paper's section 7, with recording and judging as separate commands.
 
 use std::sync::Arc;
 
@@ -67,7 +67,7 @@ fn search_method(text: &str) -> Result<SearchMethod, String> {
         .ok_or_else(|| format!("there is no search {text}; there are {}", names()))
 }
 
-/// Does what is asked for.
+/// Runs the command.
 pub(super) fn run(command: &Command) -> Result<(), CliError> {
     match command {
         Command::Record(arguments) => record(arguments),

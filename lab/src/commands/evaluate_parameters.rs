@@ -85,12 +85,12 @@ pub(super) struct ParametersArguments {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Task {
     Part(Part, u32),
-    /// What the searches over parts came to, and the default, again in the same rounds.
+    /// The results of the searches over parts, and the default, again in shared rounds.
     Parts,
     Pair(Versus),
 }
 
-/// Measures what is missing.
+/// Takes the measurements that the record lacks.
 pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
     let entries = arguments.under.scenes.entries()?;
     let (conditions, open) = arguments.under.open()?;
@@ -170,7 +170,7 @@ fn place(scene: &str) -> Place {
     Place { scene: scene.to_owned(), camera: CAMERA }
 }
 
-/// What all measurements share.
+/// The parts that all measurements share.
 struct Bench<'a> {
     arguments: &'a ParametersArguments,
     open: OpenRecord,
@@ -197,7 +197,7 @@ impl Bench<'_> {
         }
     }
 
-    /// The default and what the searches over parts came to, in the same rounds, each with a fresh build.
+    /// The default and the results of the searches over parts, in shared rounds, each with a fresh build.
     fn again(
         &self,
         name: &str,

@@ -1,5 +1,4 @@
-//! What the commands below `treewright-lab evaluate` have in common: scenes, conditions, the record,
-//! progress.
+//! The common part of the commands below `treewright-lab evaluate`: scenes, conditions, record, progress.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -80,13 +79,13 @@ pub(super) struct SceneArguments {
 }
 
 impl SceneArguments {
-    /// Those of the evaluation.
+    /// The scenes of the evaluation.
     pub(super) fn entries(&self) -> Result<Vec<Entry>, CliError> {
         let built_in = BUILT_IN.iter().map(|text| text.parse()).collect::<Result<_, String>>();
         self.beside(built_in.map_err(CliError::Usage)?)
     }
 
-    /// Those of a program beside those that were named.
+    /// The given built-in scenes and the named ones.
     pub(super) fn beside(&self, built_in: Vec<Entry>) -> Result<Vec<Entry>, CliError> {
         let mut all = built_in;
         all.extend(self.scene.iter().cloned());
@@ -98,7 +97,7 @@ impl SceneArguments {
     }
 }
 
-/// How far a run is, and when it ends.
+/// The progress of a run, and its expected end.
 pub(super) struct Progress {
     begin: Instant,
     limit: Option<Duration>,
@@ -136,7 +135,8 @@ pub(super) fn space(conditions: &Conditions) -> TuningSpace {
     TuningSpace::new(preset, &premises)
 }
 
-/// Adds what each search at a place had found after so many trials, and in the end, unless it is there.
+/// Adds the best configuration of each search at a place after each number of trials in `after`, and at its
+/// end, unless `all` holds it.
 pub(super) fn add_found(record: &Record, place: &Place, after: &[usize], all: &mut Vec<Configuration>) {
     let clock = record.conditions.clock;
     for search in record.searches.iter().filter(|search| search.place == *place) {

@@ -35,7 +35,7 @@ const BUILT_IN: [(&str, &str); 6] = [
 /// The environment's name for the instruction set that a process is kept to.
 const ISA: &str = "TREEWRIGHT_ISA";
 
-/// What `--help` teaches.
+/// The long text of `--help`.
 pub(super) const LONG_ABOUT: &str = "\
 Measure what a machine gains from its own measurements, from its group's, and from the fleet's.
 
@@ -56,7 +56,7 @@ group with node, fleet with group.
 Ctrl-C stops; the same command goes on from there. Four machines (--threads 2) took seven minutes on two
 cores, and the default has eight. Needs treewrightd in the folder of this program.";
 
-/// What it shows at its end.
+/// The examples at the end of `--help`.
 pub(super) const EXAMPLES: &str = "\
 Examples:
   treewright-lab fleet --record fleet.jsonl
@@ -115,7 +115,7 @@ pub(super) struct Arguments {
     node: Option<Vec<String>>,
 }
 
-/// What `fleet --json` prints.
+/// The output of `fleet --json`.
 #[derive(Debug, Serialize)]
 struct FleetResults<'a> {
     conditions: &'a Conditions,
@@ -124,7 +124,7 @@ struct FleetResults<'a> {
     rows: Vec<Row>,
 }
 
-/// Measures what is not in the record yet, and prints the table.
+/// Takes the measurements that the record lacks, and prints the table.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let record = match (&arguments.record, &arguments.report) {
         (Some(path), _) => {
@@ -233,7 +233,7 @@ fn be_node(
         } else {
             Line::Answers(At::of(machine, scene, node.examine(&mut stage, scene, record)?))
         };
-        // What was stopped halfway is not kept.
+        // A measurement that was stopped halfway is not kept.
         if interrupt.requested() {
             return Err(CliError::Interrupted);
         }

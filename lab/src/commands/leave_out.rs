@@ -1,4 +1,4 @@
-//! `treewright-lab leave-out`: what it saves to leave out what a scene does not need.
+//! `treewright-lab leave-out`: the time saved by leaving out work that a scene does not need.
 //!
 //! Each thing left out is put back on its own, and at last all at once. All variants render the same frame on
 //! the same structure, one after the other in each round, beginning with another one each time; told are the
@@ -40,7 +40,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// What `leave-out --json` prints.
+/// The output of `leave-out --json`.
 #[derive(Debug, Serialize)]
 struct LeaveOutResults {
     scene: String,

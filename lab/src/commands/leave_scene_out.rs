@@ -1,4 +1,4 @@
-//! `treewright-lab leave-scene-out`: what the service is worth on scenes it has never seen.
+//! `treewright-lab leave-scene-out`: the gain from the service on scenes that it has never seen.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -91,13 +91,13 @@ pub(super) struct Arguments {
     table_only: bool,
 }
 
-/// What is told beside the book.
+/// The results printed beside the book.
 #[derive(Debug, Serialize)]
 struct Judged {
     rows: Vec<Row>,
 }
 
-/// Measures what is not in the book yet, and writes the table.
+/// Takes the measurements that the book lacks, and writes the table.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let threads = arguments.context.first().map_or(0, |context| context.threads);
     if arguments.context.iter().any(|context| context.threads != threads) {

@@ -1,4 +1,4 @@
-//! The program `treewright-lab`: what it understands. Exit codes are those of `treewright-render`.
+//! The command line of `treewright-lab`. Exit codes are those of `treewright-render`.
 
 mod ablate;
 mod converge;

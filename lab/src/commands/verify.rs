@@ -1,8 +1,8 @@
 //! `treewright-lab verify`: all accelerators give the same hits and the same pictures.
 //!
 //! Hits are compared ray by ray with the brute-force oracle, on rays from the camera and between random
-//! points of the scene's bounds. Triangles that coincide or touch can be named differently by different
-//! kernels, so what must agree is whether and how far away something is hit.
+//! points of the scene's bounds. Kernels may choose different triangles where triangles coincide or touch. So
+//! only hit or miss and the distance must agree.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -30,7 +30,7 @@ use treewright_scene::{Camera, Scene};
 /// where both are small: single precision through different formulas.
 const DISTANCE_TOLERANCE: f32 = 1e-4;
 
-/// The same where both name the same triangle: for needles seen nearly along their plane the formulas'
+/// The tolerance where both name the same triangle: for needles seen nearly along their plane the formulas'
 /// roundings differ by more.
 const SAME_TRIANGLE_TOLERANCE: f32 = 1e-2;
 
@@ -89,7 +89,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// How one accelerator did.
+/// The result of one accelerator.
 #[derive(Debug, Serialize)]
 struct Verdict {
     name: String,
@@ -245,7 +245,7 @@ fn print(results: &VerificationResults, json: bool) -> Result<(), CliError> {
     }
 }
 
-/// What is compared: native structures, and a spread of the tunable ones and of ways to render.
+/// The accelerators to compare: native ones, and a spread of tunable ones and of ways to render.
 fn accelerators(
     space: SpaceArguments,
     more: &[String],

@@ -1,5 +1,5 @@
-//! `evaluate verify` and `evaluate judge`: what predictors answer to a record, measured, and held against the
-//! searches.
+//! `evaluate verify` and `evaluate judge`: the answers of predictors to a record are measured, and compared
+//! with the searches.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -133,8 +133,8 @@ impl Examined {
         Ok(Self { record, space, complete, objectives, by_objective })
     }
 
-    /// What has to be measured at each place in the same rounds: the default, the best fixed configurations,
-    /// what was answered, and what the searches had found after so many trials.
+    /// The configurations to measure at each place in shared rounds: the default, the best fixed ones, the
+    /// answers, and the searches' best at each milestone.
     fn wanted(&self) -> BTreeMap<&Place, Vec<Configuration>> {
         let mut answers: BTreeMap<&Place, BTreeSet<Configuration>> = BTreeMap::new();
         for (objective, answered) in self.objectives.iter().zip(&self.by_objective) {
@@ -180,7 +180,7 @@ fn complete(record: &Record, objectives: &[Objective]) -> BTreeSet<Place> {
         .collect()
 }
 
-/// Measures again what is compared at a place and was not measured there in the same rounds.
+/// Measures the compared configurations of a place again, unless they were measured in shared rounds.
 pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
     let examined = Examined::new(&arguments.folds)?;
     let entries = arguments.scenes.entries()?;

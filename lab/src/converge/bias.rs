@@ -1,12 +1,12 @@
 //! Bias: the part of a picture's error that does not fall with the number of samples.
 //!
-//! An error curve that flattens could tell it, but where few bright pixels decide the error such a curve is
-//! bent by chance. The runs' mean picture tells it directly: its squared error is the squared bias, and its
-//! own variance, and the reference's. The variance is known from how the runs differ, the reference's from
-//! how its halves differ; both are subtracted pixel by pixel, so that a bright dot cancels against itself.
-//! What is left is zero in expectation for an unbiased estimator (the usual unbiased estimate of a squared
-//! mean, see for example Casella and Berger, Statistical Inference, 2002, section 7.3). Pixels are
-//! independent of each other, which gives the interval; while bright dots are so few that no pixel saw two of
+//! An error curve that flattens could show it, but where few bright pixels decide the error such a curve is
+//! bent by chance. The runs' mean picture shows it directly: its squared error is the squared bias plus its
+//! own variance plus the reference's. The first variance follows from the differences of the runs, the second
+//! from those of the reference's halves. Both are subtracted pixel by pixel, so that a bright dot cancels
+//! against itself. The rest is zero in expectation for an unbiased estimator (the usual unbiased estimate of
+//! a squared mean, see for example Casella and Berger, Statistical Inference, 2002, section 7.3). Pixels are
+//! independent of each other, which gives the interval. While bright dots are so few that no pixel saw two of
 //! them, it lies rather too low than too high.
 
 use super::bootstrap::Interval;

@@ -1,4 +1,4 @@
-//! Intervals of whatever is computed from independent runs, by resampling the runs.
+//! Intervals of any statistic of independent runs, by resampling the runs.
 //!
 //! Efron's percentile bootstrap is too narrow for the few runs that one waits for. Its percentiles are
 //! therefore widened so that for a mean they agree with Student's interval (Hesterberg: What Teachers Should
@@ -11,7 +11,7 @@ use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use treewright_renderer::statistics::quantile;
 
-/// How often the runs are drawn anew.
+/// Number of resamples.
 const RESAMPLES: usize = 4000;
 
 /// Intervals hold the truth with about this probability.
@@ -39,8 +39,8 @@ pub fn interval(runs: usize, statistic: impl Fn(&[usize]) -> Option<f64>) -> Opt
     Some(Interval { estimate, range: Some(range) })
 }
 
-/// A statistic of so many resamples of `count` values, given as a function of the numbers of those that were
-/// drawn, in order of size. The same each time: chance is part of the measurement, not of its evaluation.
+/// A statistic of resamples of `count` values, given as a function of the numbers of the drawn values, sorted
+/// by size. The seed is fixed: chance is part of the measurement, not of its evaluation.
 pub(crate) fn resampled(
     count: usize,
     resamples: usize,

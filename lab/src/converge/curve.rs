@@ -1,9 +1,9 @@
 //! Several contenders render the same view progressively; their errors are noted over time.
 //!
 //! The machine's speed drifts, so contenders take turns frame by frame and each turn begins with another one.
-//! Within a run all have the same seed: after as many samples they have the same picture, and what differs
-//! is only when they have it. Runs have seeds of their own and are independent of one another. Each run
-//! builds each structure anew. Errors are measured while no clock runs.
+//! Within a run all have the same seed: after as many samples they have the same picture, and only the time
+//! differs. Runs have seeds of their own and are independent of one another. Each run rebuilds each
+//! structure. Errors are measured while no clock runs.
 
 use serde::Serialize;
 use treewright_accel::Structure;
@@ -16,21 +16,21 @@ use treewright_renderer::integrator::View;
 use treewright_renderer::measure::Contender;
 use treewright_renderer::space::Choice;
 
-/// A contender, and what it cost to find its configuration.
+/// A contender, and the time that the search for its configuration took.
 #[derive(Clone, Debug)]
 pub struct Entrant {
-    /// What is built and how it is rendered with.
+    /// The structure and the way to render with it.
     pub contender: Contender,
     /// Time that went into finding the configuration: tuning, or asking for a prediction.
     pub setup_ms: f64,
 }
 
-/// How contenders are compared.
+/// The plan of a comparison.
 #[derive(Clone, Copy, Debug)]
 pub struct ComparisonPlan {
-    /// What is rendered; the seed is the first run's.
+    /// The rendered view; its seed is the first run's.
     pub view: View,
-    /// How many independent runs.
+    /// Number of independent runs.
     pub runs: u32,
     /// Time that each contender gets in each run for building and rendering.
     pub budget_ms: f64,
@@ -79,7 +79,7 @@ impl Run {
 pub struct Curve {
     /// The contender's name.
     pub name: String,
-    /// What is built, and how it is rendered with.
+    /// The structure and the way to render with it.
     pub choice: Choice,
     /// Time that went into finding the configuration.
     pub setup_ms: f64,
@@ -113,7 +113,7 @@ pub struct Shot {
     pub point: Point,
 }
 
-/// How a comparison goes on.
+/// The progress of a comparison.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
     /// The run, counted from 0.
@@ -122,8 +122,8 @@ pub struct Progress {
     pub share: f64,
 }
 
-/// Compares the entrants. `go_on` is asked before each frame; when it says no, the runs that are complete
-/// are returned. A round of frames that nobody counts comes first, to warm caches and clocks.
+/// Compares the entrants. `go_on` is asked before each frame; when it says no, the complete runs are
+/// returned. A round of frames that do not count comes first, to warm caches and clocks.
 pub fn compare(
     renderer: &mut Renderer,
     entrants: &[Entrant],
@@ -155,7 +155,7 @@ pub fn compare(
             }
             match renderer.build(&curves[index].choice.build) {
                 Ok((structure, build_ms)) => {
-                    // Who learns where light comes from pays for it in each run.
+                    // A contender that learns where light comes from pays for it in each run.
                     let learning_ms = match curves[index].choice.light.learns() {
                         true => renderer.learn_light_with(&structure, &view, [size.0, size.1]),
                         false => 0.0,
@@ -203,7 +203,7 @@ fn run_seed(seed: u64, run: u32) -> u64 {
     seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(u64::from(run))
 }
 
-/// Whether errors are measured after so many samples: at powers of √2, rounded.
+/// Whether errors are measured after `samples` samples: at powers of √2, rounded.
 fn is_checkpoint(samples: u32) -> bool {
     let power = 2.0 * f64::from(samples).log2();
     let nearest = 2.0_f64.powf(power.round() * 0.5).round();
@@ -276,7 +276,7 @@ impl Lane {
     }
 }
 
-/// What all lanes of a run have in common.
+/// The common part of all lanes of a run.
 struct RunSetup<'a> {
     renderer: &'a Renderer,
     view: &'a View,

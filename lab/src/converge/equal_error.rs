@@ -1,9 +1,9 @@
 //! How much earlier one contender reaches an error than another.
 //!
-//! Within a run the errors are those of the same samples, so the ratio of two contenders' times is the
-//! machine's and the structures' alone. Times are read off between the points of a run on logarithmic axes,
-//! where the curves are lines; the errors asked for are those that a baseline has after a few, some and many
-//! samples. Early on the builds decide, later the frames, and tuning is paid off on the way.
+//! Within a run all errors are of the same samples, so the ratio of two contenders' times depends only on the
+//! machine and the structures. Times are interpolated between the points of a run on logarithmic axes, where
+//! the curves are lines. The errors are those of a baseline after a few, some and many samples. Early on the
+//! builds decide, later the frames; tuning pays off in between.
 
 use serde::Serialize;
 
@@ -13,11 +13,11 @@ use super::curve::{Curve, Run};
 /// After how many samples of the baseline its error is asked for, besides the error that all reach at last.
 const SAMPLES: [u32; 3] = [1, 8, 64];
 
-/// Who is first to an error, and by how much.
+/// The times of two contenders to one error.
 #[derive(Clone, Debug, Serialize)]
 pub struct EqualError {
-    /// The error: the baseline's after so many samples; absent for the least that everybody reaches in every
-    /// run.
+    /// The error is the baseline's after this number of samples; absent for the least error that all
+    /// contenders reach in every run.
     pub samples: Option<u32>,
     /// The error's mean over the runs.
     pub relative_mse: f64,
@@ -32,7 +32,7 @@ pub struct Row {
     pub name: String,
     /// Build and rendering until the error is reached; geometric mean over runs.
     pub time_ms: Interval,
-    /// The same, and finding the configuration before that.
+    /// The time, including the search for the configuration before.
     pub time_with_setup_ms: Interval,
     /// Against each baseline.
     pub speedups: Vec<Speedup>,

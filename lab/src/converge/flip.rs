@@ -14,8 +14,8 @@ use glam::{DMat3, DVec3, Vec3};
 /// Pixels a degree of sight: a screen 0.7 m wide, 3840 pixels across, 0.7 m away.
 const PIXELS_PER_DEGREE: f64 = 67.020_643_276_582_25;
 
-/// Exponent on colour differences, share of the largest that counts as most of it, and where that share is
-/// put.
+/// Exponent on colour differences, the share of the largest difference at which the scale bends, and the
+/// value of that share.
 const COLOUR_EXPONENT: f64 = 0.7;
 const CUT_SHARE: f64 = 0.4;
 const CUT_VALUE: f64 = 0.95;
@@ -93,7 +93,7 @@ fn even(linear: DVec3) -> DVec3 {
     DVec3::new(lightness, 0.01 * lightness * 500.0 * (x - y), 0.01 * lightness * 200.0 * (y - z))
 }
 
-/// What is seen of a picture: colours as blurred by the eye, and its features.
+/// A picture as the eye sees it: blurred colours, and features.
 fn seen(width: usize, shown: &[Vec3]) -> (Vec<DVec3>, Vec<[f64; 2]>) {
     let opponent: Vec<DVec3> = shown.iter().map(|colour| opponent(*colour)).collect();
     let channel = |which: usize| opponent.iter().map(|one| one[which]).collect::<Vec<f64>>();
@@ -156,7 +156,7 @@ fn features(width: usize, brightness: &[f64]) -> Vec<[f64; 2]> {
     strength(&edge).into_iter().zip(strength(&point)).map(|(edge, point)| [edge, point]).collect()
 }
 
-/// Scaled so that what is positive adds up to 1, and what is negative to -1.
+/// Scaled so that the positive values add up to 1, and the negative ones to -1.
 fn balanced(mut kernel: Vec<f64>) -> Vec<f64> {
     let positive: f64 = kernel.iter().filter(|value| **value > 0.0).sum();
     let negative: f64 = -kernel.iter().filter(|value| **value < 0.0).sum::<f64>();
@@ -199,7 +199,7 @@ mod tests {
 
     const SIZE: usize = 32;
 
-    /// A pattern, and the same a little brighter, shifted and with a bright point.
+    /// A pattern, and a copy that is a little brighter, shifted and has a bright point.
     fn pair() -> (Vec<Vec3>, Vec<Vec3>) {
         let value = |index: usize| {
             let (x, y) = (index % SIZE, index / SIZE);

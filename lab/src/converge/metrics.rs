@@ -1,4 +1,4 @@
-//! How far a picture is from the reference.
+//! The error of a picture against the reference.
 //!
 //! Three numbers. The relative mean squared error is computed on linear radiance and is what theory speaks
 //! about: for an unbiased estimator it falls as one over the number of samples (Rousselle, Knaus, Zwicker:
@@ -66,7 +66,7 @@ impl Yardstick {
         })
     }
 
-    /// What squared errors are multiplied with, for each channel of each pixel.
+    /// The weight of squared errors, for each channel of each pixel.
     pub(super) fn weights(&self) -> &[[f64; 3]] {
         &self.weights
     }

@@ -1,24 +1,24 @@
 //! Error against run time: how soon each configuration's picture is as good as it must be.
 //!
-//! A faster structure is worth what it saves until a picture is good enough, its build and its tuning
-//! included. So every contender renders progressively, the clock is stopped while its picture is compared
-//! with a converged reference, and what is told are errors over seconds: curves, their slopes, and how much
+//! The gain of a faster structure is the time saved until a picture is good enough, build and tuning
+//! included. So every contender renders progressively, and the clock is stopped while its picture is compared
+//! with a converged reference. The results are errors over seconds: curves, their slopes, and how much
 //! earlier than another a contender reaches the same error.
 //!
-//! | module | what it does |
+//! | module | contents |
 //! |---|---|
 //! | `metrics` | error of a picture: relative squared error, structural similarity, FLIP |
 //! | `ssim`, `flip` | the latter two |
-//! | `reference` | the converged picture, and how far from the truth it still is |
-//! | `reference_key` | what a reference was rendered of |
-//! | `reference_file` | the same on disc, so that it is rendered once |
+//! | `reference` | the converged picture, and its own error |
+//! | `reference_key` | the scene, view and settings of a reference |
+//! | `reference_file` | references on disc, so that each is rendered once |
 //! | `curve` | several contenders, interleaved, over several independent runs |
-//! | `bootstrap` | intervals of whatever is computed from independent runs |
-//! | `slope` | is it the −1 of an unbiased estimator, or does it end on a plateau? |
+//! | `bootstrap` | intervals of any statistic of independent runs |
+//! | `slope` | is the slope the −1 of an unbiased estimator, or does the curve end on a plateau? |
 //! | `bias` | the error that no time removes |
 //! | `equal_error` | how much earlier one contender reaches an error than another |
-//! | `results` | everything that was found, for JSON and CSV |
-//! | `report` | the same for people: plot and page |
+//! | `results` | all results, for JSON and CSV |
+//! | `report` | the results for people: plot and page |
 
 pub mod bias;
 pub mod bootstrap;
@@ -36,7 +36,7 @@ mod ssim;
 
 #[cfg(test)]
 mod testing {
-    //! A scene whose noise is mild, so that few samples tell something about its errors; and what is made up.
+    //! A scene with mild noise, so that its errors show after few samples; and made-up results.
 
     use std::sync::Arc;
 

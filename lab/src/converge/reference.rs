@@ -1,8 +1,8 @@
-//! The converged picture that errors are measured against, and how far from the truth it still is.
+//! The converged picture that errors are measured against, and its own error.
 //!
 //! It is rendered as two independent halves. Their mean is the reference; a quarter of their mean squared
 //! difference is the reference's own variance, which every measured error contains. Below about twice that
-//! floor a curve tells more about the reference than about the contender.
+//! floor a curve shows more of the reference than of the contender.
 
 use treewright_accel::Structure;
 
@@ -20,7 +20,7 @@ pub const TRUSTED_FROM: f64 = 2.0;
 /// A converged picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference {
-    /// What it shows.
+    /// Its scene, view and settings.
     pub key: ReferenceKey,
     /// Samples a pixel of each of the halves.
     pub samples_each: u32,
@@ -42,7 +42,7 @@ impl Reference {
     }
 
     /// Adds samples until there are at least `samples` a pixel, or `go_on` says no, which is asked before
-    /// each pair of frames. The picture's seeds are of their own: no contender meets the same numbers.
+    /// each pair of frames. No contender has the picture's seeds.
     pub fn extend(
         &mut self,
         renderer: &Renderer,

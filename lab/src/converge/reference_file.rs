@@ -1,7 +1,7 @@
 //! References on disc: an OpenEXR file of two layers, so that any viewer shows them.
 //!
-//! The two halves are the layers `first half` and `second half`; what they show stands as JSON in the
-//! attribute `treewright` of both.
+//! The two halves are the layers `first half` and `second half`. The attribute `treewright` of both holds
+//! their key as JSON.
 
 use std::path::Path;
 
@@ -21,14 +21,14 @@ use treewright_renderer::limits::{SAMPLES_MAX, SIZE_MAX};
 /// Name of the attribute.
 const ATTRIBUTE: &str = "treewright";
 
-/// What stands in the attribute.
+/// The contents of the attribute.
 #[derive(Debug, Serialize, Deserialize)]
 struct Header {
     key: ReferenceKey,
     samples_each: u32,
 }
 
-/// Writes a reference. What was there is replaced only when the new file is whole.
+/// Writes a reference. An old file is replaced only when the new one is whole.
 pub fn write(reference: &Reference, path: &Path) -> Result<(), CliError> {
     let fault = |cause: String| {
         CliError::Failed(format!(

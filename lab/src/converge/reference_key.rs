@@ -1,4 +1,4 @@
-//! What a reference was rendered of, so that a stored one is not taken for another picture's.
+//! The scene, view and settings of a reference, so that a stored one is not taken for another picture's.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -40,7 +40,7 @@ impl ReferenceKey {
         }
     }
 
-    /// What of `stored` is not as this asks for, in words; `None` if everything is.
+    /// The first difference of `stored` from this key, in words; `None` if they agree.
     pub fn difference(&self, stored: &Self) -> Option<String> {
         let size = |[width, height]: [u32; 2]| format!("{width}x{height} pixels");
         if self.size != stored.size {
@@ -116,7 +116,7 @@ fn scene_hash(scene: &Scene) -> String {
             hash.update(number.to_le_bytes());
         }
     }
-    // What is written for debugging names every field, also one that is added later, and tells all digits.
+    // The debug output holds every field with all digits, also fields that are added later.
     hash.update(format!("{:?} {:?}", scene.materials, scene.sky));
     for uv in &scene.uvs {
         numbers(&mut hash, uv.extend(0.0));

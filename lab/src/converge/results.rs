@@ -1,4 +1,4 @@
-//! Everything a comparison found out, for JSON and CSV.
+//! All results of a comparison, for JSON and CSV.
 
 use std::fmt::Write;
 
@@ -14,7 +14,7 @@ use treewright_renderer::tuning::results::SceneFacts;
 /// A finished comparison.
 #[derive(Clone, Debug, Serialize)]
 pub struct ComparisonResults {
-    /// What was rendered.
+    /// The rendered scene.
     pub scene: SceneFacts,
     /// Pixels across and down.
     pub size: [u32; 2],
@@ -30,13 +30,13 @@ pub struct ComparisonResults {
     pub reference: ReferenceFacts,
     /// The contenders.
     pub contenders: Vec<ContenderResult>,
-    /// Who reaches an error how much earlier.
+    /// Times of contenders to equal errors.
     pub equal_error: Vec<EqualError>,
-    /// What went wrong without ending the run, one sentence each.
+    /// Faults that did not end the run, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// What describes a reference to people.
+/// The description of a reference for people.
 #[derive(Clone, Debug, Serialize)]
 pub struct ReferenceFacts {
     /// Samples a pixel.
@@ -49,7 +49,7 @@ pub struct ReferenceFacts {
     pub trusted_from: f64,
 }
 
-/// What was found out about one contender.
+/// The results of one contender.
 #[derive(Clone, Debug, Serialize)]
 pub struct ContenderResult {
     /// Its measurements.

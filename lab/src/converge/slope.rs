@@ -1,10 +1,10 @@
-//! Does the error fall as theory says: as one over the time, down to nothing?
+//! Does the error fall as theory says: as one over the time, down to zero?
 //!
 //! The mean squared error of an unbiased estimator is its variance over the number of samples. On logarithmic
 //! axes that is a line of slope −1, against rendering time as well since all samples cost alike. The slope is
-//! fitted to the runs' mean curve, with the reference's own variance taken off. Whether the curve would end
-//! on a plateau is told by the squared bias (see `bias`): clearly above the reference's own error it is an
-//! error that no time removes.
+//! fitted to the runs' mean curve, with the reference's own variance taken off. The squared bias (see `bias`)
+//! shows whether the curve would end on a plateau: clearly above the reference's own error it is an error
+//! that no time removes.
 
 use serde::Serialize;
 
@@ -17,18 +17,18 @@ const POINTS_MIN: usize = 4;
 /// A squared bias below the reference's own error times this is as good as none.
 const HARMLESS_TO: f64 = 2.0;
 
-/// What a curve says about its estimator.
+/// The convergence of an estimator, from its curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Convergence {
     /// Exponent of the error's fall over rendering time; −1 in theory. Absent when too few points lie above
     /// the reference's own error.
     pub slope: Option<Interval>,
-    /// How many points the slope rests on.
+    /// Number of points that the slope rests on.
     pub slope_points: usize,
-    /// How far above the reference's own error the curve would end: the relative squared bias. Absent for a
-    /// single run.
+    /// The relative squared bias: the height above the reference's own error at which the curve would end.
+    /// Absent for a single run.
     pub squared_bias: Option<Interval>,
-    /// What follows from that.
+    /// The verdict from both.
     pub verdict: Verdict,
 }
 
@@ -40,7 +40,7 @@ pub enum Verdict {
     Unbiased,
     /// The error ends on a plateau above the reference's own error.
     Biased,
-    /// The runs are too few, too short or too noisy to tell.
+    /// The runs are too few, too short or too noisy for a verdict.
     Unclear,
 }
 

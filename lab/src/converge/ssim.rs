@@ -2,13 +2,13 @@
 //!
 //! Source: Wang, Bovik, Sheikh, Simoncelli: Image Quality Assessment: From Error Visibility to Structural
 //! Similarity, IEEE Transactions on Image Processing 13/4, 2004, with its Gaussian window of 11 × 11 pixels
-//! and its constants. In double precision, since rounding to the 256 levels of a picture file would hide what
-//! is left of the noise after a few hundred samples.
+//! and its constants. In double precision, since rounding to the 256 levels of a picture file would hide the
+//! noise that remains after a few hundred samples.
 
 /// Standard deviation of the window in pixels.
 const WINDOW_SIGMA: f64 = 1.5;
 
-/// The window reaches so many pixels to each side.
+/// Reach of the window to each side, in pixels.
 const WINDOW_REACH: usize = 5;
 
 /// (K1 L)² and (K2 L)² for values from 0 to 1.
@@ -32,7 +32,7 @@ impl Similarity {
         Self { window, values, mean, variance }
     }
 
-    /// Mean structural similarity to as many others: 1 for the same.
+    /// Mean structural similarity to another luminance of the same size: 1 for equal ones.
     pub(super) fn to(&self, other: &[f64]) -> f64 {
         let mean = self.window.blur(other);
         let variance = self.window.covariance(other, &mean, other, &mean);
@@ -63,7 +63,8 @@ impl Window {
         Self { width, height, kernel }
     }
 
-    /// Weighted means around each pixel. At the borders the window is cut and weighed anew.
+    /// Weighted means around each pixel. At the borders the window is cut and its weights are normalised
+    /// again.
     fn blur(&self, values: &[f64]) -> Vec<f64> {
         let pass = |values: &[f64], length: usize, step: usize, place: &dyn Fn(usize) -> usize| {
             (0..values.len())

@@ -7,7 +7,7 @@
 use treewright_render_cli::error::CliError;
 use treewright_renderer::space::{TuningSpace, parse};
 
-/// As texts; what is left out is recommended.
+/// As texts; missing values are the recommended ones.
 const PAPER: [&str; 8] = [
     "quality=3,branching_factor=8,sah_block_size=4",
     "quality=3,branching_factor=4,sah_block_size=4",

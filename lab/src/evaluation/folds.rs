@@ -1,4 +1,4 @@
-//! Which cameras teach and which examine.
+//! Splits of the cameras into those that teach a predictor and those that examine it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,13 +9,13 @@ use serde::Serialize;
 
 use super::record::Place;
 
-/// How cameras were parted.
+/// The kind of a split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Split {
     /// As in the paper: a random fifth of each scene's cameras examines, the others teach.
     Random,
-    /// All cameras of one scene examine, those of the others teach: a scene that was never seen.
+    /// All cameras of one scene examine, those of the others teach: the scene is unseen.
     Scene,
 }
 
@@ -40,7 +40,7 @@ pub(crate) struct Fold {
 /// The share of a scene's cameras that examines.
 const EXAMINED: f64 = 0.2;
 
-/// So many random partings, and one for each scene; the same for the same places and seed.
+/// `rounds` random splits, and one for each scene; equal for equal places and seeds.
 pub(crate) fn folds(places: &BTreeSet<Place>, rounds: u32, seed: u64) -> Vec<Fold> {
     let mut by_scene: BTreeMap<&str, Vec<&Place>> = BTreeMap::new();
     for place in places {

@@ -1,4 +1,4 @@
-//! What predictions are worth, from a record alone (paper, section 7).
+//! The speed of predictors' answers, from a record alone (paper, section 7).
 //!
 //! At every camera that examines, the configuration that a predictor answered is held against four: the mean
 //! of the search's iterations (Figures 12 and 15), the best that the search found (the roofline, Figures 13
@@ -30,7 +30,7 @@ pub(crate) const BREAK_EVEN_MAX: f64 = 10_000.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum BreakEven {
-    /// After so many iterations.
+    /// After this number of iterations.
     At(f64),
     /// After more than are drawn.
     Late,
@@ -38,7 +38,7 @@ pub(crate) enum BreakEven {
     Never,
 }
 
-/// A search at one camera, and what everybody is held against there.
+/// A search at one camera, and the costs that all answers are compared with there.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Ground {
     pub(crate) place: Place,
@@ -51,7 +51,7 @@ pub(crate) struct Ground {
     pub(crate) roofline_once_ms: f64,
     /// Its configuration measured again.
     pub(crate) roofline_ms: f64,
-    /// How many times faster it is than the recommended default, in the same rounds.
+    /// Its speed over that of the recommended default, in the same rounds.
     pub(crate) search_over_default: f64,
     /// Cost of every iteration, in milliseconds; absent where it failed.
     pub(crate) curve_ms: Vec<Option<f64>>,
@@ -68,17 +68,17 @@ pub(crate) struct Row {
     pub(crate) answer: String,
     /// Median of its rounds, in milliseconds.
     pub(crate) predicted_ms: f64,
-    /// How many times faster so many frames are than those of the search.
+    /// Its speed over the mean of the search's iterations.
     pub(crate) over_search: f64,
     /// Its speed over that of the roofline, measured in the same rounds: 1 is level, more is better.
     pub(crate) of_roofline: f64,
-    /// The same over the single measurement.
+    /// Its speed over the roofline's single measurement.
     pub(crate) of_roofline_once: f64,
     pub(crate) over_default: f64,
     pub(crate) over_fixed: f64,
     pub(crate) break_even: BreakEven,
-    /// What the search cost beyond having known the best from the start, and what the prediction did, in
-    /// milliseconds.
+    /// Time of the search's frames, and of as many frames of the answer, beyond as many frames of the faster
+    /// of the answer and the search's best, in milliseconds.
     pub(crate) search_overhead_ms: f64,
     pub(crate) prediction_overhead_ms: f64,
 }
@@ -95,20 +95,19 @@ pub(crate) struct Verdict {
     pub(crate) rows: Vec<Row>,
     /// The best fixed configuration over all cameras, for people.
     pub(crate) fixed: Option<String>,
-    /// How many times faster what the search found is than the best fixed one of the other cameras, camera by
-    /// camera.
+    /// Speed of the search's best over the best fixed one of the other cameras, camera by camera.
     pub(crate) search_over_fixed: Vec<f64>,
     /// Answers that cannot be run at the camera they were given for.
     pub(crate) infeasible: usize,
-    /// How many answers of an entrant were not measured. Such an entrant has no rows.
+    /// Number of unmeasured answers of an entrant. Such an entrant has no rows.
     pub(crate) unmeasured: BTreeMap<String, usize>,
-    /// Cameras where default, best fixed configuration and what the search had found at each milestone were
+    /// Cameras where the default, the best fixed configuration and the search's best at each milestone were
     /// measured in the same rounds as the answers.
     pub(crate) same_rounds: usize,
 }
 
 impl Verdict {
-    /// Whether everybody was measured in the same rounds everywhere.
+    /// Whether all were measured in the same rounds at every camera.
     pub(crate) fn is_whole(&self) -> bool {
         self.same_rounds == self.cameras
     }
@@ -152,7 +151,7 @@ pub(crate) fn judge(
             rows.push(Row { split: fold.split, fold: number, entrant, answer, ..row });
         }
     }
-    // Who is judged by a part of the cameras is not comparable.
+    // An entrant that is judged by a part of the cameras is not comparable.
     rows.retain(|row| !unmeasured.contains_key(&row.entrant));
     if rows.is_empty() && !unmeasured.is_empty() {
         return Err(CliError::Failed("no answer was measured; run `evaluate verify` first".to_owned()));
@@ -299,14 +298,14 @@ impl View<'_> {
                 }
             }
         }
-        // What searches found stands beside them at its own camera alone.
+        // The best of a search stands beside them at its own camera alone.
         let everywhere = sums.into_iter().filter(|(_, (_, count))| *count == groups && groups > 0);
         let best = everywhere.min_by(|a, b| (a.1.0).total_cmp(&b.1.0).then_with(|| a.0.cmp(b.0)));
         best.map(|(configuration, _)| configuration.clone())
     }
 
-    /// How many times faster what a search found is than another configuration, in the same rounds: those of
-    /// the answers where they hold both, else those of the fixed configurations.
+    /// Speed of a search's best over another configuration, in the same rounds: those of the answers where
+    /// they hold both, else those of the fixed configurations.
     fn over_found(&self, search: &Search, other: &Configuration) -> Option<f64> {
         [GroupKind::Answers, GroupKind::Fixed].into_iter().find_map(|kind| {
             let group = self.record.groups.get(&(kind, search.place.clone()))?;
@@ -314,7 +313,7 @@ impl View<'_> {
         })
     }
 
-    /// Whether the rounds of the answers hold everybody who is compared at a search's place.
+    /// Whether the rounds of the answers hold all configurations that are compared at a search's place.
     fn is_same(&self, search: &Search, fixed: Option<&Configuration>) -> bool {
         let group = |kind| self.record.groups.get(&(kind, search.place.clone()));
         let Some(answers) = group(GroupKind::Answers) else { return false };

@@ -25,7 +25,7 @@ use super::record::{
 };
 use crate::converge::reference_key::geometry_hash;
 
-/// Seed of the rays: the same for everybody.
+/// Seed of the rays, common to all measurements.
 const RAYS_SEED: u64 = 1;
 
 /// A scene that is ready to be rendered from the cameras of its path.
@@ -86,7 +86,7 @@ impl Stage {
         self.conditions.seed = seed;
     }
 
-    /// So many samples of a camera with the recommended structure, as a picture.
+    /// A picture of `samples` samples of a camera, with the recommended structure.
     pub(crate) fn picture(&mut self, camera: u32, samples: u32) -> Result<Picture, CliError> {
         let (setting, choice) = (self.setting(camera, Objective::Render), self.space.default_choice());
         self.renderer.rebuild(&choice.build)?;
@@ -102,12 +102,12 @@ impl Stage {
         Place { scene: self.name.clone(), camera }
     }
 
-    /// What is known of a place.
+    /// The indicators of a place.
     pub(crate) fn state(&self, camera: u32) -> Indicators {
         self.workload.state(&self.scene.with_camera(&self.cameras[camera as usize]))
     }
 
-    /// How one configuration is measured: one frame of the same rays.
+    /// The setting in which one configuration is measured: one frame of the same rays.
     fn setting(&self, camera: u32, objective: Objective) -> SearchSetting {
         let view =
             View { camera: self.cameras[camera as usize], seed: RAYS_SEED, bounces: self.conditions.bounces };
@@ -123,8 +123,8 @@ impl Stage {
         }
     }
 
-    /// Runs a search of the core: every iteration builds and renders, whatever was measured before, as in the
-    /// paper. `None` when it was told to stop.
+    /// Runs a search of the core. Every iteration builds and renders, also a repeated configuration, as in
+    /// the paper. `None` when it was stopped.
     pub(crate) fn search(
         &mut self,
         camera: u32,
@@ -185,7 +185,7 @@ impl Stage {
     }
 
     /// Builds and renders all configurations in every round, each round in another order. `None` when it was
-    /// told to stop.
+    /// stopped.
     pub(crate) fn group(
         &mut self,
         kind: GroupKind,
@@ -250,7 +250,7 @@ pub(crate) fn best(search: &Search, objective: Objective, clock: Clock) -> Optio
     best_within(search, usize::MAX, objective, clock)
 }
 
-/// The best of so many first iterations.
+/// The best of the first iterations, up to a given number.
 pub(crate) fn best_within(
     search: &Search,
     trials: usize,
@@ -265,7 +265,7 @@ pub(crate) fn best_within(
     costs.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// So many cameras, spread evenly whenever one stops: the bits of 0, 1, 2, … turned round.
+/// `count` cameras in an order whose every beginning is spread evenly: the bits of 0, 1, 2, … turned round.
 pub(crate) fn spread(count: u32) -> Vec<u32> {
     let bits = count.next_power_of_two().trailing_zeros();
     let turned = |index: u32| if bits == 0 { 0 } else { index.reverse_bits() >> (32 - bits) };

@@ -1,13 +1,13 @@
-//! The paper's section 7: what searches and predictors are worth along a camera path of every scene; and its
-//! section 4: what the parameters do.
+//! The paper's section 7: searches and predictors along a camera path of every scene; and its section 4: the
+//! influence of the parameters.
 //!
-//! Recording and judging are apart. Recording renders: searches of every camera, fixed configurations, and
-//! whatever the predictors answered. Judging computes, from the record alone and the same each time, so that
-//! predictors are compared on one data set as often as one likes.
+//! Recording and judging are separate. Recording renders: searches of every camera, fixed configurations, and
+//! the predictors' answers. Judging computes from the record alone and without chance, so that predictors can
+//! be compared on one data set any number of times.
 //!
-//! | module | what it holds |
+//! | module | holds |
 //! |---|---|
-//! | `record` | what was measured, as JSON Lines: only added to, so that a run that was stopped goes on where it stood |
+//! | `record` | the measurements as JSON Lines: only added to, so that a stopped run goes on where it stood |
 //! | `measure` | a search, and groups of configurations in interleaved rounds |
 //! | `folds` | which cameras teach and which examine: random splits, and each scene left out |
 //! | `answers` | predictors of the core, taught a fold, asked about its other cameras |
@@ -15,7 +15,7 @@
 //! | `fixed` | configurations by hand, the best of which is the fixed one |
 //! | `judge` | each answer against the search, its best, the default and the best fixed configuration |
 //! | `summary` | over all cameras: means, intervals, shares |
-//! | `progress` | how far searches have come after so many trials and so much time, measured again |
+//! | `progress` | the searches' best after each number of trials and its time, measured again |
 //! | `plot` | axes and curves |
 //! | `figures`, `part_figures`, `progress_figures` | the paper's figures, as SVG |
 //! | `page`, `part_page` | the report in words, tables and figures |

@@ -38,8 +38,8 @@ th{color:var(--soft);font-weight:600}svg{display:block;width:100%;height:auto}co
 @media(max-width:600px){svg{font-size:17px}.minor{display:none}table,tbody,tr,td{display:block}tr{border-bottom:1px solid var(--line);padding:.4rem 0}\
 tr:first-child{display:none}td{border:0;text-align:left;padding:.05rem 0}td:first-child{font-weight:650}td[data-l]::before{content:attr(data-l)\": \";color:var(--soft)}}";
 
-/// Of whom the first page speaks: the paper's two and what the service does by itself. They stood before
-/// anything was measured; whoever turns out best is in the tables.
+/// The predictors on the first page: the paper's two and the service's own choice. They were fixed before
+/// anything was measured; the best one is in the tables.
 const TOLD: [(&str, &str); 4] = [
     ("nearest_neighbour", "the paper's nearest neighbour"),
     ("rbf_greedy_gq", "the paper's RBF model"),
@@ -47,7 +47,7 @@ const TOLD: [(&str, &str); 4] = [
     (SERVICE, "the service as it answers"),
 ];
 
-/// Whatever is told of a record beside its verdicts.
+/// The parts of the report beside its verdicts.
 #[derive(Clone, Debug)]
 pub(crate) struct Told<'a> {
     pub(crate) record: &'a Record,
@@ -68,8 +68,7 @@ impl Told<'_> {
         all
     }
 
-    /// What a reader has to know before any figure: that recording was stopped, and that the machine had
-    /// other work.
+    /// Warnings before any figure: that recording was stopped, and that the machine had other work.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let mut all = Vec::new();
         let expected = self.scenes().len() * self.record.conditions.cameras as usize;
@@ -315,7 +314,7 @@ fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
     *page += "</table></div>";
 }
 
-/// The same for a README: a line an entrant, as Markdown.
+/// The table for a README, as Markdown: a line an entrant.
 pub(crate) fn markdown(told: &Told<'_>) -> String {
     let mut text = String::new();
     for warning in told.warnings() {

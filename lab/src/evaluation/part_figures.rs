@@ -45,8 +45,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// How many times as fast as the default the configurations are that searches came to, all of them measured
-/// in the same rounds.
+/// Speed of the searches' results over the default, all measured in the same rounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PartGain {
     /// Of their geometric mean, round by round.
@@ -81,7 +80,7 @@ impl PartGain {
 
     /// The gain and its interval, and that of single searches.
     pub(super) fn words(&self) -> [String; 2] {
-        // What rounds to nothing is no loss.
+        // A loss that rounds to zero is shown without a sign of loss.
         let gain = |speed: f64| format!("{:+.1}", ((speed - 1.0) * 1000.0).round() / 10.0 + 0.0);
         let interval = self.speed.interval.map(|[low, high]| format!(" [{}, {}]", gain(low), gain(high)));
         let [low, high] = self.ends.map(gain);
@@ -136,7 +135,7 @@ pub(super) fn part(part: &Part, runs: &[Run<'_>], default_ms: Option<f64>) -> [S
     [points.finish(), evolution.finish()]
 }
 
-/// What a frame is made of.
+/// The parts of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Share {
     Build,
@@ -173,8 +172,8 @@ pub(super) fn rounds(group: &Group, share: Share, clock: Clock) -> Option<[Vec<f
     Some([of(without)?, of(with)?])
 }
 
-/// Mean, and how far to either side of it the true one lies with 99.99 %, by Student's distribution; none for
-/// fewer than three.
+/// The mean, and half the width of its 99.99 % interval by Student's distribution; none for fewer than three
+/// values.
 pub(super) fn mean_and_band(values: &[f64]) -> (f64, Option<f64>) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;

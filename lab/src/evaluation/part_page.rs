@@ -156,11 +156,11 @@ fn parts_section(record: &Record, space: &TuningSpace, clock: Clock) -> String {
     text
 }
 
-/// What is said where costs of other rounds would have to stand in.
+/// The note in place of gains whose costs come from different rounds.
 const NOT_AGAIN: &str = "<p class=\"warn\">Gains are left out where the default and what the searches came to were not measured in the \
                          same rounds; <code>evaluate parameters</code> measures them.</p>";
 
-/// What the searches over a part came to in a scene, and the default, measured again in the same rounds.
+/// The results of the searches over a part in a scene, and the default, measured again in the same rounds.
 struct Again {
     default_ms: f64,
     /// Of the best that each found, and of its last iteration.
@@ -272,7 +272,7 @@ fn moving(strip: &[u8], scene: &str) -> String {
     )
 }
 
-/// Frames of four across to three down in a strip, by the size that a PNG's first chunk tells.
+/// Number of frames of four across to three down in a strip, by the size in the PNG's first chunk.
 fn frames(strip: &[u8]) -> Option<u32> {
     let edge = |at: usize| Some(u32::from_be_bytes(strip.get(at..at + 4)?.try_into().ok()?));
     let (width, height) = (edge(16)?, edge(20)?);

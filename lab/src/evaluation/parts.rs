@@ -12,7 +12,7 @@ use super::record::{Clock, PartSearch, Record};
 /// A few parameters, and what the others are held to besides their recommended values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Part {
-    /// What it goes by.
+    /// Its name.
     pub(crate) name: &'static str,
     /// The parameters; the first two are the axes of its figure.
     pub(crate) parameters: &'static [&'static str],
@@ -50,8 +50,8 @@ impl Part {
     }
 }
 
-/// What a search over a part came to, as whole configurations: the best that it found by its own clock, and
-/// its last. `None` where nothing could be built.
+/// The results of a search over a part, as whole configurations: the best by its own clock, and its last.
+/// `None` where nothing could be built.
 pub(crate) fn came_to(
     search: &PartSearch,
     whole: &TuningSpace,
@@ -67,8 +67,8 @@ pub(crate) fn came_to(
     Ok(both.map(|both| both.map(|one| space.with_held(one))))
 }
 
-/// What is measured again at a scene in the same rounds: the default first, then what its searches came to,
-/// each configuration once.
+/// The configurations to measure again at a scene in shared rounds: the default first, then the results of
+/// its searches, each configuration once.
 pub(crate) fn compared(
     record: &Record,
     whole: &TuningSpace,

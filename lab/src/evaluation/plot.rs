@@ -140,7 +140,7 @@ impl Plot {
         path
     }
 
-    /// A curve, with what a pointer is told.
+    /// A curve, with the text that a pointer shows.
     pub(crate) fn line(&mut self, points: &[[f64; 2]], colour: &str, is_dashed: bool, title: &str) {
         let path = self.path(points.iter().copied());
         let dashes = if is_dashed { " stroke-dasharray=\"7 4\"" } else { "" };

@@ -1,10 +1,10 @@
-//! Error of the tuner against run time: what the best configuration so far costs after so many trials, over
-//! the cost of the roofline, beside whoever answers without a search.
+//! Error of the tuner against run time: the cost of the best configuration so far over that of the roofline,
+//! after each milestone of trials, beside the answers without a search.
 //!
-//! All costs are of the same interleaved rounds: what a search had found at each milestone was measured again
-//! there, as were the roofline, the default, the best fixed configuration and the predictors' answers. The
-//! least of so many single measurements, which the search itself goes by, is partly luck and has no place
-//! here. Where a record lacks those rounds there is no cost.
+//! All costs are of the same interleaved rounds: a search's best at each milestone was measured again there,
+//! as were the roofline, the default, the best fixed configuration and the predictors' answers. The least of
+//! many single measurements, which guides the search itself, is partly luck and is not used here. Where a
+//! record lacks those rounds there is no cost.
 
 use serde::Serialize;
 use treewright_renderer::statistics::quantile;
@@ -31,11 +31,11 @@ pub(crate) struct Moment {
     pub(crate) cameras: usize,
 }
 
-/// What searches, and the recommended default, are called.
+/// Names of the searches and of the recommended default.
 pub(crate) const SEARCH: &str = "search";
 pub(crate) const DEFAULT: &str = "default";
 
-/// Who answers without a search: the default, the best fixed configuration of the other scenes, and these
+/// The answers without a search: the default, the best fixed configuration of the other scenes, and these
 /// predictors in scenes that they know.
 pub(crate) fn without_search(verdict: &Verdict, predictors: &[&str]) -> Vec<Moment> {
     let at_once = |who: &str, cost: Option<Mean>, cameras| Moment {
@@ -93,18 +93,18 @@ pub(crate) fn of_searches(record: &Record, verdict: &Verdict, clock: Clock) -> V
     milestones.filter(|trials| *trials > 0).map(at).collect()
 }
 
-/// Seconds of building and rendering of so many first iterations.
+/// Seconds of building and rendering in the first `trials` iterations.
 fn spent_s(search: &Search, trials: usize) -> f64 {
     let times = search.iterations.iter().take(trials).filter_map(|one| one.times.as_ref());
     times.map(|times| times.build_ms + times.render_ms).sum::<f64>() / 1000.0
 }
 
-/// Cost of the best of so many first iterations over that of the best of all, both measured again in the
+/// Cost of the best of the first `trials` iterations over that of the best of all, both measured again in the
 /// rounds of the answers.
 fn ratio(record: &Record, search: &Search, trials: usize, objective: Objective, clock: Clock) -> Option<f64> {
     let group = record.groups.get(&(GroupKind::Answers, search.place.clone()))?;
     let again = |trials| {
-        // What a search had found it told by its own clock.
+        // The search's best is the best by its own clock.
         let (found, _) = best_within(search, trials, objective, record.conditions.clock)?;
         group.cost(&found.configuration, objective, clock)
     };
@@ -132,7 +132,7 @@ mod tests {
 
     const SCENES: [&str; 3] = ["attic", "barn", "cellar"];
 
-    /// Searches of twelve trials, each luckier than the one before. Measured again what they had found took
+    /// Searches of twelve trials, each luckier than the one before. Measured again, their best took
     /// 120 ms after five trials, 110 ms after ten and 100 ms in the end, each end a configuration of its own.
     fn record(is_whole: bool) -> Record {
         let mut record = Record::new(conditions(12));

@@ -71,12 +71,12 @@ pub(crate) fn two_objectives(record: &Record, clock: Clock) -> Option<String> {
     Some(text)
 }
 
-/// Whoever answers without a search, and searches after each milestone.
+/// The answers without a search, and the searches after each milestone.
 fn moments(record: &Record, verdict: &Verdict, clock: Clock) -> [Vec<Moment>; 2] {
     [without_search(verdict, &BESIDE.map(|(name, _)| name)), of_searches(record, verdict, clock)]
 }
 
-/// How far searches have come after so many trials and so much time, beside who answers without one.
+/// The figure of the searches' progress over trials and over time, beside the answers without a search.
 pub(crate) fn progress(record: &Record, verdict: &Verdict, clock: Clock) -> String {
     let [at_once, searched] = moments(record, verdict, clock);
     let mut text = format!(

@@ -1,8 +1,7 @@
-//! What was measured, as JSON Lines: a first line that says under which conditions, then one line a search,
-//! group or pair.
+//! The measurements as JSON Lines: a first line with the conditions, then one line a search, group or pair.
 //!
 //! Lines are only added, each flushed to the disk before the next measurement begins. A line that a killed
-//! run left unfinished is cut off when the file is opened for more, and its work done again. Each line tells
+//! run left unfinished is cut off when the file is opened for more, and its work done again. Each line holds
 //! the hash of its scene and the version of the program; a second scene under one name is refused.
 //!
 //! Records of older forms can be read and judged. None is added to, as its first line would say the wrong
@@ -43,7 +42,7 @@ impl Clock {
         }
     }
 
-    /// What is minimised, in milliseconds. As in the paper a frame's render time stands alone where builds
+    /// The objective's value in milliseconds. As in the paper a frame's render time stands alone where builds
     /// are shared.
     pub(crate) fn cost(self, objective: Objective, times: &FrameTimes) -> Option<f64> {
         let [build_ms, render_ms] = self.read(times)?;
@@ -65,7 +64,7 @@ pub(crate) struct Conditions {
     /// Pixels across and down.
     pub(crate) size: [u32; 2],
     pub(crate) bounces: u32,
-    /// What searches minimise.
+    /// The clock whose times searches minimise.
     pub(crate) clock: Clock,
     /// Iterations of a search.
     pub(crate) iterations: u32,
@@ -90,7 +89,7 @@ pub(crate) struct Place {
     pub(crate) camera: u32,
 }
 
-/// What something was measured of, and by which program.
+/// The scene of a measurement, and the program that took it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Provenance {
     /// SHA-256 of the scene's geometry as it was loaded, in hexadecimal digits.
@@ -128,18 +127,18 @@ pub(crate) struct Search {
     pub(crate) provenance: Option<Provenance>,
 }
 
-/// What a group is for.
+/// The purpose of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum GroupKind {
     /// Configurations by hand, beside the best of each search.
     Fixed,
-    /// What predictors answered, beside the default, the best fixed configurations, and the best of each
-    /// search after so many trials.
+    /// The predictors' answers, beside the default, the best fixed configurations, and the best of each
+    /// search at each milestone.
     Answers,
     /// Without and with splitting.
     Pair,
-    /// What searches over a few parameters came to, beside the default.
+    /// The results of searches over a few parameters, beside the default.
     Parts,
 }
 
@@ -213,9 +212,9 @@ pub(crate) struct PartSearch {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Versus {
-    /// Frames of so many pixels down, four across to three down (section 4.1).
+    /// Frames of this height in pixels, four across to three down (section 4.1).
     Height(u32),
-    /// The cylinder of needles at one of so many angles of a round (section 4.3).
+    /// The cylinder of needles at one of several angles of a round (section 4.3).
     Needles {
         /// From 0.
         angle: u32,
@@ -267,7 +266,7 @@ pub(crate) struct Record {
     pub(crate) parts: Vec<PartSearch>,
     /// The latest of each scene.
     pub(crate) pairs: BTreeMap<(String, Versus), Group>,
-    /// The hash of each scene's geometry, where a line tells it.
+    /// The hash of each scene's geometry, where a line holds it.
     pub(crate) scenes: BTreeMap<String, String>,
     /// Versions of this program that measured.
     pub(crate) programs: BTreeSet<String>,

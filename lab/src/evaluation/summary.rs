@@ -1,4 +1,4 @@
-//! Judged answers over all cameras: geometric means with intervals, shares, and counts of what is left out.
+//! Judged answers over all cameras: geometric means with intervals, shares, and counts of omissions.
 //!
 //! A camera is examined in several folds, and its answers there are not independent. So intervals are drawn
 //! by resampling whole cameras (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993), from a fixed
@@ -57,7 +57,7 @@ pub(crate) struct Standing {
     pub(crate) over_default: Mean,
     pub(crate) over_fixed: Mean,
     /// Share of the search's overhead that the predictor saves: sums over all answers. `None` where the
-    /// search cost nothing beyond what it found.
+    /// search has no overhead.
     pub(crate) overhead_reduction: Option<f64>,
     pub(crate) break_even: BreakEvens,
 }
@@ -131,7 +131,7 @@ pub(crate) fn standings(verdict: &Verdict) -> Vec<Standing> {
     groups.into_iter().map(standing).collect()
 }
 
-/// Geometric mean of what is finite, with the interval by resampling cameras.
+/// Geometric mean of the finite values, with the interval by resampling cameras.
 pub(super) fn mean(rows: &[&Row], value: fn(&Row) -> f64) -> Mean {
     let mut by_place: BTreeMap<&Place, Vec<f64>> = BTreeMap::new();
     for row in rows {
@@ -145,7 +145,7 @@ pub(super) fn mean(rows: &[&Row], value: fn(&Row) -> f64) -> Mean {
     geometric(&cameras)
 }
 
-/// The same of one value a camera.
+/// Geometric mean and interval of one value a camera.
 pub(crate) fn mean_of(values: &[f64]) -> Mean {
     let cameras: Vec<(f64, usize)> =
         values.iter().map(|value| (value.ln(), 1)).filter(|(logarithm, _)| logarithm.is_finite()).collect();

@@ -26,7 +26,7 @@ pub(crate) fn place(scene: &str) -> Place {
     Place { scene: scene.to_owned(), camera: 0 }
 }
 
-/// Some configuration, told from others by its number.
+/// A configuration with a number, which distinguishes it from others.
 pub(crate) fn numbered(number: i64) -> Configuration {
     Configuration::new().with("quality", number)
 }

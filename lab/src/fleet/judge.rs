@@ -22,7 +22,7 @@ pub(crate) struct Row {
     pub(crate) knows: Option<Level>,
     /// Frames in the scene before the answer.
     pub(crate) frames: u32,
-    /// How many answers ran; others could not be built.
+    /// Number of answers that ran; others could not be built.
     pub(crate) answers: usize,
     /// Over the renderer's recommended configuration.
     pub(crate) over_recommended: Option<Interval>,

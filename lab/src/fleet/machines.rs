@@ -60,13 +60,13 @@ impl Machine {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Level {
-    /// Nobody's.
+    /// No measurements.
     Nothing,
     /// The machine's own.
     Node,
-    /// Those of its group, its own among them.
+    /// The measurements of its group, its own among them.
     Group,
-    /// Those of all machines.
+    /// The measurements of all machines.
     Fleet,
 }
 
@@ -74,7 +74,7 @@ impl Level {
     /// Each knows at least what the one before it knows.
     pub(crate) const ALL: [Self; 4] = [Self::Nothing, Self::Node, Self::Group, Self::Fleet];
 
-    /// Whether the predictor of `own` knows what `other` measured.
+    /// Whether the predictor of `own` knows the measurements of `other`.
     pub(crate) fn knows(self, own: &Machine, other: &Machine) -> bool {
         match self {
             Self::Nothing => false,

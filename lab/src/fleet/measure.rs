@@ -1,4 +1,4 @@
-//! Searches of emulated machines, and what each predictor answers to a scene that none of them has seen.
+//! Searches of emulated machines, and each predictor's answers to a scene that no machine has seen.
 //! Everything here runs in a process that is kept to the machine's instruction set.
 
 use std::collections::BTreeMap;
@@ -16,14 +16,14 @@ use crate::leave_scene_out::book::{RecordedRounds, RecordedSearch};
 use crate::leave_scene_out::daemon::Daemon;
 use crate::leave_scene_out::steps::{DEADLINE, Stage, join, space, tell};
 
-/// What is minimised: frames that share a build, as in the paper's section 7.1.2.
+/// The objective: frames that share a build, as in the paper's section 7.1.2.
 const OBJECTIVE: Objective = Objective::Render;
 /// The name of the renderer's recommended configuration in rounds.
 pub(crate) const RECOMMENDED: &str = "recommended";
 /// The name of what a search of the machine itself found in the scene.
 pub(crate) const OWN_SEARCH: &str = "own search";
 
-/// The name of what a predictor answers after so many frames.
+/// The name of a predictor's answer after `frames` frames.
 pub(crate) fn answer_name(level: Level, frames: u32) -> String {
     format!("{level:?} after {frames}")
 }
@@ -53,7 +53,7 @@ impl Node<'_> {
         self.search_knowing(stage, &[], self.conditions.frames)
     }
 
-    /// A search of so many frames by a daemon that knows these searches.
+    /// A search of a number of frames by a daemon that knows these searches.
     fn search_knowing(
         &self,
         stage: &mut Stage,

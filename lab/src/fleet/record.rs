@@ -1,5 +1,4 @@
-//! What was measured, as JSON Lines: a first line that says under which conditions, then a line a search or
-//! examination.
+//! The measurements as JSON Lines: a first line with the conditions, then a line a search or examination.
 //!
 //! Lines are only added. One that a killed run left unfinished is cut off before more are added, and its work
 //! done again.
@@ -30,11 +29,11 @@ pub(crate) struct Conditions {
     pub(crate) frames: u32,
     /// Trials in an unseen scene before the answer is frozen.
     pub(crate) first_frames: u32,
-    /// How often answers are measured.
+    /// Number of measurements of each answer.
     pub(crate) rounds: u32,
 }
 
-/// What a machine measured in a scene.
+/// A measurement of a machine in a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct At<T> {
     pub(crate) machine: Machine,
@@ -93,7 +92,7 @@ impl Record {
         Ok(record)
     }
 
-    /// Begins a record, or goes on with one that was begun under the same conditions.
+    /// Begins a record, or continues one with the same conditions.
     pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
         if !is_begun(path).map_err(|error| wrong(path, &error.to_string()))? {
             add(path, &Line::Conditions(conditions.clone()))?;

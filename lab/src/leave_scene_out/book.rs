@@ -1,8 +1,7 @@
-//! What was measured, on disk: written after every step, so that a run that was stopped goes on where it
-//! stood.
+//! The measurements on disk, written after every step, so that a stopped run goes on where it stood.
 //!
-//! Recording and judging are apart. Searches and rounds are written down with every timing; tables are
-//! computed from the book alone, as often as one likes.
+//! Recording and judging are separate. Searches and rounds are recorded with every timing; tables are
+//! computed from the book alone.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -17,7 +16,7 @@ use treewright_renderer::measure::Measured;
 /// Everything so far.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Book {
-    /// The machine, and the versions of what was measured.
+    /// The machine, and the versions of the measured programs.
     pub(crate) machine: Fingerprint,
     /// Of each scene: triangles as rays meet them, and whether they are placed by instances.
     pub(crate) scenes: BTreeMap<String, SceneFacts>,
@@ -37,7 +36,7 @@ pub(crate) struct SceneFacts {
 pub(crate) struct RecordedSearch {
     pub(crate) state: Indicators,
     pub(crate) trials: Vec<RecordedTrial>,
-    /// What the service answered before anything was measured in the scene.
+    /// The service's answer before anything was measured in the scene.
     pub(crate) first_answer: Configuration,
     /// By how many trials were reported.
     pub(crate) answers: BTreeMap<u32, Configuration>,
@@ -61,9 +60,9 @@ pub(crate) struct RecordedRounds {
 }
 
 impl RecordedRounds {
-    /// What a client would have reported that ran them: one frame after the other in the order in which they
-    /// ran, and once what failed. Native Embree path by path is in no space; `without` are texts of
-    /// configurations to leave out.
+    /// The reports that a client would have made of them: every frame in the order in which they ran, and
+    /// each failure once. Native Embree path by path is left out, because it is in no space; `without` are
+    /// texts of further configurations to leave out.
     pub(crate) fn frames(
         &self,
         without: &BTreeSet<String>,

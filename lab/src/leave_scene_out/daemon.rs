@@ -1,4 +1,4 @@
-//! A tuning daemon of one's own, with a fresh database, which ends with its owner.
+//! A private tuning daemon with a fresh database, which ends with its owner.
 
 use std::io::{BufRead as _, BufReader};
 use std::process::{Child, ChildStdout, Command, Stdio};
@@ -14,7 +14,7 @@ const PROGRAM: &str = "treewrightd";
 pub(crate) struct Daemon {
     child: Child,
     pub(crate) url: String,
-    /// Kept open, so that whatever else it prints finds somebody.
+    /// Kept open, so that the daemon can go on printing.
     _stdout: BufReader<ChildStdout>,
     _folder: TempDir,
 }
@@ -35,7 +35,7 @@ impl Daemon {
             .map_err(|error| failed(format!("{}: {error}; `make build` builds it", program.display())))?;
         let mut stdout = child.stdout.take().map(BufReader::new);
         let mut line = String::new();
-        // What cannot be read is empty, which is told below.
+        // A line that cannot be read is empty, which is reported below.
         let _ = stdout.as_mut().map(|stdout| stdout.read_line(&mut line));
         let url = line.split_whitespace().find(|word| word.starts_with("http://")).map(str::to_owned);
         match (stdout, url) {

@@ -5,7 +5,7 @@ use treewright_renderer::space::{TuningSpace, parse};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::verdict::{self, Rival};
 
-/// For frames that share a build: what is left out is as in the start of that space.
+/// For frames that share a build: missing values are those of the start of that space.
 const RENDER: [&str; 12] = [
     "backend=tunable,min_leaf_size=4,max_leaf_size=28",
     "backend=tunable,min_leaf_size=8,max_leaf_size=32",

@@ -1,5 +1,5 @@
-//! Tables from a book: what the answers of the service cost over what anybody could have had. Nothing is
-//! measured here.
+//! Tables from a book: the costs of the service's answers over those of configurations without tuning.
+//! Nothing is measured here.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,10 +17,10 @@ pub(crate) const FINAL: &str = "final";
 pub(crate) const ALONE: &str = "alone";
 pub(crate) const LEFT_OUT: &str = "left-out";
 
-/// What the best fixed configuration of the other scenes is called in final rounds.
+/// The name of the best fixed configuration of the other scenes in final rounds.
 pub(crate) const FIXED_OF_OTHERS: &str = "best fixed of the other scenes";
 
-/// What the answer after so many frames is called there; 0 is the answer before the first.
+/// The name of the answer after `frames` frames there; 0 is the answer before the first.
 pub(crate) fn answer_name(frames: u32) -> String {
     format!("after {frames} frames")
 }
@@ -81,8 +81,8 @@ pub(crate) fn fixed(
     all
 }
 
-/// What only the search of one scene found, and so is not known to the others although it ran on them as a
-/// candidate.
+/// The configurations that only the search of one scene found. The other scenes do not know them, although
+/// they ran there as candidates.
 pub(crate) fn found_only_in(
     book: &Book,
     objective: Objective,
@@ -129,11 +129,11 @@ pub(crate) struct Row {
     pub(crate) objective: Objective,
     pub(crate) context: String,
     pub(crate) disturbed: bool,
-    /// Speed of the answer after so many frames over the best fixed configuration of the other scenes.
+    /// Speed of the answer after each number of frames over the best fixed configuration of the other scenes.
     pub(crate) over_fixed: BTreeMap<u32, Ratio>,
     /// Over native Embree used well, in its best quality.
     pub(crate) over_used_well: BTreeMap<u32, Ratio>,
-    /// Share of the speed of the best that was measured in the same rounds; 1 is the roofline itself.
+    /// Speed over that of the best configuration in the same rounds; 1 is the roofline itself.
     pub(crate) of_roofline: BTreeMap<u32, f64>,
     /// The answer after the last frame over native Embree's default.
     pub(crate) over_default: Ratio,

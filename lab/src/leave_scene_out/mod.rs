@@ -1,12 +1,12 @@
-//! What a tuning service is worth on a scene it has never seen: leave one scene out, search it, and compare
-//! its answers after 1, 8, 16, 32 and 60 frames with what anybody could have had.
+//! The gain from a tuning service on a scene that it has never seen: leave one scene out, search it, and
+//! compare the answers after 1, 8, 16, 32 and 60 frames with configurations that need no tuning there.
 //!
-//! | module | what it holds |
+//! | module | holds |
 //! |---|---|
 //! | `suite` | scenes and settings |
 //! | `hand` | configurations that anybody can write down |
-//! | `daemon` | a tuning daemon of one's own |
-//! | `steps` | what is measured: candidates, searches, winners of other scenes, the final rounds |
+//! | `daemon` | a private tuning daemon |
+//! | `steps` | the measurements: candidates, searches, winners of other scenes, the final rounds |
 //! | `book` | everything measured, on disk |
 //! | `judge` | tables from the book |
 //!

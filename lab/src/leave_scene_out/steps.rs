@@ -1,4 +1,4 @@
-//! What is measured. Every step takes a loaded scene and leaves something in the book.
+//! The measurements. Every step takes a loaded scene and adds its results to the book.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -27,10 +27,10 @@ use super::hand;
 use super::judge::{self, ALONE, CANDIDATES, FIXED_OF_OTHERS, LEFT_OUT, key};
 use super::suite::Context;
 
-/// After so many reported trials the service is asked for the best.
+/// Numbers of reported trials after which the service is asked for the best.
 pub(crate) const CHECKPOINTS: [u32; 5] = [1, 8, 16, 32, 60];
 
-/// How long a question may take.
+/// Longest time of a question.
 pub(crate) const DEADLINE: Duration = Duration::from_secs(10);
 
 /// Of pictures.
@@ -66,8 +66,8 @@ impl Stage {
         View { camera: self.renderer.scene().cameras[0], seed: SEED, bounces: BOUNCES }
     }
 
-    /// Everything that is one configuration for all scenes, in the same rounds: native Embree used well, what
-    /// is written by hand, and what won on every scene.
+    /// All configurations that serve all scenes, in the same rounds: native Embree used well, those written
+    /// by hand, and the winners of every scene.
     pub(crate) fn candidates(
         &mut self,
         book: &Book,
@@ -85,7 +85,7 @@ impl Stage {
         Ok(self.rounds(all, objective, rounds))
     }
 
-    /// The answers of a search beside everybody else.
+    /// The answers of a search beside all candidates.
     pub(crate) fn finals(
         &mut self,
         book: &Book,
@@ -153,8 +153,8 @@ impl Stage {
         RecordedRounds { contenders, disturbed: disturbance.disturbed }
     }
 
-    /// A search by a fresh daemon. With `others` it is told first what was measured in all other scenes of
-    /// the book.
+    /// A search by a fresh daemon. With `others` it first gets the measurements of all other scenes of the
+    /// book.
     pub(crate) fn search(
         &mut self,
         book: &Book,
@@ -237,8 +237,9 @@ impl Stage {
         })
     }
 
-    /// Reports what was measured in other scenes, as their clients would have. What only this scene's own
-    /// search found ran there as a candidate, and is left out: nobody would have known of it.
+    /// Reports the measurements of other scenes, as their clients would have. Configurations that only this
+    /// scene's own search found ran there as candidates; they are left out, because nobody would have known
+    /// them.
     fn teach(
         &self,
         book: &Book,
@@ -291,8 +292,8 @@ pub(crate) fn tell(
     Ok(suggestion.report(measurements(trial.times, 1, objective), trial.outcome.clone())?)
 }
 
-/// The space of an objective on so many threads: one for all scenes of the suite, so that each can teach the
-/// others. How instances are opened is left as it is recommended.
+/// The space of an objective on `threads` threads: one for all scenes of the suite, so that each can teach
+/// the others. Instances are opened as recommended.
 pub(crate) fn space(objective: Objective, threads: usize) -> TuningSpace {
     let premises = Premises {
         builds_each_frame: objective.builds_each_frame(),

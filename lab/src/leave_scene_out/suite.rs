@@ -92,7 +92,7 @@ impl FromStr for Entry {
     }
 }
 
-/// How many threads render frames of which size, written `2@320x240`; 0 threads are one a core.
+/// Number of threads and size of frames, written `2@320x240`; 0 threads are one a core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Context {
     pub(crate) threads: usize,

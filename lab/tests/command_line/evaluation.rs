@@ -38,7 +38,7 @@ fn an_evaluation_is_recorded_in_pieces_and_judged_to_the_same_bytes() {
         "evaluate parameters {UNDER} --runs 2 --rounds 3 --heights 24,48 --angles 4 --pictures strips"
     );
     succeeds(path, &parameters);
-    // Of each scene two heights, two runs of three parts, what they came to, and four angles.
+    // Of each scene two heights, two runs of three parts, their results, and four angles.
     assert_eq!(lines(), 1 + 2 * 5 * 3 + 2 * (2 + 2 * 3 + 1 + 4));
     succeeds(path, &parameters);
     assert_eq!(lines(), 1 + 2 * 5 * 3 + 2 * (2 + 2 * 3 + 1 + 4), "nothing is measured twice");

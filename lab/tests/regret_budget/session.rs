@@ -13,7 +13,7 @@ use treewright_core::tuner::{Ask, Tuner};
 use treewright_core::value::Value;
 use treewright_lab::simulated::{METRIC, ask, normal, share, study};
 
-/// How the speed of the machine changes.
+/// Kinds of change of the machine's speed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Weather {
     /// Not at all; frames vary by 7 %.
@@ -33,10 +33,10 @@ impl Weather {
     }
 }
 
-/// What a session came to.
+/// The result of a session.
 #[derive(Clone, Debug)]
 pub(crate) struct Session {
-    /// How the speed changed.
+    /// The kind of change of the speed.
     pub(crate) weather: Weather,
     /// The share of frame time that exploring may cost.
     pub(crate) budget: f64,
@@ -47,12 +47,11 @@ pub(crate) struct Session {
     pub(crate) worst: f64,
 }
 
-/// What the default costs in every state, before the machine's speed.
+/// Cost of the default in every state, before the machine's speed.
 const DEFAULT_COST: f64 = 10.0;
 
-/// What a configuration costs in a state, without the machine's speed. In adversarial states nearly
-/// everything that can be explored is ten to a hundred times as dear as the default; in others a third of all
-/// is better.
+/// Cost of a configuration in a state, without the machine's speed. In adversarial states nearly all other
+/// configurations are ten to a hundred times as dear as the default; in other states a third is better.
 fn cost(trial: &Trial, adversarial: bool) -> f64 {
     let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
     let (a, b) = (number("a"), number("b"));
@@ -67,7 +66,7 @@ impl Session {
         Self::play(seed, frames, budget, Some(budget))
     }
 
-    /// The same session without it.
+    /// The session of a seed without a budget.
     pub(crate) fn run_without(seed: u64, frames: u64) -> Self {
         let budget = 0.02 + 0.08 * (seed % 7) as f64 / 6.0;
         Self::play(seed, frames, budget, None)
@@ -116,7 +115,7 @@ impl Session {
                 Some(cap) if measured > cap => (cap, Outcome::Aborted { lower_bound: cap }),
                 _ => (measured, Outcome::Ok),
             };
-            // A client that was told to stop has spent the cap and no more.
+            // A client that stopped at the cap has spent the cap and no more.
             let truly = if spent < measured { spent } else { true_cost };
             paid += truly;
             if trial.mode() == Mode::Explore {
@@ -124,11 +123,11 @@ impl Session {
                 regret += truly - default;
             }
             session.worst = session.worst.max(regret / paid);
-            // Now and then a report never arrives, and the client, which was started again, asks anew.
+            // Now and then a report never arrives, and the client, which was started again, asks again.
             if random.random::<f64>() < 0.02 {
                 continue;
             }
-            // Or a result is lost, or cannot be told.
+            // Or a result is lost, or cannot be reported.
             if random.random::<f64>() < 0.01 {
                 let _change = tuner.abandon(&trial).expect("it is open");
                 continue;

@@ -3,10 +3,10 @@
 //!
 //! `cargo run --release -p treewright-accel --example stress [COUNT] [SEED] [TRIANGLES]`
 //!
-//! Ten scenes (soups, surfaces, cities, needles, degenerate ones) of at most TRIANGLES triangles; each
-//! configuration is built over one of them and asked by every instruction set and packing. Answers are judged
-//! like those of the tests: within the error of single precision. Small counts run under valgrind. Ends with
-//! an error when anything was wrong.
+//! Ten scenes (soups, surfaces, cities, needles, degenerate ones) of at most TRIANGLES triangles. Each
+//! configuration is built over one of them and traced by every instruction set and packing. As in the tests,
+//! answers must be right within the error of single precision. Small counts run under valgrind. Ends with an
+//! error after any fault.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

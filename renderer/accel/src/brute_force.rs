@@ -63,8 +63,7 @@ impl BruteForce {
         flat.chain(placed)
     }
 
-    /// Whether a ray that meets a triangle meets something solid there. Masks are asked as every back end
-    /// asks them.
+    /// Whether a triangle is solid where a ray meets it. Masks are read as every back end reads them.
     fn is_solid(&self, ray: &Ray, triangle: u32, instance: u32) -> bool {
         let placed = self.instances.as_ref().and_then(|instances| instances.placed().get(instance as usize));
         match placed {

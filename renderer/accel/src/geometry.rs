@@ -93,7 +93,7 @@ impl Triangles {
         self.masks.as_deref().map_or(&[], Masks::masks)
     }
 
-    /// Whether a ray that meets a triangle meets something solid there.
+    /// Whether a triangle is solid where a ray meets it.
     #[inline]
     pub(crate) fn is_met(&self, triangle: usize, ray: &Ray) -> bool {
         let masks = self.masks.as_deref();

@@ -29,7 +29,7 @@ pub struct Instance {
 }
 
 impl Instance {
-    /// A ray in the object's space, up to another end; distances stay what they are.
+    /// A ray in the object's space, up to another end; distances do not change.
     #[inline]
     pub(crate) fn ray_in_object(&self, ray: &Ray, t_max: f32) -> Ray {
         Ray {
@@ -59,7 +59,7 @@ pub enum InstanceError {
     NoSuchObject {
         /// Number of the instance.
         instance: usize,
-        /// What it names.
+        /// The object that it names.
         object: u32,
         /// Number of objects.
         objects: usize,

@@ -33,8 +33,8 @@ pub const SAH_BLOCK_SIZE_MAX: u32 = 32;
 /// Largest cost of a step or a test in the heuristic.
 pub const COST_MAX: f32 = 10.0;
 
-/// Room for the references that spatial splits add, as a factor on the number of triangles, if nothing else
-/// is asked for. Native Embree takes the same.
+/// Default room for the references that spatial splits add, as a factor on the number of triangles. Native
+/// Embree has the same default.
 pub const SPLIT_BUDGET: f32 = 1.2;
 
 /// Permitted `split_budget`.

@@ -1,9 +1,9 @@
 //! Triangles with holes: an alpha test during traversal, so that leaf cards and fences let rays through.
 //!
-//! A mask is the alpha channel of an image with a cutoff; a triangle that has one is a [`Card`] and met only
-//! where the mask is solid. Barycentric weights are computed again from ray and triangle (Möller and Trumbore
-//! 1997) rather than taken from the kernel that found the hit: whatever structure is walked and however rays
-//! are grouped, the same ray meets the same side of a leaf's edge.
+//! A mask is the alpha channel of an image with a cutoff. A triangle that has one is a [`Card`], and rays hit
+//! it only where the mask is solid. Barycentric weights are computed again from ray and triangle (Möller and
+//! Trumbore 1997) rather than taken from the kernel that found the hit. So with every structure and grouping
+//! of rays, one ray meets the same side of a leaf's edge.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::error::GeometryError;
 use crate::limits::{MASK_EDGE_MAX, MASKS_MAX};
 use crate::rays::Ray;
 
-/// What lies beyond an image's edges. Texture coordinates 0 to 1 span the image.
+/// The continuation of an image beyond its edges. Texture coordinates 0 to 1 span the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Wrap {
     /// The image again.
@@ -84,7 +84,7 @@ impl Mask {
         let scaled = at * Vec2::new(self.width as f32, self.height as f32) - 0.5;
         let low = scaled.floor();
         let share = scaled - low;
-        // Numbers too large for pixels, and what is no number, become some pixel.
+        // Numbers too large for pixels, and NaN, become some pixel.
         let (x, y) = (low.x as i32, low.y as i32);
         let [wrap_x, wrap_y] = self.wrap;
         let columns = [x, x.saturating_add(1)].map(|x| wrap_x.index(x, self.width) as usize);
@@ -154,7 +154,7 @@ impl Masks {
         self.card_of[triangle] != SOLID
     }
 
-    /// Whether a ray that meets the line of sight through these corners meets something solid there.
+    /// Whether a triangle with these corners is solid where a ray meets it.
     #[inline]
     pub(crate) fn is_met(&self, triangle: usize, corners: [Vec3A; 3], ray: &Ray) -> bool {
         let Some(card) = self.cards.get(self.card_of[triangle] as usize) else {

@@ -1,15 +1,14 @@
-//! How the kernel and the allocator treat the memory of trees: huge pages under large tables, and freed
-//! memory kept for the next build.
+//! Memory of trees: huge pages under large tables, and freed memory kept for the next build.
 
 /// A huge page of x86-64, and of ARM with its usual small ones.
 #[cfg(target_os = "linux")]
 const HUGE_PAGE: usize = 2 << 20;
 
-/// What the allocator takes from the kernel at a time, in bytes.
+/// Memory that the allocator takes from the kernel at a time, in bytes.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 const STEP: libc::c_int = 64 << 20;
 
-/// Makes the allocator of this process keep what is freed, for the next tree. Call it once at the start of a
+/// Makes the allocator of this process keep freed memory, for the next tree. Call it once at the start of a
 /// program that builds trees frame by frame.
 ///
 /// A tree and its builder's working memory are some hundred megabytes. By default the C library gives blocks

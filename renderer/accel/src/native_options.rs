@@ -1,20 +1,20 @@
 //! Options of a native Embree scene: build quality, scene flags, and those device options that do something.
 //!
-//! Not everything acts everywhere (each line found by memory, build time and answers of Embree 4.4.0; a test
-//! holds it to it):
+//! Not every option acts everywhere. Each line was found by memory, build time and answers of Embree 4.4.0,
+//! and a test checks it:
 //!
 //! | option | acts |
 //! |---|---|
 //! | `quality` | with every [`NativeAcceleration`] that [offers](NativeAcceleration::offers) it; elsewhere the tree is of medium quality. With [`NativeAcceleration::Auto`], `compact` or `robust` make high medium |
 //! | `compact`, `robust` | with [`NativeAcceleration::Auto`], whose choice they are; named accelerations are what their name says, and the `v` ones are watertight |
-//! | `dynamic` | always: what a later update needs is kept, some 32 bytes a triangle |
+//! | `dynamic` | always: data for a later update is kept, some 32 bytes a triangle |
 //! | `split_budget` | where high quality acts |
 //! | `presplit` | where high quality acts: triangles are split before the build instead of during it |
 //!
 //! A later refit acts with [`NativeAcceleration::Auto`]; scenes of a named acceleration are rebuilt instead.
 //!
 //! Left out, because they do nothing here or only harm: `max_triangles_per_leaf` (dead with the default
-//! acceleration), `sah_presplit` and `dynamic` as builders (the same as `sah` for one mesh), `hugepages`,
+//! acceleration), `sah_presplit` and `dynamic` as builders (equal to `sah` for one mesh), `hugepages`,
 //! lower instruction sets.
 
 use std::fmt::Write;
@@ -101,11 +101,11 @@ impl NativeAcceleration {
         }
     }
 
-    /// How rays are traced through it where `packets` are asked for: so, or one by one where Embree has no
-    /// kernel for packets, which is so for all compressed nodes.
+    /// The packets in which rays are traced through it: `packets`, or single rays where Embree has no kernel
+    /// for packets, as for all compressed nodes.
     ///
-    /// `rtcIntersect8` and its like notice that only for the scene they are given and then trace its rays one
-    /// by one. Below an instance they do not ask, and call a function that is not there.
+    /// `rtcIntersect8` and its like check that only for the scene they are given, and then trace its rays one
+    /// by one. Below an instance they do not check, and call a function that is not there.
     pub(crate) fn traced(self, packets: Packets) -> Packets {
         match self {
             Self::Qbvh4Triangle4i | Self::Qbvh8Triangle4 | Self::Qbvh8Triangle4i => Packets::Single,
@@ -119,7 +119,7 @@ impl NativeAcceleration {
         }
     }
 
-    /// What Embree calls it.
+    /// Embree's name of it.
     fn tri_accel(self) -> &'static str {
         match self {
             Self::Auto => "default",
@@ -185,7 +185,7 @@ impl NativeOptions {
         })
     }
 
-    /// The quality the scene will have: what is not on offer becomes medium.
+    /// The quality the scene will have: one that is not on offer becomes medium.
     pub fn effective_quality(&self) -> NativeQuality {
         let flagged = self.acceleration == NativeAcceleration::Auto && (self.compact || self.robust);
         let spatial = self.quality == NativeQuality::High;

@@ -32,8 +32,8 @@ pub enum Builder {
     Ploc,
 }
 
-/// The eleven parameters of Table 1, and behind them what makes a tree fast beyond the paper: their default
-/// is what the paper's space fixes them at.
+/// The eleven parameters of Table 1, and behind them those that make a tree fast beyond the paper. The
+/// defaults of the latter are the values that the paper's space fixes.
 ///
 /// Not every parameter matters in every configuration:
 ///
@@ -85,7 +85,7 @@ pub struct TreeParameters {
     /// neighbours: 1 to 8. Builds are faster and trees a little worse with more. Acts with [`Builder::Ploc`]
     /// only.
     pub cluster_size: u32,
-    /// How the wide tree comes about.
+    /// The way to the wide tree.
     pub collapse: Collapse,
     /// Passes of insertion-based optimisation over the binary tree, 0 to 16. Acts with [`Collapse::Optimal`]
     /// only.
@@ -94,7 +94,7 @@ pub struct TreeParameters {
     pub order: NodeOrder,
     /// In which order rays that look for any hit visit the children of a node.
     pub child_order: ChildOrder,
-    /// How a node keeps its children's bounds. Acts on nodes of 8 and 16.
+    /// The format of the children's bounds in a node. Acts on nodes of 8 and 16.
     pub format: NodeFormat,
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts
     /// with [`Quality::SahSplit`] only.
@@ -107,7 +107,7 @@ pub struct TreeParameters {
     pub instance_opening: u32,
 }
 
-/// How a tree of many children a node comes about.
+/// The way to a tree of many children a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Collapse {
@@ -149,7 +149,7 @@ pub enum ChildOrder {
     Topmost,
 }
 
-/// How a node keeps its children's bounds.
+/// The format of the children's bounds in a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NodeFormat {
@@ -253,7 +253,7 @@ impl TreeParameters {
     }
 }
 
-/// How a structure follows triangles that moved.
+/// The update of a structure after triangles have moved.
 ///
 /// For a tuning space: `update` is one of three choices, and `rebuild_threshold` acts with the partial one
 /// only. Native scenes know no partial update and refit instead. Neither acts in a static scene.
@@ -263,7 +263,7 @@ pub enum Update {
     /// It is rebuilt.
     #[default]
     Rebuild,
-    /// What is together stays together; boxes follow.
+    /// The triangles of a node stay together; boxes follow.
     Refit,
     /// As [`Update::Refit`], then those parts are rebuilt whose SAH cost has grown too much since they were
     /// built.

@@ -1,4 +1,4 @@
-//! Rays, what they hit, and what answers them.
+//! Rays, hits, and the interface of structures that answer rays.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -46,7 +46,7 @@ pub struct Hit {
 }
 
 impl Hit {
-    /// What a search for the nearest hit before `t_max` begins with.
+    /// The start of a search for the nearest hit before `t_max`.
     #[inline(always)]
     pub(crate) fn none(t_max: f32) -> Self {
         Self { t: t_max, u: 0.0, v: 0.0, triangle: NO_TRIANGLE, instance: NO_INSTANCE }
@@ -67,10 +67,10 @@ pub(crate) const CARD: u32 = 1 << 31;
 
 const _: () = assert!(TRIANGLES_MAX <= CARD as usize);
 
-/// What [`Hit::instance`] holds in a scene without instances.
+/// The value of [`Hit::instance`] in a scene without instances.
 pub const NO_INSTANCE: u32 = u32::MAX;
 
-/// How the rays of a batch are traced.
+/// The grouping of rays of a batch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Packets {
@@ -102,8 +102,8 @@ pub trait Intersector: Sync + Send {
     /// Whether anything lies inside the segment.
     fn occluded(&self, ray: &Ray) -> bool;
 
-    /// The nearest hit of each ray; `hits` is as long as `rays`. The answers are those of
-    /// [`Intersector::closest`] however the rays are packed.
+    /// The nearest hit of each ray; `hits` is as long as `rays`. With every packing the answers are those of
+    /// [`Intersector::closest`].
     fn closest_each(&self, _packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
         assert_eq!(rays.len(), hits.len(), "one hit a ray");
         for (ray, hit) in rays.iter().zip(hits) {

@@ -77,7 +77,7 @@ pub struct RaySet {
 /// Triangles and the rays of a frame.
 #[derive(Clone, Debug)]
 pub struct Recording {
-    /// What was rendered.
+    /// The rendered triangles.
     pub triangles: Arc<Triangles>,
     /// At most one a class.
     pub sets: Vec<RaySet>,
@@ -107,7 +107,7 @@ pub enum RecordingError {
     BadClass {
         /// Number of the set.
         set: usize,
-        /// What it said.
+        /// The class in the file.
         class: u32,
     },
     /// A ray that could not come out of a frame.

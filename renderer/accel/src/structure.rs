@@ -30,7 +30,7 @@ pub enum Structure {
 
 /// Code to be compiled for each kind of [`Intersector`]; see [`Structure::visit`].
 pub trait Visitor {
-    /// What the visit gives back.
+    /// The result of the visit.
     type Output;
     /// Does the work with one concrete intersector.
     fn visit<I: Intersector>(self, intersector: &I) -> Self::Output;
@@ -41,7 +41,7 @@ pub trait Visitor {
 pub struct Statistics {
     /// Bytes of memory beyond the triangles themselves.
     pub bytes: usize,
-    /// Shape of a tree of our own; Embree does not tell that of its native ones.
+    /// Shape of a tree of our own; Embree does not report that of its native ones.
     pub tree: Option<TreeStatistics>,
 }
 
@@ -97,7 +97,7 @@ fn native_instead(parameters: &TreeParameters) -> Option<NativeOptions> {
 impl Structure {
     /// Brings the structure up to date with triangles that moved: as many as before, and each with the number
     /// it had. Two levels update each object in its own space, then place the instances as before. After an
-    /// error the structure holds what it held before, or is refitted; it can be used either way.
+    /// error the structure is unchanged or refitted; it can be used either way.
     pub fn update(
         &mut self,
         device: &Device,

@@ -316,7 +316,7 @@ fn robust_trees_are_watertight() {
     }
 }
 
-/// The origin lies beside the long edge by less than single precision can tell from its products.
+/// The origin lies beside the long edge by less than single precision can resolve in its products.
 #[test]
 fn robust_trees_decide_close_edges_in_double_precision() {
     let (b, c) = (Vec3A::new(1.0 + f32::EPSILON, 1.0, 0.0), Vec3A::new(-1.0, f32::EPSILON / 2.0 - 1.0, 0.0));

@@ -1,4 +1,4 @@
-//! Whatever a tuner asks for: a right tree or a clear refusal, never a crash.
+//! Every configuration of a tuner gives a right tree or a clear refusal, never a crash.
 
 use std::sync::Arc;
 
@@ -169,7 +169,7 @@ fn random_configurations_over_random_triangles() {
     outcome.unwrap_or_else(|error| panic!("{error}"));
 }
 
-/// Wherever Embree's own builders are deterministic, so are we: the same tree every time, to the last bit.
+/// Builds are deterministic wherever Embree's own builders are: equal trees every time, to the last bit.
 #[test]
 fn builds_can_be_repeated() {
     let triangles = scenes::soup(20_000, 0.05, 31);

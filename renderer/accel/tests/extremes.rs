@@ -1,5 +1,5 @@
-//! Stiff and extreme geometry and rays, over every back end. `docs/measurements/extreme-geometry.md` says
-//! what happens in each case.
+//! Stiff and extreme geometry and rays, over every back end. `docs/measurements/extreme-geometry.md`
+//! describes each case.
 
 use std::sync::Arc;
 
@@ -164,7 +164,8 @@ fn tiny_coordinates_give_no_hit_or_a_right_one() {
 fn far_from_the_origin() {
     for offset in [1e3, 1e5, 1e7] {
         let center = Vec3::new(offset, -offset, offset);
-        // Of detail 1e-2 nothing is left at 1e7, where numbers are 1 apart: what is left is met rightly.
+        // Of detail 1e-2 nothing is left at 1e7, where numbers are 1 apart: the remaining triangles are met
+        // rightly.
         for scale in [1e-2, 1.0, 1e3] {
             let rays = towards(center, 3.0 * scale + 10.0, scale, 100, 94);
             check(&format!("{scale} at {offset:e}"), &placed(scale, center), &rays, 0);

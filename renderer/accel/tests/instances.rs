@@ -1,4 +1,4 @@
-//! A scene of instances gives the answers of the same scene flattened, whatever it is built as.
+//! Every structure over a scene of instances gives the answers of the flattened scene.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -39,8 +39,7 @@ fn kinds() -> (Arc<Triangles>, Vec<Range<u32>>) {
 /// Number of the object in [`kinds`] that has no triangle.
 const EMPTY: u32 = 2;
 
-/// What every instance's triangles look like in the world, in the order of instances, with both their
-/// numbers.
+/// The triangles of every instance in the world, in the order of instances, with both their numbers.
 fn flattened(triangles: &Triangles, instances: &Instances) -> (Arc<Triangles>, Vec<(u32, u32)>) {
     let (mut corners, mut numbers) = (Vec::new(), Vec::new());
     for (number, instance) in instances.placed().iter().enumerate() {

@@ -29,7 +29,7 @@ fn masks() -> Vec<Mask> {
     (0..).zip([Wrap::Repeat, Wrap::Mirror, Wrap::Clamp]).map(mask).collect()
 }
 
-/// The same triangles with masks on three of four of them.
+/// These triangles with masks on three of four of them.
 fn masked(triangles: &Triangles, seed: u64) -> Arc<Triangles> {
     let mut random = scenes::random(seed);
     let mut place = || Vec2::new(random.random_range(-1.5..2.5), random.random_range(-1.5..2.5));

@@ -27,7 +27,7 @@ fn wave(_: usize, at: Vec3A, moment: f32) -> Vec3A {
     at + Vec3A::Y * (0.4 * (3.0 * at.x + 9.0 * moment).sin())
 }
 
-/// Every other block of vertices turns about the vertical, so that what was near drifts apart.
+/// Every other block of vertices turns about the vertical, so that neighbours drift apart.
 fn turn(number: usize, at: Vec3A, moment: f32) -> Vec3A {
     let turned = Affine3A::from_rotation_y(2.0 * moment).transform_point3a(at);
     if (number / 96).is_multiple_of(2) { turned } else { at }
@@ -167,7 +167,7 @@ fn the_choice_of_kernels_survives() {
     }
 }
 
-/// Rebuilding parts restores what refitting lost, and leaves alone what is well.
+/// Rebuilding parts restores the cost that refitting lost, and leaves good parts alone.
 #[test]
 fn a_partial_update_keeps_the_tree_good() {
     let device = Device::open(0).expect("Embree is set up");

@@ -1,5 +1,4 @@
-//! Every option of native scenes does what its documentation says: seen in memory and in the last bits of
-//! answers.
+//! Every option of native scenes has its documented effect, seen in memory and in the last bits of answers.
 
 use std::sync::Arc;
 
@@ -12,7 +11,7 @@ mod scenes;
 
 use NativeQuality::{High, Low, Medium};
 
-/// One build thread: then the same build takes the same memory every time.
+/// One build thread: then equal builds take equal memory.
 fn device() -> Device {
     Device::open(1).expect("Embree is set up")
 }

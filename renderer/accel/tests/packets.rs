@@ -1,4 +1,4 @@
-//! However rays are packed, each gets the answer it would get alone.
+//! In every packing each ray gets the answer it would get alone.
 
 use std::sync::Arc;
 
@@ -64,7 +64,7 @@ fn with_odd_ones(mut rays: Vec<Ray>) -> Vec<Ray> {
     rays
 }
 
-/// Whether two answers to one ray are the same: hit or miss, distance, and triangle unless several lie there.
+/// Whether two answers to one ray agree: hit or miss, distance, and triangle unless several lie there.
 fn same(triangles: &Triangles, alone: Option<Hit>, packed: Option<Hit>) -> bool {
     match (alone, packed) {
         (None, None) => true,
@@ -92,7 +92,7 @@ fn check(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
             for length in (0..=40).cycle() {
                 let end = (begin + length).min(rays.len());
                 let run = &rays[begin..end];
-                // What stood there before must not shine through.
+                // Earlier contents must not shine through.
                 let mut hits =
                     vec![Some(Hit { t: 7.0, u: 7.0, v: 7.0, triangle: 7, instance: 7 }); run.len()];
                 let mut occluded: Vec<bool> = shadowed[begin..end].iter().map(|shadowed| !shadowed).collect();

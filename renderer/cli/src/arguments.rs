@@ -1,4 +1,4 @@
-//! Groups of arguments that several commands share, and how they become scenes, cameras and structures.
+//! Groups of arguments that several commands share, and the scenes, cameras and structures made from them.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -53,8 +53,8 @@ pub struct CameraArguments {
 }
 
 impl CameraArguments {
-    /// Finds the camera: the one asked for, a point of the path, or the scene's first; with what is given in
-    /// place of its own.
+    /// Finds the camera: the one asked for, a point of the path, or the scene's first. Given values replace
+    /// its own.
     pub fn find(&self, scene: &Scene) -> Result<Camera, CliError> {
         let chosen = self.chosen(scene)?;
         let camera = self.changed(chosen, &scene.placement);
@@ -66,7 +66,7 @@ impl CameraArguments {
         Ok(camera)
     }
 
-    /// The camera with what is given in place of its own.
+    /// The camera with the given values in place of its own.
     pub fn changed(&self, camera: Camera, placement: &Placement) -> Camera {
         let given = |at: Option<DVec3>| at.map(|at| placement.in_scene(at));
         Camera {
@@ -130,12 +130,12 @@ impl FrameArguments {
         Ok(renderer)
     }
 
-    /// What is asked of each of its frames.
+    /// The workload of its frames.
     pub fn workload(&self, scene: &Scene, size: Size) -> Workload {
         Workload::of(scene, size.width, size.height, self.bounces)
     }
 
-    /// What is rendered from a camera.
+    /// The view from a camera.
     pub fn view(&self, camera: Camera) -> View {
         View { camera, seed: self.seed, bounces: self.bounces }
     }
@@ -248,13 +248,13 @@ impl SpaceArguments {
         }
     }
 
-    /// The space of a study: the same for all scenes that stand still, but for those of instances, which have
-    /// more to tune.
+    /// The space of a study: one for all scenes that stand still, but for those of instances, which have more
+    /// parameters.
     pub fn of(&self, scene: &Scene, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
         self.checked(self.premises(scene, objective, threads))
     }
 
-    /// What decides about it.
+    /// The facts that decide about the space.
     pub fn premises(&self, scene: &Scene, objective: Objective, threads: usize) -> Premises {
         Premises {
             builds_each_frame: objective.begins_with_cheap_builds(),
@@ -334,7 +334,7 @@ pub struct StructureArguments {
 }
 
 impl StructureArguments {
-    /// What to build and how to render: the space's default when nothing is said.
+    /// The structure to build and the way to render: the space's default without arguments.
     pub fn choice(&self, threads: usize) -> Result<Choice, CliError> {
         let space = self.space.whole(Objective::Render, threads)?;
         if let Some(native) = self.native {
@@ -438,7 +438,7 @@ pub fn indicators(scene: &Scene, camera: &Camera) -> Indicators {
     SceneIndicators::of(scene).with_camera(camera).values().into_iter().collect()
 }
 
-/// Reads what is to be minimised.
+/// Reads an objective.
 pub fn objective() -> impl TypedValueParser<Value = Objective> {
     one_of(Objective::KNOWN.map(|objective| {
         (

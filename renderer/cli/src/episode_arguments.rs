@@ -1,4 +1,4 @@
-//! The arguments that say which stretch of a motion an episode is.
+//! The arguments that define the stretch of motion of an episode.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ pub(crate) struct EpisodeArguments {
 }
 
 impl EpisodeArguments {
-    /// Gives the renderer the episode, where motion is tuned, and tells what it does to a structure.
+    /// Gives the renderer the episode, where motion is tuned, and returns its effect on a structure.
     ///
     /// # Errors
     /// Nothing moves in the scene, it is too large for so many frames, or it cannot be built.

@@ -1,4 +1,4 @@
-//! What a command can fail with, and the exit code that says so to scripts.
+//! The failures of commands, with an exit code for scripts.
 
 use std::process::ExitCode;
 
@@ -74,7 +74,7 @@ pub fn write_file(path: &std::path::Path, bytes: &[u8]) -> Result<(), CliError> 
         .map_err(|error| CliError::Failed(format!("{} cannot be written: {error}", path.display())))
 }
 
-/// Checks that the folder of a file exists, before minutes go into what is to be written.
+/// Checks that the folder of a file exists, before minutes go into its contents.
 pub fn check_folder(path: &std::path::Path) -> Result<(), CliError> {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => Err(CliError::Failed(format!(

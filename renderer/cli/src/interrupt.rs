@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// Tells whether the user asked the program to stop.
+/// Whether the user asked the program to stop.
 #[derive(Clone, Copy, Debug)]
 pub struct Interrupt(());
 

@@ -1,10 +1,10 @@
-//! The program `treewright-render`: what it understands, and which exit codes it ends with.
+//! The program `treewright-render`: its command line and its exit codes.
 //!
-//! | module | what it holds |
+//! | module | holds |
 //! |---|---|
 //! | `commands` | one file for each command |
 //! | `arguments`, `narrowing`, `server` | groups of arguments that several commands share, also those of `treewright-lab` |
-//! | `scene_arguments`, `episode_arguments`, `names` | what they are made of |
+//! | `scene_arguments`, `episode_arguments`, `names` | the parts of these groups |
 //! | `output`, `error`, `interrupt` | tables and progress, exit codes, Ctrl-C |
 //! | `manual` | manual pages and completions |
 //! | `report` | the page that `tune --report` writes |

@@ -1,4 +1,4 @@
-//! What a shell and `man` need of a program: completions and manual pages, made from its command line.
+//! Completions for shells and manual pages of a program, made from its command line.
 
 use std::path::PathBuf;
 

@@ -40,8 +40,8 @@ impl NarrowingArguments {
         Ok(space.narrowed(&all)?)
     }
 
-    /// What tells a study of this part apart from one of the whole: a few letters, the same for the same
-    /// part.
+    /// The mark that distinguishes a study of this part from one of the whole: a few letters, equal for equal
+    /// parts.
     pub fn mark(&self, part: &TuningSpace) -> String {
         if self.is_empty() {
             return String::new();

@@ -1,4 +1,4 @@
-//! What all commands print alike: JSON, tables, progress bars.
+//! The output that all commands share: JSON, tables, progress bars.
 
 use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -45,15 +45,14 @@ pub fn table(heading: &[&str]) -> Table {
     table
 }
 
-/// Whom every table compares everybody with.
+/// The contenders that every table compares the others with.
 const REFERENCES: [(&str, &str); 3] = [
     (NATIVE_DEFAULT, "over native default"),
     (NATIVE_USED_WELL, "over native used well"),
     (BEST_FIXED, "over best fixed"),
 ];
 
-/// Measured structures, each compared with those that everybody could have had. `kind` is what a frame is
-/// made of.
+/// Measured structures, each compared with those that need no search. `kind` names the parts of a frame.
 pub fn standings(standings: &[Standing], kind: &str) -> Table {
     let find = |name: &str| standings.iter().find(|one| one.name == name);
     let references: Vec<(&Standing, &str)> =
@@ -78,14 +77,14 @@ pub fn standings(standings: &[Standing], kind: &str) -> Table {
     table
 }
 
-/// What shading leaves out on a scene.
+/// Prints the features that shading leaves out on a scene.
 pub fn left_out(omissions: &[Omission]) {
     for omission in omissions {
         println!("left out: {}; {}", omission.what, omission.why);
     }
 }
 
-/// What a scene's loader left out or made up.
+/// Prints the omissions and additions of a scene's loader.
 pub fn notes(scene: &Scene) {
     for note in &scene.notes {
         println!("note: {note}");

@@ -1,4 +1,4 @@
-//! The argument that says how many frames a tree serves.
+//! The argument for the number of frames that a tree serves.
 
 use clap::Args;
 use treewright_renderer::tuning::objective::Objective;

@@ -1,4 +1,4 @@
-//! The arguments that say which scene, and how it stands and is lit.
+//! The arguments that choose a scene, its upward axis and its light.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -40,12 +40,12 @@ pub fn machine() -> Fingerprint {
 }
 
 impl ServerArguments {
-    /// Connects, and makes sure that somebody answers.
+    /// Connects, and makes sure that a daemon answers.
     pub fn connect(&self, threads: usize) -> Result<Client, CliError> {
         self.connect_within(threads, Duration::from_millis(self.deadline_ms))
     }
 
-    /// The same, with another limit to how long a call may take.
+    /// Connects with another time limit for calls.
     pub fn connect_within(&self, threads: usize, deadline: Duration) -> Result<Client, CliError> {
         let (major, minor, patch) = Device::open(threads)?.version();
         // Another version of either may build and trace otherwise: what older ones measured does not hold for

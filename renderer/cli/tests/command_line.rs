@@ -181,7 +181,7 @@ fn places_that_cannot_be_written_are_named_before_rendering() {
 
 #[test]
 fn an_absent_daemon_is_told_with_the_remedy() {
-    // Port 9 is "discard"; nobody listens there.
+    // Port 9 is "discard"; no daemon listens there.
     let server = "--server http://127.0.0.1:9 --scene builtin:quick --detail 0.1";
     fails(&format!("tune {server} --iterations 2"), UNREACHABLE, &["127.0.0.1:9", "treewrightd serve"]);
     fails(&format!("play {server} --frames 2"), UNREACHABLE, &["127.0.0.1:9", "treewrightd serve"]);

@@ -1,6 +1,6 @@
 //! The seventeen indicators that describe a scene and a camera to the tuner (paper Table 2).
 //!
-//! Where the paper leaves room, this is what we do and why:
+//! Where the paper leaves room, these are our choices and reasons:
 //! - Surface values are divided by the squared diagonal of the scene's box, as the paper says. A triangle's
 //!   size is its area so divided, and the variances are taken of those sizes, so that they do not depend on
 //!   the unit of length either.
@@ -27,7 +27,7 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 use serde::Serialize;
 
-/// How an indicator's range is mapped to 0 to 1.
+/// The mapping of an indicator's range to 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum IndicatorScale {
     /// In proportion.
@@ -45,7 +45,7 @@ pub struct IndicatorSpec {
     pub min: f64,
     /// Upper end of the range; values beyond occur and are kept.
     pub max: f64,
-    /// How the range is mapped.
+    /// The mapping of the range.
     pub scale: IndicatorScale,
 }
 
@@ -112,7 +112,7 @@ pub struct SceneIndicators {
     center: DVec3,
 }
 
-/// How a mesh looks, as far as the indicators ask.
+/// The appearance of a mesh, as far as the indicators need it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Share of the reflection that scatters widely, 0 (mirror, clear glass) to 1 (matt).
@@ -126,7 +126,7 @@ pub struct Surface {
 pub struct View {
     /// Where it stands.
     pub position: DVec3,
-    /// What it looks at.
+    /// The point that it looks at.
     pub target: DVec3,
     /// Vertical field of view in degrees.
     pub vertical_fov_deg: f64,
@@ -277,7 +277,7 @@ mod tests {
 
     #[test]
     fn areas_by_hand() {
-        // A box of diagonal 5 (3 by 4), with a triangle of half its area and a lamp of the same.
+        // A box of diagonal 5 (3 by 4), with a triangle of half its area and a lamp of half its area.
         let mut scene = Accumulator::new(DVec3::ZERO, DVec3::new(3.0, 4.0, 0.0));
         let half = [DVec3::ZERO, DVec3::X * 3.0, DVec3::Y * 4.0];
         scene.mesh(MATT, [half]);

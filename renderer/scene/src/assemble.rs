@@ -1,5 +1,5 @@
-//! Puts parts together into a [`Scene`] and settles what the source left open: bad triangles, missing
-//! normals, light and camera.
+//! Puts parts together into a [`Scene`] and completes the source: drops bad triangles, adds missing normals,
+//! light and camera.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -53,7 +53,7 @@ pub struct Assembler {
     world: Bounds,
 }
 
-/// What lights a scene from outside.
+/// The light of a scene from outside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lighting {
     /// As given.
@@ -101,7 +101,7 @@ impl Assembler {
         }
     }
 
-    /// Says that what is added has been moved, so that this place of the file is the origin.
+    /// Notes that added parts have been moved, so that this place of the file is the origin.
     pub(crate) fn moved_to(&mut self, origin: DVec3) {
         self.placement.origin = self.up.turned_far(origin);
     }
@@ -112,7 +112,7 @@ impl Assembler {
         (self.materials.len() - 1) as u32
     }
 
-    /// Makes every material so far the same.
+    /// Replaces every material so far by one.
     pub fn repaint(&mut self, material: Material) {
         self.materials.fill(sanitized(material));
     }
@@ -135,7 +135,7 @@ impl Assembler {
         self.textures.cuts_out(texture)
     }
 
-    /// Adds a sentence about what was left out or made up.
+    /// Adds a sentence about an omission or an addition.
     pub fn note(&mut self, note: impl Into<String>) {
         self.notes.push(note.into());
     }
@@ -250,7 +250,7 @@ impl Assembler {
         Ok(())
     }
 
-    /// The box around what was added and placed so far.
+    /// The box around all parts and instances so far.
     pub fn bounds(&self) -> Bounds {
         let bounds = self.objects.placed_boxes().fold(self.world, |all, one| all.union(&one));
         if bounds.min.x > bounds.max.x { Bounds { min: Vec3::ZERO, max: Vec3::ZERO } } else { bounds }
@@ -373,7 +373,7 @@ impl Assembler {
                 *triangle = [first, first + 1, first + 2];
             }
         }
-        // The vertices that flat meshes left behind are named by nobody, but keep the arrays honest.
+        // No triangle uses the vertices that flat meshes left behind, but they keep the arrays complete.
         for normal in &mut self.normals {
             if *normal == Vec3::ZERO {
                 *normal = Vec3::Y;
@@ -404,7 +404,7 @@ fn zero_area_count(triangles: &Triangles) -> usize {
         .count()
 }
 
-/// Brings a material's numbers into the ranges its fields promise; what is not a number becomes the default.
+/// Brings a material's numbers into the ranges its fields promise; NaN becomes the default.
 fn sanitized(material: Material) -> Material {
     let default = Material::default();
     let unit = |value: f32, default: f32| {

@@ -29,7 +29,7 @@ impl Bounds {
         }
     }
 
-    /// A box without a point in it: what others are joined to.
+    /// A box without a point in it, the start of a union.
     pub const NOTHING: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
     /// The smallest box around both.

@@ -90,8 +90,8 @@ impl CameraPath {
         &self.moments
     }
 
-    /// The camera at a moment from 0 (first key) to 1 (last key); moments outside are clamped, and what is
-    /// no number counts as 0.
+    /// The camera at a moment from 0 (first key) to 1 (last key); moments outside are clamped, and NaN counts
+    /// as 0.
     pub fn sample(&self, moment: f32) -> Camera {
         let moment = if moment.is_finite() { moment.clamp(0.0, 1.0) } else { 0.0 };
         let last = self.keys.len() - 1;
@@ -125,7 +125,7 @@ impl CameraPath {
     }
 }
 
-/// What a path without any usable key shows.
+/// The camera of a path without any usable key.
 const STILL: Camera = Camera {
     position: Vec3::Z,
     target: Vec3::ZERO,
@@ -186,7 +186,7 @@ impl Segment {
     }
 }
 
-/// How far a swing goes to each side, in shares of the distance to what is looked at.
+/// Reach of a swing to each side, as a share of the distance to the target.
 const SWING: f32 = 0.22;
 /// Share of the free way before the next wall that a swing may use.
 const FREE: f32 = 0.5;

@@ -21,7 +21,7 @@ pub struct Environment {
 }
 
 impl Environment {
-    /// Reads a Radiance HDR or OpenEXR picture. What is not finite or negative in it counts as black.
+    /// Reads a Radiance HDR or OpenEXR picture. Values that are not finite or negative count as black.
     ///
     /// # Errors
     /// [`SceneError`], naming the file, the cause and the remedy.
@@ -38,7 +38,7 @@ impl Environment {
         Self::new(width, pixels).map_err(malformed)
     }
 
-    /// A map of rows of `width` pixels from the top. What is not finite or negative counts as black.
+    /// A map of rows of `width` pixels from the top. Values that are not finite or negative count as black.
     ///
     /// # Errors
     /// One sentence if the pixels make no whole rows or an edge is 0 or beyond [`ENVIRONMENT_EDGE_MAX`].
@@ -57,8 +57,8 @@ impl Environment {
         Ok(Self { width, height: height as u32, pixels })
     }
 
-    /// The same sky brighter by a factor, and turned by an angle: what was ahead (along the negative z axis)
-    /// is then so far to the right. The angle is rounded to the map's pixels.
+    /// This sky brighter by a factor, and turned to the right by an angle, seen along the negative z axis.
+    /// The angle is rounded to the map's pixels.
     pub fn changed(mut self, factor: f32, turn_deg: f32) -> Self {
         self.pixels.iter_mut().for_each(|pixel| *pixel = (*pixel * factor).min(Vec3::splat(f32::MAX)));
         let columns = (turn_deg / 360.0).rem_euclid(1.0) * self.width as f32;

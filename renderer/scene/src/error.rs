@@ -1,4 +1,4 @@
-//! What can go wrong between a file's name and a scene.
+//! The errors between a file's name and a scene.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ pub enum SceneError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The path names a folder.
@@ -43,7 +43,7 @@ pub enum SceneError {
     Unsupported {
         /// The file.
         path: PathBuf,
-        /// What is not supported.
+        /// The unsupported feature.
         what: String,
         /// What to do.
         remedy: String,
@@ -55,7 +55,7 @@ pub enum SceneError {
         path: PathBuf,
         /// Name of the format.
         format: &'static str,
-        /// What is wrong, and where.
+        /// The fault and its place.
         cause: String,
         /// What to do.
         remedy: &'static str,
@@ -65,7 +65,7 @@ pub enum SceneError {
     NoTriangles {
         /// The file.
         path: PathBuf,
-        /// What was found instead.
+        /// The kind that was found instead.
         found: String,
     },
     /// The geometry was refused.
@@ -78,7 +78,7 @@ pub enum SceneError {
         /// Why.
         source: GeometryError,
     },
-    /// Only what is in the world can be moved.
+    /// Only triangles in the world can be moved, not those of instances.
     #[error(
         "{name} is made of instances, whose parts cannot be moved; add --flatten to copy them into the world"
     )]
@@ -86,7 +86,7 @@ pub enum SceneError {
         /// The scene.
         name: String,
     },
-    /// What moves has left the space that there is.
+    /// Moving parts have left the range of coordinates.
     #[error("the motion leads too far: {0}; move the scene less, or make it smaller")]
     Moved(#[from] GeometryError),
     /// More vertices or meshes than the limits.

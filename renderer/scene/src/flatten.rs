@@ -14,7 +14,7 @@ use super::{Mesh, Scene, SceneError};
 const NONE: u32 = u32::MAX;
 
 impl Scene {
-    /// The same scene without instances. Needs memory for every placed triangle.
+    /// This scene without instances. Needs memory for every placed triangle.
     ///
     /// # Errors
     /// [`SceneError::TooMany`] beyond the limits of scenes.

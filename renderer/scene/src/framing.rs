@@ -134,7 +134,7 @@ fn room_camera(placed: &Placed, bounds: &Bounds) -> Option<Camera> {
     best.filter(|(score, _)| *score > 0.0).map(|(_, camera)| camera)
 }
 
-/// How far a camera sees on average; nothing when it stands in a wall or right before one.
+/// Mean length of a camera's view; 0 when it stands in a wall or right before one.
 fn openness(placed: &Placed, camera: &Camera, diagonal: f32) -> f32 {
     let forward = (camera.target - camera.position).normalize_or(Vec3::NEG_Z);
     let directions: Vec<Vec3> =

@@ -12,9 +12,9 @@
 //!
 //! Camera space has z forward and y up. A `lookat` belongs to the camera after it. The angle of a
 //! `world_to_camera` camera is across the shorter side of the picture, that of a `to_world` camera across the
-//! width unless `fovAxis` is y; then pictures whose size is not said are taken to be 16:9. Area lights are
-//! meshes with an emissive material already. Numbers may stand as numbers or text, alone or in a list; what
-//! has another form is ignored.
+//! width unless `fovAxis` is y; then pictures without a size are taken to be 16:9. Area lights are meshes
+//! with an emissive material already. Numbers may stand as numbers or text, alone or in a list; entries of
+//! another form are ignored.
 
 use glam::{Mat4, Vec3};
 use serde_json::Value;
@@ -25,7 +25,7 @@ use super::{Sky, Sun};
 /// Width over height of the pictures that such cameras were made for, where they do not say it.
 const ASPECT: f32 = 16.0 / 9.0;
 
-/// What scene extras say.
+/// The contents of scene extras.
 #[derive(Debug, Default)]
 pub(super) struct Extras {
     pub(super) views: Vec<CameraPose>,
@@ -178,7 +178,7 @@ mod tests {
             let matrix = "\"to_world\": [\"-1 0 0 7 0 1 0 8 0 0 -1 9 0 0 0 1\"], \"fov\": 90";
             parse(&format!("{{\"cameras\": [{{{matrix}{more}}}]}}")).views[0].aim(&bounds).unwrap()
         };
-        // Ninety degrees across the width, whatever its height.
+        // Ninety degrees across the width, for any height.
         for (width, height) in [(9.0, 16.0), (1.0, 2.0), (16.0, 9.0)] {
             let half_height = camera("").half_height(width / height);
             assert!((half_height * width / height - 1.0).abs() < 1e-5);

@@ -112,7 +112,7 @@ fn shared_meshes(document: &Document, copies: &Copies) -> Vec<Option<Vec<Affine3
     uses.into_iter().map(|uses| (uses > 1 && saved > INSTANCING_SAVES_MIN).then(Vec::new)).collect()
 }
 
-/// Nodes that are nearer to the origin keep their digits whatever their size.
+/// Distance from the origin below which nodes of any size keep their digits.
 const FAR_NODES: f64 = 1e4;
 
 /// Where to put the origin so that meshes that stand close together and far away keep their digits; zero

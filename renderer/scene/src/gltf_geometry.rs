@@ -1,4 +1,4 @@
-//! What glTF keeps in buffers: the triangles of one primitive.
+//! The triangles of one glTF primitive, from buffers.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! A glTF file's JSON before its parser sees it: that is stricter than the format, and silent about what it
-//! skips.
+//! A glTF file's JSON before its parser sees it: the parser is stricter than the format, and silent about
+//! skipped content.
 //!
 //! Optional parts are put in, parts that are never drawn are taken out, and each kind of content that is
 //! missing in the picture gets a note of one sentence. After that the parser's own checks are about faults.
@@ -27,7 +27,7 @@ pub(super) struct Document {
 pub(super) enum Refusal {
     /// It does not follow the format.
     Malformed(String),
-    /// It needs what is not read: its name.
+    /// The name of a required extension that is not read.
     Unsupported(String),
 }
 
@@ -274,10 +274,10 @@ impl Document {
         }
     }
 
-    /// Takes textures without a picture out of materials, and tells what samplers ask for in vain.
+    /// Takes textures without a picture out of materials, and notes options of samplers that are ignored.
     fn textures(&mut self) {
-        // The parser takes it for granted that a picture is somewhere, and that one in a buffer says its
-        // kind, which is told from its first bytes anyway.
+        // The parser expects every picture to have a place, and one in a buffer to name its kind, which
+        // follows from its first bytes anyway.
         for image in list_mut(&mut self.json, "images").filter_map(Value::as_object_mut) {
             let has = |key: &str| image.get(key).is_some_and(|value| !value.is_null());
             match (has("bufferView"), has("uri"), has("mimeType")) {
@@ -314,7 +314,7 @@ impl Document {
             }
         }
         list_mut(&mut self.json, "materials").for_each(|material| forget(material, &missing));
-        // Nobody names them any more, but the parser wants a picture of each.
+        // No material names them any more, but the parser wants a picture of each.
         let picture = list(&self.json, "images").len();
         let images = self.json.as_object_mut().map(|all| all.entry("images").or_insert_with(|| json!([])));
         if let Some(images) = images.and_then(Value::as_array_mut) {
@@ -327,8 +327,8 @@ impl Document {
         }
     }
 
-    /// Takes out primitives without places or with none but zeros, whose accessors have no view, and tells
-    /// what vertices carry in vain.
+    /// Takes out primitives without positions or with none but zeros, whose accessors have no view, and notes
+    /// vertex attributes that are ignored.
     fn primitives(&mut self) {
         let accessors = list(&self.json, "accessors");
         let is_void =
@@ -356,7 +356,7 @@ impl Document {
         }
         self.note(coloured, "Ignored the vertex colours (COLOR_0) of {} primitives.");
         self.note(left_out, "Left out {} primitives without data for their positions or indices.");
-        // The parser wants them to say their box, which nobody asks for.
+        // The parser wants each to have its box, which is not used.
         for place in places {
             let accessor =
                 self.json.pointer_mut(&format!("/accessors/{place}")).and_then(Value::as_object_mut);
@@ -370,7 +370,7 @@ impl Document {
         }
     }
 
-    /// The parser wants a view of each accessor; those without are named by nobody that is drawn.
+    /// The parser wants a view of each accessor; nothing that is drawn names an accessor without one.
     fn give_views(&mut self) {
         let Some(all) = self.json.as_object_mut() else { return };
         let mut add = |key: &str, value: Value| {

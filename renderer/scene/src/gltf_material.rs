@@ -44,8 +44,8 @@ impl Coordinates {
 }
 
 impl Materials {
-    /// The scene's index of a primitive's material. Surfaces without one become light grey: the format's
-    /// own default is a white metal, which nobody who forgot a material had in mind.
+    /// The scene's index of a primitive's material. Surfaces without one become light grey: the format's own
+    /// default is a white metal, which hardly anybody means by a missing material.
     pub(super) fn of(&mut self, material: &gltf::Material, assembler: &mut Assembler) -> u32 {
         match material.index().and_then(|index| self.numbers.get(index)) {
             Some((number, _)) => *number,
@@ -99,7 +99,7 @@ impl Reader<'_> {
         let places: [Option<Coordinates>; 4] =
             [0, 1, 2, 3].map(|index| infos[index].as_ref().map(coordinates_of));
         let normal = material.normal_texture();
-        // The crate does not tell the transform of a normal map, which nearly always is that of the others.
+        // The crate does not give the transform of a normal map, which nearly always is that of the others.
         let normal_set = normal.as_ref().map(|normal| normal.tex_coord());
         let place = places.iter().flatten().next().copied();
         let place = place.or(normal_set.map(|set| Coordinates { set: Some(set), transform: None }));
@@ -140,7 +140,7 @@ impl Reader<'_> {
         (self.assembler.material(described), place.unwrap_or_default())
     }
 
-    /// What becomes of the base colour's alpha.
+    /// Applies the base colour's alpha.
     fn alpha(&mut self, material: &gltf::Material, opacity: f32, described: &mut Material) {
         let texture = described.base_color_texture;
         let cutout = |cutoff: f32| if opacity > 0.0 { cutoff / opacity } else { f32::MAX };
@@ -198,7 +198,7 @@ impl Reader<'_> {
     }
 }
 
-/// How base colour, roughness, emission and transmission are stored.
+/// The encodings of base colour, roughness, emission and transmission.
 const ENCODINGS: [Encoding; 4] = [Encoding::Srgb, Encoding::Linear, Encoding::Srgb, Encoding::Linear];
 
 fn coordinates_of(info: &gltf::texture::Info) -> Coordinates {

@@ -1,8 +1,8 @@
-//! The indicators of a [`Scene`]: its meshes and lights, handed to `treewright-indicators`, which knows what
-//! they mean.
+//! The indicators of a [`Scene`]: its meshes and lights, handed to `treewright-indicators`, which defines the
+//! indicators.
 //!
-//! - What an instance places counts as if it stood there itself, so that a scene has the same indicators with
-//!   instances and flattened.
+//! - The contents of an instance count as if they stood there themselves, so that a scene has the same
+//!   indicators with instances and flattened.
 //! - Light sources are meshes that glow, plus one each for a sky that is not black and for a sun.
 
 use glam::Vec3;

@@ -1,7 +1,7 @@
 //! Scenes: geometry in world space or as instances, materials, lights, cameras.
 //!
-//! Whatever a scene came from (glTF, OBJ, PLY, a built-in generator), it ends up as one [`Scene`]; the
-//! integrator and the indicators know nothing else.
+//! Every source (glTF, OBJ, PLY, a built-in generator) gives one [`Scene`]; the integrator and the indicators
+//! know nothing else.
 
 pub mod assemble;
 mod bounds;
@@ -84,13 +84,13 @@ pub struct Scene {
     /// Texture coordinates of each vertex (parallel to `triangles.positions()`); empty when no mesh has a
     /// texture.
     pub uvs: Vec<Vec2>,
-    /// What materials name by number.
+    /// The textures that materials name by number.
     pub textures: Vec<Arc<Texture>>,
     /// Meshes in order of their triangles; together they cover all of them. See [`Scene::placed_meshes`].
     pub meshes: Vec<Mesh>,
     /// At least one.
     pub materials: Vec<Material>,
-    /// What shines besides emissive triangles.
+    /// The light of the sky.
     pub sky: Sky,
     /// Lights without size.
     pub lights: Vec<Punctual>,
@@ -98,11 +98,11 @@ pub struct Scene {
     pub environment: Option<Arc<Environment>>,
     /// Cameras of the file, or one framing camera. At least one.
     pub cameras: Vec<Camera>,
-    /// Keys of a hand-laid camera path; empty when nobody laid one (see [`crate::camera_path`]).
+    /// Keys of a hand-laid camera path; empty without one (see [`crate::camera_path`]).
     pub path_keys: Vec<Camera>,
-    /// How places of the file became places of the scene.
+    /// The transform from places of the file to places of the scene.
     pub placement: Placement,
-    /// What the loader had to leave out or make up, one sentence each.
+    /// Omissions and additions of the loader, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -131,7 +131,7 @@ pub struct Mesh {
     pub material: u32,
 }
 
-/// How a surface scatters and emits. Linear RGB.
+/// The scattering and emission of a surface. Linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
     /// Albedo, or reflectance of a metal. 0 to 1.
@@ -153,7 +153,7 @@ pub struct Material {
     /// Number of a texture of normals in tangent space: x along the first texture coordinate, y up in the
     /// picture.
     pub normal_texture: Option<u32>,
-    /// How far those normals lean; 1 is as they are.
+    /// Factor on the lean of those normals; 1 leaves them as they are.
     pub normal_scale: f32,
     /// Number of a texture that the emission is multiplied by.
     pub emission_texture: Option<u32>,

@@ -50,9 +50,9 @@ pub const PUNCTUAL_LIGHTS_MAX: usize = 1 << 16;
 /// Diagonals of scenes that are drawn in the lengths of their files.
 pub const DIAGONAL_RANGE: std::ops::RangeInclusive<f32> = 1e-6..=1e7;
 
-/// Scenes whose middle lies farther from the origin than so many diagonals are drawn around the origin:
+/// Distance of a scene's middle from the origin, in diagonals, beyond which it is drawn around the origin:
 /// single precision has lost six of its 24 bits there.
 pub const DISTANCE_MAX: f64 = 64.0;
 
-/// Angles of view of a camera in degrees: below, neighbouring rays would be the same in single precision.
+/// Angles of view of a camera in degrees: below, neighbouring rays would be equal in single precision.
 pub const FOV_RANGE_DEG: std::ops::RangeInclusive<f32> = 0.01..=170.0;

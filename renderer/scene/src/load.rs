@@ -10,8 +10,7 @@ use super::{Scene, SceneError, Up, gltf_file, obj_file, ply_file};
 /// Reads a scene file: glTF (`.gltf`, `.glb`), Wavefront OBJ with its MTL (`.obj`), or PLY (`.ply`).
 ///
 /// Coordinates are taken as they stand (glTF defines metres; the others define nothing), nothing is
-/// rescaled. Textures are read as PNG, JPEG, TGA or BMP. What had to be left out or made up stands in
-/// [`Scene::notes`].
+/// rescaled. Textures are read as PNG, JPEG, TGA or BMP. [`Scene::notes`] lists omissions and additions.
 ///
 /// # Errors
 /// [`SceneError`], naming the file, the cause and the remedy, for anything that cannot be read. Bad single
@@ -39,8 +38,8 @@ pub fn load_upright(path: impl AsRef<Path>, up: Up) -> Result<Scene, SceneError>
     if bytes.is_empty() {
         return Err(SceneError::Empty { path: path.to_owned() });
     }
-    // The readers below check what they know of; a parsing crate that still gives up half-way on a file
-    // made to break it must not take the program along.
+    // The readers below check for known faults. A parsing crate may still panic on a hostile file, which
+    // must not end the program.
     catch_unwind(AssertUnwindSafe(|| match format {
         Format::Gltf => gltf_file::read(path, &bytes, up),
         Format::Obj => obj_file::read(path, &bytes, up),

@@ -1,5 +1,5 @@
 //! Scenes that lie far from the origin of their file, as georeferenced ones do, and those too large or small
-//! for single precision: they are drawn like the same scene at the origin.
+//! for single precision: they look like their copies at the origin.
 
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;

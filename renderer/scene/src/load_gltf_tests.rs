@@ -18,7 +18,7 @@ fn refused(name: &str, bytes: &[u8]) -> String {
     message
 }
 
-/// The triangle's document with changes, each a path and a value; parents of what is put in have to be there.
+/// The triangle's document with changes, each a path and a value; the parents of a value have to be there.
 fn changed(changes: &[(&str, Value)]) -> Value {
     let (mut document, _) = triangle_document();
     for (path, value) in changes {

@@ -1,4 +1,4 @@
-//! OBJ, MTL and PLY as people's programs write them: what is valid, or easily understood, is read.
+//! OBJ, MTL and PLY as people's programs write them: valid or easily understood files are read.
 
 use glam::Vec3;
 
@@ -49,7 +49,7 @@ fn areas(scene: &Scene, normal: Vec3) -> (f32, f32) {
 fn a_concave_face_covers_what_its_outline_does() {
     let outline = "v 0 4 0\nv 0 0 0\nv 4 0 0\nv 4 4 0\nv 2 1 0\nf 1 2 3 4 5\n";
     assert_eq!(areas(&obj(outline.as_bytes()), Vec3::Z), (10.0, 10.0));
-    // The same the other way round, standing upright, and as a quadrangle.
+    // The outline the other way round, standing upright, and as a quadrangle.
     assert_eq!(areas(&obj(outline.replace("1 2 3 4 5", "5 4 3 2 1").as_bytes()), Vec3::Z), (10.0, -10.0));
     let upright = "v 0 0 4\nv 0 0 0\nv 0 4 0\nv 0 4 4\nv 0 2 1\nf 1 2 3 4 5\n";
     assert_eq!(areas(&obj(upright.as_bytes()), Vec3::X), (10.0, 10.0));

@@ -54,7 +54,7 @@ fn gltf_textures_are_read_once_for_each_meaning() {
     let scene = textured(|_| {});
     assert_eq!(scene.uvs, [Vec2::Y, Vec2::ONE, Vec2::ZERO]);
     let material = material(&scene);
-    // The same picture as colours and as numbers.
+    // One picture as colours and as numbers.
     assert_eq!((scene.textures.len(), material.base_color_texture), (2, Some(0)));
     assert_eq!(material.base_color_texture, material.emission_texture);
     assert_eq!((material.metallic_roughness_texture, material.normal_texture), (Some(1), Some(1)));
@@ -89,7 +89,7 @@ fn gltf_alpha_cuts_out_and_blends() {
     let mask = &cut.triangles.masks()[0];
     assert!(!mask.is_solid(Vec2::new(0.75, 0.25)) && mask.is_solid(Vec2::new(0.25, 0.75)));
     assert_eq!(cut.triangles.card(0).unwrap().corners, [Vec2::Y, Vec2::ONE, Vec2::ZERO]);
-    // A picture that is clear or solid everywhere is cut out, whatever the file says.
+    // A picture that is clear or solid everywhere is cut out, also where the file asks for blending.
     let crisp = textured(|document| document["materials"][0]["alphaMode"] = json!("BLEND"));
     assert!(crisp.triangles.is_card(0) && crisp.notes.iter().any(|note| note.contains("cut out")));
     let plain = textured(|document| {

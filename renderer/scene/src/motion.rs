@@ -1,8 +1,8 @@
-//! Ways to make a scene move that stands still, so that how structures follow can be tuned on any scene.
+//! Motions for scenes that stand still, so that updates of structures can be tuned on any scene.
 //!
 //! Three deform everything (`sway`, `twist`, `ripple`), four move parts: each about itself (`rigid`), apart
-//! (`explode`), through one another (`swarm`), or down and up again (`fall`). A part is what hangs together:
-//! triangles that share a corner. All come round after a cycle, and time 0 is the scene as it was.
+//! (`explode`), through one another (`swarm`), or down and up again (`fall`). A part is a connected set of
+//! triangles, which share corners. All come round after a cycle, and time 0 is the scene at rest.
 
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
@@ -52,7 +52,7 @@ impl Motion {
         }
     }
 
-    /// What it does, in a sentence without a full stop.
+    /// Its effect, in a sentence without a full stop.
     pub fn about(self) -> &'static str {
         match self {
             Self::Sway => "Everything bends to and fro, the more the higher",
@@ -77,7 +77,7 @@ pub struct Mover {
     parts: Vec<Part>,
 }
 
-/// What moves as one.
+/// Triangles that move as one.
 #[derive(Clone, Copy, Debug)]
 struct Part {
     center: Vec3,
@@ -131,7 +131,7 @@ impl Mover {
         let before = self.base.triangles.positions();
         let positions: Vec<Vec3A> =
             before.par_iter().enumerate().map(|(vertex, at)| moved(vertex, *at)).collect();
-        // What lies in the surface stays in it: the normal is upright on two directions there.
+        // Directions in the surface stay in it: the normal is upright on two of them.
         let reach = self.bounds.diagonal() * 1e-3;
         let turned = |(vertex, normal): (usize, &Vec3)| {
             let along = Vec3A::from(normal.any_orthonormal_vector());

@@ -1,4 +1,4 @@
-//! MTL files: which of them an OBJ names, and their text made safe to parse.
+//! MTL files: the names that an OBJ gives, and their text made safe to parse.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -73,7 +73,7 @@ pub(super) fn map(line: &str) -> Option<(String, bool)> {
         match option {
             "-clamp" => clamped = words.next() == Some("on"),
             "-blendu" | "-blendv" | "-cc" | "-imfchan" | "-type" => drop(words.next()),
-            // Those that move or scale have one to three numbers.
+            // Options that move or scale have one to three numbers.
             _ => while words.next_if(is_number).is_some() {},
         }
     }
@@ -85,7 +85,7 @@ pub(super) fn map(line: &str) -> Option<(String, bool)> {
 #[derive(Debug, Default)]
 pub(super) struct Repaired {
     pub(super) text: String,
-    /// How often each keyword stood there that is not read.
+    /// Numbers of ignored keywords.
     pub(super) ignored: BTreeMap<String, usize>,
 }
 
@@ -109,7 +109,7 @@ pub(super) fn repaired(text: &str) -> Repaired {
     repaired
 }
 
-/// What follows a keyword, as the parser wants it.
+/// The text behind a keyword, as the parser wants it.
 fn value(keyword: &str, rest: &str) -> Option<String> {
     let words = || rest.split_whitespace().skip_while(|word| *word == "-halo");
     let number = |word: &&str| word.parse::<f32>().is_ok();

@@ -19,10 +19,10 @@ use super::{Material, Mesh, Scene, SceneError};
 /// Radius of the cylinder in shares of its length.
 const SLENDER: f32 = 0.07;
 
-/// How far its axis leans, in radians.
+/// Lean of its axis, in radians.
 const LEAN: f32 = 0.18;
 
-/// Of what is left to chance where the cylinder joins a given scene: the same needles at every angle.
+/// Seed of a cylinder that joins a given scene: it has the same needles at every angle.
 const SEED: u64 = 1;
 
 /// The needles, two crossing triangles each, in two parts for two colours. `turn` is the share of a round

@@ -1,7 +1,7 @@
 //! Reads Wavefront OBJ with its MTL material files.
 //!
-//! The text is looked over before it is parsed: faces are checked so that an error can name its line, and
-//! what the parser would misread (lines and points, empty material names) is taken out.
+//! The text is checked before it is parsed, so that an error can name its line. Statements that the parser
+//! would misread (lines and points, empty material names) are taken out.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -67,7 +67,7 @@ struct Libraries {
     loaded: Vec<Library>,
     /// Names of files that cannot be read.
     missing: Vec<String>,
-    /// How often each keyword stood in them that is not read.
+    /// Numbers of ignored keywords in them.
     ignored: BTreeMap<String, usize>,
 }
 

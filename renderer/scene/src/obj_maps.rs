@@ -10,7 +10,7 @@ use super::images::{self, Pixels};
 use super::mtl_text::map;
 use super::texture::{Encoding, Wrap};
 
-/// Alpha from which on a surface with a map of it is solid.
+/// Alpha from which a surface with an alpha map is solid.
 const CUT_OUT: f32 = 0.5;
 
 /// Makes one picture of up to two files.

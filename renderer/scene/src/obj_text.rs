@@ -9,7 +9,7 @@ use super::place::far_middle;
 
 /// An OBJ text that is safe to parse.
 pub(super) struct Checked {
-    /// The text without what is ignored. Where there are normals, the first is zero and stands for none.
+    /// The text without ignored statements. Where there are normals, the first is zero and stands for none.
     pub(super) text: String,
     /// Points, lines, curves and faces of fewer than three corners that were taken out.
     pub(super) ignored: usize,
@@ -21,7 +21,7 @@ pub(super) struct Checked {
     pub(super) coloured: usize,
     /// The names of materials that faces have.
     pub(super) materials: BTreeSet<String>,
-    /// What was subtracted from all positions, because they lie far from the origin.
+    /// The offset that was subtracted from all positions, because they lie far from the origin.
     pub(super) origin: Option<DVec3>,
 }
 
@@ -78,7 +78,7 @@ pub(super) fn keyword_and_rest(statement: &str) -> (&str, &str) {
 /// text begins by naming `libraries` libraries of materials, by their numbers.
 ///
 /// # Errors
-/// One sentence that names the line and what is wrong with it.
+/// One sentence that names the line and its fault.
 pub(super) fn check(text: &str, with_textures: bool, libraries: usize) -> Result<Checked, String> {
     let mut total = Counts::default();
     for (_, statement) in statements(text) {
@@ -179,7 +179,7 @@ fn shortened(line: &str) -> String {
     line.trim().chars().take(60).collect()
 }
 
-/// What the numbers of a face's corners mean where it stands.
+/// The meaning of corner numbers at the place of a face.
 struct Corners {
     so_far: Counts,
     total: Counts,

@@ -1,5 +1,5 @@
-//! Objects of a scene that is being assembled: runs of triangles in spaces of their own, and where they are
-//! placed.
+//! Objects of a scene that is being assembled: runs of triangles in spaces of their own, and their
+//! placements.
 
 use std::ops::Range;
 
@@ -64,7 +64,7 @@ impl Objects {
         self.placed.iter().map(|(object, to_world)| self.boxes[*object as usize].transformed(to_world))
     }
 
-    /// Moves what is placed; objects stay as they are.
+    /// Moves the placements; objects stay as they are.
     pub(super) fn move_by(&mut self, by: Vec3) {
         self.placed.iter_mut().for_each(|(_, to_world)| to_world.translation += Vec3A::from(by));
     }

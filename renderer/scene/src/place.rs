@@ -1,7 +1,7 @@
-//! Where a scene is drawn. Scenes so small or large that squares and fourth powers of their lengths leave the
-//! range of single precision are drawn larger or smaller. Scenes that lie so far from the origin of their
-//! file that single precision keeps too few digits of them are drawn around the origin. Neither changes the
-//! picture.
+//! The place and size of a scene as it is drawn. Scenes so small or large that squares and fourth powers of
+//! their lengths leave the range of single precision are drawn larger or smaller. Scenes so far from the
+//! origin of their file that single precision keeps too few digits are drawn around the origin. Neither
+//! changes the picture.
 
 use std::ops::Range;
 
@@ -12,12 +12,12 @@ use super::limits::{DIAGONAL_RANGE, DISTANCE_MAX};
 use super::objects::Objects;
 use super::{Bounds, Material, Punctual};
 
-/// How places of a file become places of the scene: moved first, then multiplied.
+/// The transform from places of a file to places of the scene: moved first, then multiplied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// The place of the file, turned as the scene is, that is the scene's origin.
     pub origin: DVec3,
-    /// What lengths are multiplied by, a power of two.
+    /// Factor on lengths, a power of two.
     pub factor: f64,
 }
 
@@ -63,7 +63,7 @@ pub(super) fn far_middle(places: impl Iterator<Item = DVec3>) -> Option<DVec3> {
 /// All lengths and places of a scene that is being assembled.
 pub(super) struct Lengths<'a> {
     pub(super) positions: &'a mut [Vec3A],
-    /// Those of the positions that are in no object.
+    /// Ranges of the positions that are in no object.
     pub(super) in_world: &'a [Range<usize>],
     pub(super) objects: &'a mut Objects,
     pub(super) lights: &'a mut [Punctual],
@@ -96,8 +96,8 @@ impl Lengths<'_> {
         }
     }
 
-    /// Brings lengths and places with these bounds into the range of single precision. What the loader moved
-    /// already is in `placement`, which is completed. Returns what is to be told of it.
+    /// Brings lengths and places with these bounds into the range of single precision. `placement` holds the
+    /// loader's own move, and is completed. Returns the notes for the user.
     pub(super) fn settle(&mut self, bounds: Bounds, placement: &mut Placement) -> Vec<String> {
         let mut notes = Vec::new();
         let diagonal = bounds.size().as_dvec3().length();

@@ -1,7 +1,7 @@
 //! Geometry as rays meet it: every triangle where its instances place it.
 //!
-//! A scene without instances is met as it is. For one with instances nothing is flattened: what a question
-//! needs of the placed triangles is computed on the way and forgotten.
+//! A scene without instances is met as it is. A scene with instances is not flattened: each question computes
+//! the placed triangles that it needs, and keeps none.
 
 use std::ops::Range;
 

@@ -64,7 +64,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
     assembler.finish(Lighting::Automatic, Vec::new())
 }
 
-/// What a file holds.
+/// The contents of a file.
 #[derive(Default)]
 struct Content {
     vertices: Vec<Vertex>,

@@ -6,7 +6,7 @@ use ply_rs_bw::ply::{ElementDef, Header, PropertyType};
 
 use super::text;
 
-/// What the header ends with.
+/// The end of the header.
 const END: &[u8] = b"end_header";
 
 /// The file with a header of lines that end in line feeds, without byte order mark, blank lines or bytes that

@@ -7,8 +7,8 @@ use glam::{DVec2, DVec3, Vec3};
 /// A corner counts as turned inward where the sine of its angle is below this: rounding bends straight edges.
 const BENT: f64 = -1e-6;
 
-/// Cuts a polygon into triangles that turn as it does: three numbers each, which are those of its corners. It
-/// is seen along its normal after Newell, so that corners need not lie in one plane.
+/// Cuts a polygon into triangles of its orientation, as three of its corners' numbers each. It is seen along
+/// its normal after Newell, so that corners need not lie in one plane.
 pub(super) fn triangles(corners: &[u32], positions: &[Vec3], mut push: impl FnMut([u32; 3])) {
     if corners.len() > 3
         && let Some(flat) = projected(corners, positions)
@@ -59,7 +59,7 @@ fn projected(corners: &[u32], positions: &[Vec3]) -> Option<Vec<DVec2>> {
     Some(solid.iter().map(flat).collect())
 }
 
-/// How often the edges of a counter-clockwise polygon turn round, once for a convex one; `None` if a corner
+/// Number of full turns of a counter-clockwise polygon's edges, one for a convex polygon; `None` if a corner
 /// turns inward. Edges without length are passed over.
 fn turns(flat: &[DVec2]) -> Option<f64> {
     let following = flat.iter().cycle().skip(1);

@@ -10,7 +10,7 @@ use super::Placed;
 /// Triangles looked at by one task.
 const CHUNK: usize = 16 * 1024;
 
-/// What a ray meets first.
+/// The first hit of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Meeting {
     /// Distance along the direction; infinite when nothing is met.

@@ -47,7 +47,7 @@ pub struct Cone {
 pub struct Arrival {
     /// Unit vector towards the light.
     pub direction: Vec3,
-    /// How far it is; infinity for parallel light.
+    /// Its distance; infinity for parallel light.
     pub distance: f32,
     /// Irradiance on a surface that faces it.
     pub irradiance: Vec3,
@@ -125,7 +125,7 @@ impl Punctual {
         }
     }
 
-    /// What arrives at a position; no irradiance at the light itself.
+    /// The light that arrives at a position; no irradiance at the light itself.
     pub fn arrival(&self, at: Vec3) -> Arrival {
         match *self {
             Self::Directional { direction, irradiance } => {

@@ -11,7 +11,7 @@ use super::part::Part;
 /// A part under construction; every vertex has a normal.
 #[derive(Clone, Debug, Default)]
 pub struct Shapes {
-    /// What was built so far.
+    /// The shapes so far.
     pub part: Part,
 }
 

@@ -3,8 +3,8 @@
 
 use std::borrow::Cow;
 
-/// The text of a file with line feeds alone as line ends and without a byte order mark. What is no text
-/// becomes the replacement character.
+/// The text of a file with line feeds alone as line ends and without a byte order mark. Invalid bytes become
+/// the replacement character.
 pub(super) fn decoded(bytes: &[u8]) -> Cow<'_, str> {
     let text = match bytes {
         [0xff, 0xfe, rest @ ..] => Cow::Owned(utf16(rest, u16::from_le_bytes)),

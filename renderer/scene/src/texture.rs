@@ -1,4 +1,4 @@
-//! Textures: pictures on surfaces, with smaller copies of themselves for what is far away.
+//! Textures: pictures on surfaces, with smaller copies of themselves for distant surfaces.
 //!
 //! A texture keeps eight bits a channel and a pyramid of halved copies (Williams, "Pyramidal Parametrics",
 //! SIGGRAPH 1983), averaged as light, not as stored values. A look-up blends the four nearest pixels in the
@@ -11,7 +11,7 @@ pub use treewright_accel::Wrap;
 
 use super::limits::TEXTURE_EDGE_MAX;
 
-/// What stored values mean.
+/// The meaning of stored values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Encoding {
     /// Colours with the transfer function of sRGB; alpha is linear.
@@ -74,7 +74,7 @@ impl Texture {
         self.levels[0].size
     }
 
-    /// How it goes on beyond its edges.
+    /// Its continuation beyond its edges.
     pub fn wrap(&self) -> [Wrap; 2] {
         self.wrap
     }
@@ -93,7 +93,7 @@ impl Texture {
     #[inline]
     pub fn sample(&self, at: Vec2, level: f32) -> Vec4 {
         let last = (self.levels.len() - 1) as f32;
-        // What is no number counts as 0.
+        // NaN counts as 0.
         let level = level.max(0.0).min(last);
         let (fine, share) = (level as usize, level.fract());
         let value = self.bilinear(&self.levels[fine], at);
@@ -144,7 +144,7 @@ impl Level {
                 for row in span(y, size.y, self.size.y) {
                     for column in span(x, size.x, self.size.x) {
                         let value = at(column, row);
-                        // What is cut away has no colour to lend.
+                        // Pixels that are cut away have no colour to lend.
                         let own = if encoding == Encoding::Srgb { value.w.max(1e-4) } else { 1.0 };
                         colour += value * own;
                         weight += own;

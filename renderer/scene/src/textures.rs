@@ -1,5 +1,5 @@
-//! The textures of a scene that is being assembled: each picture once, within the limit of pixels; and the
-//! masks that some of them are.
+//! The textures of a scene that is being assembled: each picture once, within the limit of pixels, and the
+//! masks among them.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -13,7 +13,7 @@ use super::limits::TEXTURE_PIXELS_MAX;
 use super::texture::{Encoding, Wrap};
 use super::{Material, Mesh, Texture};
 
-/// What makes two textures one: where the picture comes from, what its values mean, how it goes on.
+/// The identity of a texture: the source of its picture, the encoding of its values, its continuation.
 type Key = (String, Encoding, [Wrap; 2]);
 
 /// Textures collected so far.
@@ -80,7 +80,7 @@ impl Textures {
         clear > 0 && solid > 0 && (clear + solid) * 10 >= alpha.len() * 9
     }
 
-    /// Tells what was left out.
+    /// Notes the omitted pictures.
     pub(super) fn finish(&mut self, notes: &mut Vec<String>) {
         const TOLD_MAX: usize = 5;
         let more = self.lost.len().saturating_sub(TOLD_MAX);

@@ -1,4 +1,4 @@
-//! Which way is up in a file. Scenes stand on y; programs for construction and printing mostly mean z.
+//! The upward axis of a file. Scenes use y; programs for construction and printing mostly use z.
 
 use glam::{DVec3, Mat3, Vec3};
 
@@ -8,7 +8,7 @@ pub enum Up {
     /// As the format of glTF says.
     #[default]
     Y,
-    /// A quarter turn about x: what was in front is below.
+    /// A quarter turn about x: the front becomes the bottom.
     Z,
     /// A quarter turn about z.
     X,
@@ -24,7 +24,7 @@ impl Up {
         }
     }
 
-    /// The same in double precision.
+    /// The turn in double precision.
     pub(super) fn turned_far(self, vector: DVec3) -> DVec3 {
         match self {
             Self::Y => vector,

@@ -1,10 +1,11 @@
-//! How a surface scatters light: Lambert under a GGX layer, metals, mirrors, thin glass.
+//! The scattering of light at a surface: Lambert under a GGX layer, metals, mirrors, thin glass.
 //!
 //! One model covers the metallic-roughness materials of glTF. A share `F` (Schlick's Fresnel term) of the
 //! light is reflected by a GGX microfacet layer, or by a perfect mirror where the surface is very smooth. Of
-//! the rest, a share `transmission` passes straight through, as through a thin sheet, and what remains is
-//! scattered diffusely if the surface is not a metal. What a rough metal reflects several times comes back in
-//! a wide lobe, see [`multiple`](super::multiple). Sources: Walter et al., Microfacet Models for Refraction,
+//! the rest, a share `transmission` passes straight through, as through a thin sheet. The remaining light is
+//! scattered diffusely if the surface is not a metal. Light that a rough metal reflects several times comes
+//! back in a wide lobe, see [`multiple`](super::multiple). Sources: Walter et al., Microfacet Models for
+//! Refraction,
 //! EGSR 2007 (GGX); Heitz, Understanding the Masking-Shadowing Function, JCGT 2014; Dupuy and Benyoub,
 //! Sampling Visible GGX Normals with Spherical Caps, HPG 2023; Ashikhmin and Shirley, An Anisotropic Phong
 //! BRDF Model, 2000 (the diffuse part that leaves room for the layer above it).
@@ -52,10 +53,10 @@ pub struct Seen<'a, const THIN: bool> {
     bsdf: &'a Bsdf,
     /// Where it is seen from, local.
     view: Vec3,
-    /// What the layer leaves to the parts below it.
+    /// The share of light that the layer leaves to the parts below it.
     below: Vec3,
     shares: Shares,
-    /// What the layer of a rough metal loses of light from there.
+    /// The share of light from there that the layer of a rough metal loses.
     loss: f32,
     /// Smith's root of the view's cosine, `sqrt(α² + (1 - α²) cos²)`, and `0.5 / (cos + root)`: masking over
     /// four cosines.
@@ -177,7 +178,7 @@ impl Bsdf {
         self.diffuse
     }
 
-    /// What makes it a rough layer over a diffuse part; `None` for anything else.
+    /// The parameters of a rough layer over a diffuse part; `None` for other surfaces.
     #[inline(always)]
     pub(super) fn gloss(&self) -> Option<Gloss> {
         let Self { diffuse, outward, f0, f90, layer_f90, multiple, .. } = *self;
@@ -205,7 +206,7 @@ impl Bsdf {
         self.f0 + (Vec3::splat(self.f90) - self.f0) * schlick_weight(cosine)
     }
 
-    /// Reflectance of the layer as a whole, which decides what is left for the parts below it.
+    /// Reflectance of the layer as a whole, which decides how much light is left for the parts below it.
     #[inline(always)]
     fn layer(&self, cosine: f32) -> Vec3 {
         self.f0 + (self.layer_f90 - self.f0) * schlick_weight(cosine)

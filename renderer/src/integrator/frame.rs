@@ -1,4 +1,4 @@
-//! What all tiles of one sample of a picture share, and how paths begin.
+//! The data that all tiles of one sample of a picture share, and the first rays of paths.
 
 use treewright_accel::Ray;
 
@@ -13,7 +13,7 @@ use super::vertex::{Kernel, Path, Tracing};
 use crate::film::{Film, Tile};
 use crate::render_options::RenderOptions;
 
-/// What all tiles of a frame share.
+/// The data that all tiles of a frame share.
 pub(super) struct Frame<'a> {
     pub(super) prepared: &'a Prepared,
     pub(super) options: &'a RenderOptions,
@@ -64,7 +64,8 @@ impl<'a> Frame<'a> {
         Some((Path::new(pixel, random, ray.origin), ray))
     }
 
-    /// Whether rays of a stage, counted from the camera's as 0, need not know what they meet.
+    /// Whether for rays of a stage, counted from the camera's as 0, it is enough to know that they meet
+    /// something.
     #[inline(always)]
     pub(super) fn is_blind(&self, stage: u32) -> bool {
         stage == self.tracing.bounces && !self.kernel.needs.last_hits()

@@ -1,4 +1,4 @@
-//! What sampling a light gives.
+//! The sample of a light.
 
 use glam::Vec3;
 
@@ -7,7 +7,7 @@ use glam::Vec3;
 pub struct LightSample {
     /// Unit vector towards the light.
     pub direction: Vec3,
-    /// How far it is; infinity for the sun and other parallel light.
+    /// Its distance; infinity for the sun and other parallel light.
     pub distance: f32,
     /// Radiance that arrives if nothing is in between.
     pub radiance: Vec3,

@@ -1,5 +1,5 @@
-//! However light is looked for, pictures have the same expectation, and both orders of work give the same
-//! bits.
+//! With every choice of light sampling, pictures have the same expectation, and both orders of work give the
+//! same bits.
 
 use std::sync::Arc;
 

@@ -1,10 +1,9 @@
-//! What shines: emissive triangles, the sun, and the sky.
+//! The lights: emissive triangles, the sun, and the sky.
 //!
-//! Emissive triangles are chosen by power and place: of a few points drawn by power alone, one is taken by
-//! how much of its light would reach the surface if nothing were in between, and its light is weighed by what
-//! the others would have brought (resampled importance sampling: Talbot, Cline and Egbert, EGSR 2005). The
-//! density that the power heuristic weighs them by is that of the draw by power, for which any function would
-//! do that both techniques share.
+//! Emissive triangles are chosen by power and place. A few points are drawn by power alone, and one of them
+//! is taken by the light that would reach the surface if nothing were in between. Its light is weighed by
+//! that of the others (resampled importance sampling: Talbot, Cline and Egbert, EGSR 2005). The power
+//! heuristic takes the density of the draw by power; any function that both techniques share would do.
 //!
 //! Emissive triangles shine to both sides, because the winding in scene files cannot be relied on. The sky's
 //! gradient is smooth and is left to the surfaces' own sampling unless it was learnt where it is seen; lamps,
@@ -32,7 +31,7 @@ pub struct Lights {
     powers: Vec<f64>,
     table: Option<AliasTable>,
     how: LightSampling,
-    /// What was learnt of the sky.
+    /// The learnt directions of the sky.
     guide: Option<Arc<SkyGuide>>,
     /// Parallel to `lamps`, or empty where none has a texture.
     skins: Vec<Option<Skin>>,
@@ -62,7 +61,7 @@ struct Skin {
     factor: Vec3,
 }
 
-/// What a material emits in the mean over its texture.
+/// The emission of a material in the mean over its texture.
 pub(super) fn mean_emission(scene: &Scene, material: &Material) -> Vec3 {
     let texture = material.emission_texture.and_then(|number| scene.textures.get(number as usize));
     texture.map_or(material.emission, |texture| material.emission * texture.mean().xyz())
@@ -226,7 +225,7 @@ impl Lights {
         lights
     }
 
-    /// How light is looked for.
+    /// The options of light sampling.
     pub(super) fn sampling(&self) -> LightSampling {
         self.how
     }
@@ -237,13 +236,13 @@ impl Lights {
         self.share_out();
     }
 
-    /// Takes over what was learnt of the sky.
+    /// Takes over the learnt directions of the sky.
     pub(super) fn set_guide(&mut self, guide: Option<Arc<SkyGuide>>) {
         self.guide = guide;
         self.share_out();
     }
 
-    /// What is sampled of the sky by what was learnt.
+    /// The learnt directions of the sky, where they are sampled.
     #[inline(always)]
     fn guide(&self) -> Option<&SkyGuide> {
         if self.how.sky == SkyChoice::Learnt { self.guide.as_deref() } else { None }
@@ -295,15 +294,15 @@ impl Lights {
         self.punctual.is_some()
     }
 
-    /// Whether the sky is sampled: an environment map, unless it is black, or what was learnt of any sky.
+    /// Whether the sky is sampled: by an environment map, unless it is black, or by learnt directions.
     pub fn has_environment(&self) -> bool {
         self.environment.is_some() || self.guide().is_some()
     }
 
     /// For a position on a surface with this geometric normal, draws a direction towards any of the lights:
     /// besides those of [`Lights::sample`] a bright place of the environment or a light without size. After
-    /// the `last` bounce the environment brings nothing, no more than the sky's gradient, which only a
-    /// further bounce would find: the same sky gives the same picture either way.
+    /// the `last` bounce the environment brings no light, like the sky's gradient, which only a further
+    /// bounce would find. So one sky gives one picture, as an environment map or as a gradient.
     pub(super) fn sample_all(
         &self,
         position: Vec3,
@@ -317,7 +316,7 @@ impl Lights {
         }
         let sky_share = self.environment_share;
         if sky_share > 0.0 && last {
-            // What the others draw need not leave room for the sky, nor for what a bounce would find.
+            // Draws of the others need not leave room for the sky, nor for light that a bounce would find.
             let light = self.sample_others(position, normal, [choice, pick], u)?;
             let pdf = light.pdf / (1.0 - sky_share);
             return (sky_share < 1.0).then_some(LightSample { pdf, ..light });
@@ -365,28 +364,28 @@ impl Lights {
         light.is_sound().then_some(light)
     }
 
-    /// What was learnt of the shares at a position; `None` where they are fixed.
+    /// The learnt shares at a position; `None` where they are fixed.
     #[inline(always)]
     fn learnt_shares(&self, position: Vec3) -> Option<Shares> {
         let learnt = self.how.learnt_shares && self.punctual.is_none();
         self.guide().filter(|_| learnt).map(|guide| guide.shares(position))
     }
 
-    /// What makes the sun's fixed density one of this share.
+    /// The factor from the sun's fixed density to that of this share.
     #[inline(always)]
     fn sun_factor(&self, share: f32) -> f32 {
         let fixed = (1.0 - self.environment_share) * self.sun_share;
         if fixed > 0.0 { share / fixed } else { 0.0 }
     }
 
-    /// What makes the lamps' fixed density one of this share.
+    /// The factor from the lamps' fixed density to that of this share.
     #[inline(always)]
     fn lamp_factor_of(&self, share: f32) -> f32 {
         let fixed = (1.0 - self.environment_share) * (1.0 - self.sun_share);
         if fixed > 0.0 { share / fixed } else { 0.0 }
     }
 
-    /// How many times as dense as [`Lights::lamp_density`] says lamps are sampled from a position.
+    /// The density of lamp samples from a position over [`Lights::lamp_density`].
     #[inline(always)]
     pub(super) fn lamp_factor(&self, position: Vec3) -> f32 {
         self.learnt_shares(position).map_or(1.0, |[.., lamps]| self.lamp_factor_of(lamps))

@@ -1,14 +1,13 @@
-//! The path tracer: one sample a pixel a frame, a bounded number of bounces, the same picture every time.
+//! The path tracer: one sample a pixel a frame, a bounded number of bounces, repeatable to the bit.
 //!
 //! A frame is a pure function of scene, camera, size, seed and sample number. It depends neither on the
-//! number of threads nor on how the work is ordered nor, but for triangles that coincide, on the acceleration
+//! number of threads nor on the order of work nor, but for triangles that coincide, on the acceleration
 //! structure. The ray loop is compiled once per kind of [`Intersector`](treewright_accel::Intersector), the
 //! shading once per set of [`Needs`]. Path tracing after Kajiya 1986; the limit of three bounces is the
 //! paper's (section 3.1).
 //!
-//! [`render_sample`] hands tiles to threads; `path` and `stages` are the two orders of work; `vertex` says
-//! what happens where a path meets something, with the help of `surface`, `bsdf` and `lights`; `chunk` says
-//! the same of many at once.
+//! [`render_sample`] hands tiles to threads; `path` and `stages` are the two orders of work. `vertex` shades
+//! one hit of a path, with the help of `surface`, `bsdf` and `lights`; `chunk` shades many hits at once.
 
 mod bsdf;
 mod chunk;
@@ -55,7 +54,7 @@ pub(crate) use sky_guide::Learnt;
 
 use crate::scene::Camera;
 
-/// What makes two frames different, besides the scene.
+/// The inputs of a frame besides the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Where it is seen from.
@@ -66,12 +65,12 @@ pub struct View {
     pub bounces: u32,
 }
 
-/// What happened while samples were rendered.
+/// Counts of rays while samples were rendered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
     /// Rays from the camera and after bounces, and those that look for sheets along shadow rays.
     pub rays: u64,
-    /// Those that hit something.
+    /// The rays that hit something.
     pub hits: u64,
     /// Rays towards lights.
     pub shadow_rays: u64,

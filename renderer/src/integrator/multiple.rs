@@ -21,7 +21,7 @@ pub(super) struct Multiple {
     pub(super) losses: Losses,
 }
 
-/// What the first lobe loses where all microfacets reflect all light: by powers of `cosine / (cosine +
+/// The loss of the first lobe where all microfacets reflect all light: by powers of `cosine / (cosine +
 /// alpha)` from the first on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Losses(pub(super) [f32; 4]);

@@ -1,12 +1,12 @@
-//! What a scene asks of the integrator, and what can therefore be left out.
+//! The features of the integrator that a scene needs; all others are left out.
 //!
-//! Decided once, when a scene is prepared, from what is in it: which materials its triangles really have,
-//! whether anything shines. Each set of needs has a shading kernel of its own, compiled without the rest, so
-//! that leaving out costs no test per ray. A kernel that can do more gives the same picture bit for bit.
+//! They are decided once, when a scene is prepared, from the materials of its triangles and from its lights.
+//! Each set of needs has a shading kernel of its own, compiled without the rest, so that leaving out costs no
+//! test per ray. A kernel with more features gives the same picture bit for bit.
 
 use serde::Serialize;
 
-/// What shading must be able to do.
+/// The features that shading must have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Needs {
     /// Normals interpolated between the corners of a triangle.
@@ -40,7 +40,7 @@ pub struct Needs {
 /// Something that a scene does not need.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Omission {
-    /// What is left out.
+    /// The omitted feature.
     pub what: &'static str,
     /// Why the scene can do without.
     pub why: &'static str,
@@ -89,8 +89,8 @@ impl Needs {
         }
     }
 
-    /// What the kernel of a number can do. Numbers of sets that are closed only with more are those of the
-    /// larger set, which nobody asks for by them.
+    /// The needs that the kernel of a number covers. A number whose set is not closed stands for the larger
+    /// closed set; such a number is never asked for.
     pub(super) const fn of_kernel(number: usize) -> Self {
         let bits = match number {
             0..=Self::COMMON => number,
@@ -133,8 +133,8 @@ impl Needs {
         }
     }
 
-    /// With what comes along: sheets and rough metals reflect as well, and rare needs come with all the
-    /// common ones. A kernel that reflects tells rough metals by their material.
+    /// The closed set: sheets and rough metals reflect as well, and rare needs come with all the common ones.
+    /// A kernel that reflects recognises rough metals by their material.
     pub(super) const fn closed(self) -> Self {
         if self.rare() > 0 {
             Self::from_bits(self.bits() | Self::COMMON | Self::METALS)
@@ -156,13 +156,13 @@ impl Needs {
         self.lamps || self.sun || self.environment || self.punctual
     }
 
-    /// Whether a ray after the last bounce must know what it meets. Where nothing it meets can shine or be
-    /// lit directly or let it through, it is enough to know that it meets something: no light of the sky.
+    /// Whether a ray after the last bounce needs its hit. Where no surface can shine, be lit directly or let
+    /// the ray through, it is enough to know that there is a hit: then no light of the sky arrives.
     pub const fn last_hits(self) -> bool {
         self.shadows() || self.sheets
     }
 
-    /// What is left out with these needs, and why.
+    /// The features left out with these needs, with reasons.
     pub fn omissions(self) -> Vec<Omission> {
         let all = [
             (self.smooth, "interpolated normals", "every triangle is flat", Self { smooth: true, ..self }),

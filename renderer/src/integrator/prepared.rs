@@ -20,21 +20,21 @@ use crate::scene::{Material, Mesh, Scene};
 /// A scene with the tables that shading needs. Independent of the acceleration structure and the camera.
 #[derive(Clone, Debug)]
 pub struct Prepared {
-    /// What is rendered.
+    /// The rendered scene.
     pub scene: Arc<Scene>,
     /// Its lights.
     pub lights: Lights,
-    /// What its shading must be able to do.
+    /// The features that its shading must have.
     pub needs: Needs,
-    /// The same as long as light is looked for by the constants.
+    /// Those features as long as light is sampled by the constants.
     scene_needs: Needs,
     /// One a triangle.
     pub(super) facets: Vec<Facet>,
-    /// Those that triangles have, each once.
+    /// The materials that triangles have, each once.
     pub(super) surfaces: Vec<Shading>,
     /// Where light can pass through something.
     pub(super) sheets: Sheets,
-    /// What light sampling knows of the view.
+    /// Results of pilot frames for light sampling in this view.
     pub(super) learnt: Learnt,
 }
 
@@ -84,7 +84,7 @@ impl Prepared {
         Self { lights, needs, scene_needs: needs, facets, surfaces, sheets, learnt: Learnt::default(), scene }
     }
 
-    /// How light is looked for.
+    /// The options of light sampling.
     pub fn light_sampling(&self) -> LightSampling {
         self.lights.sampling()
     }
@@ -95,7 +95,7 @@ impl Prepared {
         self.follow_lights();
     }
 
-    /// Takes over what pilot frames told.
+    /// Takes over the results of pilot frames.
     pub(crate) fn take_over(&mut self, learnt: Learnt) {
         self.lights.set_guide(learnt.sky.clone());
         self.learnt = learnt;
@@ -128,8 +128,7 @@ fn surfaces(scene: &Scene, lights: &Lights) -> (Vec<Shading>, Vec<u32>) {
         .map(|mesh| {
             *of_material[mesh.material as usize].get_or_insert_with(|| {
                 let material = &scene.materials[mesh.material as usize];
-                // What is written for debugging names every field with all digits: equal for materials that
-                // look equal.
+                // The debug output holds every field with all digits: equal for materials that look equal.
                 *looks.entry(format!("{material:?}")).or_insert_with(|| {
                     surfaces.push(Shading {
                         bsdf: Bsdf::new(material),

@@ -1,9 +1,9 @@
-//! Lights without size: one is chosen by how much of it reaches the surface if nothing is in between.
+//! Lights without size: one is chosen by the light that would reach the surface if nothing were in between.
 //!
-//! Few are all looked at, and chosen by sixteenths: random numbers fill those evenly, so that every sixteen
-//! samples of a pixel look at each light as often as they should, and how they were chosen leaves no noise.
-//! Of many, a few candidates are drawn by power and one of them is taken by what it would bring (resampled
-//! importance sampling, as for emissive triangles in [`lights`](super::lights)).
+//! Few lights are all weighed, and chosen by sixteenths: random numbers fill the sixteenths evenly, so that
+//! every sixteen samples of a pixel take each light in its share, and the choice adds no noise. Of many
+//! lights, a few candidates are drawn by power and one of them is taken by the light that it would bring
+//! (resampled importance sampling, as for emissive triangles in [`lights`](super::lights)).
 
 use std::sync::Arc;
 
@@ -32,13 +32,13 @@ pub(super) struct PunctualLights {
 }
 
 impl PunctualLights {
-    /// Those of a scene: O(lights). `None` without any.
+    /// The lights of a scene: O(lights). `None` without any.
     pub(super) fn of(scene: &Scene) -> Option<Self> {
         let lights: Arc<[Punctual]> = scene.lights.clone().into();
         if lights.len() <= CANDIDATES {
             return (!lights.is_empty()).then_some(Self { lights, table: None });
         }
-        // What comes of a point at the other end of the scene, so that both kinds can be compared.
+        // The light of a point at the other end of the scene, so that both kinds can be compared.
         let far = f64::from(scene.bounds().diagonal()).max(1e-9);
         let mut powers: Vec<f64> = lights
             .iter()
@@ -203,7 +203,7 @@ mod tests {
         }
     }
 
-    /// Whatever lights there are, the brightest keeps a share.
+    /// For all sets of lights, the brightest keeps a share.
     #[test]
     fn shares_add_up() {
         for bright in 1..=CANDIDATES {

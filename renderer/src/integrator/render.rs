@@ -21,7 +21,7 @@ thread_local! {
 }
 
 /// Adds one sample to each pixel of the film. Runs on the rayon pool it is called in; the film's number of
-/// samples is the number of this one. `needs` are those of the scene, or more: pictures are the same.
+/// samples is the number of this one. `needs` are those of the scene, or more, which changes no picture.
 ///
 /// # Panics
 /// If `needs` do not cover those of the scene.
@@ -36,8 +36,8 @@ pub fn render_sample<I: Intersector>(
     render_sample_until(prepared, intersector, view, options, needs, film, None).0
 }
 
-/// Renders a sample, but begins no tile after `until`. Says whether there was time for all of them; where
-/// there was not, the film has a part of a sample and is of no use until it is cleared.
+/// Renders a sample, but begins no tile after `until`. Returns whether there was time for all tiles. If not,
+/// the film holds a part of a sample and is of no use until it is cleared.
 ///
 /// # Panics
 /// If `needs` do not cover those of the scene.

@@ -127,7 +127,7 @@ impl AliasTable {
                 small.push(rich);
             }
         }
-        // What is left differs from 1 only by rounding.
+        // The remaining weights differ from 1 only by rounding.
         for index in small.into_iter().chain(large) {
             slots[index] = (1.0, index as u32);
         }

@@ -1,4 +1,4 @@
-//! What comes through thin sheets along a shadow ray.
+//! The light that comes through thin sheets along a shadow ray.
 
 use glam::Vec3;
 use treewright_accel::{Intersector, Ray};
@@ -23,9 +23,9 @@ const SHADOW_PATH: Path = Path {
     sheets: 0,
 };
 
-/// Share of light that comes through thin sheets along a shadow ray that something lies in the way of. Should
-/// the nearest hit not be found, what lies there counts as opaque. Most rays pass no place where a sheet
-/// could be, and then what was met is opaque for certain.
+/// Share of light that comes through thin sheets along a blocked shadow ray. Should the nearest hit not be
+/// found, the blocker counts as opaque. Most rays pass no place where a sheet could be, and then the blocker
+/// is opaque for certain.
 pub(super) fn through_sheets<I: Intersector>(
     prepared: &Prepared,
     intersector: &I,

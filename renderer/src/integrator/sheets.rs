@@ -1,7 +1,7 @@
-//! Where light can pass through something: a few boxes around all thin sheets.
+//! The places of thin sheets, which let light through: a few boxes around all of them.
 //!
-//! A shadow ray that something lies in the way of may have met nothing but glass, and finding out takes
-//! further queries. Panes are few and lie together, so a few box tests spare most rays that.
+//! A blocked shadow ray may have met nothing but glass, and finding out takes further queries. Panes are few
+//! and lie together, so a few box tests spare most rays these queries.
 
 use glam::Vec3;
 use treewright_accel::Ray;

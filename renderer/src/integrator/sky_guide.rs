@@ -1,11 +1,11 @@
-//! Where light was seen from: directions towards the sky, as through windows, and which kind of light brings
-//! how much where; learnt while rendering.
+//! Light learnt while rendering: directions towards the sky, as through windows, and the share of each kind
+//! of light at each place.
 //!
-//! A few frames leave records of paths that found the sky after a bounce. A grid of cells over the places
-//! they came from holds a distribution over directions each, by how much light came along it (compare Müller,
-//! Gross and Novák, Practical Path Guiding, EGSR 2017, whose trees are a grid here). Shadow rays are drawn by
-//! it beside the surfaces' own sampling, which covers every direction: whatever was learnt, and however
-//! little, the expectation of a picture is the same.
+//! A few frames leave records of paths that found the sky after a bounce. A grid of cells covers the places
+//! where they bounced. Each cell holds a distribution over directions, by the light that came along them
+//! (compare Müller, Gross and Novák, Practical Path Guiding, EGSR 2017, whose trees are a grid here). Shadow
+//! rays are drawn by it beside the surfaces' own sampling, which covers every direction. So the expectation
+//! of a picture does not depend on the records.
 
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
@@ -26,7 +26,7 @@ const BIN_DENSITY: f32 = BINS as f32 / (4.0 * PI);
 const CELLS_MAX: f32 = 512.0;
 const RECORDS_PER_CELL: f32 = 128.0;
 
-/// A cell of its own takes so many records.
+/// Records that a cell of its own needs.
 const RECORDS_MIN: usize = 32;
 
 /// Share of a cell's distribution that is that of all cells together.
@@ -59,7 +59,7 @@ pub(super) enum Kind {
 /// Shares of shadow rays, by [`Kind`].
 pub(super) type Shares = [f32; 3];
 
-/// What pilot frames tell.
+/// The results of pilot frames.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Learnt {
     /// Where the sky was seen from; nothing where it hardly was.

@@ -71,7 +71,7 @@ impl Grid {
 
     /// The cell of a point, along Morton's curve.
     fn cell(&self, point: Vec3) -> u32 {
-        // Conversion takes what is no number for zero and keeps the rest in range.
+        // Conversion takes NaN for zero and keeps all other numbers in range.
         let [x, y, z] =
             ((point - self.corner) * self.cells_per_length).to_array().map(|cell| (cell as u32).min(31));
         encode_3(x, y, z)

@@ -1,7 +1,7 @@
 //! Stage by stage: all camera rays of a tile, all their shadow rays, all first bounces, and so on.
 //!
 //! Rays of one class lie side by side, so that they can be traced in packets, code and tree stay in the
-//! caches, and what a hit needs can be fetched ahead. Compare Laine, Karras and Aila, Megakernels Considered
+//! caches, and data of a hit can be fetched ahead. Compare Laine, Karras and Aila, Megakernels Considered
 //! Harmful: Wavefront Path Tracing on GPUs (HPG 2013). Each path keeps its own random numbers and its light
 //! is summed in the order of its vertices, so pictures are those of the path-by-path way, bit for bit.
 
@@ -26,7 +26,7 @@ const AHEAD: usize = 16;
 /// Memory of one thread: grows to the largest tile, then stays.
 #[derive(Debug, Default)]
 pub(super) struct Buffers {
-    /// Those that go on, and the ray each follows.
+    /// The paths that go on, and the ray of each.
     paths: Vec<Path>,
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
@@ -133,7 +133,7 @@ impl Buffers {
         (kept, shadows)
     }
 
-    /// Shades those of some hits that can be shaded together, and notes the lanes they have.
+    /// Shades the hits of a range that can be shaded together, and notes their lanes.
     fn gather(&mut self, frame: &Frame, range: Range<usize>, active: usize, lanes: &mut [Option<u8>; HITS]) {
         let (prepared, needs) = (frame.prepared, frame.kernel.needs);
         let Self { paths, rays, hits, chunk, .. } = self;

@@ -1,7 +1,8 @@
-//! Where a path meets the scene: position, normals, and how to leave again without meeting the same place.
+//! The point where a path meets the scene: position, normals, and an origin for the next ray that does not
+//! meet the same surface again.
 //!
 //! Barycentric weights are computed again from ray and triangle (Möller and Trumbore 1997), so that the
-//! rounding of one accelerator's kernel never reaches the picture: the same triangle gives the same point.
+//! rounding of one accelerator's kernel never reaches the picture: one triangle gives one point.
 //!
 //! All that shading needs of a triangle lies in one cache line, a [`Facet`]: reached through index and vertex
 //! arrays it would be up to eight lines, each a miss for a ray that bounced.
@@ -9,13 +10,14 @@
 use glam::{Vec3, Vec3A, Vec4};
 use treewright_accel::{Hit, Instance, Ray};
 
-/// How far a new ray starts from the surface, relative to the magnitude of the hit point. A point computed
+/// Distance of a new ray's start from the surface, relative to the magnitude of the hit point. A point
+/// computed
 /// from barycentric weights is good to a few units in the last place of its largest coordinate; Wächter and
 /// Binder (A Fast and Robust Method for Avoiding Self-Intersection, Ray Tracing Gems 2019, chapter 6) find
 /// that offsets of this order hold for every coordinate range.
 const OFFSET_OF_POSITION: f32 = 64.0 * f32::EPSILON;
 
-/// That offset relative to the triangle's longest edge: an intersection test loses that much of it.
+/// That offset relative to the triangle's longest edge: an intersection test loses this share of it.
 const OFFSET_OF_EDGE: f32 = 8.0 * f32::EPSILON;
 
 /// Scale of a normal's components as 16-bit integers: a direction good to 3e-5, which no picture shows.
@@ -27,7 +29,7 @@ const FLAT_WITHIN: f32 = 1e-4;
 /// Marks a facet with interpolated normals.
 const SMOOTH: u32 = 1 << 31;
 
-/// What shading needs of a triangle: 64 bytes, one cache line.
+/// The data of a triangle for shading: 64 bytes, one cache line.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Facet {
@@ -100,8 +102,7 @@ pub(super) struct WorldFacet {
     pub(super) normals: [Vec3; 3],
     /// The largest component of its edges.
     pub(super) longest: f32,
-    /// How far from the origin its object stands: a ray's way into the object's space rounds at this
-    /// magnitude.
+    /// Distance of its object from the origin: a ray's way into the object's space rounds at this magnitude.
     pub(super) place: f32,
     /// Whether the normals are to be interpolated.
     pub(super) is_smooth: bool,

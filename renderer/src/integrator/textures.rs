@@ -1,8 +1,8 @@
-//! What a ray sees of textures: the material and the normal at the point it meets.
+//! Textures at a hit: the material and the normal at the point a ray meets.
 //!
-//! The level of a texture's pyramid follows from how wide the ray has become ([`Path::width`]), how it
-//! slants, and how many pixels of the texture lie on the triangle. A slanting ray's footprint is long; its
-//! mean width is taken, which a picture's many samples make sharp enough and never coarse.
+//! The level of a texture's pyramid follows from the width of the ray ([`Path::width`]), its slant, and the
+//! number of texture pixels on the triangle. A slanting ray's footprint is long; its mean width is taken,
+//! which a picture's many samples make sharp enough and never coarse.
 
 use glam::{Vec2, Vec3, Vec4Swizzles};
 use treewright_accel::{Hit, Ray};

@@ -1,4 +1,4 @@
-//! What happens where a path meets something: the one definition of it, for every order of work.
+//! The vertex of a path: the one definition of its shading, for every order of work.
 //!
 //! At each point a light is sampled directly, and the surface's own sampling finds lights and sky; the two
 //! are weighed by the power heuristic (Veach 1997). Thin sheets let paths and shadow rays pass straight
@@ -31,8 +31,8 @@ pub(super) const PLACES: u32 = 4;
 pub(super) struct Path {
     /// The factor on light that arrives along the ray.
     pub(super) throughput: Vec3,
-    /// How the ray came about: what a light it meets must be weighed against. The solid angle density of a
-    /// rough lobe at `from`, or [`DIRECT`] or [`CAUSTIC`].
+    /// The density of the ray, by which a light that it meets is weighed: the solid angle density of a rough
+    /// lobe at `from`, or [`DIRECT`] or [`CAUSTIC`].
     pub(super) pdf: f32,
     /// Where it was scattered last; behind mirrors and glass, where that or the eye seems to be.
     pub(super) from: Vec3,
@@ -59,7 +59,7 @@ impl Path {
     }
 }
 
-/// What all paths of a frame share.
+/// The data that all paths of a frame share.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tracing {
     /// Most bounces of a path.
@@ -68,7 +68,7 @@ pub(super) struct Tracing {
     pub(super) pixel_angle: f32,
 }
 
-/// How wide the light is taken for that comes over a perfect mirror after a rough surface, radians.
+/// Assumed width, in radians, of light that comes over a perfect mirror after a rough surface.
 const CAUSTIC_ANGLE: f32 = 0.1;
 
 /// The angle after a rough surface: this share of the root of one over the density, which is about the angle
@@ -76,7 +76,7 @@ const CAUSTIC_ANGLE: f32 = 0.1;
 const ROUGH_ANGLE: f32 = 0.25;
 
 impl Path {
-    /// How wide a ray has become at a position, as a cone from where its path was scattered last
+    /// Width of a ray at a position, as a cone from the point where its path was scattered last
     /// (Akenine-Möller et al., Texture Level of Detail Strategies for Real-Time Ray Tracing, Ray Tracing Gems
     /// 2019, chapter 20).
     #[inline]
@@ -91,14 +91,14 @@ impl Path {
         angle * position.distance(self.from)
     }
 
-    /// What its density becomes in a perfect reflection or refraction.
+    /// Its density after a perfect reflection or refraction.
     #[inline(always)]
     pub(super) fn mirrored_pdf(&self) -> f32 {
         if self.pdf == DIRECT { DIRECT } else { CAUSTIC }
     }
 }
 
-/// What a vertex asks for.
+/// The requests of a vertex.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Next {
     /// A shadow ray.
@@ -227,7 +227,7 @@ pub(super) fn weight_over_density(pdf: f32, other: f32) -> f32 {
     1.0 / (pdf * (1.0 + ratio * ratio))
 }
 
-/// What both kinds of surfaces need to know.
+/// The inputs of both kinds of surfaces.
 pub(super) struct Context<'a> {
     pub(super) prepared: &'a Prepared,
     pub(super) surface: &'a Surface,

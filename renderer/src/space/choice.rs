@@ -13,20 +13,20 @@ use crate::follow::NEVER;
 use crate::light_sampling::LightSampling;
 use crate::render_options::RenderOptions;
 
-/// What to build, and how to render with it.
+/// The structure to build, and the way to render with it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Choice {
     /// The acceleration structure.
     pub build: BuildChoice,
-    /// How pixels are grouped and rays are traced.
+    /// The grouping of pixels and the tracing of rays.
     pub render: RenderOptions,
-    /// How the structure follows a scene that moves.
+    /// The update of the structure in a scene that moves.
     #[serde(default)]
     pub update: Update,
-    /// After so many frames of a scene that moves it is built anew; [`NEVER`] for never.
+    /// Frames of a scene that moves after which it is rebuilt; [`NEVER`] for never.
     #[serde(default = "never")]
     pub period: u32,
-    /// How light is looked for.
+    /// Options of light sampling.
     #[serde(default)]
     pub light: LightSampling,
 }
@@ -110,7 +110,7 @@ pub(super) fn of_full(complete: &Configuration, robust: bool, threads: usize) ->
     Choice { build, render, update: values.update(), period: NEVER, light }
 }
 
-/// Reads values; what is not there is inactive and keeps the default of where it goes.
+/// Reads values; a missing value is inactive and keeps the default of its field.
 struct Values<'a>(&'a Configuration);
 
 impl Values<'_> {
@@ -162,7 +162,7 @@ impl Values<'_> {
         }
     }
 
-    /// What both spaces spell alike.
+    /// The parameters that both spaces spell alike.
     fn table_1(&self, default: &TreeParameters) -> TreeParameters {
         TreeParameters {
             quality: match self.whole("quality", 2) {

@@ -21,7 +21,7 @@ pub enum ConfigurationError {
     Space {
         /// Name of the space.
         space: &'static str,
-        /// What does not fit, and what would.
+        /// The value that does not fit, and the allowed ones.
         problem: SpaceError,
     },
     /// A range or a value that a parameter cannot be held to.

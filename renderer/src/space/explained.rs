@@ -5,13 +5,13 @@ use std::ops::RangeInclusive;
 use serde::Serialize;
 use treewright_client::{Condition, Domain, Parameter, Scale, Value};
 
-/// A parameter and what it does, in plain words.
+/// A parameter and its effect, in plain words.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Explained {
     /// The parameter.
     #[serde(flatten, serialize_with = "treewright_client::plain")]
     pub parameter: Parameter,
-    /// What it does, without a full stop.
+    /// Its effect, without a full stop.
     pub about: &'static str,
 }
 

@@ -1,8 +1,8 @@
-//! The space of scenes that move: which tree is built, how often, and how it is kept up in between.
+//! The space of scenes that move: the tree, the period of its builds, and its updates in between.
 //!
-//! What is minimised is the mean time of a frame over an episode, the first build included. The grouping of
-//! rays is that of the recommended configuration. Builders of the trees are those that the full space starts
-//! with: quick for a frame of its own, good for a thousand frames, and Embree's own two.
+//! The objective is the mean time of a frame over an episode, the first build included. The grouping of rays
+//! is that of the recommended configuration. Builders of the trees are those that the full space starts with:
+//! quick for a frame of its own, good for a thousand frames, and Embree's own two.
 
 use serde::{Deserialize, Serialize};
 use treewright_accel::{BuildChoice, Builder, NativeOptions, NativeQuality, TreeParameters};
@@ -55,12 +55,12 @@ pub(super) fn parameters() -> Vec<Explained> {
     ]
 }
 
-/// How rays are grouped, whatever is built: as the full space recommends.
+/// The recommended grouping of rays of the full space, for all trees.
 pub(super) fn base(premises: &Premises) -> Choice {
     TuningSpace::new(Preset::Full, &Premises { builds_each_frame: true, ..*premises }).default_choice()
 }
 
-/// What each tree is built by.
+/// The build choice of each tree.
 pub(super) fn build(tree: KeptTree, premises: &Premises) -> BuildChoice {
     let native = |quality| {
         let (robust, dynamic) = (premises.robust, true);
@@ -79,7 +79,7 @@ pub(super) fn build(tree: KeptTree, premises: &Premises) -> BuildChoice {
     }
 }
 
-/// Between a quick tree and a `good` one, in what it costs and in what it is worth.
+/// A tree between a quick one and a `good` one, in build time and in quality.
 fn middle(good: BuildChoice) -> BuildChoice {
     let BuildChoice::Tree(good) = good else {
         return good;

@@ -1,11 +1,11 @@
-//! The full space: two back ends, and what a renderer can turn besides its tree.
+//! The full space: two back ends, and the renderer's options besides its tree.
 //!
-//! `backend` is itself a parameter. Native Embree has its build quality and flags; the tunable tree has what
-//! is left of Table 1 and what makes a tree fast beyond the paper; both share how pixels are grouped and how
-//! each class of rays is traced. A parameter that cannot act is inactive, or not there at all:
+//! `backend` is itself a parameter. Native Embree has its build quality and flags. The tunable tree has the
+//! rest of Table 1 and parameters that make a tree fast beyond the paper. Both share the grouping of pixels
+//! and the tracing of each class of rays. A parameter that cannot act is inactive, or not there at all:
 //!
-//! * `robust` decides which hits are found at edges. That is a question of correctness, which is the user's
-//!   to answer (`--robust`) and not the stopwatch's. Embree's quality high falls back to medium with it.
+//! * `robust` decides which hits are found at edges. That is a question of correctness, which the user
+//! decides   (`--robust`) and not the search. Embree's quality high falls back to medium with it.
 //! * `compact` of Table 1 is native Embree's compact scene, here a value of `native_layout`. Layouts act with
 //!   medium quality, spatial splits and their budget with high; its values are few, because each takes a
 //!   device.
@@ -18,15 +18,15 @@
 //! * Only the best grouping of a finished tree makes nodes of sixteen, and only wide nodes gain from bytes:
 //!   so it has a parameter of its own for the width, and with it the format.
 //! * Only a scene of instances has something to copy or to open.
-//! * A scene without lights that are sampled has no shadow rays; their parameters are part of the one space
-//!   of all scenes all the same, and without effect there.
+//! * A scene without lights that are sampled has no shadow rays; their parameters stay part of the one space
+//!   of all scenes, and are without effect there.
 //!
 //! The default is the best configuration known by hand, so that a search starts strong: tiles in stages,
 //! packets of sixteen for camera rays and their shadow rays, and our own tree. Where one build serves many
 //! frames it is grouped and improved after the build (over native medium, path by path: 1.4 to 2.2 times on
-//! seven scenes); where each frame pays for its build it is what our own builder makes of runs of eight
-//! triangles (over what Embree's Morton builder makes, build and frame together: 0.89 to 1.42 times on seven
-//! scenes, 1.11 in the geometric mean).
+//! seven scenes). Where each frame pays for its build, our own builder makes it from runs of eight triangles
+//! (over the tree of Embree's Morton builder, build and frame together: 0.89 to 1.42 times on seven scenes,
+//! 1.11 in the geometric mean).
 
 use super::explained::{Explained, boolean, choice, float, integer};
 use super::{Backend, Premises};
@@ -194,7 +194,7 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
         )));
     }
     if premises.animated {
-        // Over building anew, sea at four speeds: 1.37, 1.30, 1.28 and 0.99 times.
+        // Over rebuilding, sea at four speeds: 1.37, 1.30, 1.28 and 0.99 times.
         let update = if each_frame { "partial" } else { "rebuild" };
         all.push(tunable(choice("update", ["rebuild", "refit", "partial"], update, UPDATE)));
         let about = "how many times the cost at its last build a part may have before it is built anew";

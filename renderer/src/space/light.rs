@@ -1,8 +1,8 @@
-//! The space of light sampling: how light is looked for, with the recommended tree.
+//! The space of light sampling, with the recommended tree.
 //!
-//! Whatever is chosen, pictures have the same expectation; what is minimised is the time to an error. A scene
-//! has the parameters of the lights that it has: a study for each set of kinds. The default is the way that
-//! was the best in the mean over twelve scenes (docs/measurements/light-sampling.md).
+//! All choices give pictures of the same expectation; the objective is the time to an error. A scene has the
+//! parameters of the lights that it has: a study for each set of kinds. The default is the way that was the
+//! best in the mean over twelve scenes (docs/measurements/light-sampling.md).
 
 use serde::{Deserialize, Serialize};
 use treewright_scene::Scene;
@@ -28,7 +28,7 @@ impl LightKinds {
     /// All.
     pub const ALL: Self = Self { lamps: true, sun: true, sky: true, shared: true };
 
-    /// Those of a scene.
+    /// The kinds of light of a scene.
     pub fn of(scene: &Scene) -> Self {
         let lights = Lights::new(scene);
         let gradient = scene.sky.horizon.max_element().max(scene.sky.zenith.max_element()) > 0.0;
@@ -41,7 +41,7 @@ impl LightKinds {
         }
     }
 
-    /// What tells the space of these kinds apart from others, e.g. `-lamps-sky`.
+    /// The mark that distinguishes the space of these kinds from others, e.g. `-lamps-sky`.
     pub(super) fn mark(self) -> String {
         let kinds =
             [(self.lamps, "-lamps"), (self.sun, "-sun"), (self.sky, "-sky"), (self.shared, "-shared")];

@@ -1,11 +1,11 @@
-//! What can be tuned, and configurations of it as work for the renderer.
+//! Tuning spaces, and their configurations as work for the renderer.
 //!
-//! | module | what it holds |
+//! | module | holds |
 //! |---|---|
-//! | `full` | the full space: native Embree and the tunable tree, and how rays are grouped |
+//! | `full` | the full space: native Embree and the tunable tree, and the grouping of rays |
 //! | `paper` | the eleven parameters of the paper's Table 1 |
-//! | `light` | how light is looked for |
-//! | `follow` | how structures follow scenes that move |
+//! | `light` | the sampling of light |
+//! | `follow` | updates of structures in scenes that move |
 //! | `narrow` | parts of a space: parameters fixed or held to a range |
 //! | `start` | where a search begins, as a space's defaults |
 //! | `explained` | parameters as data, with a sentence each |
@@ -45,9 +45,9 @@ pub enum Preset {
     Full,
     /// The eleven parameters of the paper's Table 1.
     Paper,
-    /// How light is looked for, with the recommended tree.
+    /// The sampling of light, with the recommended tree.
     Light,
-    /// How structures follow scenes that move.
+    /// Updates of structures in scenes that move.
     Follow,
 }
 
@@ -82,7 +82,7 @@ impl Backend {
     }
 }
 
-/// What decides which parameters the full space has, and where its search begins.
+/// The facts that decide which parameters the full space has, and where its search begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Premises {
     /// Each frame pays for a build of its own.
@@ -165,7 +165,7 @@ impl TuningSpace {
         Self::new(Preset::Paper, &Premises::all())
     }
 
-    /// What tells it apart from others, e.g. `full-robust`.
+    /// The name that distinguishes it from other spaces, e.g. `full-robust`.
     pub fn name(&self) -> String {
         let mark = |holds: bool, mark: &'static str| if holds { mark } else { "" };
         if self.preset == Preset::Light {
@@ -192,7 +192,7 @@ impl TuningSpace {
         &self.space
     }
 
-    /// The parameters, each with what it does.
+    /// The parameters, each with its effect.
     pub fn explained(&self) -> impl Iterator<Item = Explained> {
         let pairs = self.space.parameters().iter().zip(&self.about);
         pairs.map(|(parameter, about)| Explained { parameter: parameter.clone(), about })
@@ -208,7 +208,7 @@ impl TuningSpace {
         self.choice(&self.default_configuration()).expect("the spaces of this program are sound")
     }
 
-    /// What to build, and how to render with it.
+    /// The structure to build, and the way to render with it.
     pub fn choice(&self, configuration: &Configuration) -> Result<Choice, ConfigurationError> {
         let complete = self.with_held(&self.complete(configuration)?);
         Ok(match self.preset {
@@ -219,10 +219,11 @@ impl TuningSpace {
         })
     }
 
-    /// Fills what is missing with recommended values and checks everything. The result is canonical: a value
-    /// for each active parameter and no other.
+    /// Adds recommended values for missing ones and checks everything. The result is canonical: a value for
+    /// each active parameter and no other.
     ///
-    /// A value takes along what it needs: `quality=3` alone means the tunable back end in the full space. See
+    /// A value implies the values that it needs: `quality=3` alone means the tunable back end in the full
+    /// space. See
     /// [`Space::complete`].
     pub fn complete(&self, given: &Configuration) -> Result<Configuration, ConfigurationError> {
         match self.space.complete(&self.without_held(given)) {
@@ -232,7 +233,7 @@ impl TuningSpace {
     }
 }
 
-/// A few letters that are the same for the same text (FNV-1a, 32 bits).
+/// A hash of a text in a few letters (FNV-1a, 32 bits).
 pub fn short_hash(text: &str) -> String {
     let hash =
         text.bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));

@@ -11,7 +11,7 @@ use treewright_client::{Condition, Configuration, Domain, Parameter, SpaceBuilde
 
 use super::{ConfigurationError, TuningSpace};
 
-/// What becomes of one parameter.
+/// The narrowing of one parameter.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Narrowing {
     /// It has this value.
@@ -232,8 +232,8 @@ impl Narrow {
         }
     }
 
-    /// Whether the parameter can count beside these, which come before it; keeps what its condition can still
-    /// see.
+    /// Whether the parameter can be active beside these, which come before it. Its condition keeps only the
+    /// values that are still possible.
     fn find_condition(&mut self, kept: &[Narrow]) -> bool {
         let Some(Condition { parameter: parent, any_of }) = self.parameter.active_if.take() else {
             return true;
@@ -245,7 +245,7 @@ impl Narrow {
         };
         let any_of: Vec<Value> = any_of.into_iter().filter(possible).collect();
         let can = !any_of.is_empty();
-        // What is asked of a held parent may still hang on the parent's own condition.
+        // A condition on a held parent may still depend on the parent's own condition.
         let condition = match (parent.is_held, &parent.parameter.active_if) {
             (true, above) if can => above.clone(),
             _ => Some(Condition { parameter: parent.parameter.name.clone(), any_of }),

@@ -1,4 +1,4 @@
-//! The tables of `docs/paper.md` that say what the paper has and what is here: written from the code, and
+//! The tables of `docs/paper.md` that compare the paper with this project: written from the code, and
 //! compared with it.
 
 use std::fmt::Write as _;
@@ -44,7 +44,7 @@ const TABLE_2: [&str; 17] = [
     "0 to 1e-2",
 ];
 
-/// What section 4.4 recommends for an objective.
+/// The recommendation of section 4.4 for an objective.
 fn narrowed(recommendation: Recommendation, name: &str) -> String {
     let all = recommendation.narrowings();
     let found = all.iter().find(|one| one.name() == name);

@@ -1,5 +1,5 @@
-//! Where a search begins: at the configuration that is recommended for all scenes, or at what somebody has
-//! who does not know that one.
+//! The start of a search: the configuration that is recommended for all scenes, or that of a user who does
+//! not know it.
 
 use treewright_client::{Configuration, Parameter, SpaceBuilder};
 
@@ -29,7 +29,7 @@ pub enum Start {
 }
 
 impl Start {
-    /// What tells a study that begins here apart from others, e.g. `-from-native`; nothing for the
+    /// The mark that distinguishes a study that begins here from others, e.g. `-from-native`; empty for the
     /// recommended start.
     pub fn mark(&self, space: &TuningSpace) -> String {
         match self {
@@ -69,7 +69,7 @@ impl TuningSpace {
         plain.with_defaults(&plain.complete(&given)?)
     }
 
-    /// The same parameters, with these defaults where they are allowed.
+    /// The space's parameters, with these defaults where they are allowed.
     fn with_defaults(&self, defaults: &Configuration) -> Result<Self, ConfigurationError> {
         let parameters = self.space.parameters().iter().map(|parameter| {
             let own = defaults.get(&parameter.name).filter(|value| parameter.domain.contains(value));
@@ -112,7 +112,7 @@ mod tests {
                         .collect()
                 };
                 assert_eq!(domains(&begun), domains(&space));
-                // What runs in one runs in the other, and is the same work.
+                // A configuration of one space runs in the other, and is the same work.
                 let tuned = space.default_configuration();
                 assert_eq!(begun.choice(&tuned).expect("the whole configuration"), space.default_choice());
                 assert!(start.mark(&begun).starts_with("-from-"));

@@ -66,7 +66,7 @@ fn the_full_default_is_the_best_of_the_measured_ones() {
     assert_eq!((quick.branching_factor, quick.block_width, quick.reinsertion_passes), (8, 8, 0));
     assert_eq!((quick.builder, quick.collapse), (Builder::Ploc, Collapse::Builder));
     assert_eq!((quick.search_radius, quick.cluster_size), (4, 8));
-    // What moves is followed where it has decayed.
+    // Moving parts are rebuilt where they have decayed.
     let update = choice(&each_frame, "").expect("the default is valid").update;
     assert_eq!(update, Update::partial(Update::REBUILD_THRESHOLD));
     assert_eq!((tree.min_leaf_size, tree.max_leaf_size), (8, 32));

@@ -1,7 +1,8 @@
 //! After the search: its best few against the incumbent, by the service's own confirmation.
 //!
-//! The service asks for these trials like for any other, and says when its verdict stands. Before it begins
-//! it is told how those do that anybody would try, native Embree among them, so that they take part.
+//! The service asks for these trials like for any other, and says when its verdict stands. Before that it
+//! gets measurements of the configurations that anybody would try, native Embree among them, so that they
+//! take part.
 
 use std::time::Duration;
 
@@ -17,33 +18,33 @@ use crate::frame::Renderer;
 /// Rounds of the configurations that anybody would try; the race has more for those that do well in them.
 const ROUNDS: u32 = 2;
 
-/// A confirmation has as many trials as its search, and room for so many, five contenders in ten rounds and a
-/// few more: what is left open then is told, and measured again beside everybody else anyway.
+/// Least room of a confirmation, which else has as many trials as its search: five contenders in ten rounds
+/// and a few more. An open verdict is reported, and the final rounds measure again anyway.
 const TRIALS_LEAST: u32 = 60;
 /// Most trials of a confirmation: five contenders in ten rounds, two in the thirty more that a policy allows
 /// by default, and as much again for frames that the service wants for other reasons.
 const TRIALS_MAX: u32 = 220;
 
-/// Trials that ran without the daemon's answer, after which nobody waits for its verdict any more.
+/// Trials without the daemon's answer after which its verdict is given up.
 const UNANSWERED_MAX: u32 = 10;
 
-/// How long the reports of a stage may take to reach the service.
+/// Longest time for the reports of a stage to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
 
-/// What a confirmation came to.
+/// The result of a confirmation.
 #[derive(Clone, Debug)]
 pub struct Confirmed {
-    /// What the service holds for the best.
+    /// The service's best configuration.
     pub configuration: Configuration,
-    /// What it says of it: its gain over the start, with an interval. Absent where nothing was measured.
+    /// Its standing: the gain over the start, with an interval. Absent where nothing was measured.
     pub standing: Option<Standing>,
     /// Its trials.
     pub trials: Vec<Iteration>,
 }
 
-/// Measures `known` configurations in a few interleaved rounds, tells the service of them, and goes on with
-/// trials of its choice until its confirmation of the best is over, it has taken as many trials as the search
-/// (`searched`), or `patience` says that the user wants no more.
+/// Measures `known` configurations in a few interleaved rounds and reports them to the service. Then it goes
+/// on with trials of the service's choice until the confirmation of the best is over, it has taken as many
+/// trials as the search (`searched`), or `patience` says that the user wants no more.
 ///
 /// # Errors
 /// The service is away.
@@ -57,7 +58,7 @@ pub fn confirm(
     known: &[Rival],
 ) -> Result<Confirmed, ClientError> {
     let go_on = patience.go_on;
-    // What the search reported last comes first: these trials are for the same state.
+    // The search's last reports come first: these trials are for the same state.
     patience.call(|| client.flush(FLUSH))?;
     tell(renderer, study, patience, setting, known)?;
     patience.call(|| client.flush(FLUSH))?;
@@ -77,7 +78,7 @@ pub fn confirm(
     settled(study, patience, setting, trials)
 }
 
-/// What the service holds for the best now.
+/// The service's best configuration now.
 fn settled(
     study: &Study,
     patience: Patience<'_>,

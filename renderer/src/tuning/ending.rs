@@ -1,14 +1,13 @@
-//! When a search ends before its last trial: once what more of it is expected to gain is worth less than it
-//! takes.
+//! The early end of a search: once the expected gain of further trials is worth less than their time.
 //!
-//! The service expects of each doubling of the number of trials what it gained in other scenes, corrected by
-//! how this one compares so far. That share of the time that is still to be rendered is weighed here against
-//! the time of the trials.
+//! The service predicts the gain of each doubling of the number of trials from other scenes, corrected by the
+//! course of this one so far. That share of the remaining render time is compared here with the time of the
+//! trials.
 
 use std::fmt;
 use std::time::Duration;
 
-/// Nobody weighs anything before so many trials.
+/// Trials before which a search never ends early.
 const TRIALS_LEAST: u32 = 8;
 
 /// Why a search ended early. Its `Display` is a clause for people.
@@ -16,7 +15,7 @@ const TRIALS_LEAST: u32 = 8;
 pub struct Ending {
     /// Trials of the next stage.
     pub more: u32,
-    /// What that stage is expected to take.
+    /// Expected time of that stage.
     pub takes: Duration,
     /// By which share it is expected to lower the cost of all later frames, 0 to 1.
     pub expected_gain: f64,
@@ -24,7 +23,7 @@ pub struct Ending {
     pub worth: Duration,
 }
 
-/// How far a search is.
+/// The progress of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
     /// Its trials so far.
@@ -33,13 +32,13 @@ pub struct Progress {
     pub trials_max: u32,
     /// Configurations that were tried here, in earlier searches too.
     pub tried: u32,
-    /// What its trials took together.
+    /// Time of its trials together.
     pub spent: Duration,
 }
 
 impl Ending {
-    /// Whether a search ends here. `expected_gain` is what the service expects of the stage until the number
-    /// of tried configurations has doubled.
+    /// Whether a search ends here. `expected_gain` is the service's expected gain of the stage until the
+    /// number of tried configurations has doubled.
     pub fn of(progress: Progress, expected_gain: f64, worth: Duration) -> Option<Self> {
         let Progress { trials, trials_max, tried, spent } = progress;
         if trials < TRIALS_LEAST || trials >= trials_max {
@@ -95,7 +94,7 @@ mod tests {
         assert_eq!(after(64, 80, 0.0).map(|ending| ending.more), Some(16));
         assert_eq!(after(80, 80, 0.0), None);
         assert_eq!(after(99_999, 100_000, 0.0).map(|ending| ending.more), Some(1));
-        // What was tried before counts for the stage, and not for the time of a trial.
+        // Earlier configurations count for the stage, and not for the time of a trial.
         let progress = Progress { trials: 8, trials_max: 80, tried: 48, spent: 8 * TRIAL };
         assert_eq!(Ending::of(progress, 0.0, WORTH).map(|ending| ending.more), Some(16));
         let progress = Progress { tried: u32::MAX, ..progress };

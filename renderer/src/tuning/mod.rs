@@ -1,17 +1,17 @@
 //! The loop of the paper's Figure 1, over the wire: indicators, suggestion, build, render, report.
 //!
-//! | module | what it does |
+//! | module | contents |
 //! |---|---|
-//! | `objective` | what is minimised, and the study that says so |
-//! | `workload` | what describes a frame to the service |
-//! | `reuse` | how many frames a tree serves, for the objective `auto` |
+//! | `objective` | objectives, and the study of each |
+//! | `workload` | the indicators of a frame |
+//! | `reuse` | the number of frames that a tree serves, for the objective `auto` |
 //! | `search` | the loop itself, frame by frame |
 //! | `patience` | asking a frame ahead, and waiting for a daemon that is slow |
-//! | `ending` | when more of a search is worth less than it takes |
+//! | `ending` | the end of a search whose further trials do not pay |
 //! | `confirmation` | the best few of a search and natives against the incumbent |
 //! | `sampling` | random configurations as a numbered sequence, for exploration without a search |
-//! | `verdict` | whom the winner is compared with, and when tuning pays off |
-//! | `results` | everything a run found out, for JSON and the report |
+//! | `verdict` | the rivals of the winner, and the frame at which tuning pays off |
+//! | `results` | all results of a run, for JSON and the report |
 
 pub mod confirmation;
 pub mod ending;

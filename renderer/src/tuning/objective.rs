@@ -1,4 +1,4 @@
-//! What is minimised, and the study that tells the service so.
+//! Objectives, and the study of each.
 
 use serde::Serialize;
 use treewright_client::{ClientError, Policy, StudySpec};
@@ -38,11 +38,11 @@ pub const UNDELAYED_MS: &str = "undelayed_ms";
 /// Name of how many trials a structure had served before, where it was used again.
 pub const TRIALS_BEFORE: &str = "trials_before";
 
-/// How many frames share a build in progressive rendering.
+/// Number of frames that share a build in progressive rendering.
 const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
 
-/// Of every random decision in these studies. It is part of what defines a study, so it is the same for all
-/// clients.
+/// Seed of every random decision in these studies. It is part of a study's definition, so all clients have
+/// the same.
 const STUDY_SEED: u64 = 1;
 
 /// The two use cases of the paper's section 7, and what light sampling is judged by.
@@ -65,7 +65,7 @@ pub enum Objective {
     Auto(u32),
 }
 
-/// What contenders are measured by.
+/// The measure of contenders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Yardstick {
     /// The time of a frame.
@@ -91,7 +91,7 @@ impl Objective {
         }
     }
 
-    /// What contenders are measured by.
+    /// The measure of contenders.
     pub fn yardstick(self) -> Yardstick {
         match self {
             Self::Render | Self::Total | Self::Auto(_) => Yardstick::Frame,
@@ -100,7 +100,7 @@ impl Objective {
         }
     }
 
-    /// How many frames share a build.
+    /// Number of frames that share a build.
     pub fn frames_per_build(self) -> u32 {
         match self {
             Self::Render | Self::Error => PROGRESSIVE_FRAMES_PER_BUILD,
@@ -109,7 +109,7 @@ impl Objective {
         }
     }
 
-    /// That number where the user says it; the service is told it as a part of the state.
+    /// That number where the user gives it; it is then a part of the state.
     pub fn frames_asked(self) -> Option<u32> {
         match self {
             Self::Auto(_) => Some(self.frames_per_build()),
@@ -122,8 +122,8 @@ impl Objective {
         self.frames_per_build() == 1
     }
 
-    /// Whether searches begin with a tree that is built for a frame alone. Of what serves an unknown number
-    /// of frames a cheap build is the safer start.
+    /// Whether searches begin with a tree that is built for a frame alone. For an unknown number of frames a
+    /// cheap build is the safer start.
     pub fn begins_with_cheap_builds(self) -> bool {
         matches!(self, Self::Total | Self::Motion | Self::Auto(_))
     }
@@ -131,10 +131,10 @@ impl Objective {
     /// The two of the paper, in the order in which they are listed.
     pub const ALL: [Self; 2] = [Self::Render, Self::Total];
 
-    /// Those that can be asked for, in the order in which they are listed.
+    /// The objectives that can be asked for, in the order of lists.
     pub const KNOWN: [Self; 5] = [Self::Render, Self::Total, Self::Error, Self::Motion, Self::Auto(1)];
 
-    /// What is minimised, in words.
+    /// The objective in words.
     pub fn about(self) -> &'static str {
         match self {
             Self::Render => "render time",
@@ -185,8 +185,8 @@ pub fn specification(
 /// Name of the measurement of a frame with the share of its build that is true at the time, in milliseconds.
 pub const FRAME_MS: &str = "frame_ms";
 
-/// A frame with its share of a build that serves so many frames, in milliseconds; where its noise was
-/// measured, as many frames as it takes to the error.
+/// Cost of a frame with its share of a build that serves `frames_per_build` frames, in milliseconds; where
+/// its noise was measured, of as many frames as it takes to the error.
 pub fn frame_cost(times: FrameTimes, frames_per_build: u32) -> f64 {
     let frame_ms = times.build_ms / f64::from(frames_per_build) + times.render_ms;
     times.noise.map_or(frame_ms, |noise| frame_ms * noise.samples_to_error)

@@ -1,21 +1,21 @@
 //! A search's own patience: a daemon that is slow is not a daemon that is gone.
 //!
-//! A program that people watch cannot wait; a search can, and a trial that was not asked for measures nothing
-//! new. So the questions of a search are asked a frame ahead, and where an answer is not there in time it is
-//! waited for, for minutes if need be. After that the search goes on with what it has.
+//! A program that people watch cannot wait. A search can, and a frame without a trial measures nothing new.
+//! So a search asks a frame ahead, and where an answer is not there in time it waits for it, for minutes if
+//! need be. After that it goes on without the answer.
 
 use std::time::{Duration, Instant};
 
 use treewright_client::blocking::{PrefetchingTuner, Study, Tuner};
 use treewright_client::{ClientError, Finished, Indicators, Suggestion};
 
-/// How often it is looked whether the user wants no more.
+/// Interval at which a wait checks whether the user wants no more.
 const LOOK: Duration = Duration::from_millis(500);
 
 /// Says what to run next.
 pub trait NextTrial {
-    /// What to run now, where the frame after it will have the `upcoming` indicators. Hands in the result of
-    /// the frame before.
+    /// The suggestion for this frame; the next frame will have the `upcoming` indicators. Hands in the result
+    /// of the frame before.
     fn next(&mut self, now: &Indicators, upcoming: &Indicators, previous: Option<Finished>) -> Suggestion;
 }
 
@@ -26,12 +26,12 @@ impl NextTrial for Tuner {
     }
 }
 
-/// How long to wait, and whether still to.
+/// The longest wait for an answer, and whether the user still wants one.
 #[derive(Clone, Copy)]
 pub struct Patience<'a> {
     /// For one answer.
     pub limit: Duration,
-    /// Whether the user wants more of it.
+    /// Whether the user wants to go on.
     pub go_on: &'a dyn Fn() -> bool,
 }
 
@@ -39,7 +39,7 @@ impl Patience<'_> {
     /// Calls until the daemon answers, or patience is at its end.
     ///
     /// # Errors
-    /// What the last call said, and at once what no waiting mends.
+    /// The error of the last call; at once where waiting cannot help.
     pub fn call<T>(self, mut call: impl FnMut() -> Result<T, ClientError>) -> Result<T, ClientError> {
         let begin = Instant::now();
         loop {

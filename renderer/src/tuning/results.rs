@@ -1,4 +1,4 @@
-//! Everything a tuning run found out. Written as JSON, and shown by the report.
+//! All results of a tuning run. Written as JSON, and shown by the report.
 
 use serde::Serialize;
 use treewright_client::{Configuration, Fingerprint, Indicators, Mode, OpenEnum, Stats};
@@ -15,23 +15,23 @@ use crate::statistics::{BreakEven, Ratio, Summary, quantile};
 /// A finished run.
 #[derive(Clone, Debug, Serialize)]
 pub struct TuningResults {
-    /// What was rendered.
+    /// The rendered scene.
     pub scene: SceneFacts,
     /// Pixels across and down.
     pub size: [u32; 2],
     /// Frames rendered in each trial, where a trial does not say otherwise.
     pub frames_per_trial: u32,
-    /// What was minimised.
+    /// The objective.
     pub objective: Objective,
     /// Name of the space that was tuned.
     pub space: Preset,
-    /// Its parameters, each with what it does.
+    /// Its parameters, each with its effect.
     pub parameters: Vec<Explained>,
     /// Where the search began.
     pub start: Configuration,
     /// Name of its standing.
     pub start_name: String,
-    /// What the service held for the best on the way.
+    /// The service's best configurations on the way.
     pub milestones: Vec<Milestone>,
     /// Where the service is, and the study's id there.
     pub server: String,
@@ -43,52 +43,51 @@ pub struct TuningResults {
     pub indicators: Indicators,
     /// Every trial of the search, and of the confirmation after it.
     pub trials: Vec<Iteration>,
-    /// What the service says of its answer after all of them.
+    /// The standing of the service's answer after all of them.
     pub confirmation: Option<treewright_client::Standing>,
     /// Name of the standing that the run is compared with: the paper's default in its own space, else native
     /// Embree's.
     pub baseline: String,
     /// The baseline's cost while the search ran: what the trials' costs are compared with.
     pub reference_ms: f64,
-    /// What the search found.
+    /// The best configuration of the search.
     pub found: Configuration,
-    /// What is best: what was found, or whatever else beat it when everybody was measured again.
+    /// The best configuration: that of the search, or a rival that beat it in the final rounds.
     pub tuned: Configuration,
     /// Name of its standing.
     pub best: String,
-    /// What anybody could have had without a search, and what the search found, measured again side by side.
+    /// The configurations that need no search and that of the search, measured again side by side.
     pub standings: Vec<Standing>,
-    /// What the best one gains.
+    /// The gains of the best one.
     pub gains: Gains,
-    /// What else the machine did while that was measured.
+    /// The other work of the machine in those rounds.
     pub disturbance: Disturbance,
     /// The predictor's answer for a camera that was never tuned.
     pub prediction: Option<Prediction>,
-    /// What asking and telling the service cost.
+    /// Time of questions to the service and of reports.
     pub overhead: Overhead,
     /// When tuning pays off.
     pub break_even: BreakEven,
     /// The frame of break-even; absent if it never comes.
     pub break_even_frame: Option<u64>,
-    /// What became of suggestions and reports.
+    /// Counts of the fates of suggestions and reports.
     pub client: Stats,
-    /// What went wrong without ending the run, one sentence each.
+    /// Faults that did not end the run, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// What the service held for the best after some trials of the search, measured again after it.
+/// The service's best configuration after some trials of the search, measured again after the search.
 #[derive(Clone, Debug, Serialize)]
 pub struct Milestone {
-    /// How many trials were handed out by then.
+    /// Number of trials handed out by then.
     pub trials: u32,
-    /// What a client would have got.
+    /// The answer that a client would have got.
     pub configuration: Configuration,
-    /// How many times faster it is than where the search began, in the rounds in which everybody else ran,
-    /// too. Absent where it was not measured.
+    /// Its speed over that of the search's start, in the final rounds. Absent where it was not measured.
     pub over_start: Option<Ratio>,
 }
 
-/// What describes a scene to people.
+/// The description of a scene for people.
 #[derive(Clone, Debug, Serialize)]
 pub struct SceneFacts {
     /// Its name.
@@ -97,9 +96,9 @@ pub struct SceneFacts {
     pub triangles: usize,
     /// Meshes.
     pub meshes: usize,
-    /// What shading leaves out, and why the scene can do without.
+    /// The features that shading leaves out, and why the scene does not need them.
     pub left_out: Vec<Omission>,
-    /// What the loader left out or made up.
+    /// Omissions and additions of the loader.
     pub notes: Vec<String>,
 }
 
@@ -108,26 +107,26 @@ pub struct SceneFacts {
 pub struct Prediction {
     /// The point of the camera path.
     pub camera_at: f32,
-    /// How the service answered.
+    /// The mode of the service's answer.
     pub mode: OpenEnum<Mode>,
     /// Its reason in one sentence.
     pub reason: String,
     /// Its answer.
     pub configuration: Configuration,
-    /// How long the answer took.
+    /// Time of the answer.
     pub answer_ms: f64,
     /// The baseline and the prediction, measured side by side.
     pub standings: Vec<Standing>,
 }
 
 impl Prediction {
-    /// How many times faster than the baseline the predicted configuration is.
+    /// Speed of the predicted configuration over the baseline.
     pub fn speedup(&self) -> f64 {
         self.standings.last().map_or(1.0, |standing| standing.speedup.median)
     }
 }
 
-/// What asking and telling the service cost.
+/// Time of questions to the service and of reports.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Overhead {
     /// Waiting for one report to be taken and the next suggestion to come.
@@ -172,13 +171,12 @@ impl TuningResults {
         self.standings.iter().find(|standing| standing.name == name)
     }
 
-    /// How many times faster than the baseline the best one is, median of pairs.
+    /// Speed of the best one over the baseline, median of pairs.
     pub fn speedup(&self) -> f64 {
         self.speedup_over(&self.baseline).unwrap_or(1.0)
     }
 
-    /// How many times faster the best one is than another, median of pairs. `None` where one was not
-    /// measured.
+    /// Speed of the best one over another, median of pairs. `None` where one was not measured.
     pub fn speedup_over(&self, name: &str) -> Option<f64> {
         let speedup = self.standing(&self.best)?.speedup_over(self.standing(name)?);
         (speedup.count > 0).then_some(speedup.median)
@@ -194,14 +192,14 @@ impl TuningResults {
         last.map(|milestone| milestone.trials)
     }
 
-    /// How many different configurations the trials ran.
+    /// Number of different configurations in the trials.
     pub fn configurations(&self) -> usize {
         let texts: std::collections::BTreeSet<String> =
             self.trials.iter().map(|trial| trial.configuration.to_string()).collect();
         texts.len()
     }
 
-    /// Whether the search found something that is faster than everything anybody could have had without it.
+    /// Whether the search found a configuration that is faster than all those that need no search.
     pub fn search_won(&self) -> bool {
         self.best == super::verdict::TUNED
     }

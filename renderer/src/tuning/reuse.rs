@@ -1,16 +1,16 @@
-//! How many frames a tree serves, estimated from what is seen: the weight of its build in the objective
-//! `auto`.
+//! An estimate of the number of frames that a tree serves, from the changes of the geometry: the weight of
+//! its build in the objective `auto`.
 //!
 //! A tree has to be built or brought along when the geometry changes, and not when the camera moves or a
 //! still converges. Geometry that changes with a constant chance from frame to frame makes a Poisson process.
-//! The chance has a gamma posterior: so many changes in so many frames, the older ones counting ever less, so
+//! The chance has a gamma posterior from the numbers of changes and of frames. Older ones count ever less, so
 //! that a scene that comes to rest, or begins to move, is noticed within a few dozen frames. A tree then
 //! serves as many frames as lie between two changes.
 //!
-//! The service is told the estimate in powers of two, and another one only once the estimate has clearly left
-//! the last: frames of the same kind are then the same state, and what is learnt for one serves the other.
+//! The estimate enters the state as a power of two, and the power changes only once the estimate has clearly
+//! left the last one. So frames of one kind share a state and its trials.
 
-/// What is believed before anything was seen: one change in so many frames.
+/// The prior: one change in this number of frames.
 const PRIOR_FRAMES: f64 = 16.0;
 const PRIOR_CHANGES: f64 = 1.0;
 
@@ -20,7 +20,7 @@ const MEMORY: f64 = 0.99;
 /// A still that nobody touches grows its tree's service by a frame at a time, to this.
 pub const FRAMES_PER_BUILD_MAX: u32 = 1024;
 
-/// The told power of two follows when the estimate is this far away, in powers of two.
+/// The power of two in the state changes when the estimate is this far away, in powers of two.
 const HYSTERESIS: f64 = 0.75;
 
 /// The estimate, frame by frame.
@@ -30,7 +30,7 @@ pub struct Reuse {
     changes: f64,
     /// Frames since the geometry changed last.
     still: f64,
-    /// Binary logarithm of what is told.
+    /// Binary logarithm of the number in the state.
     told: i32,
 }
 
@@ -54,15 +54,15 @@ impl Reuse {
         }
     }
 
-    /// How many frames a tree is expected to serve, 1 to [`FRAMES_PER_BUILD_MAX`]. As many as it has served
-    /// already without a change are to be expected again, whatever was before (Laplace's rule, and for lives
-    /// without a scale Gott's of 1993).
+    /// The number of frames that a tree is expected to serve, 1 to [`FRAMES_PER_BUILD_MAX`]. It is at least
+    /// the number that it has served already without a change (Laplace's rule, and for lives without a scale
+    /// Gott's of 1993).
     pub fn expected(&self) -> f64 {
         let between = (PRIOR_FRAMES + self.frames) / (PRIOR_CHANGES + self.changes);
         between.max(self.still).clamp(1.0, f64::from(FRAMES_PER_BUILD_MAX))
     }
 
-    /// The same as the service is told it: a power of two.
+    /// That number in the state: a power of two.
     pub fn frames_per_build(&self) -> u32 {
         1 << self.told.clamp(0, FRAMES_PER_BUILD_MAX.ilog2() as i32)
     }

@@ -1,5 +1,5 @@
-//! Random configurations as a numbered sequence (paper, section 4.1): sample 17 of a camera is the same
-//! configuration whoever measures it and whenever.
+//! Random configurations as a numbered sequence (paper, section 4.1): sample 17 of a camera is one fixed
+//! configuration, for every renderer and at any time.
 //!
 //! Each is drawn independently and evenly over the space. So a run that was stopped needs to know only which
 //! numbers are there, and several renderers can share the numbers.
@@ -42,7 +42,7 @@ impl Sequence {
         Self { space: space.clone(), seed, identity: (seed >> 32) as u32 ^ seed as u32 }
     }
 
-    /// Tells it apart from others in a study; whole, so that a measurement can hold it.
+    /// Its identity within a study: a whole number, so that a measurement can hold it.
     pub fn identity(&self) -> u32 {
         self.identity
     }

@@ -1,8 +1,8 @@
 //! The tuning loop: ask for a configuration, build, render, report.
 //!
-//! A build that fails is an outcome like any other, and the frame is skipped; a daemon that is away costs one
+//! A build that fails is an outcome like any other, and the frame is skipped. A daemon that is away costs one
 //! deadline at most, and the frame is rendered with the last good configuration. Nobody looks at the frames
-//! of a search, so one that costs more than its trial is allowed ([`Suggestion::abort_above`]) is left
+//! of a search, so a frame that costs more than its trial is allowed ([`Suggestion::abort_above`]) is left
 //! unfinished.
 
 use std::sync::Arc;
@@ -33,7 +33,7 @@ use crate::statistics::Summary;
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
 
-/// What happened in one frame of the search.
+/// One frame of the search.
 #[derive(Clone, Debug, Serialize)]
 pub struct Iteration {
     /// Counted from 1.
@@ -50,9 +50,9 @@ pub struct Iteration {
     pub step: String,
     /// The rule that decided; absent when the daemon was away.
     pub rule: Option<OpenEnum<Rule>>,
-    /// What was run.
+    /// The configuration that was run.
     pub configuration: Configuration,
-    /// What the service expected.
+    /// The cost that the service expected.
     pub predicted_cost: Option<f64>,
     /// Whether the trial was measured, stopped early, or could not be built.
     pub outcome: Outcome,
@@ -60,14 +60,14 @@ pub struct Iteration {
     pub times: Option<FrameTimes>,
     /// The objective.
     pub cost: Option<f64>,
-    /// How long the trial waited for the service: the previous report and this suggestion.
+    /// Time that the trial waited for the service: the previous report and this suggestion.
     pub waiting_ms: f64,
     /// Everything this iteration took.
     pub total_ms: f64,
 }
 
 impl Iteration {
-    /// What it had cost when it was stopped, if it was.
+    /// Its cost when it was stopped, if it was.
     pub fn stopped_at(&self) -> Option<f64> {
         match self.outcome {
             Outcome::Aborted { lower_bound } => Some(lower_bound),
@@ -81,16 +81,16 @@ impl Iteration {
     }
 }
 
-/// What stays the same during a search.
+/// The constant part of a search.
 #[derive(Clone, Debug)]
 pub struct SearchSetting {
-    /// What is minimised.
+    /// The objective.
     pub objective: Objective,
-    /// What is tuned.
+    /// The tuning space.
     pub space: Arc<TuningSpace>,
-    /// What trials are compared with while the search runs.
+    /// The choice that trials are compared with while the search runs.
     pub baseline: Choice,
-    /// What is rendered.
+    /// The rendered view.
     pub view: View,
     /// Pixels across.
     pub width: u32,
@@ -103,7 +103,7 @@ pub struct SearchSetting {
 }
 
 impl SearchSetting {
-    /// What is reported of a trial.
+    /// The measurements to report of a trial.
     pub fn measurements(&self, times: Option<FrameTimes>) -> Measurements {
         measurements(times, self.frames, self.objective)
     }
@@ -120,7 +120,7 @@ pub struct Drift {
     pub span: f32,
     /// The scene's part of the indicators.
     pub scene: SceneIndicators,
-    /// What is asked of each frame.
+    /// The workload of each frame.
     pub workload: Workload,
 }
 
@@ -134,16 +134,15 @@ impl Drift {
     }
 }
 
-/// What a search found.
+/// The result of a search.
 #[derive(Clone, Debug)]
 pub struct SearchOutcome {
     /// Every frame.
     pub trials: Vec<Iteration>,
-    /// Median cost of the baseline in frames before and after the search, which nobody was told of. The
-    /// machine's speed may drift until winners are measured again; within the search it is compared with
-    /// this.
+    /// Median cost of the baseline in frames before and after the search, which are not reported. Costs
+    /// within the search are compared with it, because the machine's speed may drift until the final rounds.
     pub reference_ms: f64,
-    /// What else the machine did meanwhile, and how far these frames of the baseline lie apart.
+    /// The other work of the machine meanwhile, and the spread of these frames of the baseline.
     pub disturbance: Disturbance,
 }
 
@@ -165,15 +164,14 @@ impl SearchOutcome {
 /// Frames of the baseline before the search, and again after it.
 const REFERENCE_FRAMES: usize = 3;
 
-/// A structure is used again where at least so many frames share a build: a build is a sixteenth of the cost
-/// at most then.
+/// Frames per build from which a structure is used again: a build is a sixteenth of the cost at most then.
 const REUSE_FROM_FRAMES_PER_BUILD: u32 = 16;
 
 /// Frames that follow a slow build may take this share of it.
 const FRAMES_SHARE_OF_BUILD: f64 = 0.1;
 
-/// Runs so many iterations, fewer if `told` says no after one of them. The last report is on its way when
-/// this returns, not necessarily acknowledged.
+/// Runs `iterations` iterations, fewer if `told` says no after one of them. The last report is on its way
+/// when this returns, not necessarily acknowledged.
 pub fn run(
     renderer: &mut Renderer,
     tuner: &mut dyn NextTrial,
@@ -245,8 +243,8 @@ fn reference(renderer: &mut Renderer, setting: &SearchSetting, film: &mut Film) 
         .collect()
 }
 
-/// Builds and renders one trial. The same sample each time, so that all trials are asked the same rays. It is
-/// stopped once it is known to cost more than `cap_ms`, but for the build, which Embree finishes.
+/// Builds and renders one trial. The sample number is fixed, so that all trials trace the same rays. The
+/// trial is stopped once it is known to cost more than `cap_ms`, but for the build, which Embree finishes.
 pub fn trial(
     renderer: &mut Renderer,
     configuration: &Configuration,
@@ -260,8 +258,8 @@ pub fn trial(
     }
 }
 
-/// Builds and renders one choice; see [`trial`]. Where many frames share a build, a structure that is there
-/// already serves again, and a slow build is followed by more frames, as many as take a tenth of it.
+/// Builds and renders one choice; see [`trial`]. Where many frames share a build, a kept structure serves
+/// again, and a slow build is followed by more frames, as many as take a tenth of its time.
 pub(super) fn run_choice(
     renderer: &mut Renderer,
     choice: &Choice,
@@ -279,7 +277,7 @@ pub(super) fn run_choice(
         Ok(ready) => ready,
         Err(error) => return (not_built(&error), None),
     };
-    // What a frame may take, so that it and its share of the build stay below the cap.
+    // The time limit of a frame, so that it and its share of the build stay below the cap.
     let built = setting.objective.cost(FrameTimes::of(ready.build_ms, 0.0));
     let limit_ms = cap_ms.map(|cap_ms| cap_ms - built);
     renderer.set_light_sampling(choice.light);
@@ -321,8 +319,7 @@ pub(super) fn run_choice(
     }
 }
 
-/// Builds, renders and measures the noise of one choice. What was learnt for it counts as a part of its
-/// build.
+/// Builds, renders and measures the noise of one choice. The time of learning counts as a part of its build.
 fn run_noisy(
     renderer: &mut Renderer,
     choice: &Choice,
@@ -370,7 +367,7 @@ fn run_episode(
     let frames = renderer.episode_frames().max(1) as f64;
     let limit_ms = cap_ms.map(|cap_ms| cap_ms * frames);
     match renderer.episode(choice, &setting.view, film, limit_ms) {
-        // What is over is a lower bound of what the whole would have taken.
+        // The time so far is a lower bound of that of the whole episode.
         Ok(episode) if episode.is_stopped => (Outcome::aborted(episode.total_ms() / frames), None),
         Ok(episode) => (Outcome::Ok, Some(episode.mean())),
         Err(error) => (not_built(&error), None),
@@ -390,14 +387,14 @@ fn is_off(noise: &FrameNoise) -> bool {
     (noise.brightness - 1.0).abs() > BRIGHTNESS_TOLERANCE
 }
 
-/// How many frames take a tenth of a build, within bounds.
+/// Number of frames that take a tenth of a build, within bounds.
 fn frames_beside(build_ms: f64, frame_ms: f64) -> usize {
     let frames = build_ms * FRAMES_SHARE_OF_BUILD / frame_ms.max(f64::MIN_POSITIVE);
     // A cast saturates.
     (frames as usize).min(FRAMES_PER_SLOW_BUILD_MAX)
 }
 
-/// The raw measurements of a trial of so many frames, as they are reported for an objective.
+/// The raw measurements of a trial of `frames` frames, as they are reported for an objective.
 pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective) -> Measurements {
     match times {
         Some(times) => {
@@ -548,7 +545,7 @@ mod tests {
         let turns: Vec<_> = (0..5).map(|_| (served(&setting, &quick), served(&setting, &good))).collect();
         let numbers: Vec<_> = turns.iter().map(|((quick, _), (good, _))| (*quick, *good)).collect();
         assert_eq!(numbers, [(0, 0), (1, 1), (2, 2), (3, 3), (0, 0)]);
-        // What a structure took is told again with it.
+        // A structure that serves again reports its own build time.
         assert!(turns[..4].iter().all(|(quick, _)| quick.1 == turns[0].0.1));
         setting.objective = Objective::Total;
         assert!((0..3).all(|_| served(&setting, &quick).0 == 0));

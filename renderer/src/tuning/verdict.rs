@@ -1,9 +1,9 @@
-//! Whom a tuned configuration is compared with, who of them is best, and when a search has paid for itself.
+//! The rivals of a tuned configuration, the best of all, and the frame at which a search has paid for itself.
 //!
-//! The best of many noisy single measurements is mostly luck. So what a search found is measured again, in
-//! fresh paired rounds, beside everything that anybody could have had without a search: the paper's default,
-//! native Embree as its tutorials use it, native Embree used as well as this renderer can, and the best fixed
-//! configuration, where the search began. Only figures of these rounds are quoted, and what lost to anybody
+//! The best of many noisy single measurements is mostly luck. So the search's best is measured again, in
+//! fresh paired rounds, beside the configurations that need no search: the paper's default, native Embree as
+//! its tutorials use it, native Embree used as well as this renderer can, and the best fixed configuration,
+//! where the search began. Only figures of these rounds are quoted, and a configuration that lost to a rival
 //! in them is not called tuned.
 
 use serde::Serialize;
@@ -37,7 +37,7 @@ pub const FOR_STILLS: &str = "best fixed for stills";
 pub const PAPER_TUNED: &str = "tuned in the paper's space";
 /// Name of the standing of what a search found, as long as it is not known to be the best.
 pub const FOUND: &str = "found by the search";
-/// Name of the standing of what a search found, once it has beaten everybody else.
+/// Name of the standing of the search's best, once it has beaten all rivals.
 pub const TUNED: &str = "tuned";
 /// Name of the standing of a configuration of the user's, where the search began.
 pub const YOUR_START: &str = "your start";
@@ -52,16 +52,16 @@ const QUALITIES: [&str; 3] = ["low", "medium", "high"];
 /// More variants of it, where a scene moves and structures are fitted to it.
 const FITTED: [&str; 2] = ["low fitted", "medium fitted"];
 
-/// Somebody to be beaten.
+/// A configuration to be beaten.
 #[derive(Clone, Debug)]
 pub struct Rival {
     /// With a name.
     pub contender: Contender,
-    /// As a configuration of the space that was searched; `None` for what is not one.
+    /// As a configuration of the searched space; `None` if it is outside of it.
     pub configuration: Option<Configuration>,
 }
 
-/// What a run in a space is compared with.
+/// The baseline of a run in a space.
 pub fn baseline(preset: Preset) -> Contender {
     match preset {
         Preset::Full => named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
@@ -70,7 +70,7 @@ pub fn baseline(preset: Preset) -> Contender {
     }
 }
 
-/// What a search that begins at `start` is compared with.
+/// The baseline of a search that begins at `start`.
 pub fn baseline_from(space: &TuningSpace, start: &Start) -> Contender {
     match start {
         Start::Recommended => baseline(space.preset()),
@@ -78,7 +78,7 @@ pub fn baseline_from(space: &TuningSpace, start: &Start) -> Contender {
     }
 }
 
-/// What everybody has: the paper's default, and Embree's own structures.
+/// The contenders that everybody has: the paper's default, and Embree's own structures.
 pub fn natives() -> [Contender; 4] {
     [
         named(PAPER_DEFAULT, Choice::paper_default()),
@@ -106,7 +106,7 @@ fn used_well_name(quality: &str) -> String {
     format!("{NATIVE_USED_WELL} {quality}")
 }
 
-/// Everybody that what a search found has to be compared with. `premises` are those of the scene.
+/// All rivals of the search's best. `premises` are those of the scene.
 pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Rival> {
     let outside = |contender| Rival { contender, configuration: None };
     match space.preset() {
@@ -133,7 +133,7 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
         let text = format!("backend=native,native_quality={quality},staged=false,tile=16");
         rival.configuration = space::parse(&text).ok().and_then(|given| space.complete(&given).ok());
         if let Some(choice) = rival.configuration.as_ref().and_then(|own| space.choice(own).ok()) {
-            // Watertight where everybody is.
+            // Watertight where all are.
             rival.contender.choice = choice;
         }
     }
@@ -148,8 +148,8 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
     all
 }
 
-/// Where a tree serves some frames, what is recommended for many of them is a rival beside what is
-/// recommended for one, where the search begins.
+/// The recommendation for many frames, where a tree serves some. It is a rival beside the recommendation for
+/// one frame, at which the search begins.
 pub fn for_stills(objective: Objective, space: &TuningSpace, premises: &Premises) -> Option<Rival> {
     let is_asked = matches!(objective, Objective::Auto(_)) && space.preset() == Preset::Full;
     let stills = TuningSpace::new(Preset::Full, &Premises { builds_each_frame: false, ..*premises });
@@ -158,8 +158,8 @@ pub fn for_stills(objective: Objective, space: &TuningSpace, premises: &Premises
     Some(Rival { contender, configuration: Some(configuration) })
 }
 
-/// Whom light sampling is compared with: Embree's default and the recommended tree, both with the
-/// renderer's own constants, and what is recommended for all scenes.
+/// The rivals of light sampling: Embree's default and the recommended tree, both with the renderer's own
+/// constants, and the recommendation for all scenes.
 fn light_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
     let own = |name, choice| Rival { contender: named(name, choice), configuration: None };
     let untuned = Choice { light: LightSampling::default(), ..space.default_choice() };
@@ -170,8 +170,8 @@ fn light_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
     ]
 }
 
-/// Whom ways to follow are compared with: Embree's structures built anew for each frame, path by path; the
-/// same used well, built anew or fitted; and what is recommended for all scenes.
+/// The rivals of ways to follow: Embree's structures rebuilt for each frame, path by path; Embree used well,
+/// rebuilt or fitted; and the recommendation for all scenes.
 fn follow_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
     let [_, low, default, _] = natives().map(|contender| Rival { contender, configuration: None });
     let used_well = [
@@ -195,15 +195,15 @@ fn own_start(space: &TuningSpace, start: &Start) -> Rival {
     Rival { contender: named(name, space.default_choice()), configuration }
 }
 
-/// Whether somebody who begins at `start` has a rival without any search. Nobody who does not begin at the
-/// recommended configuration is supposed to know it, or how to use native Embree well.
+/// Whether a user who begins at `start` has a rival without any search. A user who does not begin at the
+/// recommended configuration does not know it, nor how to use native Embree well.
 pub fn is_had(rival: &str, start: &Start) -> bool {
     *start == Start::Recommended
         || ![BEST_FIXED, FOR_STILLS].contains(&rival) && !rival.starts_with(NATIVE_USED_WELL)
 }
 
 /// Keeps of native Embree used well the quality with the lowest median, under one name. It is chosen by the
-/// same rounds that are told, which favours it a little.
+/// rounds whose figures are shown, which favours it a little.
 pub fn keep_best_native(standings: Vec<Standing>) -> Vec<Standing> {
     let variants = || QUALITIES.into_iter().chain(FITTED);
     let quality_of = |name: &str| variants().find(|quality| name == used_well_name(quality));
@@ -242,13 +242,13 @@ pub fn start_name(preset: Preset, start: &Start) -> &'static str {
     }
 }
 
-/// Who is to be used. That is the standing called `start` unless somebody is shown to be faster: by the
-/// interval of pairs with it, or, for what the search found, by the service's race (`is_proven`) and the
-/// median of the pairs together. Of several for which `may_win` holds it is the one with the highest median.
-/// A lucky few rounds so replace nothing.
+/// Chooses the standing to use. That is the one called `start` unless another is shown to be faster: by the
+/// interval of pairs with it, or, for the search's best, by the service's race (`is_proven`) and the median
+/// of the pairs together. Of several for which `may_win` holds it is the one with the highest median. So a
+/// few lucky rounds replace nothing.
 ///
-/// What was found is renamed [`TUNED`] if it is the one, and keeps the name [`FOUND`] otherwise. Returns the
-/// name.
+/// The search's best is renamed [`TUNED`] if it is chosen, and keeps the name [`FOUND`] otherwise. Returns
+/// the name of the chosen standing.
 pub fn crown(
     standings: &mut [Standing],
     start: &str,
@@ -257,7 +257,7 @@ pub fn crown(
 ) -> String {
     let works = |one: &&Standing| one.failure.is_none() && one.frame_ms.count > 0;
     let find = |name: &str| standings.iter().filter(works).find(|one| one.name == name);
-    // Where the start cannot be built, what was found has nobody to prove itself against.
+    // Where the start cannot be built, the search's best has no incumbent to beat.
     let Some(incumbent) = find(start).or_else(|| find(FOUND)) else {
         return String::new();
     };
@@ -278,12 +278,12 @@ pub fn crown(
     TUNED.to_owned()
 }
 
-/// What the best configuration of a run gains, over whom. All ratios are medians of pairs of the same rounds.
+/// Gains of a run's best configuration over its rivals. All ratios are medians of pairs of the same rounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Gains {
     /// The best fixed configuration, where the search began, over native Embree's default.
     pub start: Option<Ratio>,
-    /// What the search added: the best over the best fixed configuration.
+    /// The gain by the search: the best over the best fixed configuration.
     pub over_best_fixed: Option<Ratio>,
     /// Both together: the best over native Embree's default.
     pub over_native_default: Option<Ratio>,
@@ -324,9 +324,9 @@ pub fn contender(
     Ok(named(name, space.choice(configuration)?))
 }
 
-/// Break-even from what was measured. The search's own costs are those of its time. Frames after it cost what
-/// the baseline took in the rounds that followed, and with the best configuration that over its speed-up in
-/// the same rounds. `frames` are those of each trial.
+/// Break-even from the measurements. The search's own costs are those of its time. Later frames of the
+/// baseline have its cost in the final rounds, and those of the best configuration that cost over its
+/// speed-up in these rounds. `frames` is the number of frames of each trial.
 pub fn break_even(
     found: &SearchOutcome,
     objective: Objective,
@@ -405,7 +405,7 @@ mod tests {
         assert_eq!(names, ["native used well (high)", BEST_FIXED, FOUND]);
         assert_eq!(crown(&mut lost, BEST_FIXED, true, |_| true), NATIVE_USED_WELL);
         assert!(lost.iter().all(|one| one.name != TUNED));
-        // What is only as good as where it began is not a finding.
+        // A result that only equals its start is not a finding.
         let mut level = table(&[(BEST_FIXED, 31.0), (FOUND, 31.0)]);
         assert_eq!(crown(&mut level, BEST_FIXED, true, |_| true), BEST_FIXED);
         let mut won = table(&[
@@ -440,14 +440,14 @@ mod tests {
         assert_eq!(crown(&mut standings(&native, 1000), BEST_FIXED, false, |_| true), BEST_FIXED);
         let found = [start.clone(), of(FOUND, &lucky)];
         assert_eq!(crown(&mut standings(&found, 1000), BEST_FIXED, false, |_| true), BEST_FIXED);
-        // What the service's own race has proven needs no second proof, but no contradiction either.
+        // A result that the service's own race has proven needs no second proof, but no contradiction either.
         assert_eq!(crown(&mut standings(&found, 1000), BEST_FIXED, true, |_| true), TUNED);
         let slower = [start.clone(), of(FOUND, &[31.0; 9])];
         assert_eq!(crown(&mut standings(&slower, 1000), BEST_FIXED, true, |_| true), BEST_FIXED);
         // Fewer rounds than have an interval show nothing.
         let few = [of(BEST_FIXED, &[30.0; 5]), of(FOUND, &[20.0; 5])];
         assert_eq!(crown(&mut standings(&few, 1000), BEST_FIXED, false, |_| true), BEST_FIXED);
-        // A start that cannot be built is nobody's choice.
+        // A start that cannot be built is never chosen.
         let broken = Measured { failure: Some("out of memory".into()), ..of(BEST_FIXED, &[]) };
         let alone = [broken, of(NATIVE_LOW, &[40.0; 9]), of(FOUND, &[31.0; 9])];
         assert_eq!(crown(&mut standings(&alone, 1000), BEST_FIXED, false, |_| true), TUNED);
@@ -488,7 +488,7 @@ mod tests {
             let first = rivals.iter().find(|rival| rival.contender.name == name).expect("it takes part");
             assert_eq!(first.contender.choice, baseline_from(&begun, &start).choice, "{name}");
             assert_eq!(baseline_from(&begun, &start).name, name);
-            // The recommended configuration runs beside it all the same, as it is for everybody.
+            // The recommended configuration still runs beside it, unchanged.
             let fixed = rivals.iter().find(|rival| rival.contender.name == BEST_FIXED).expect("it runs");
             assert_eq!(fixed.contender.choice, full.default_choice());
             let had = |rival: &&Rival| is_had(&rival.contender.name, &start);
@@ -521,7 +521,7 @@ mod tests {
         };
         let standings = [standing(PAPER_DEFAULT, 20.0, 1.0), standing(TUNED, 30.0, 1.25)];
         let trials = vec![trial(Some(10.0), 1), trial(None, 2), trial(Some(8.0), 3)];
-        // What the machine did in another minute says nothing of frames to come.
+        // The machine's speed in another minute says nothing of frames to come.
         let found = SearchOutcome { trials, reference_ms: 17.0, disturbance: Disturbance::default() };
         let render = break_even(&found, Objective::Render, 1, &standings, TUNED, PAPER_DEFAULT);
         assert_eq!((render.tuning_ms, render.frames_while_tuning), (36.0, 2));

@@ -1,10 +1,9 @@
-//! What describes a frame to the service: the paper's indicators of scene and camera, and what is asked of
-//! the frame.
+//! The indicators of a frame for the service: the paper's of scene and camera, and those of its workload.
 //!
-//! One study holds all scenes, so that what is learnt in one of them serves the next. Whatever else changes
-//! the cost of a frame is therefore an indicator, too: how many pixels it has, how far its paths go, and
-//! whether there are lights that shadow rays are sent to. Threads and instruction sets are the machine's,
-//! which the service tells apart by the client's fingerprint.
+//! One study holds all scenes, so that trials in one of them serve the next. Every other influence on the
+//! cost of a frame is therefore an indicator, too: its number of pixels, the length of its paths, and whether
+//! there are lights that shadow rays are sent to. Threads and instruction sets belong to the machine, which
+//! the service distinguishes by the client's fingerprint.
 
 use treewright_client::{Indicators, Scale};
 use treewright_scene::Scene;
@@ -23,15 +22,15 @@ pub const SHADOW_RAYS: &str = "shadow_rays";
 
 /// Share of triangles that move.
 pub const MOVING_SHARE: &str = "moving_share";
-/// How many times the cost of a fresh tree a refitted one has after an episode.
+/// Cost of a refitted tree after an episode over that of a fresh one.
 pub const COST_GROWTH: &str = "cost_growth";
 /// Frames of an episode.
 pub const EPISODE_FRAMES: &str = "episode_frames";
 
-/// How many frames share a build (see [`super::reuse`]).
+/// Number of frames that share a build (see [`super::reuse`]).
 pub const FRAMES_PER_BUILD: &str = "frames_per_build";
 
-/// What is asked of a frame, beside its scene and camera.
+/// The workload of a frame, beside its scene and camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Workload {
     /// Pixels across.
@@ -42,9 +41,9 @@ pub struct Workload {
     pub bounces: u32,
     /// Whether the scene has lights that shadow rays are sent to.
     pub shadow_rays: bool,
-    /// How the scene moves, where that is tuned.
+    /// The motion of the scene, where updates are tuned.
     pub motion: Option<MotionFacts>,
-    /// How many frames share a build, where that differs within a study.
+    /// Number of frames that share a build, where that differs within a study.
     pub frames_per_build: Option<u32>,
 }
 
@@ -73,7 +72,7 @@ impl Workload {
     }
 }
 
-/// Names, ranges and scales of all of it.
+/// Names, ranges and scales of all indicators.
 pub fn schema() -> impl Iterator<Item = (&'static str, f64, f64, Scale)> {
     let paper = SCHEMA.iter().map(|one| {
         let scale = match one.scale {
@@ -90,7 +89,7 @@ pub fn schema() -> impl Iterator<Item = (&'static str, f64, f64, Scale)> {
     paper.chain(frame)
 }
 
-/// Names, ranges and scales of what is known of a motion.
+/// Names, ranges and scales of the indicators of a motion.
 pub fn motion_schema() -> [(&'static str, f64, f64, Scale); 3] {
     [
         (MOVING_SHARE, 0.0, 1.0, Scale::Linear),
@@ -99,7 +98,7 @@ pub fn motion_schema() -> [(&'static str, f64, f64, Scale); 3] {
     ]
 }
 
-/// The same of how many frames share a build.
+/// Name, range and scale of the number of frames that share a build.
 pub fn reuse_schema() -> (&'static str, f64, f64, Scale) {
     (FRAMES_PER_BUILD, 1.0, f64::from(FRAMES_PER_BUILD_MAX), Scale::Log)
 }

@@ -1,5 +1,5 @@
-//! One configuration over one scene: built, brought along where the scene moves, asked in every grouping of
-//! rays, and rendered with.
+//! One configuration over one scene: built, updated where the scene moves, traced in every grouping of rays,
+//! and rendered with.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ pub(crate) fn space(robust: bool) -> TuningSpace {
     TuningSpace::new(Preset::Full, &Premises { robust, threads: 2, ..Premises::all() })
 }
 
-/// A scene with what brute force says of it.
+/// A scene with the answers of brute force.
 pub(crate) struct Case {
     renderer: Renderer,
     scenes: Vec<Arc<Scene>>,
@@ -53,7 +53,8 @@ impl Case {
         Self { renderer, scenes, rays, hits, picture }
     }
 
-    /// Runs a configuration; what is wrong with it, if anything. One that cannot be built here is not wrong.
+    /// Runs a configuration and returns its fault, if any. A configuration that cannot be built here has
+    /// none.
     pub(crate) fn run(&mut self, robust: bool, configuration: &str) -> Result<(), String> {
         let given = parse(configuration).map_err(|error| error.to_string())?;
         let choice = space(robust).choice(&given).map_err(|error| error.to_string())?;

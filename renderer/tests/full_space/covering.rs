@@ -111,7 +111,7 @@ fn fill(
         let value = values[random.random_range(0..values.len())];
         let mut wider = given.clone();
         wider.set(parameter.name.clone(), value.clone());
-        // What was active may have become inactive meanwhile, and limits may cross.
+        // An active parameter may have become inactive meanwhile, and limits may cross.
         if let Ok(next) = space.complete(&wider) {
             (given, complete) = (wider, next);
         }

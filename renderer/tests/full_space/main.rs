@@ -27,10 +27,10 @@ const FOLDER: &str = "TREEWRIGHT_STRESS_FOLDER";
 /// The number of parameters whose values are tried together.
 const STRENGTH: &str = "TREEWRIGHT_STRESS_STRENGTH";
 
-/// A process that gets no further for so long hangs.
+/// Time without progress after which a process counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// The files of a batch: what to run, the number of the line that runs, and what was found.
+/// The files of a batch: the configurations, the number of the line that runs, and the findings.
 const LINES: &str = "lines";
 const AT: &str = "at";
 const FOUND: &str = "found";

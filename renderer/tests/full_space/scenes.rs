@@ -49,7 +49,7 @@ impl Kind {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
-    /// The scene, and for one that moves the same a moment later.
+    /// The scene, and for one that moves its state a moment later.
     pub(crate) fn scenes(self) -> Vec<Arc<Scene>> {
         let scene = match self {
             Self::Flat | Self::Moving => room(false),

@@ -1,4 +1,4 @@
-//! What the measuring examples ask a daemon for: a study of one integer, and reports on its trials.
+//! The requests of the measuring examples: a study of one integer, and reports on its trials.
 
 use std::collections::BTreeMap;
 

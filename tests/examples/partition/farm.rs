@@ -1,4 +1,4 @@
-//! Renderers, their studies and shows, and which group each study goes to.
+//! Renderers, their studies and shows, and the group of each study.
 
 use std::cmp::Reverse;
 
@@ -6,7 +6,7 @@ use std::cmp::Reverse;
 const SHOWS: usize = 40;
 const STUDIES_PER_SHOW: usize = 25;
 
-/// How a study finds its group.
+/// The rule by which a study finds its group.
 #[derive(Clone, Copy)]
 pub(crate) enum Rule {
     /// By a hash of its id.
@@ -28,7 +28,7 @@ impl Rule {
     }
 }
 
-/// Who is where.
+/// The places of renderers and studies.
 pub(crate) struct Farm {
     /// For each group, the study of each of its renderers.
     pub(crate) groups: Vec<Vec<usize>>,

@@ -5,7 +5,7 @@ use std::collections::{BinaryHeap, VecDeque};
 
 use crate::farm::hash;
 
-/// What of a run counts, after a second in which queues fill.
+/// The part of a run that counts: after a second in which queues fill.
 const WARM_UP_US: f64 = 1e6;
 const END_US: f64 = 3e6;
 const DEADLINE_US: f64 = 50_000.0;
@@ -22,7 +22,7 @@ pub(crate) struct Costs {
     pub(crate) client_us: f64,
     /// Processor time in the database.
     pub(crate) database_us: f64,
-    /// What a durable write takes, however many share it.
+    /// Time of a durable write, for any number of commands that share it.
     pub(crate) durable_us: f64,
 }
 
@@ -36,7 +36,7 @@ pub(crate) struct Load {
     pub(crate) period_us: f64,
 }
 
-/// What the renderers saw.
+/// The frames of the renderers.
 #[derive(Default)]
 pub(crate) struct Seen {
     times_us: Vec<f64>,

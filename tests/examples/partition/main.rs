@@ -1,4 +1,4 @@
-//! How far partitioning studies over several databases goes: a simulation of farms larger than any that can
+//! The limits of partitioning studies over several databases: a simulation of farms larger than any that can
 //! be had on one machine.
 //!
 //! `cargo run --release -p treewright-tests --example partition -- [DAEMON_US DATABASE_US CLIENT_US DURABLE_US]`:
@@ -8,10 +8,10 @@
 //! A group is one PostgreSQL with some daemons. Renderers send a frame every 20 ms, unless the last is still
 //! out. A frame is computed by the daemon that has its study, then waits for one of that daemon's two writing
 //! connections, which takes all that wait (at most 256), computes them in the database, and waits for the
-//! disk. Studies share nothing, so groups meet nowhere: what is asked is how unequal they become, and what
-//! that costs. Studies belong to shows; shows, and the studies of a show, are of very different sizes (Zipf's
-//! law with exponent 1). Left out: networks, forwarding (clients ask the daemon that has their study),
-//! searches that fit models, and the study's lock.
+//! disk. Studies share nothing, so groups meet nowhere. The question is how unequal groups become, and the
+//! cost of that. Studies belong to shows; shows, and the studies of a show, are of very different sizes
+//! (Zipf's law with exponent 1). Left out: networks, forwarding (clients ask the daemon that has their
+//! study), searches that fit models, and the study's lock.
 
 mod farm;
 mod group;
@@ -37,7 +37,7 @@ fn costs() -> Costs {
     }
 }
 
-/// What one group carries: clients that never pause.
+/// The capacity of one group, under clients that never pause.
 fn without_pause(load: &Load, clients: usize, costs: &Costs) -> Seen {
     let studies: Vec<usize> = (0..clients).map(|client| client % (8 * load.daemons)).collect();
     let seen = group::run(&studies, load, costs);

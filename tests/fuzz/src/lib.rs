@@ -1,8 +1,9 @@
-//! What is fuzzed, apart from the fuzzer: each module takes any input and panics only when it finds a defect.
+//! The fuzzed functions, without a fuzzer: each module takes any input and panics only when it finds a
+//! defect.
 //!
-//! `targets/` holds the programs that cargo-fuzz builds with coverage, `corpus/` what is kept: the [`seeds`]
-//! and every input that once found something. The tests run all of it, so that a finding stays found without
-//! a fuzzer.
+//! `targets/` holds the programs that cargo-fuzz builds with coverage. `corpus/` holds the [`seeds`] and
+//! every input that once found a defect. The tests run all of them, so that a mended defect stays mended
+//! without a fuzzer.
 
 pub mod arguments;
 pub mod example;

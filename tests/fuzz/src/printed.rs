@@ -1,5 +1,5 @@
-//! Any bytes as the output of a program that is tuned: what is read of it can be reported, and what was
-//! printed before the last object is never taken for the result.
+//! Any bytes as the output of a tuned program: the measurements read from it can be reported, and nothing
+//! before the last object is ever taken for the result.
 
 use treewright_cli::printed::{Printed, Wanted, read};
 use treewright_client::{Measurements, ObjectiveTerm};
@@ -7,7 +7,7 @@ use treewright_client::{Measurements, ObjectiveTerm};
 /// Reads the bytes as they are, and once more with a result behind them.
 ///
 /// # Panics
-/// When what is read breaks a rule.
+/// When the measurements break a rule.
 pub fn run(bytes: &[u8]) {
     let out = String::from_utf8_lossy(bytes);
     let read = |out: &str| {

@@ -1,4 +1,4 @@
-//! Any bytes as any request, through the service with a study behind it: nothing panics, and nothing is
+//! Any bytes as any request, through the service with a study behind it: no request panics, and none is
 //! refused with INTERNAL.
 
 use std::cell::RefCell;

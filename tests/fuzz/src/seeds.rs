@@ -1,4 +1,4 @@
-//! Inputs to begin with: one of each kind that is taken, so that a fuzzer need not find the grammar first.
+//! First inputs: a valid one of each kind, so that a fuzzer need not find the grammar first.
 
 use std::collections::BTreeMap;
 
@@ -123,7 +123,7 @@ const ARGUMENTS: [&str; 6] = [
     "--help",
 ];
 
-/// What programs print: one line an epoch, pretty, words in place of numbers, names and braces of other
+/// Outputs of programs: one line an epoch, pretty, words in place of numbers, names and braces of other
 /// kinds.
 const PRINTED: [&str; 8] = [
     "{\"epoch\": 1, \"loss\": 0.25}\n{\"epoch\": 2, \"loss\": NaN}\n",

@@ -1,4 +1,4 @@
-//! Every input that is kept, without a fuzzer: none of them may find anything any more.
+//! Runs every kept input without a fuzzer: none of them may find a defect any more.
 
 use std::path::Path;
 

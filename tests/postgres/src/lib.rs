@@ -1,9 +1,9 @@
 //! PostgreSQL for tests: the server that `DATABASE_URL` names, or a private one that this process starts,
 //! and a database of its own for each test.
 //!
-//! A private server lives in a temporary folder, listens on a free port of the loopback, keeps its promises
-//! (fsync is on), and ends with the process that started it, however that ends. PostgreSQL refuses to run
-//! as root; for root it runs as the user `postgres`, or `nobody`.
+//! A private server lives in a temporary folder, listens on a free port of the loopback, and has fsync on. It
+//! ends with the process that started it, also after a crash. PostgreSQL refuses to run as root; for root it
+//! runs as the user `postgres`, or `nobody`.
 
 mod server;
 mod user;
@@ -66,7 +66,7 @@ impl Database {
                 }
             }
         }
-        // Whatever follows the database's name stays: DATABASE_URL may carry parameters.
+        // The part behind the database's name stays: DATABASE_URL may carry parameters.
         let (address, parameters) = through.split_once('?').unwrap_or((through, ""));
         let server = address.rsplit_once('/').map_or(address, |(server, _)| server);
         let mark = if parameters.is_empty() { "" } else { "?" };
@@ -78,7 +78,7 @@ impl Database {
         &self.url
     }
 
-    /// A connection to it, past whatever is tested.
+    /// A direct connection to it, past the tested code.
     ///
     /// # Panics
     /// When the server does not want to.

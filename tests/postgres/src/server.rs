@@ -85,7 +85,7 @@ impl Server {
         succeed(&mut self.control(&["-m", "immediate", "stop"]), "pg_ctl stop");
     }
 
-    /// Starts it again, at the same address.
+    /// Starts it again at its old address.
     ///
     /// # Panics
     /// When it does not start.

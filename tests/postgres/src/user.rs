@@ -1,4 +1,4 @@
-//! Whom PostgreSQL may run as.
+//! The user that PostgreSQL may run as.
 
 use std::os::unix::fs::{MetadataExt as _, chown};
 use std::os::unix::process::CommandExt as _;

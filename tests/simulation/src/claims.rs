@@ -1,8 +1,8 @@
-//! Who holds which study, as the shared database knows it and as the machines believe.
+//! The holder of each study, as the shared database knows it and as the machines believe.
 //!
-//! As with the real one: a machine that crashes loses its claims at once, one that is away loses them after
-//! [`REPLICA_LAPSE`], and nobody takes a study from one that is there. Each machine remembers for a while the
-//! holder that it learnt.
+//! The rules are those of the real database: a machine that crashes loses its claims at once, one that is
+//! away loses them after [`REPLICA_LAPSE`], and no machine takes a study from one that is there. Each machine
+//! remembers for a while the holder that it learnt.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,7 +25,7 @@ struct Claim {
 #[derive(Default)]
 pub(crate) struct Claims(Mutex<HashMap<String, Claim>>);
 
-/// Holds what a mutex guards, whatever became of who held it before.
+/// Locks a mutex, also after a holder has panicked.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -57,7 +57,7 @@ impl Claims {
     }
 }
 
-/// What one machine believes.
+/// The holders of studies that one machine remembers.
 #[derive(Default)]
 pub(crate) struct Known(Mutex<HashMap<String, (usize, Instant)>>);
 

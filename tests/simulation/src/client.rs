@@ -11,9 +11,9 @@ use crate::network::{Failure, call};
 use crate::requests::{self, Answer, Request, STUDY, client_name};
 use crate::world::World;
 
-/// What the default costs everywhere, in milliseconds.
+/// Cost of the default at every place, in milliseconds.
 const DEFAULT_MS: f64 = 10.0;
-/// How often a report is tried before it is given up.
+/// Attempts before a report is given up.
 const TRIES: u32 = 6;
 /// Variation of frames, as a share.
 const NOISE: f64 = 0.05;
@@ -95,7 +95,7 @@ impl Client {
         None
     }
 
-    /// Renders with the default because nobody answered.
+    /// Renders with the default because no answer came.
     async fn without_a_trial(&mut self) {
         sleep(Duration::from_secs_f64(DEFAULT_MS / 1e3)).await;
         self.note(false, DEFAULT_MS);
@@ -108,7 +108,8 @@ impl Client {
         self.world.enter(|ledger, _| ledger.frame(at_ms, self.number, self.session, explored, frame, budget));
     }
 
-    /// Renders with a trial's configuration and tells the result; the next trial, if it came with the answer.
+    /// Renders with a trial's configuration and reports the result. Returns the next trial, if the answer
+    /// held one.
     async fn run(&mut self, trial: wire::Trial) -> Option<wire::Trial> {
         let true_ms = true_ms(&trial, self.place);
         let measured_ms = true_ms * (1.0 + NOISE * self.world.between(-1.0, 1.0));
@@ -135,7 +136,7 @@ impl Client {
         None
     }
 
-    /// Tells a result until somebody acknowledges it.
+    /// Reports a result until a machine acknowledges it.
     async fn tell(&mut self, report: wire::ReportRequest) {
         for attempt in 0..TRIES {
             match self.ask(Request::Report(report.clone())).await {
@@ -146,7 +147,7 @@ impl Client {
         }
     }
 
-    /// What programs do besides what they should. True when the trial is not to be reported any more.
+    /// Misbehaviour of programs. True when the trial is not to be reported any more.
     async fn is_done_otherwise(&mut self, trial: &wire::Trial) -> bool {
         let lease_ms = 1e3 * f64::from(self.world.plan.lease_s);
         match self.world.below(8) {
@@ -223,7 +224,7 @@ fn mask() -> prost_types::FieldMask {
     prost_types::FieldMask { paths: vec!["policy.epsilon".to_owned()] }
 }
 
-/// What a configuration truly costs at a place: a bowl whose middle moves, with dear corners.
+/// The true cost of a configuration at a place: a bowl whose middle moves, with dear corners.
 fn true_ms(trial: &wire::Trial, place: f64) -> f64 {
     let values = trial.configuration.as_ref().map(|configuration| &configuration.values);
     let number = |name: &str| match values.and_then(|values| values.get(name)).and_then(|v| v.kind.as_ref()) {

@@ -1,12 +1,12 @@
 //! The simulated disk: a store whose writes take time, fail, and are lost when the machine crashes before
 //! they end.
 //!
-//! Behind it lies one [`MemoryStore`](treewright_store::MemoryStore), which holds what is durable and
+//! Behind it lies one [`MemoryStore`](treewright_store::MemoryStore), which holds the durable data and
 //! outlives every machine. In front of it each machine has a queue and a writer that puts waiting writes into
 //! one transaction, as the real stores do. A crash at a random moment of a write loses the whole transaction
-//! or keeps it whole: that is what a checksummed log makes of a torn write. Each machine has fences of its
-//! own; whether the study was taken over by another shows when the transaction is applied, as with an epoch
-//! in a shared database. Who may take a study is for [`claims`](crate::claims) to say.
+//! or keeps it whole, as a checksummed log does with a torn write. Each machine has fences of its own.
+//! Whether another machine has taken the study shows when the transaction is applied, as with an epoch in a
+//! shared database. [`claims`](crate::claims) decides which machine may take a study.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -66,7 +66,7 @@ pub(crate) struct SimulatedDisk {
     fences: Arc<Mutex<Fences>>,
     /// Which of the machines this is.
     replica: usize,
-    /// Who it knows to hold which study.
+    /// The holders of studies that it remembers.
     known: Known,
     alive: Arc<AtomicBool>,
 }
@@ -206,7 +206,7 @@ impl Writer {
             }
             for (answer, result) in answers {
                 if self.world.plan.bug == Some(Bug::LostWakeUp) && self.world.one_in(FORGOTTEN) {
-                    // Kept for ever, so that the caller does not even learn that nobody will answer.
+                    // Kept for ever, so that the caller does not even learn that no answer will come.
                     self.world.forget(answer);
                     continue;
                 }
@@ -215,7 +215,8 @@ impl Writer {
         }
     }
 
-    /// The connection breaks during a transaction: it was committed or not, and nobody learns which.
+    /// The connection breaks during a transaction: it was committed or not, and the caller does not learn
+    /// which.
     fn lose_touch(&self, group: Vec<Job>) {
         self.world.count(|counts| counts.unsure_writes += 1);
         let error = StoreError::Unavailable { problem: "the simulated database is away".to_owned() };

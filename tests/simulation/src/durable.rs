@@ -1,4 +1,4 @@
-//! What outlives every machine: the stored studies, and who holds which.
+//! The state that outlives every machine: the stored studies and their holders.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
@@ -8,19 +8,19 @@ use treewright_store::MemoryStore;
 
 use crate::claims::Claims;
 
-/// What outlives every machine.
+/// The state that outlives every machine.
 #[derive(Default)]
 pub(crate) struct Durable {
-    /// What is on the disk.
+    /// The contents of the disk.
     pub(crate) store: Arc<MemoryStore>,
-    /// Who holds which study.
+    /// The holder of each study.
     pub(crate) claims: Claims,
     /// Up to which completion a checkpoint on the disk covers the trials.
     pub(crate) covered: AtomicU64,
 }
 
-/// The result of a future that never waits: those of the memory store. Not under the runtime's budget, by
-/// which a task that has polled many futures in a row is made to wait for no other reason.
+/// The result of a future of the memory store, which never waits. It runs outside the runtime's budget, which
+/// would make a task wait after many polls in a row.
 pub(crate) fn now<T>(future: impl Future<Output = T>) -> T {
     let mut future = std::pin::pin!(unconstrained(future));
     let mut context = std::task::Context::from_waker(std::task::Waker::noop());

@@ -1,5 +1,5 @@
-//! How a request gets to the machine that holds the study: the service's own search, over a simulated network
-//! between the machines.
+//! The way of a request to the machine that holds the study: the service's own search, over a simulated
+//! network between the machines.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,10 +13,10 @@ use crate::machine::Machine;
 use crate::requests::{self, Answer, Request};
 use crate::world::World;
 
-/// A machine that does not answer another for so long is given up.
+/// Time without an answer after which a machine gives another up.
 const SILENCE: Duration = Duration::from_secs(2);
 
-/// What a call ended with, and how many reports were acknowledged when the machine that did it began.
+/// The result of a call, and the number of acknowledged reports when its machine began.
 type Done = (Result<Answer, Status>, i64);
 
 struct Call<'a> {

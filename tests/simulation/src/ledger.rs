@@ -1,4 +1,4 @@
-//! The books of a world: what was promised to whom, and whether it is kept.
+//! The books of a world: the promises of the service to its clients, and their breaches.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -42,7 +42,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Adds those of another world.
+    /// Adds the counts of another world.
     pub fn add(&mut self, other: &Counts) {
         let Counts {
             suggestions,
@@ -106,7 +106,7 @@ impl Counts {
 pub struct Violation {
     /// When, in milliseconds of the world's time.
     pub at_ms: i64,
-    /// What.
+    /// The violation in words.
     pub what: String,
 }
 
@@ -123,7 +123,7 @@ struct Purse {
 pub(crate) struct Ledger {
     pub(crate) counts: Counts,
     pub(crate) violations: Vec<Violation>,
-    /// Whom each trial was handed to, with what.
+    /// The client of each trial, and the configuration that it was handed.
     handed: BTreeMap<u64, (String, wire::Configuration)>,
     /// The cost of each acknowledged report.
     acknowledged: BTreeMap<u64, Option<f64>>,
@@ -147,8 +147,8 @@ impl Ledger {
         self.acknowledged.len() as i64
     }
 
-    /// A machine answers a client, and is held to it from now on, whether the answer arrives or not. `known`:
-    /// how many reports had been acknowledged when the request came.
+    /// A machine answers a client. The answer binds it from now on, whether it arrives or not. `known` is the
+    /// number of acknowledged reports when the request came.
     pub(crate) fn answered(
         &mut self,
         (at_ms, known): (i64, i64),
@@ -291,7 +291,7 @@ impl Ledger {
         }
     }
 
-    /// Somebody reads a trial.
+    /// A client reads a trial.
     fn read(&mut self, at_ms: i64, trial: &wire::Trial) {
         if trial.state == wire::TrialState::Completed as i32
             && let Some(cost) = self.acknowledged.get(&number(&trial.name))
@@ -311,7 +311,7 @@ impl Ledger {
         }
     }
 
-    /// A client rendered a frame: what it truly cost, and what the default would have.
+    /// A client rendered a frame: its true cost, and the cost of the default in its place.
     pub(crate) fn frame(
         &mut self,
         at_ms: i64,

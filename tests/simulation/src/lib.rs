@@ -9,11 +9,11 @@
 //! (Zhou et al., "FoundationDB: a distributed unbundled transactional key value store", SIGMOD 2021, section
 //! 4).
 //!
-//! [`plan`] draws what goes wrong in a world, `run` lets it take its course, [`world`] is what everything in
-//! it shares; `network`, `forward`, `disk`, `durable`, `claims`, `machine` and `machine_life` are its parts,
-//! `client` is who uses the service, and `ledger` knows what must hold and checks it at every step: nothing
-//! that was acknowledged is lost or changed, no trial is handed to two clients, the regret budget is kept, no
-//! call goes unanswered, and the service comes back from every crash by itself.
+//! [`plan`] draws the troubles of a world, `run` lets it take its course, and [`world`] holds its shared
+//! state; `network`, `forward`, `disk`, `durable`, `claims`, `machine` and `machine_life` are its parts, and
+//! `client` uses the service. `ledger` checks at every step that no acknowledged report is lost or changed,
+//! no trial is handed to two clients, the regret budget is kept, every call is answered, and the service
+//! comes back from every crash by itself.
 
 mod claims;
 mod client;

@@ -67,7 +67,7 @@ async fn sweep(world: Arc<World>, index: usize, tuning: Arc<Tuning>, alive: Arc<
     }
 }
 
-/// Saves what was learnt, as the service does.
+/// Saves checkpoints, as the service does.
 async fn save_checkpoints(world: Arc<World>, tuning: Arc<Tuning>, alive: Arc<AtomicBool>) {
     while alive.load(Ordering::SeqCst) && !world.is_over() {
         sleep(Duration::from_secs(1)).await;

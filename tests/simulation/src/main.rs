@@ -1,4 +1,4 @@
-//! `simulate`: worlds from seeds, one after the other, until there were enough steps or something is wrong.
+//! `simulate`: worlds from seeds, one after the other, until there were enough steps or one has a violation.
 
 use std::process::ExitCode;
 use std::time::Instant;

@@ -72,7 +72,7 @@ async fn carry(world: Arc<World>, client: u32, replica: usize, request: Request,
     }
     sleep(world.time_ms(world.plan.delay_ms)).await;
     let Some(machine) = world.machine(replica) else {
-        // Nobody listens there: the connection is refused.
+        // No machine listens there: the connection is refused.
         give(&waiting, Err(Code::Unavailable));
         return;
     };

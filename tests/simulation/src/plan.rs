@@ -1,4 +1,4 @@
-//! What goes wrong in a world, drawn from its seed.
+//! The troubles of a world, drawn from its seed.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +17,7 @@ pub enum Bug {
     Overspending,
 }
 
-/// How a world is made: probabilities are per event, times in milliseconds of simulated time.
+/// The plan of a world. Probabilities are per event, times in milliseconds of simulated time.
 #[derive(Clone, Debug, Serialize)]
 pub struct Plan {
     /// The seed of everything.
@@ -42,7 +42,7 @@ pub struct Plan {
     pub partition_ms: f64,
     /// The mean time until a machine crashes.
     pub crash_every_ms: f64,
-    /// How long it takes to come back.
+    /// Time until it comes back.
     pub restart_ms: f64,
     /// The mean time of a write to the disk.
     pub write_ms: f64,
@@ -52,7 +52,7 @@ pub struct Plan {
     pub full_every_ms: f64,
     /// The mean time until a machine's clock jumps.
     pub clock_jump_every_ms: f64,
-    /// How far it jumps at most, either way.
+    /// Largest jump, either way.
     pub clock_jump_ms: i64,
     /// The mean time until a machine is cut off from the database.
     pub away_every_ms: f64,
@@ -70,14 +70,14 @@ pub struct Plan {
     pub misbehaviour: f64,
     /// The share of frame time that exploring may cost; none for no budget.
     pub regret_budget: Option<f64>,
-    /// How long a lease lasts.
+    /// Length of a lease.
     pub lease_s: i32,
     /// Configurations that a state's search may try.
     pub trials_per_state: i32,
     /// Whether the study is searched and predicted as it is by default, with models that are fitted apart.
     /// Otherwise points are drawn at random and nearest states answer, which is a hundred times quicker.
     pub default_policy: bool,
-    /// What is planted.
+    /// The planted defect.
     pub bug: Option<Bug>,
 }
 

@@ -1,6 +1,6 @@
-//! All that a machine has learnt follows from the stored trials: at the end of a world a fresh service
-//! replays them, and has to answer as the machine that has held the study. That machine has ended every lease
-//! by then that has run out.
+//! The knowledge of a machine follows from the stored trials: at the end of a world a fresh service replays
+//! them, and has to answer as the machine that held the study. By then that machine has ended every expired
+//! lease.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,10 +14,10 @@ use treewright_store::Store as _;
 
 use crate::world::World;
 
-/// How often a machine is asked to end leases.
+/// Requests to a machine to end leases.
 const TRIES: usize = 10;
 
-/// What a service would exploit at each place, and what it says that costs.
+/// The configuration that a service would exploit at each place, with its predicted cost.
 async fn answers(tuning: &Tuning, places: u32) -> Vec<Option<Prediction>> {
     let mut answers = Vec::new();
     for place in 0..places {
@@ -48,14 +48,14 @@ async fn end_leases(world: &World, tuning: &Tuning) {
 /// Compares the machine that holds the study, if one does, with what the durable store teaches.
 pub(crate) async fn check(world: &World) {
     let durable = &world.durable;
-    // Nobody's own number.
+    // No machine has this number.
     let holder = world.other_holder("world", usize::MAX);
     let Some(machine) = holder.and_then(|holder| world.machine(holder)) else {
         return;
     };
     end_leases(world, &machine.tuning).await;
     let learnt = answers(&machine.tuning, world.plan.places).await;
-    // Whatever it still has to write is written.
+    // Meanwhile its waiting writes end.
     sleep(Duration::from_secs(10)).await;
     // In its time no lease runs out.
     let fresh = Tuning::new(Arc::clone(&durable.store) as _, Arc::new(ManualClock::at(0)));

@@ -1,4 +1,5 @@
-//! What clients ask, and how a machine answers it: through the service itself, as if it came off the wire.
+//! The requests of clients, and a machine's answers: through the service itself, as if they came off the
+//! wire.
 
 use std::collections::BTreeMap;
 
@@ -46,7 +47,7 @@ impl Request {
     }
 }
 
-/// What comes back.
+/// The answer to a request.
 #[derive(Clone, Debug)]
 pub(crate) enum Answer {
     Trial(Box<wire::Trial>),

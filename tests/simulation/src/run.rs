@@ -11,7 +11,7 @@ use crate::plan::Plan;
 use crate::world::{Outcome, PATIENCE, START_MS, World};
 use crate::{client, machine_life, replay, requests};
 
-/// How long the quiet after the last event lasts, in which everybody finishes what they are at.
+/// Length of the quiet after the last event, in which all calls end.
 const QUIET: Duration = Duration::from_secs(900);
 
 /// Runs a world to its end.
@@ -26,7 +26,7 @@ pub fn run(plan: Plan) -> Outcome {
         .build()
         .expect("a runtime without input and output");
     let outcome = runtime.block_on(live(plan));
-    // Whatever still waits is of no interest.
+    // Tasks that still wait do not matter.
     runtime.shutdown_background();
     outcome
 }
@@ -48,7 +48,7 @@ async fn live(plan: Plan) -> Outcome {
         .collect();
     world.over().await;
 
-    // From here on all goes well, so that everybody must come to an end.
+    // From here on all goes well, so that every call must end.
     world.calm_down();
     let begin = Instant::now();
     for client in clients {

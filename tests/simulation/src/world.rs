@@ -1,5 +1,4 @@
-//! A world: its time, its chance, its troubles, its machines and its books, shared by everything that lives
-//! in it.
+//! A world: its time, its chance, its troubles, its machines and its books, shared by all its parts.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -25,10 +24,10 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
 /// No wait is longer.
 const WAIT_MS_MAX: f64 = 1e7;
 
-/// What came of a world.
+/// The result of a world.
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
-    /// How it was made.
+    /// Its plan.
     pub plan: Plan,
     /// Counts of events.
     pub counts: Counts,
@@ -42,7 +41,7 @@ pub struct Outcome {
     pub violations: Vec<Violation>,
 }
 
-/// What everything in a world shares.
+/// The state that all parts of a world share.
 pub(crate) struct World {
     pub(crate) plan: Plan,
     pub(crate) durable: Arc<Durable>,
@@ -204,7 +203,7 @@ impl World {
         count(&mut self.lock().ledger.counts);
     }
 
-    /// Enters something into the books; what is wrong ends the world.
+    /// Enters an event into the books; a violation ends the world.
     pub(crate) fn enter(&self, enter: impl FnOnce(&mut Ledger, &Durable)) {
         let mut inner = self.lock();
         enter(&mut inner.ledger, &self.durable);
@@ -229,8 +228,8 @@ impl World {
     pub(crate) fn look_for_stuck_calls(&self) {
         let now = Instant::now();
         let slept = |inner: &Inner| inner.asleep.iter().flatten().any(|(_, until)| *until + PATIENCE > now);
-        // Who sleeps answers nobody, and who asked it waits; the last look comes when all have long been
-        // awake.
+        // A machine that sleeps does not answer, and its callers wait; the last look comes when all machines
+        // have long been awake.
         if !self.is_calm() && slept(&self.lock()) {
             return;
         }
@@ -282,7 +281,7 @@ impl World {
         self.troubled(|inner| inner.away[replica]).is_some()
     }
 
-    /// Whether it has only just lost it, so that what it sent last may have arrived.
+    /// Whether it lost the database less than a second ago, so that its last messages may have arrived.
     pub(crate) fn is_leaving(&self, replica: usize) -> bool {
         self.troubled(|inner| inner.away[replica]).is_some_and(|time| time < Duration::from_secs(1))
     }

@@ -1,4 +1,5 @@
-//! The simulator itself: nothing is wrong in sound worlds, planted defects are found, and a seed is a world.
+//! The simulator itself: sound worlds have no violations, planted defects are found, and one seed always
+//! gives one world.
 
 use treewright_simulation::{Bug, Counts, Plan, run};
 
@@ -35,7 +36,7 @@ fn nothing_is_wrong_in_the_first_worlds() {
     }
 }
 
-/// Worlds in which something was wrong once, each with what it was.
+/// Worlds that once had a violation, each with its cause.
 #[test]
 fn what_was_found_stays_mended() {
     let found = [

@@ -1,6 +1,5 @@
-//! Studies of OSS Vizier, from its SQLite database (`vizier/_src/service/sql_datastore.py`): tables of
-//! serialized messages, of which those parts are read here that `study.proto` of that project defines and
-//! that mean something here.
+//! Studies of OSS Vizier, from its SQLite database (`vizier/_src/service/sql_datastore.py`). Its tables hold
+//! serialized messages of that project's `study.proto`; only the parts that mean something here are read.
 //!
 //! Succeeded trials become measurements and infeasible ones findings. Missing values are made up visibly: the
 //! values of the first trial are the defaults where the specification names none. The metric is minimised or

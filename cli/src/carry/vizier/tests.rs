@@ -1,5 +1,5 @@
-//! Studies of Vizier read: from messages made here, and from a database that Vizier 0.1.24 wrote, against
-//! what its own client reads.
+//! Reading studies of Vizier: messages made here, and a database that Vizier 0.1.24 wrote, compared with the
+//! values that Vizier's own client reads.
 
 use prost_types::value::Kind;
 

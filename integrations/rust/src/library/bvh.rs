@@ -1,4 +1,4 @@
-//! The crate `bvh`: its builder takes no options, so what is left to choose is the way through the tree.
+//! The crate `bvh`: its builder takes no options, so the only choice is the way through the tree.
 
 use std::cell::Cell;
 use std::error::Error;

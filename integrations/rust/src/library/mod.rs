@@ -1,5 +1,5 @@
-//! The libraries whose builders are tuned, as one conditional space: which library, and the options of the
-//! one that is taken.
+//! The libraries whose builders are tuned, as one conditional space: the library, and the options of the
+//! chosen one.
 
 mod bvh;
 mod obvhs;
@@ -84,7 +84,7 @@ pub(crate) fn fixed(libraries: &[Library]) -> Vec<(String, Configuration)> {
     libraries.iter().flat_map(of).collect()
 }
 
-/// What one build and its rays took, and how many rays hit.
+/// Times of one build and of its rays, and the number of hits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cost {
     pub(crate) build_ms: f64,
@@ -123,8 +123,7 @@ fn trace(mesh: &Mesh, rays: u32, start_ms: f64, closest: impl Fn(Vec3A, Vec3A) -
     for _ in 0..rays {
         let direction = random.direction();
         let distance = closest(origin, direction);
-        // From the immediate neighbourhood of a surface a path could not leave: rounding would decide what it
-        // hits.
+        // A path could not leave the immediate neighbourhood of a surface: rounding would decide its hits.
         let goes_on = distance.is_finite() && distance > shortest;
         origin = if goes_on { origin + direction * (distance * 0.999) } else { center };
         hits += u32::from(distance.is_finite());
@@ -136,7 +135,7 @@ fn trace(mesh: &Mesh, rays: u32, start_ms: f64, closest: impl Fn(Vec3A, Vec3A) -
     }
 }
 
-/// Numerical Recipes' quick generator: enough to scatter rays, the same on every machine.
+/// Numerical Recipes' quick generator: enough to scatter rays, and equal on every machine.
 struct Random(u32);
 
 impl Random {
@@ -171,7 +170,7 @@ mod tests {
             }
             hits.push((run(&settings, &mesh, 2000).unwrap().hits, name));
         }
-        // Paths part where two triangles are met at one distance, so not every number is the same.
+        // Paths part where two triangles are met at one distance, so the numbers can differ a little.
         let (least, most) = (hits.iter().min().unwrap().0, hits.iter().max().unwrap().0);
         assert!(least > 0 && most - least <= most / 20, "{hits:?}");
     }

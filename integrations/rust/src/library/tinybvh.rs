@@ -66,9 +66,9 @@ pub(super) fn run(configuration: &Configuration, mesh: &Mesh, rays: u32) -> Resu
     Ok(trace(mesh, rays, start_ms, |origin, direction| closest(&tree, origin, direction)))
 }
 
-/// A ray with the room that the C++ side takes it to have. In 0.1.0-beta.3 its rays are 128 bytes long and
-/// those of Rust 64, so that the crate's own `Ray::new` overwrites 64 bytes of its caller; hence rays are put
-/// together here.
+/// A ray of the size that the C++ side expects. In 0.1.0-beta.3 its rays are 128 bytes long and those of Rust
+/// 64, so that the crate's own `Ray::new` overwrites 64 bytes of its caller. Hence rays are put together
+/// here.
 #[repr(C, align(64))]
 struct Query {
     ray: Ray,

@@ -14,7 +14,7 @@ const INK: RGBColor = RGBColor(1, 1, 1);
 const FAINT: RGBColor = RGBColor(2, 2, 2);
 
 /// Colours of contenders in order, taken again from the first when there are more. Legible on white and on
-/// black, and told apart by most of those who see fewer colours (after Okabe and Ito, 2008).
+/// black, and distinct for most people who see fewer colours (after Okabe and Ito, 2008).
 pub(super) const COLOURS: [RGBColor; 6] = [
     RGBColor(120, 124, 130),
     RGBColor(0, 114, 178),
@@ -24,7 +24,7 @@ pub(super) const COLOURS: [RGBColor; 6] = [
     RGBColor(190, 140, 0),
 ];
 
-/// What the plot stands on.
+/// The background of the plot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ground {
     /// Inside the page, whose style gives the colours of axes and text.
@@ -123,7 +123,7 @@ fn draw(
         .y_label_formatter(&|error| format!("{error:.0e}"))
         .draw()?;
 
-    // What theory says: one over the time, through the first point of the first contender.
+    // The line of the theory: one over the time, through the first point of the first contender.
     if let Some((wall_s, error)) = results.contenders.iter().find_map(|found| found.mean_curve().pop()) {
         let line = [x.start, x.end].map(|seconds| (seconds, error.estimate * wall_s / seconds));
         chart.draw_series(DashedLineSeries::new(clipped(line, &y), 2, 6, INK.stroke_width(1)))?;

@@ -21,7 +21,7 @@ pub(crate) use parts::{seconds, target_in_words, verdict_in_words, with_range};
 /// Difference pictures are white where the error is this large, relative to the reference.
 const WHITE_AT: f64 = 1.0;
 
-/// A picture on the page, with what it must be judged by.
+/// A picture on the page, with its errors.
 struct PictureCard {
     name: String,
     picture: String,

@@ -48,7 +48,7 @@ pub(super) struct EqualErrorRow {
     pub(super) ratios_with_setup: Vec<String>,
 }
 
-/// An estimate and its interval, with so many digits after the point.
+/// An estimate and its interval, with `digits` digits after the point.
 pub(crate) fn with_range(interval: &Interval, digits: usize) -> String {
     match interval.range {
         Some([low, high]) => format!("{:.digits$} [{low:.digits$}, {high:.digits$}]", interval.estimate),
@@ -56,7 +56,7 @@ pub(crate) fn with_range(interval: &Interval, digits: usize) -> String {
     }
 }
 
-/// The same, as a power of ten.
+/// An estimate and its interval, as powers of ten.
 fn with_range_scientific(interval: &Interval) -> String {
     match interval.range {
         Some([low, high]) => format!("{:.2e} [{low:.2e}, {high:.2e}]", interval.estimate),
@@ -77,7 +77,7 @@ pub(crate) fn seconds(time_ms: f64) -> String {
     }
 }
 
-/// Who is the subject of the page: the tuned contender, or the predicted one.
+/// The subject of the page: the tuned contender, or the predicted one.
 fn hero(results: &ComparisonResults) -> Option<&ContenderResult> {
     [TUNED, PREDICTED]
         .iter()
@@ -175,7 +175,7 @@ pub(super) fn legend(results: &ComparisonResults) -> Vec<LegendRow> {
     rows
 }
 
-/// What a verdict means, in a few words.
+/// A verdict in a few words.
 pub(crate) fn verdict_in_words(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Unbiased => "falls to the reference's own error",
@@ -205,7 +205,7 @@ pub(super) fn contenders(results: &ComparisonResults) -> Vec<ContenderRow> {
     results.contenders.iter().map(row).collect()
 }
 
-/// What the error of a table is, in words.
+/// The error of a table, in words.
 pub(crate) fn target_in_words(target: &EqualError) -> String {
     let error = format!("relative error {:.2e}", target.relative_mse);
     match target.samples {

@@ -1,4 +1,4 @@
-//! The page and the plot of a made-up comparison: they say what was measured, and they stand alone.
+//! The page and the plot of a made-up comparison: they show its results, and need no other file.
 
 use glam::Vec3;
 use treewright_client::Fingerprint;

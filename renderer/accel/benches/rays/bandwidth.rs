@@ -1,4 +1,4 @@
-//! How fast does this machine read? What rays visit has to come from somewhere.
+//! The memory bandwidth of this machine, from which rays read the nodes and blocks that they visit.
 
 use std::fmt;
 use std::hint::black_box;
@@ -12,7 +12,7 @@ use serde::Serialize;
 const SIZES: [(&str, usize); 3] =
     [("second cache", 512 << 10), ("third cache", 4 << 20), ("memory", 128 << 20)];
 
-/// How long each is read.
+/// Time of reading at each size.
 const TIME: Duration = Duration::from_millis(200);
 
 /// Gigabytes a second that all threads of a pool read together.

@@ -1,4 +1,4 @@
-//! What is measured: native Embree, the tunable tree, and peers from the registry.
+//! The contenders: native Embree, the tunable tree, and peers from the registry.
 
 use std::error::Error;
 use std::sync::Arc;
@@ -25,13 +25,13 @@ pub(crate) const RECOMMENDED: &str = "recommended";
 /// Builds a peer's structure.
 type BuildPeer = dyn Fn(&Arc<Triangles>) -> Box<dyn Intersector>;
 
-/// How a structure comes about.
+/// The recipe of a structure.
 enum Recipe {
     Ours(BuildChoice),
     Peer(Box<BuildPeer>),
 }
 
-/// Who made a structure.
+/// The maker of a structure.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Maker {
@@ -139,7 +139,7 @@ pub(crate) fn build_all(
     Ok(all.into_iter().map(|(_, built)| built).collect())
 }
 
-/// What single rays of each set visit in the recommended tree.
+/// Nodes and blocks that single rays of each set visit in the recommended tree.
 pub(crate) fn visits(device: &Device, recording: &Recording) -> Result<Vec<Visits>, BuildError> {
     let recipe = recipes(None).into_iter().find(|(name, _)| *name == RECOMMENDED).map(|(_, recipe)| recipe);
     let Some(Recipe::Ours(choice)) = recipe else { unreachable!("it is one of ours") };

@@ -1,4 +1,4 @@
-//! How fast are the acceleration structures? Million rays a second and build milliseconds, side by side.
+//! The speed of the acceleration structures: million rays a second and build milliseconds, side by side.
 //!
 //! `cargo bench -p treewright-accel -- --rounds 21 --json rays.json`
 //!

@@ -1,4 +1,4 @@
-//! What all scenes say together: the recommended tree over each kind of others, by class of rays.
+//! Results over all scenes: the recommended tree over each other kind of structure, by class of rays.
 //!
 //! A ratio is one of medians over the rounds. Where several structures or packings stand on one side, the
 //! fastest in each scene and class counts: the best available choice.
@@ -11,7 +11,7 @@ use treewright_accel::recording::RayClass;
 use crate::contenders::{Maker, RECOMMENDED};
 use crate::summary::{Row, SceneResults, SetResults, Spread};
 
-/// A comparison: what it says, and which rows stand on its two sides.
+/// A comparison: its words, and the rows on its two sides.
 type Comparison = (&'static str, fn(&Row) -> bool, fn(&Row) -> bool);
 
 const COMPARISONS: [Comparison; 6] = [
@@ -64,7 +64,7 @@ pub(crate) struct Overview {
 /// A figure of each scene, by class of rays.
 type ByClass = [Vec<f64>; RayClass::ALL.len()];
 
-/// What a ray takes: its name, and the figure from a set and its speed in million rays a second.
+/// A cost of a ray: its name, and the figure from a set and its speed in million rays a second.
 type Quantity = (&'static str, fn(&SetResults, f64) -> f64);
 
 const QUANTITIES: [Quantity; 4] = [

@@ -45,7 +45,7 @@ macro_rules! obvhs {
                 self.tree.ray_traverse(query, &mut hit, |ray, place| self.ordered[place].intersect(ray));
                 (hit.primitive_id != obvhs::ray::INVALID_ID).then(|| Hit {
                     t: hit.t,
-                    // The crate tells them on request only.
+                    // The crate computes them only on request.
                     u: 0.0,
                     v: 0.0,
                     triangle: self.numbers[hit.primitive_id as usize],

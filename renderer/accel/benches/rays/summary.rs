@@ -35,13 +35,13 @@ pub(crate) struct SceneResults {
     pub(crate) rows: Vec<Row>,
 }
 
-/// A set of rays, how many hits native medium finds, and what it takes to find them.
+/// A set of rays, the number of hits that native medium finds, and the visits for them.
 #[derive(Debug, Serialize)]
 pub(crate) struct SetResults {
     pub(crate) class: RayClass,
     pub(crate) rays: usize,
     hits: usize,
-    /// What all its rays, one by one, visit in the recommended tree.
+    /// Nodes and blocks that its rays, one by one, visit in the recommended tree.
     pub(crate) visits: Visits,
 }
 

@@ -1,8 +1,9 @@
 //! tinybvh as a further peer: its eight-wide tree for processors, from a library that `tools/tinybvh.sh`
 //! compiles.
 //!
-//! The crate `tinybvh-rs` has no question for any hit, and none of the wide tree unless the whole program is
-//! compiled for AVX2. Hence a few lines of C++ of our own, loaded where `TREEWRIGHT_TINYBVH` names them.
+//! The crate `tinybvh-rs` has no query for any hit, and queries of the wide tree only where the whole program
+//! is compiled for AVX2. Hence a few lines of C++ of our own, loaded from the file that `TREEWRIGHT_TINYBVH`
+//! names.
 
 use std::error::Error;
 use std::ffi::{c_int, c_void};
@@ -27,7 +28,7 @@ struct FlatRay {
     t_max: f32,
 }
 
-/// A hit as the C++ side tells it; at infinity where there is none.
+/// A hit as the C++ side returns it; at infinity where there is none.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 struct FlatHit {

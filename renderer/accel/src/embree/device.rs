@@ -86,7 +86,7 @@ thread_local! {
     static MESSAGE: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// What the callbacks read and write.
+/// The state that the callbacks read and write.
 #[derive(Debug)]
 struct Heard {
     /// Bytes Embree holds for its structures.
@@ -160,7 +160,7 @@ impl Device {
 
     /// A device with `further` options.
     fn new(threads: usize, further: &str, heard: Arc<Heard>) -> Result<Self, DeviceError> {
-        // Configuration files in the home or working folder must not change what is measured.
+        // Configuration files in the home or working folder must not change measurements.
         let widest = Isa::widest().map_or_else(String::new, |isa| format!("max_isa={},", isa.name()));
         let options = CString::new(format!("ignore_config_files=1,threads={threads},{widest}{further}"))
             .expect("no zero byte in our own options");

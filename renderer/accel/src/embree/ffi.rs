@@ -30,7 +30,7 @@ pub(crate) const INVALID_GEOMETRY: u32 = embree4_sys::RTC_INVALID_GEOMETRY_ID;
 // A hit without an instance comes back with the same mark, and goes out as it is.
 const _: () = assert!(INVALID_GEOMETRY == crate::rays::NO_INSTANCE);
 
-/// `RTCRay` (`rtcore_ray.h`): the same in 4.2 and 4.4, declared again to stand beside [`RayHit`].
+/// `RTCRay` (`rtcore_ray.h`): equal in 4.2 and 4.4, declared again to stand beside [`RayHit`].
 #[repr(C, align(16))]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RtcRay {
@@ -161,8 +161,8 @@ unsafe extern "C" {
 /// `RTCFilterFunctionN`.
 pub(crate) type Filter = Option<unsafe extern "C" fn(*const FilterArguments)>;
 
-/// `RTCFilterFunctionNArguments`: the same in 4.2 and 4.4. Rays and hits are `count` numbers a field, the
-/// fields in the order of [`RtcRay`] and [`RtcHit`].
+/// `RTCFilterFunctionNArguments`: equal in 4.2 and 4.4. Rays and hits are `count` numbers a field, the fields
+/// in the order of [`RtcRay`] and [`RtcHit`].
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FilterArguments {

@@ -1,8 +1,7 @@
 //! Two levels by Embree: a native scene for each object, and one of instances over them.
 //!
-//! Embree takes rays into the objects' spaces itself and says which instance was met; its instance numbers
-//! are ours. Triangles are numbered within their objects, so a hit's triangle moves on by where the object
-//! begins.
+//! Embree takes rays into the objects' spaces itself and returns the number of the instance, which is ours.
+//! It numbers triangles within their object, so the number of the object's first triangle is added.
 
 use std::sync::Arc;
 

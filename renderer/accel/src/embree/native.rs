@@ -1,4 +1,4 @@
-//! A native Embree scene: the comparison, and the only way to what Embree alone offers (compact trees).
+//! A native Embree scene: the baseline of comparisons, and the only way to Embree's own compact trees.
 //!
 //! One triangle geometry shares our vertex and index arrays. Its geometry number is 0, so a hit's
 //! primitive number is the triangle's number.
@@ -342,7 +342,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// What stands behind a guarded structure.
+    /// The words behind a guarded structure.
     pub(crate) const CANARY: [u64; 16] = [0x5afe_c0de_5afe_c0de; 16];
 
     /// A query structure with known words right behind it.

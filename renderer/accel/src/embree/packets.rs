@@ -62,7 +62,7 @@ impl<const N: usize> HitPacket<N> {
 /// Embree's numbers overflow can come back with weights that are none: it has missed.
 ///
 /// # Safety
-/// The scene is committed and lives through the call. What its instances place has kernels for packets.
+/// The scene is committed and lives through the call. The scenes of its instances have kernels for packets.
 pub(super) unsafe fn closest<const N: usize>(
     scene: ffi::RTCScene,
     coherent: bool,
@@ -88,7 +88,7 @@ pub(super) unsafe fn closest<const N: usize>(
 /// Whether anything lies inside each segment, `N` rays at a time; `occluded` is as long as `rays`.
 ///
 /// # Safety
-/// The scene is committed and lives through the call. What its instances place has kernels for packets.
+/// The scene is committed and lives through the call. The scenes of its instances have kernels for packets.
 pub(super) unsafe fn occluded<const N: usize>(
     scene: ffi::RTCScene,
     coherent: bool,

@@ -74,7 +74,7 @@ fn marked(number: u32, triangles: &Triangles) -> u32 {
     if triangles.is_card(number as usize) { number | CARD } else { number }
 }
 
-/// Whether a ray that meets a triangle with this number, as it stands in a leaf, meets something solid there.
+/// Whether a triangle is solid where a ray meets it; `number` is its number as it stands in a leaf.
 #[inline(always)]
 pub(crate) fn is_met(triangles: &Triangles, number: u32, ray: &Ray) -> bool {
     number & CARD == 0 || is_card_met(triangles, number & !CARD, ray)

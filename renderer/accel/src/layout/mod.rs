@@ -106,7 +106,7 @@ impl NodeRef {
     /// The node, to be changed.
     ///
     /// # Safety
-    /// As for [`NodeRef::node`], and nobody else looks at it meanwhile.
+    /// As for [`NodeRef::node`], and there is no other reference to it meanwhile.
     pub(crate) unsafe fn node_mut<'a, N: TreeNode>(self) -> &'a mut N {
         // SAFETY: as above.
         unsafe { &mut *self.0.cast::<N>() }
@@ -115,7 +115,7 @@ impl NodeRef {
     /// The blocks of the leaf, to be changed.
     ///
     /// # Safety
-    /// As for [`NodeRef::blocks`], and nobody else looks at them meanwhile.
+    /// As for [`NodeRef::blocks`], and there is no other reference to them meanwhile.
     pub(crate) unsafe fn blocks_mut<'a, const B: usize>(self) -> &'a mut [Block<B>] {
         let count = self.0.addr() & COUNT_BITS;
         if count == 0 {

@@ -1,4 +1,4 @@
-//! Inner nodes: what every format can do, and the full format.
+//! Inner nodes: the operations of every format, and the full format.
 
 use super::{Bounds, NodeRef, WIDTH_MAX};
 

@@ -1,4 +1,4 @@
-//! What the upper level of two has in its leaves.
+//! The parts of placed objects in the leaves of the upper level of two.
 
 use super::NodeRef;
 use crate::instances::Instance;
@@ -25,7 +25,7 @@ unsafe impl Send for PlacedPart {}
 unsafe impl Sync for PlacedPart {}
 
 impl PlacedPart {
-    /// What is below `node` of an object's tree, as `instance` places it.
+    /// The part below `node` of an object's tree, as `instance` places it.
     pub(crate) fn new(instance: &Instance, number: u32, node: NodeRef) -> Self {
         let (linear, moved) = (instance.to_object.matrix3, instance.to_object.translation);
         let row = |axis: usize| [linear.x_axis[axis], linear.y_axis[axis], linear.z_axis[axis], moved[axis]];

@@ -1,9 +1,9 @@
 //! Counts what queries do: nodes visited, blocks of triangles tested, bytes they lie in. For analyses; slow.
 //!
 //! The walk is that of the queries ([`super::kernel`]) with counters around its two tests, on portable
-//! vectors: what is visited does not depend on the instruction set. Such counts explain measured times (Aila,
-//! Karras and Laine, "On Quality Metrics of Bounding Volume Hierarchies", 2013) and, unlike these, repeat to
-//! the last digit.
+//! vectors: visits do not depend on the instruction set. Such counts explain measured times (Aila, Karras and
+//! Laine, "On Quality Metrics of Bounding Volume Hierarchies", 2013) and, unlike times, repeat to the last
+//! digit.
 
 use std::cell::Cell;
 use std::marker::PhantomData;
@@ -20,7 +20,7 @@ use crate::geometry::{Hit, Ray, Triangles};
 use crate::layout::{Block, Node, QuantisedNode, Root};
 use crate::parameters::{NodeFormat, TreeParameters};
 
-/// What some queries did.
+/// Counts of some queries.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Visits {
     /// Nodes whose children's boxes were tested.
@@ -98,7 +98,7 @@ pub(crate) struct Queries<'a> {
     pub(crate) any: bool,
 }
 
-/// What the queries do in a tree of these parameters, one ray after the other.
+/// The visits of the queries in a tree of these parameters, one ray after the other.
 ///
 /// # Safety
 /// The tree below `root` was built with these parameters and lives.

@@ -1,5 +1,5 @@
 //! Instruction sets the kernels are compiled for, and a way to compile a caller's loops for them as well. The
-//! build script says which (`kernels_NAME`): each, or that of the machine alone.
+//! build script chooses them (`kernels_NAME`): all, or only that of the machine.
 
 use std::sync::OnceLock;
 
@@ -9,7 +9,7 @@ static WIDEST: OnceLock<Isa> = OnceLock::new();
 /// An instruction set with kernels of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Isa {
-    /// Plain Rust; whatever the compiler's baseline has.
+    /// Plain Rust, with the instructions of the compiler's baseline.
     Scalar,
     /// AVX2 and fused multiply-add.
     Avx2,
@@ -89,7 +89,7 @@ impl Isa {
 /// Loops that are worth compiling for each instruction set. Results do not depend on which one runs: no
 /// operation is fused or reordered that the source does not fuse or reorder.
 pub trait Work {
-    /// What comes of it.
+    /// The result of the loop.
     type Output;
 
     /// Does it. To be marked `#[inline(always)]`, and all it calls, or it stays compiled for the baseline.

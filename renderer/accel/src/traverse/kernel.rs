@@ -1,14 +1,14 @@
-//! The walk: down to the nearest child first, the others on a stack with the distance where the ray
-//! enters them, and whatever lies behind a hit is passed by.
+//! The walk: down to the nearest child first, the others on a stack with the distance where the ray enters
+//! them. Children behind a hit are passed by.
 //!
 //! A shadow ray needs no order. It goes on with the last child it meets: the builder sorts children big
 //! to small, and the small ones are soon done with.
 //!
 //! The number of children that a ray meets is hard to foresee, and a wrong guess of the processor costs as
-//! much as the test of a node. So there is no branch on it beyond none, one or several; those are sorted
-//! without branches, where the machine can ([`super::lanes::Order`]). To branch on none all the same is
-//! deliberate: a right guess lets the processor begin with the next node on the stack while this one is still
-//! tested (selecting instead was measured to be a tenth slower on primary rays and a quarter on shadow rays).
+//! much as the test of a node. So there is no branch on it beyond none, one or several. Several are sorted
+//! without branches, where the machine can ([`super::lanes::Order`]). The branch on none is deliberate: a
+//! right guess lets the processor begin with the next node on the stack while this one is still tested
+//! (selecting instead was measured to be a tenth slower on primary rays and a quarter on shadow rays).
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
@@ -27,7 +27,7 @@ pub(crate) trait Leaves {
     /// Replaces `hit` by a nearer one in the leaf, if there is one.
     unsafe fn closest(&self, leaf: NodeRef, hit: &mut Hit);
 
-    /// Whether anything in the leaf is hit before `t_max`.
+    /// Whether the ray hits a triangle of the leaf before `t_max`.
     unsafe fn any(&self, leaf: NodeRef, t_max: f32) -> bool;
 }
 
@@ -80,7 +80,7 @@ pub(crate) unsafe fn closest<N: TreeNode, X: Boxes<N>, L: Leaves>(
     *hit = nearest;
 }
 
-/// Whether anything below `start` is hit.
+/// Whether the ray hits a triangle below `start`.
 ///
 /// # Safety
 /// As for [`closest`].

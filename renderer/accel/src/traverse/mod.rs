@@ -29,7 +29,7 @@ use crate::layout::{NodeRef, Root};
 /// Replaces a hit by a nearer one below a node, if there is one.
 type ClosestBelow = unsafe fn(&Root, NodeRef, &Ray, &mut Hit);
 
-/// Whether anything below a node is hit.
+/// Whether a ray hits a triangle below a node.
 type OccludedBelow = unsafe fn(&Root, NodeRef, &Ray) -> bool;
 
 /// The closest hits of the active rays of a packet.
@@ -54,7 +54,7 @@ pub(crate) struct Kernels {
     rays_occluded: unsafe fn(&Kernels, &Root, &[Ray], &mut [bool]),
 }
 
-/// The queries over the upper level of two. Its nodes have eight children, whatever those below have.
+/// The queries over the upper level of two. Its nodes have eight children, with any width below.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LevelKernels {
     closest: LevelClosest,
@@ -90,8 +90,8 @@ impl Kernels {
         unsafe { (self.occluded)(root, root.node, ray) }
     }
 
-    /// The nearest hit of each ray. Rays are packed only if they are said to be coherent: others part at
-    /// once and would go alone all the same.
+    /// The nearest hit of each ray. Rays are packed only if `packets` calls them coherent: others part at
+    /// once and would go alone anyway.
     ///
     /// # Safety
     /// As for [`Kernels::closest`].

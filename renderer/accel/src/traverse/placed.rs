@@ -1,8 +1,8 @@
-//! Rays into placed objects: what happens in the leaves of the upper level of two.
+//! Rays into placed objects: the leaves of the upper level of two.
 //!
 //! A ray is taken into the object's space and given to the object's own kernels. Its direction is not
-//! normalised there, so that distances mean the same in both spaces and the nearest hit so far ends the walks
-//! of both levels. A packet stays together: all its rays are taken over at once and go on as a packet below.
+//! normalised there, so that distances are equal in both spaces and the nearest hit so far ends the walks of
+//! both levels. A packet stays together: all its rays are taken over at once and go on as a packet below.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
@@ -24,7 +24,7 @@ pub(crate) struct Object {
     pub(crate) first: u32,
 }
 
-/// What lies below the upper level: trees of one kind.
+/// The level below: trees of one kind.
 #[derive(Debug)]
 pub(crate) struct Lower {
     pub(crate) objects: Vec<Object>,

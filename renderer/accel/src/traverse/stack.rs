@@ -1,8 +1,8 @@
 //! Children to come back to, nearest on top.
 //!
-//! Distances are kept as *keys*: the bits of a non-negative number order like the number itself, and the
-//! lowest bits give way to the child's place in its node, so that one word tells which and how far. A key
-//! is never above the distance it stands for, so that culling by keys errs to the safe side.
+//! Distances are kept as *keys*. The bits of a non-negative number order like the number itself, and the
+//! lowest bits give way to the child's place in its node, so that one word holds the child and its distance.
+//! A key is never above the distance it stands for, so that culling by keys errs to the safe side.
 
 use std::mem::MaybeUninit;
 
@@ -22,7 +22,7 @@ pub(crate) struct Stack {
     top: usize,
 }
 
-/// What lies below every entry: nearer than any distance.
+/// The key below every entry: nearer than any distance.
 const BOTTOM: i32 = i32::MIN;
 
 impl Stack {

@@ -22,7 +22,7 @@ pub(crate) trait Blocks<const B: usize>: Copy {
     /// the triangles that blocks are made of.
     unsafe fn closest(&self, block: &Block<B>, ray: &Ray, all: &Triangles, hit: &mut Hit);
 
-    /// Whether a triangle of the block is hit before the ray ends.
+    /// Whether the ray hits a triangle of the block before it ends.
     unsafe fn any(&self, block: &Block<B>, ray: &Ray, all: &Triangles) -> bool;
 }
 
@@ -55,7 +55,7 @@ impl<T: Blocks<B>, const B: usize> Leaves for BlockLeaves<'_, T, B> {
     }
 }
 
-/// What a test found: `hits` has one bit a lane. Distance and weights are multiplied by `scale`, so that
+/// The result of a test: `hits` has one bit a lane. Distance and weights are multiplied by `scale`, so that
 /// tests need no division.
 #[derive(Clone, Copy)]
 pub(crate) struct Found<L> {

@@ -12,8 +12,8 @@ const LINE: usize = 64;
 /// all over the tree, and with small pages most of them would also miss the page table cache.
 const HUGE_PAGE: usize = 2 << 20;
 
-/// One block of memory, aligned to cache lines. It is not zeroed, which would be done by one thread and
-/// before the kernel knows of huge pages: what is read was written before.
+/// One block of memory, aligned to cache lines. It is not zeroed, which one thread would do before the kernel
+/// knows of huge pages. Every byte is written before it is read.
 #[derive(Debug)]
 pub(super) struct Arena {
     start: NonNull<u8>,

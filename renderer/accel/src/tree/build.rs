@@ -1,6 +1,6 @@
 //! From parameters to a tree.
 //!
-//! | `collapse` | `order` | what happens |
+//! | `collapse` | `order` | steps |
 //! |---|---|---|
 //! | builder | builder | Embree's builder makes nodes and leaves in their final form, in its own memory |
 //! | builder | any other | it makes a sketch, which is then written in that order to memory of ours |
@@ -59,7 +59,7 @@ impl Tree {
         };
         let bounds = bounds_below(node, parameters, triangles);
         if !matches!(memory, Memory::Slabs(_)) {
-            // SAFETY: the tree was just made with these parameters, and nobody else knows of it yet.
+            // SAFETY: the tree was just made with these parameters, and no other reference to it exists yet.
             for_node!(parameters, N => for_block!(parameters, B => unsafe {
                 sort_children::<N, B>(node, bounds, parameters);
             }));
@@ -195,7 +195,7 @@ fn sketch_tree<const W: usize>(
     Ok((memory, root, bounds))
 }
 
-/// Box of what is below a node or leaf, from it alone.
+/// Box of the triangles below a node or leaf, from it alone.
 pub(super) fn bounds_below(node: NodeRef, parameters: &TreeParameters, triangles: &Triangles) -> Bounds {
     fn of_children<N: TreeNode>(node: NodeRef) -> Bounds {
         // SAFETY: the builder, or `write`, made this node of the kind `N`, and its memory lives.

@@ -1,8 +1,8 @@
-//! What Embree's builder calls: makes nodes and leaves in our layout, in Embree's own memory.
+//! Callbacks of Embree's builder: they make nodes and leaves in our layout, in Embree's own memory.
 //!
-//! Leaves are filled here, in parallel and while the builder has the triangles at hand; with that the
-//! whole build takes as long as Embree's native one. The functions run on Embree's threads: nothing may
-//! unwind out of them, so a panic is caught, noted and answered with an empty result.
+//! Leaves are filled here, in parallel and while the builder has the triangles at hand. So the whole build
+//! takes as long as Embree's native one. The functions run on Embree's threads: nothing may unwind out of
+//! them, so a panic is caught, noted and answered with an empty result.
 
 use std::cell::UnsafeCell;
 use std::ffi::c_void;
@@ -26,7 +26,7 @@ const _: () = {
     assert!(std::mem::offset_of!(Piece, upper) == std::mem::offset_of!(ffi::RTCBounds, upper_x));
 };
 
-/// What the callbacks know of the build, and what went wrong in them.
+/// The state of the build for the callbacks, and their failures.
 pub(crate) struct Context<'a> {
     /// A number no other build has.
     build: u64,

@@ -1,4 +1,4 @@
-//! Clusters on their way to a tree, and which of them belong together.
+//! Clusters on their way to a tree, and the search for pairs of them.
 
 use crate::layout::Bounds;
 use crate::traverse::Isa;
@@ -30,15 +30,15 @@ impl ClusterLink {
 #[derive(Clone, Copy)]
 pub(super) struct Cluster {
     pub(super) link: ClusterLink,
-    /// A place among the nodes that nobody has used: there is one for each cluster.
+    /// An unused place among the nodes: there is one for each cluster.
     pub(super) free: u32,
     pub(super) triangles: u32,
     /// Expected cost of the subtree, times the area of its box.
     pub(super) cost: f32,
 }
 
-/// A stack of clusters in their order along the curve. A part works on those at its top; below wait those of
-/// the parts before it. Behind the last there are always [`LANES`] and a radius of free places.
+/// A stack of clusters in their order along the curve. A part works on the clusters at its top; below wait
+/// those of the parts before it. Behind the last there are always [`LANES`] and a radius of free places.
 pub(super) struct Clusters {
     lower: [Vec<f32>; 3],
     upper: [Vec<f32>; 3],

@@ -22,7 +22,7 @@ const TASK_LEVELS: u32 = 32;
 /// Cost of a subtree as at most `i + 1` children of one node, for each `i`.
 type Costs<const W: usize> = [f32; W];
 
-/// What nodes and leaves cost.
+/// The costs of nodes and leaves.
 struct Model {
     traversal_cost: f32,
     intersection_cost: f32,
@@ -63,7 +63,7 @@ impl Model {
         node.leaves() <= self.max_leaf_size
     }
 
-    /// The costs of an inner node from those of its children, and what to do with it.
+    /// The costs of an inner node from those of its children, and its decision.
     #[inline(always)]
     fn costs<const W: usize>(
         &self,
@@ -104,8 +104,8 @@ impl Model {
     }
 }
 
-/// How a subtree becomes children of a wide node: whether it is a leaf where it is one child, and for each
-/// greater number of children how many of them its first half gets, four bits each. None means that fewer
+/// The way in which a subtree becomes children of a wide node: whether it is a leaf where it is one child,
+/// and for each greater number of children how many are in its first half, four bits each. 0 means that fewer
 /// children cost as little.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Decision(u64);
@@ -122,7 +122,7 @@ impl Decision {
         self.0 & Self::LEAF.0 != 0
     }
 
-    /// How many of `children` the first half gets; 0 where fewer children cost as little.
+    /// Number of `children` for the first half; 0 where fewer children cost as little.
     fn of_left(self, children: usize) -> usize {
         (self.0 >> Self::place(children) & 0xf) as usize
     }
@@ -254,7 +254,7 @@ mod tests {
     use super::*;
     use crate::layout::Bounds;
 
-    /// What the plan costs by the model of its parameters, without the factor that all have in common.
+    /// Cost of the plan by the model of its parameters, without the factor that all plans have in common.
     fn cost(plan: &Plan, link: Link, bounds: Bounds, parameters: &TreeParameters) -> f64 {
         match link.named() {
             Named::Leaf(leaf) => {

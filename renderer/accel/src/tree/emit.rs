@@ -1,5 +1,5 @@
-//! A clustered tree becomes memory at once: wide nodes and their leaves as they are met, each thread in slabs
-//! of its own, children in the order for shadow rays. For builds that have no time for a plan.
+//! Writes a clustered tree to memory at once: wide nodes and their leaves as they are met, each thread in
+//! slabs of its own, children in the order for shadow rays. For builds that have no time for a plan.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -15,7 +15,7 @@ use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
 use crate::parameters::{ChildOrder, TreeParameters};
 use crate::prefetch::prefetch;
 
-/// Bytes of a slab: as large as a huge page, or for small trees a share of what they may come to.
+/// Bytes of a slab: as large as a huge page, or for small trees a share of their largest size.
 const SLAB: usize = 2 << 20;
 const SLAB_MIN: usize = 16 << 10;
 
@@ -28,14 +28,14 @@ const TASKS_PER_THREAD: u32 = 8;
 /// Fewest triangles that are worth a task of their own.
 const TRIANGLES_PER_TASK: u32 = 4_096;
 
-/// What was written, and what awaits a shadow ray there: on its way from the thread that wrote it.
+/// A written node or leaf with its prospect for shadow rays, on its way from the thread that wrote it.
 #[derive(Clone, Copy)]
 struct Written(NodeRef, Prospect);
 
-// SAFETY: the node is finished and nobody writes to it again.
+// SAFETY: the node is finished and never written again.
 unsafe impl Send for Written {}
 
-/// What all threads share.
+/// The state that all threads share.
 struct Emitter<'a> {
     ploc: &'a Ploc,
     triangles: &'a Triangles,
@@ -44,8 +44,8 @@ struct Emitter<'a> {
     per_task: u32,
     slab: usize,
     slabs: Mutex<Vec<Arena>>,
-    /// What ended tasks left of theirs, for the next ones: a slab that each took for itself would stay mostly
-    /// empty, and the kernel zeroes the whole of it.
+    /// The rest of the slabs of ended tasks, for the next ones. A fresh slab for each task would stay mostly
+    /// empty, and the kernel zeroes all of it.
     rooms: Mutex<Vec<Room>>,
 }
 
@@ -121,7 +121,7 @@ impl Emitter<'_> {
         Ok(start.cast())
     }
 
-    /// Writes an inner node after what is below it. Recursion is as deep as the wide tree may be.
+    /// Writes an inner node after its subtrees. Recursion is as deep as the wide tree may be.
     fn subtree<N: TreeNode, const B: usize>(
         &self,
         (bounds, link): (Bounds, ClusterLink),
@@ -166,12 +166,12 @@ impl Emitter<'_> {
         for (child, &from) in children.iter_mut().zip(&order[..count]) {
             *child = (found[usize::from(from)].0, below[usize::from(from)].0);
         }
-        // SAFETY: the room was taken for it, is aligned and nobody else's.
+        // SAFETY: the room was taken for it alone and is aligned.
         unsafe { place.write(N::new(&children[..count])) };
         Ok(Written(NodeRef::to_node(place), prospect))
     }
 
-    /// Writes those of a node's children that are leaves.
+    /// Writes the leaves among a node's children.
     fn leaves<const B: usize>(
         &self,
         found: &[(Bounds, ClusterLink)],
@@ -216,7 +216,7 @@ impl Emitter<'_> {
         for (index, some) in numbers.chunks(B).enumerate() {
             let block = Block::new(some.iter().copied(), self.triangles, self.parameters.robust);
             area += if likely { area_of(&block, self.parameters.robust) } else { 0.0 };
-            // SAFETY: the room was taken for this number of blocks, is aligned and nobody else's.
+            // SAFETY: the room was taken for this number of blocks alone and is aligned.
             unsafe { blocks.add(index).write(block) };
         }
         let prospect = Prospect::leaf(count, area, bounds.half_area() as f32, self.parameters);
@@ -252,7 +252,7 @@ mod tests {
                 let (_slabs, root) = emit::<Node<8>, 4>(&ploc, &triangles, &parameters).expect("it is not deep");
                 let mut emitted = Vec::new();
                 references(root, &mut emitted);
-                // SAFETY: it is of these nodes and blocks, and nobody else looks at it.
+                // SAFETY: it is of these nodes and blocks, and there is no other reference to it.
                 unsafe { sort_children::<Node<8>, 4>(root, ploc.bounds(ploc.root), &parameters) };
                 let mut sorted = Vec::new();
                 references(root, &mut sorted);

@@ -1,5 +1,6 @@
-//! Objects that are copied into the world: what is small, or placed once, is met sooner as part of one tree
-//! than as an object of its own, whose box overlaps others and into whose space every ray has to be taken.
+//! Objects that are copied into the world. A ray meets a small object, or one that is placed once, sooner as
+//! part of one tree than as an object of its own, whose box overlaps others and into whose space every ray
+//! has to be taken.
 
 use std::sync::Arc;
 
@@ -18,7 +19,7 @@ use crate::parameters::TreeParameters;
 /// it its corners are copied one by one.
 const VERTICES_PER_TRIANGLE: usize = 3;
 
-/// The tree of what was copied.
+/// The tree of the copied objects.
 #[derive(Debug)]
 pub(super) struct Flat {
     pub(super) tree: Tree,
@@ -49,7 +50,7 @@ pub(super) fn flattened(instances: &Instances, parameters: &TreeParameters) -> V
     flattened
 }
 
-/// An instance that leaves everything where it is, for the tree of what was copied.
+/// An instance by the identity, for the tree of the copied objects.
 pub(super) fn in_the_world(object: usize) -> Instance {
     Instance { object: object as u32, to_world: Affine3A::IDENTITY, to_object: Affine3A::IDENTITY }
 }

@@ -1,8 +1,8 @@
 //! One call of `rtcBuildBVH`.
 //!
-//! What Embree makes of the parameters (seen in its builders):
-//! * a set of at most `min_leaf_size` triangles becomes a leaf at once; leaves smaller than that arise all
-//!   the same, when a larger set is split;
+//! The effect of the parameters in Embree (seen in its builders):
+//! * a set of at most `min_leaf_size` triangles becomes a leaf at once; smaller leaves arise where a larger
+//!   set is split;
 //! * no leaf exceeds `max_leaf_size`; the SAH builders make a leaf of a set between the two limits when
 //!   the heuristic says so, the Morton builder only where it nears the depth limit;
 //! * eight levels above `max_depth` the heuristic stops and sets are halved until they fit a leaf; a
@@ -48,7 +48,7 @@ impl Drop for EmbreeMemory {
     }
 }
 
-/// What makes nodes and leaves. All for the same kind of node.
+/// The functions that make nodes and leaves, all for one kind of node.
 pub(super) struct Callbacks {
     pub(super) create_node: ffi::RTCCreateNodeFunction,
     pub(super) set_children: ffi::RTCSetNodeChildrenFunction,

@@ -1,9 +1,9 @@
 //! The upper level of two: a tree over placed objects, or parts of them.
 //!
-//! Its leaves hold one part each, because what lies in a leaf costs a walk of its own. Objects whose boxes
-//! overlap are opened, the largest first: in place of the object its nodes are placed, so that a ray enters
-//! only what it comes near to. That is partial re-braiding (Benthin, Woop, Wald and Afra, "Improved Two-Level
-//! BVHs using Partial Re-Braiding", 2017), done before the build instead of during it.
+//! Its leaves hold one part each, because each part costs a walk of its own. Objects whose boxes overlap are
+//! opened, the largest first: the object's nodes are placed instead of the object, so that a ray enters only
+//! nodes that it comes near to. That is partial re-braiding (Benthin, Woop, Wald and Afra, "Improved
+//! Two-Level BVHs using Partial Re-Braiding", 2017), done before the build instead of during it.
 
 use std::collections::BinaryHeap;
 use std::sync::Arc;
@@ -46,7 +46,7 @@ pub(super) struct Level {
     _memory: Option<Arena>,
 }
 
-// SAFETY: after the build nobody writes to what it refers to.
+// SAFETY: after the build the memory that it refers to is never written.
 unsafe impl Send for Level {}
 // SAFETY: as above.
 unsafe impl Sync for Level {}
@@ -231,7 +231,7 @@ fn plan(seeds: &[Seed], parameters: &TreeParameters) -> Plan {
         let mut better = tree.clone();
         optimise(&mut better, passes);
         let plan = collapse::<LEVEL_WIDTH>(&better, &one_each);
-        // What is moved may come to lie deeper than the walks have room for.
+        // Moved subtrees may come to lie deeper than the walks have room for.
         if plan.depth <= *MAX_DEPTH.end() {
             return plan;
         }

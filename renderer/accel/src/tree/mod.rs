@@ -54,7 +54,7 @@ pub struct Tree {
     _memory: Memory,
 }
 
-/// Who owns the nodes and leaves. It is only held, to be dropped with the tree.
+/// The owner of the nodes and leaves. It is only held, to be dropped with the tree.
 #[derive(Debug)]
 #[allow(dead_code, reason = "held for the memory alone")]
 enum Memory {
@@ -68,7 +68,7 @@ enum Memory {
     Slabs(Vec<Arena>),
 }
 
-// SAFETY: after the build nobody writes to the nodes, and Embree allows release from any thread; so does the
+// SAFETY: after the build the nodes are never written, and Embree allows release from any thread; so does the
 // allocator.
 unsafe impl Send for Tree {}
 // SAFETY: as above.
@@ -80,7 +80,7 @@ impl Tree {
         &self.parameters
     }
 
-    /// The box around all of it.
+    /// The box around all triangles.
     pub(crate) fn bounds(&self) -> Bounds {
         self.root.bounds
     }
@@ -90,14 +90,14 @@ impl Tree {
         self.isa
     }
 
-    /// What queries by these rays, one after the other, do in the tree: for any hit, or for the nearest.
-    /// Takes some ten times as long as the queries.
+    /// The visits of queries by these rays, one after the other, for any hit or for the nearest. Takes some
+    /// ten times as long as the queries.
     pub fn visits(&self, rays: &[Ray], any: bool) -> Visits {
         // SAFETY: the parameters are those that the tree was built with.
         unsafe { count::visits(&self.root, &self.parameters, &count::Queries { rays, any }) }
     }
 
-    /// The same tree walked by another instruction set's kernels, or `None` if the processor lacks it.
+    /// This tree walked by another instruction set's kernels, or `None` if the processor lacks it.
     /// For tests and measurements.
     pub fn with_isa(mut self, isa: Isa) -> Option<Self> {
         self.kernels = Kernels::select(isa, &self.parameters)?;

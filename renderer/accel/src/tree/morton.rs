@@ -1,10 +1,10 @@
 //! Triangles along a curve that fills space: their boxes, and their numbers in the order of Morton codes.
 //!
 //! The code of a triangle is that of its box's centre on a grid of 2048 cells an axis (Lauterbach et al.,
-//! "Fast BVH Construction on GPUs", 2009). Codes stand before numbers in one word. These are first parted by
-//! the highest eleven bits of the code, all threads together, and then each part is sorted by whichever
-//! thread takes it, mostly in its own cache (radix sort from the most significant digit, with one digit:
-//! Knuth, The Art of Computer Programming 3, 5.2.5).
+//! "Fast BVH Construction on GPUs", 2009). Codes stand before numbers in one word. All threads together first
+//! part these words by the highest eleven bits of the code. Then each part is sorted by one thread, mostly in
+//! its own cache (radix sort from the most significant digit, with one digit: Knuth, The Art of Computer
+//! Programming 3, 5.2.5).
 
 use glam::Vec3A;
 use rayon::prelude::*;
@@ -181,7 +181,7 @@ fn sort(keys: &mut [Key], room: &mut [Key], bits: u32) {
 /// Where threads write, each to places of its own.
 struct Scattered(*mut Key);
 
-// SAFETY: each write through it says why nobody else uses the place.
+// SAFETY: each write through it says why no other thread uses the place.
 unsafe impl Sync for Scattered {}
 
 /// Sorts on one thread, from the lowest digit to the highest.

@@ -1,16 +1,16 @@
 //! Trees over triangles that move: refitted, rebuilt, or rebuilt where that pays.
 //!
-//! When a tree is updated for the first time it is cut into some hundred subtrees of like size, and what lies
-//! above them is listed. The subtrees are refitted in parallel, then the nodes above. A tree that is never
+//! When a tree is updated for the first time it is cut into some hundred subtrees of like size, and the nodes
+//! above them are listed. The subtrees are refitted in parallel, then the nodes above. A tree that is never
 //! updated has none of this.
 //!
 //! A partial update also compares costs with those of the last build. Where a subtree's cost, seen from a ray
-//! that hits its box, has grown beyond the threshold, the subtree alone is rebuilt and grafted on. Where that
-//! holds for the nodes above, whole subtrees have drifted apart: they get new nodes above them, which is
-//! cheap. If that does not help, subtrees overlap, and everything is rebuilt. Rebuilding by how far the
-//! heuristic's cost has grown is Lauterbach et al.'s ("RT-DEFORM: Interactive Ray Tracing of Dynamic
-//! Scenes using BVHs", 2006), doing so for parts Yoon, Curtis and Manocha's ("Ray Tracing Dynamic Scenes
-//! using Selective Restructuring", 2007).
+//! that hits its box, has grown beyond the threshold, the subtree alone is rebuilt and grafted on. Where the
+//! cost of the nodes above has grown as much, whole subtrees have drifted apart: they get new nodes above
+//! them, which is cheap. If that does not help, subtrees overlap, and everything is rebuilt. To rebuild by
+//! the growth of the heuristic's cost is the idea of Lauterbach et al. ("RT-DEFORM: Interactive Ray Tracing
+//! of Dynamic Scenes using BVHs", 2006), to do so for parts that of Yoon, Curtis and Manocha ("Ray Tracing
+//! Dynamic Scenes using Selective Restructuring", 2007).
 
 use std::sync::Arc;
 
@@ -36,10 +36,10 @@ const SHARE: usize = 256;
 /// Subtrees so small are not cut further.
 const CUT_MIN: usize = 512;
 
-/// How often new nodes above the subtrees are improved by moving branches.
+/// Passes in which new nodes above the subtrees are improved by moving branches.
 const PASSES_ABOVE: u32 = 2;
 
-/// What is remembered of a tree between updates.
+/// The state of a tree between updates.
 #[derive(Debug)]
 pub(super) struct Motion {
     subtrees: Vec<Subtree>,
@@ -266,7 +266,7 @@ impl Motion {
     /// everything and the cost of these nodes and the subtrees' boxes.
     ///
     /// # Safety
-    /// The nodes are of kind `N`, live, and nobody else looks at them.
+    /// The nodes are of kind `N`, live, and there is no other reference to them.
     unsafe fn fit_above<N: TreeNode>(&self, fitted: &[Fitted]) -> (Bounds, f64) {
         let mut boxes = vec![Bounds::EMPTY; self.above.len()];
         for (number, above) in self.above.iter().enumerate().rev() {
@@ -308,7 +308,7 @@ fn plan_above<N: TreeNode>(boxes: &[Bounds]) -> Plan {
     }
 }
 
-/// How deep each of `count` subtrees lies in a plan whose leaves are subtrees.
+/// The depth of each of `count` subtrees in a plan whose leaves are subtrees.
 fn depths(plan: &Plan, count: usize) -> Vec<u32> {
     let (mut of_nodes, mut of_subtrees) = (vec![0; plan.nodes()], vec![0; count]);
     for node in 0..plan.nodes() {
@@ -404,10 +404,10 @@ mod tests {
                 let now = balls(step as f32 * 0.4);
                 tree.update(&device, &now, Update::partial(1.5)).expect("it follows");
                 tree.validate().expect("it is sound");
-                // A tree that was built anew has forgotten everything.
+                // A rebuilt tree has no memory.
                 regrouped += u32::from(tree.motion.as_ref().is_some_and(|motion| motion.memory.is_some()));
                 let fresh = Tree::build(&device, &now, &parameters).expect("it builds");
-                // Subtrees may have grown by the threshold, and so may what is above them.
+                // The costs of subtrees may have grown by the threshold, and so may those of the nodes above.
                 assert!(cost(&tree) < 2.25 * cost(&fresh), "{} against {}", cost(&tree), cost(&fresh));
             }
             assert!(regrouped > 2, "{branching_factor}: {regrouped} of 8 times");

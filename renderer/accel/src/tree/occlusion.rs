@@ -1,12 +1,11 @@
-//! In which order a ray that looks for any hit visits the children of a node.
+//! The order in which a shadow ray visits the children of a node.
 //!
-//! Any hit will do for a shadow ray, so it should first go where a hit is likely and cheap: by the
-//! probability that it is blocked below a child, over what it costs to find out (Ogaki and Derouet-Jourdan,
-//! "An N-ary BVH Child Node Sorting Technique for Occlusion Tests", 2016). Both are estimated from the
-//! finished tree alone. A line that meets a box crosses the surfaces in it
-//! `their area / half the area of the box` times on average (Cauchy and Crofton); of a ray that begins
-//! inside, half of the line is left. Costs are those of the surface area heuristic, where what lies behind a
-//! likely hit hardly counts.
+//! Any hit will do for a shadow ray, so it should first go where a hit is likely and cheap. Children are
+//! sorted by the probability that the ray is blocked below a child, over the cost of its test (Ogaki and
+//! Derouet-Jourdan, "An N-ary BVH Child Node Sorting Technique for Occlusion Tests", 2016). Both are
+//! estimated from the finished tree alone. A line that meets a box crosses the surfaces in it `their area /
+//! half the area of the box` times on average (Cauchy and Crofton); of a ray that begins inside, half of the
+//! line is left. Costs are those of the surface area heuristic, where nodes behind a likely hit hardly count.
 //!
 //! Rays go on with the last child they meet ([`crate::traverse`]), so the one to visit first comes last.
 
@@ -18,7 +17,7 @@ use crate::parameters::{ChildOrder, TreeParameters};
 /// Levels whose children are shared between threads.
 const TASK_LEVELS: u32 = 3;
 
-/// What awaits a ray that meets a box and looks for any hit.
+/// The prospect of a shadow ray that meets a box.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Prospect {
     /// Probability that it is blocked inside.
@@ -33,7 +32,7 @@ impl Prospect {
 
     /// Of a leaf with blocks of triangles of such an area in a box of such half an area.
     pub(super) fn leaf(blocks: usize, area: f32, half_area: f32, parameters: &TreeParameters) -> Self {
-        // Close to what independent crossings would give, `1 - exp(-crossings / 2)`, and the same on every
+        // Close to the probability for independent crossings, `1 - exp(-crossings / 2)`, and equal on every
         // machine. A box without area of its own is as good as full.
         let blocked = if half_area > 0.0 { area / (area + 2.0 * half_area) } else { 1.0 };
         Self { blocked, cost: parameters.intersection_cost * blocks as f32 }
@@ -85,8 +84,8 @@ pub(super) fn order_of<T>(
 /// Brings the children of every node into the order that the parameters ask for.
 ///
 /// # Safety
-/// `root` is of a tree of nodes `N` and blocks of `B` triangles of these parameters, which lives, and nobody
-/// else looks at it meanwhile.
+/// `root` is of a tree of nodes `N` and blocks of `B` triangles of these parameters, which lives, and there
+/// is no other reference to it meanwhile.
 pub(super) unsafe fn sort_children<N: TreeNode, const B: usize>(
     root: NodeRef,
     bounds: Bounds,
@@ -112,14 +111,14 @@ struct Subtree {
     task_levels: u32,
 }
 
-// SAFETY: what is below two different children of a node is disjoint, and each task has one of them for
+// SAFETY: the subtrees of two different children of a node are disjoint, and each task has one of them for
 // itself.
 unsafe impl Send for Subtree {}
 // SAFETY: as above.
 unsafe impl Sync for Subtree {}
 
 impl Subtree {
-    /// What is below each child of a node.
+    /// The subtree of each child of a node.
     fn children<N: TreeNode>(&self, node: &N) -> ([Self; WIDTH_MAX], usize) {
         let mut all = [*self; WIDTH_MAX];
         let count = node.count();

@@ -1,12 +1,12 @@
-//! In which order nodes and leaves lie in memory.
+//! The order of nodes and leaves in memory.
 //!
-//! A ray goes down the tree, so what it visits one after the other should lie close together: in the same
-//! cache lines, pages and prefetch streams.
+//! A ray goes down the tree, so nodes that it visits one after the other should lie close together: in the
+//! same cache lines, pages and prefetch streams.
 //!
 //! * Depth first: a node's largest child, the likeliest next step, lies right behind it.
 //! * Van Emde Boas: the upper half of the levels lies in front, then each subtree below, all arranged the
-//!   same way. Whatever the size of a cache's blocks is, few are touched on the way down (Prokop 1999; for
-//!   bounding volumes Yoon and Manocha, "Cache-Efficient Layouts of Bounding Volume Hierarchies", 2006).
+//! same way. The way down touches few of a cache's blocks, for blocks of any size (Prokop 1999; for bounding
+//! volumes Yoon and Manocha, "Cache-Efficient Layouts of Bounding Volume Hierarchies", 2006).
 //! * Treelets: connected pieces of a few kilobytes, grown by the probability that a ray visits a node, which
 //!   is the area of its box over that of the root (after Aila and Karras, "Architecture Considerations for
 //!   Tracing Incoherent Rays", 2010). The hottest treelets come first.
@@ -116,7 +116,7 @@ fn treelets(plan: &Plan, sequence: &mut Vec<Link>) {
             sequence.push(hottest.link);
             inside.extend(children(plan, hottest.link).iter().map(&mut candidate));
         }
-        // What the treelet has no room for begins others.
+        // Nodes that the treelet has no room for begin others.
         roots.append(&mut inside);
     }
 }

@@ -1,4 +1,4 @@
-//! The upper part of a tree, for those who place or open it.
+//! The upper part of a tree, for the code that places or opens it.
 
 use std::collections::BinaryHeap;
 
@@ -74,8 +74,8 @@ impl Outline {
         first as usize..(first + count) as usize
     }
 
-    /// A box around what is below a node after `by`: that of the boxes farthest down, each of which is turned
-    /// by itself, so that it is tighter than the turned box of the node.
+    /// A box around the triangles below a node after `by`. It encloses the boxes farthest down, each of which
+    /// is turned by itself, so it is tighter than the turned box of the node.
     pub(super) fn placed(&self, number: usize, by: &Affine3A) -> Bounds {
         let children = self.children(number);
         if children.is_empty() {

@@ -9,7 +9,7 @@ pub(super) struct Link(u32);
 
 const LEAF_BIT: u32 = 1 << 31;
 
-/// What a [`Link`] names.
+/// The node or leaf that a [`Link`] names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Named {
     Node(usize),
@@ -102,10 +102,10 @@ impl Plan {
         }
     }
 
-    /// Grows the tree level by level from `root`. `open` either adds a leaf for what it is given and returns
-    /// it, or lists the children of a node. They stay in the order it gives them: that of the builder's cuts
-    /// through space, of which shadow rays, which begin with the last, make the best (measured; sorted by
-    /// area, either way round, they take up to twice as long).
+    /// Grows the tree level by level from `root`. `open` either adds a leaf for its argument and returns it,
+    /// or lists the children of a node. They stay in the order of that list, which is that of the builder's
+    /// cuts through space. Shadow rays, which begin with the last child, are fastest in this order (measured;
+    /// sorted by area, either way round, they take up to twice as long).
     pub(super) fn grow<T: Copy>(
         &mut self,
         root: (Bounds, T),
@@ -113,7 +113,7 @@ impl Plan {
     ) {
         self.root.bounds = root.0;
         let mut found = Vec::new();
-        // What to open, and where among the children its link belongs; the root's has a place of its own.
+        // The item to open, and the place of its link among the children; the root's has a place of its own.
         let mut level = vec![(root.1, None::<usize>)];
         let mut next = Vec::new();
         loop {

@@ -8,10 +8,10 @@
 //! Construction", 2024): a part hands up a handful of clusters, which are joined with those of the part
 //! beside it. So everything a thread works on lies in its first cache, and parts are as independent as the
 //! halves of a sort. Where there is no time for that, the lowest clusters are runs of the curve
-//! (`cluster_size`), as those of a tree by Morton codes: most of the work is done on the lowest levels, and
-//! least is lost there, since what ends up in one leaf need not be ordered at all.
+//! (`cluster_size`), as those of a tree by Morton codes. Most of the work is done on the lowest levels, and
+//! least is lost there, since the triangles of one leaf need no order.
 //!
-//! The tree is the same with any number of threads and with every instruction set.
+//! Equal inputs give equal trees with any number of threads and with every instruction set.
 
 use super::binary::{BinaryTree, Source};
 use super::clusters::{self, Cluster, ClusterLink, Clusters, LANES, Nearest, TRIANGLE};
@@ -35,7 +35,7 @@ struct Joined {
     children: [ClusterLink; 2],
     /// Triangles below.
     triangles: u32,
-    /// Whether those are best tested as one leaf.
+    /// Whether its triangles are best tested as one leaf.
     is_leaf: bool,
     /// It is a leaf of triangles side by side on the curve, without halves: those from its first child's
     /// number on.
@@ -60,7 +60,7 @@ pub(super) struct Ploc {
     pub(super) root: ClusterLink,
 }
 
-/// What leaves cost, as the collapse counts it.
+/// The costs of leaves, as the collapse counts them.
 #[derive(Clone, Copy)]
 struct Costs {
     node: f32,
@@ -273,7 +273,7 @@ impl Ploc {
         if link.triangle().is_some() { 1 } else { self.nodes[link.0 as usize].triangles }
     }
 
-    /// Whether what is below is best tested as one leaf.
+    /// Whether the triangles below are best tested as one leaf.
     pub(super) fn is_leaf(&self, link: ClusterLink) -> bool {
         link.triangle().is_some() || self.nodes[link.0 as usize].is_leaf
     }
@@ -303,7 +303,7 @@ impl Ploc {
     /// The children of a wide node made of `link`, which is no leaf: in place of the largest come its halves,
     /// as long as there is room for `width`. They stay in their order along the curve.
     pub(super) fn children(&self, link: ClusterLink, width: usize, found: &mut Vec<(Bounds, ClusterLink)>) {
-        /// Of what is not opened.
+        /// The area of clusters that are not opened.
         const CLOSED: f64 = f64::NEG_INFINITY;
         let mut areas = [CLOSED; WIDTH_MAX];
         found.clear();
@@ -338,7 +338,7 @@ impl Ploc {
         }
     }
 
-    /// Fetches what is one step below a node ahead of its use.
+    /// Fetches the children of a node ahead of their use.
     #[inline]
     fn fetch_below(&self, link: ClusterLink) {
         if link.triangle().is_some() {
@@ -355,7 +355,7 @@ impl Ploc {
         }
     }
 
-    /// The same tree as the optimiser and the collapse want it.
+    /// The tree in the form of the optimiser and the collapse.
     pub(super) fn into_binary(self) -> BinaryTree {
         BinaryTree::copied(&self, self.root, self.bounds(self.root))
     }

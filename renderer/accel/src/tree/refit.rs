@@ -1,4 +1,4 @@
-//! New boxes and blocks for an old tree: which triangles are together stays, where they are does not.
+//! New boxes and blocks for an old tree: each leaf keeps its triangles, which have moved.
 //!
 //! Refitting from the leaves up is van den Bergen's ("Efficient Collision Detection of Complex Deformable
 //! Models using AABB Trees", 1997). On the way back the cost by the surface area heuristic falls out, so that
@@ -9,7 +9,7 @@ use glam::Vec3A;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
 
-/// What a subtree came to.
+/// The result of refitting a subtree.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fitted {
     /// The box around its triangles.
@@ -32,11 +32,11 @@ impl Fitted {
     }
 }
 
-/// Fits a subtree to where its triangles are now.
+/// Fits a subtree to the present positions of its triangles.
 ///
 /// # Safety
-/// `node` is of a tree of nodes `N` and blocks of `B` triangles, which lives, and nobody else looks at the
-/// subtree meanwhile.
+/// `node` is of a tree of nodes `N` and blocks of `B` triangles, which lives, and there is no other reference
+/// to the subtree meanwhile.
 pub(super) unsafe fn refit<N: TreeNode, const B: usize>(
     node: NodeRef,
     triangles: &Triangles,
@@ -58,7 +58,7 @@ pub(super) unsafe fn refit<N: TreeNode, const B: usize>(
     let mut bounds = [Bounds::EMPTY; WIDTH_MAX];
     let mut fitted = Fitted::NOTHING;
     for (child, of_child) in inner.children()[..count].iter().zip(&mut bounds) {
-        // SAFETY: a child of such a tree, and nobody else's.
+        // SAFETY: a child of such a tree, with no other reference to it.
         let below = unsafe { refit::<N, B>(*child, triangles, watertight) };
         *of_child = below.bounds;
         fitted.bounds = fitted.bounds.union(below.bounds);

@@ -89,18 +89,18 @@ fn candidates(tree: &BinaryTree, pass: u32) -> Vec<u32> {
     let of = |number: &u32| promises[*number as usize / 2];
     all.select_nth_unstable_by(count - 1, |a, b| of(b).total_cmp(&of(a)).then(a.cmp(b)));
     all.truncate(count);
-    // Neighbours in the tree look at the same nodes.
+    // Neighbours in the tree look at common nodes.
     all.sort_unstable();
     all
 }
 
-/// Finds the best new sibling for `node`, if any is better than the present one, and tells how many nodes it
-/// looked below. `stack` is room to work in.
+/// Finds the best new sibling for `node`, if any is better than the present one. Returns also the number of
+/// nodes it looked below. `stack` is room to work in.
 ///
 /// With the node its parent goes as well, and boxes above shrink. The search climbs from the parent to the
-/// root, adding up what that saves, and from each height looks down into the part of the tree beside the
-/// path, as long as [`LOOKED_BELOW_MAX`] lets it. A place is worth what was saved, less the box of the new
-/// parent there, less the growth of the boxes above it.
+/// root and adds up the areas saved. From each height it looks down into the part of the tree beside the
+/// path, as long as [`LOOKED_BELOW_MAX`] lets it. The gain of a place is the area saved, less the box of the
+/// new parent there, less the growth of the boxes above it.
 fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> (Option<Move>, usize) {
     let moved = &tree.nodes[node];
     let (lower, upper) = (moved.lower(), moved.upper());
@@ -111,10 +111,10 @@ fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> (Opt
 
     let parent = tree.parent(node);
     let mut saved = own(&tree.nodes[parent]);
-    // What the node on the path encloses without the moved one.
+    // The box of the node on the path without the moved node.
     let sibling = &tree.nodes[node ^ 1];
     let (mut rest_lower, mut rest_upper) = (sibling.lower(), sibling.upper());
-    // The sibling itself would grow to the size of the parent, which uses up what was saved but for its own.
+    // The sibling itself would grow to the size of the parent, which uses up the saved area but for its own.
     let mut beside = (own(sibling), node ^ 1);
     let mut pivot = parent;
     let mut looked = 0;
@@ -149,7 +149,7 @@ fn search(tree: &BinaryTree, node: usize, stack: &mut Vec<(f32, usize)>) -> (Opt
         if pivot == 0 {
             break;
         }
-        // One step up: the other child of the pivot's parent, itself and what is below.
+        // One step up: the other child of the pivot's parent, itself and the nodes below it.
         let other = pivot ^ 1;
         let node_beside = &tree.nodes[other];
         let left = saved - with(node_beside);

@@ -33,7 +33,7 @@ pub(super) struct SketchRef(*mut u8);
 const LEAF_BIT: usize = 0b01;
 const SINGLE_BIT: usize = 0b10;
 
-/// What a [`SketchRef`] refers to.
+/// The node or leaf that a [`SketchRef`] refers to.
 pub(super) enum Sketched<'a, const W: usize> {
     Node(&'a Sketch<W>),
     Single(u32),
@@ -97,7 +97,7 @@ impl<const W: usize> Sketch<W> {
     }
 }
 
-// SAFETY: nobody writes to a sketch once the build is over.
+// SAFETY: a sketch is never written once the build is over.
 unsafe impl Send for SketchRef {}
 // SAFETY: as above.
 unsafe impl Sync for SketchRef {}

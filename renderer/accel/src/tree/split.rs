@@ -53,8 +53,7 @@ impl Along {
         (Self::select(swapped, other, self), Self::select(swapped, self, other))
     }
 
-    /// How an edge to a corner further up moves with each step along the axis. Not finite where both are as
-    /// good as level.
+    /// The slope of an edge to a corner further up, along the axis. Not finite where both are nearly level.
     #[inline(always)]
     fn slope(self, up: Self) -> Vec3A {
         let slope = (up.corner - self.corner) / (up.at - self.at);
@@ -64,8 +63,8 @@ impl Along {
 
 /// A triangle prepared to be cut by planes across one axis.
 ///
-/// A builder asks for tens of millions of cuts, several in a row of the same triangle and axis, and the
-/// answers of the comparisons are as good as random: what does not depend on the plane is kept, and every
+/// A builder asks for tens of millions of cuts, several in a row of one triangle and axis, and the results of
+/// the comparisons are as good as random. So values that do not depend on the plane are kept, and every
 /// choice is a selection between two values, none is a jump.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cutter {
@@ -78,7 +77,7 @@ pub(crate) struct Cutter {
     long: Vec3A,
     lower: Vec3A,
     upper: Vec3A,
-    /// What the crossings may be wrong by: a box too small by one unit would let rays through.
+    /// Error bound of the crossings: a box too small by one unit would let rays through.
     slack: Vec3A,
     axis: BVec3A,
 }
@@ -128,8 +127,7 @@ impl Cutter {
     }
 
     /// Boxes of the parts below and above the plane at `position`, both inside `within`, the box of the piece
-    /// being cut. A side without any part gets an inverted box, which tells the builder to leave the piece
-    /// whole.
+    /// being cut. A side without any part gets an inverted box, so that the builder leaves the piece whole.
     #[inline(always)]
     pub(crate) fn cut(&self, within: &Piece, position: f32) -> (Piece, Piece) {
         let Self { low, middle, high, axis, .. } = *self;

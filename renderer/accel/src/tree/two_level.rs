@@ -112,7 +112,7 @@ impl TwoLevel {
             outcome = flat.tree.update(device, &Arc::new(copied), update);
         }
         for (tree, part) in self.objects.iter_mut().zip(parts(triangles, &self.instances, &self.flattened)) {
-            // Whatever one says, all must be of the same moment.
+            // All trees must be of one moment, also after an error of one of them.
             outcome = outcome.and(tree.update(device, &Arc::new(part), update));
         }
         self.join().and(outcome)
@@ -123,7 +123,7 @@ impl TwoLevel {
         &self.objects
     }
 
-    /// The same trees walked by another instruction set's kernels, or `None` if the processor lacks it.
+    /// These trees walked by another instruction set's kernels, or `None` if the processor lacks it.
     /// For tests and measurements.
     pub fn with_isa(mut self, isa: Isa) -> Option<Self> {
         let with = |tree: Tree| tree.with_isa(isa);

@@ -1,11 +1,11 @@
-//! Checks a finished tree, triangle by triangle: for tests and for doubt.
+//! Checks a finished tree, triangle by triangle, for tests and investigations.
 
 use super::Tree;
 use super::walk::Met;
 use crate::layout::Bounds;
 use crate::parameters::{NodeFormat, Quality};
 
-/// What is wrong with a tree.
+/// A fault of a tree.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TreeFault {
     /// A child's box sticks out of its parent's.

@@ -9,8 +9,8 @@ use super::build::bounds_below;
 use super::refit::measure;
 use crate::layout::{Block, Bounds, NodeRef, Root, TreeNode, for_block, for_node};
 
-/// What is met on the walk. `bounds` is what the parent says of it; the root has depth 0. `reach` is the part
-/// inside all boxes on the way, which is where a ray can meet the leaf.
+/// A node or leaf met on the walk. `bounds` is its box in the parent; the root has depth 0. `reach` is the
+/// part inside all boxes on the way, where a ray can meet the leaf.
 pub(crate) enum Met<'a> {
     Node { bounds: Bounds, depth: u32, bytes: usize, children: &'a [Bounds] },
     Leaf { bounds: Bounds, reach: Bounds, depth: u32, bytes: usize, numbers: &'a [u32] },
@@ -58,7 +58,7 @@ impl Tree {
         for_node!(self.parameters, N => for_block!(self.parameters, B => step::<N, B>(place, each)));
     }
 
-    /// Whether every way down from the root comes by one of these nodes or leaves, given by address.
+    /// Whether every way down from the root passes one of these nodes or leaves, given by address.
     pub(super) fn is_covered(&self, by: &HashSet<usize>) -> bool {
         fn covered<N: TreeNode>(node: NodeRef, by: &HashSet<usize>) -> bool {
             if by.contains(&node.into_raw().addr()) {

@@ -1,4 +1,4 @@
-//! A [`Plan`] becomes memory: each node and leaf in its place, all in one block.
+//! Writes a [`Plan`] to memory: each node and leaf in its place, all in one block.
 
 use rayon::prelude::*;
 
@@ -21,7 +21,7 @@ struct Places {
     end: usize,
 }
 
-/// What the leaves hold, made from the numbers that the plan has in them.
+/// The contents of leaves, made from the numbers that the plan has in them.
 pub(super) trait Items: Sync {
     /// Aligned for a [`NodeRef`].
     type Item: Send;
@@ -109,7 +109,7 @@ pub(super) fn write<N: TreeNode, I: Items>(
                 *place = (child.bounds, reference(child.link));
             }
             let written = N::new(&children[..planned.len()]);
-            // SAFETY: the block has room for it in this place, which is aligned and nobody else's.
+            // SAFETY: the block has room for it alone in this place, which is aligned.
             unsafe { start.place::<N>(places.nodes[node]).write(written) };
         }
         Named::Leaf(leaf) => {

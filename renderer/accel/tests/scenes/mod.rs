@@ -122,7 +122,7 @@ pub(crate) fn rays(count: usize, seed: u64) -> Vec<Ray> {
         .collect()
 }
 
-/// What is no ray: one broken number each of a good one.
+/// Invalid rays: one broken number each of a good one.
 pub(crate) fn invalid(good: Ray) -> Vec<Ray> {
     let mut rays = vec![
         Ray { direction: Vec3::ZERO, ..good },

@@ -1,4 +1,4 @@
-//! What may be answered to a ray: the truth in double precision, with the error that single precision makes.
+//! The right answers to a ray: the truth in double precision, within the error that single precision makes.
 //!
 //! A test of Moeller and Trumbore's kind computes weights and distance as quotients of triple products. With
 //! inputs taken as exact, each product of magnitude `m` is off by some `m * epsilon`, which divided by the
@@ -54,7 +54,7 @@ impl Verdict {
         self.possible.iter().any(|meeting| meeting.sure)
     }
 
-    /// What is wrong with an answer, if anything.
+    /// The fault of an answer, if it has one.
     pub(crate) fn objection(&self, found: Option<Hit>) -> Option<String> {
         self.placement_objection(found).or_else(|| {
             let hit = found?;
@@ -66,7 +66,7 @@ impl Verdict {
         })
     }
 
-    /// What is wrong with an answer, its weights left aside.
+    /// The fault of an answer, its weights left aside.
     pub(crate) fn placement_objection(&self, found: Option<Hit>) -> Option<String> {
         let nearest =
             self.possible.iter().filter(|meeting| meeting.sure).map(|meeting| meeting.t + meeting.t_error);
@@ -86,7 +86,7 @@ impl Verdict {
         (meeting.t - meeting.t_error > nearest).then(|| format!("something nearer lies before {nearest:e}"))
     }
 
-    /// What is wrong with an answer to "is anything there", if anything.
+    /// The fault of an answer to "is anything there", if it has one.
     pub(crate) fn occlusion_objection(&self, occluded: bool) -> Option<String> {
         match occluded {
             true if self.possible.is_empty() => Some("occluded by nothing".into()),
@@ -96,7 +96,7 @@ impl Verdict {
     }
 }
 
-/// Whether a number is not where it should be. NaN is nowhere.
+/// Whether a number is off by more than its error. NaN always is.
 fn off(found: f32, truth: f64, error: f64) -> bool {
     let distance = (f64::from(found) - truth).abs();
     distance.is_nan() || distance > error

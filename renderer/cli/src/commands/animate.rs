@@ -1,8 +1,8 @@
 //! `treewright-render animate`: ways to follow a moving scene, frame by frame and interleaved.
 //!
-//! Each way keeps a structure of its own. Every frame all of them are brought to the scene's new moment and
-//! rendered with, one after the other and beginning with another one each time; what is told are ratios
-//! within frames. The first frame builds and is not counted.
+//! Each way keeps a structure of its own. In every frame all of them are brought to the scene's new moment
+//! and rendered with, one after the other and beginning with another one each time. Results are ratios within
+//! frames. The first frame builds and is not counted.
 
 use std::path::PathBuf;
 
@@ -43,16 +43,16 @@ pub(crate) struct Arguments {
     json: Option<PathBuf>,
 }
 
-/// How one way did.
+/// The result of one way.
 #[derive(Debug, Serialize)]
 struct Follower {
     update: Update,
     frames: Vec<FrameTimes>,
     /// Expected cost of a ray in the last frame, for trees of ours.
     sah_cost: Option<f64>,
-    /// Whole frames against building anew, pair by pair: above 1 is faster.
+    /// Whole frames against rebuilding, pair by pair: above 1 is faster.
     speedup: Summary,
-    /// Pictures of all frames agree with those of the structure that was built anew, up to this difference.
+    /// Pictures of all frames agree with those of the rebuilt structure, up to this difference.
     picture_difference: f64,
     #[serde(skip)]
     structure: Option<Structure>,
@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
     let interrupt = Interrupt::listen();
     let bar = output::bar(u64::from(arguments.frames), "frames");
-    // The first round warms caches and clocks, and lets updates prepare what they need.
+    // The first round warms caches and clocks, and lets updates make their preparations.
     for frame in 0..=arguments.frames {
         let moment = arguments.rounds * frame as f32 / arguments.frames as f32;
         scene = moving.at(arguments.view.scene.time + moment)?;

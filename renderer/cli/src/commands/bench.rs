@@ -1,7 +1,7 @@
 //! `treewright-render bench`: named ways to render, measured interleaved.
 //!
-//! In every round everybody builds and renders, so that one run answers for both objectives: with a whole
-//! build in each frame, and with a thousandth of one.
+//! In every round all contenders build and render, so that one run serves both objectives: with a whole build
+//! in each frame, and with a thousandth of one.
 
 use std::path::PathBuf;
 
@@ -63,7 +63,7 @@ pub(crate) struct Arguments {
     json: Option<PathBuf>,
 }
 
-/// What `bench --json` writes.
+/// The output of `bench --json`.
 #[derive(Debug, Serialize)]
 struct BenchResults<'a> {
     scene: &'a str,
@@ -162,7 +162,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-/// What frames of one run of rounds are told for.
+/// The objectives for which frames of one run of rounds are shown.
 const OBJECTIVES: [Objective; 2] = [Objective::Render, Objective::Total];
 
 /// The best fixed configuration of an objective takes part under a name of its own.
@@ -207,7 +207,7 @@ fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<(), CliErr
     Ok(())
 }
 
-/// How many rounds everybody has run.
+/// Number of rounds that all contenders have run.
 fn rounds(measured: &[Measured]) -> usize {
     measured.iter().filter(|one| one.failure.is_none()).map(|one| one.render_ms.len()).min().unwrap_or(0)
 }

@@ -1,4 +1,4 @@
-//! `treewright-render best`: what the service holds for the best in one scene and view.
+//! `treewright-render best`: the service's best configuration in one scene and view.
 //!
 //! A study holds all scenes, so the question needs the scene's indicators, which this program computes.
 
@@ -47,7 +47,7 @@ pub(crate) struct Arguments {
     size: Size,
 }
 
-/// What is printed; `image`, `bench` and `ablate` read it with `--config-file`.
+/// The output; `image`, `bench` and `ablate` read it with `--config-file`.
 #[derive(Debug, Serialize)]
 struct Answer {
     study: String,
@@ -55,7 +55,7 @@ struct Answer {
     cost: Option<f64>,
     /// On how many measurements that rests.
     measurements: i32,
-    /// How the answer came about, where it is a prediction.
+    /// The reason of the answer, where it is a prediction.
     reason: Option<String>,
     configuration: Configuration,
 }
@@ -71,7 +71,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let made = || study_id(objective, &space) + &start.mark(&space);
     let id = arguments.server.study.clone().unwrap_or_else(made);
     let study = match client.existing_study(&id) {
-        // Who only asks makes none.
+        // A mere question creates no study.
         Err(problem) if problem.is_not_found() => {
             let reason = Some(format!("there is no study {id} yet; these are the recommended values"));
             let configuration = space.default_configuration();

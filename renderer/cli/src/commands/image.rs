@@ -63,7 +63,7 @@ enum ToneArgument {
     Plain,
 }
 
-/// What `image --json` prints.
+/// The output of `image --json`.
 #[derive(Debug, Serialize)]
 struct Outcome {
     scene: String,
@@ -76,10 +76,10 @@ struct Outcome {
     render_ms: Summary,
     mean_luminance: f64,
     counts: Counts,
-    /// What shading leaves out, and why the scene can do without.
+    /// The features that shading leaves out, and why the scene does not need them.
     left_out: Vec<Omission>,
     statistics: Option<treewright_accel::Statistics>,
-    /// What the loader left out or made up.
+    /// Omissions and additions of the loader.
     notes: Vec<String>,
     out: PathBuf,
 }

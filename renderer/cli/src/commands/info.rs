@@ -1,4 +1,4 @@
-//! `treewright-render info`, `scenes` and `spaces`: what there is.
+//! `treewright-render info`, `scenes` and `spaces`: a scene, the built-in scenes, and the tuning spaces.
 
 use clap::Args;
 use serde::Serialize;
@@ -45,7 +45,7 @@ pub(crate) struct SpacesArguments {
     json: bool,
 }
 
-/// What `spaces --json` prints.
+/// The output of `spaces --json`.
 #[derive(Debug, Serialize)]
 struct SpaceInfo<'a> {
     name: &'static str,
@@ -54,7 +54,7 @@ struct SpaceInfo<'a> {
     default: Configuration,
 }
 
-/// What `info --json` prints.
+/// The output of `info --json`.
 #[derive(Debug, Serialize)]
 struct SceneInfo {
     name: String,
@@ -72,13 +72,13 @@ struct SceneInfo {
     punctual_lights: usize,
     bounds_min: [f32; 3],
     bounds_max: [f32; 3],
-    /// What shading leaves out, and why the scene can do without.
+    /// The features that shading leaves out, and why the scene does not need them.
     left_out: Vec<Omission>,
     indicators: Indicators,
     notes: Vec<String>,
 }
 
-/// Tells what a scene consists of.
+/// Prints the contents of a scene.
 pub(crate) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
@@ -192,7 +192,7 @@ pub(crate) fn spaces(arguments: &SpacesArguments) -> Result<(), CliError> {
     Ok(())
 }
 
-/// What the full space leaves to the user.
+/// The choice that the full space leaves to the user.
 const NOT_TUNED: &str = "Watertight intersection is not among them: it decides which hits are found at edges, which no stopwatch \
     can judge. Ask for it with --robust.";
 

@@ -1,4 +1,4 @@
-//! One file for each command of `treewright-render`: its arguments, and what it does.
+//! One file for each command of `treewright-render`: its arguments and its work.
 
 pub(crate) mod animate;
 pub(crate) mod bench;

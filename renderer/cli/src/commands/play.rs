@@ -1,11 +1,10 @@
 //! `treewright-render play`: the camera moves, and the service answers frame by frame.
 //!
 //! This is the hybrid of the paper's section 6: each time the state changes the service either searches a
-//! little or answers at once from what it knows. In progressive rendering a structure is kept as long as the
-//! configuration stays the same; in real-time rendering each frame builds its own.
+//! little or answers at once by a prediction. In progressive rendering a structure is kept as long as the
+//! configuration does not change; in real-time rendering each frame builds its own.
 //!
-//! With `--rounds` the scene moves as well, and each frame brings the structure along in the way that
-//! `--update` says.
+//! With `--rounds` the scene moves as well, and each frame updates the structure in the way of `--update`.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -115,7 +114,7 @@ enum Aim {
 }
 
 impl Aim {
-    /// What is minimised, as far as it is known how many frames share a build.
+    /// The objective, with the present estimate of the frames that share a build.
     fn objective(self, reuse: &Reuse) -> Objective {
         match self {
             Self::Render => Objective::Render,
@@ -129,7 +128,7 @@ impl Aim {
 #[derive(Debug, Serialize)]
 struct PlayedFrame {
     number: u32,
-    /// How many frames share a build, as it was believed.
+    /// Estimated number of frames that share a build.
     frames_per_build: u32,
     camera_at: f32,
     mode: OpenEnum<Mode>,
@@ -140,11 +139,11 @@ struct PlayedFrame {
     rebuilt: bool,
     times: Option<FrameTimes>,
     waiting_ms: f64,
-    /// The same frame with the baseline.
+    /// Times of this frame with the baseline.
     default_times: Option<FrameTimes>,
 }
 
-/// What `play --json` writes.
+/// The output of `play --json`.
 #[derive(Debug, Serialize)]
 struct FlightResults {
     scene: String,
@@ -161,7 +160,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let update = arguments.update.update()?;
     let moves = arguments.rounds != 0.0;
     let moving = moves.then(|| arguments.scene.moving()).transpose()?;
-    // What single frames say nothing of is not tuned while it plays.
+    // Objectives that single frames cannot measure are not tuned while it plays.
     arguments.space.judged_by(Objective::Total)?;
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
@@ -239,7 +238,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         };
         print(&frame);
         frames.push(frame);
-        // What was shown without a new build cannot be reported where builds are part of the objective.
+        // A frame without a new build cannot be reported where builds are part of the objective.
         previous = Some(suggestion.finished(measurements(times, 1, objective), outcome)?);
         if interrupt.requested() {
             break;
@@ -264,33 +263,33 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-/// What moves on from frame to frame.
+/// The state that moves on from frame to frame.
 struct Flight {
     renderer: Renderer,
     space: TuningSpace,
     view: View,
     film: Film,
     each_frame: bool,
-    /// How the structure follows a scene that moves; as the configuration says if it is not said here.
+    /// The update of the structure in a scene that moves; `None` for that of the configuration.
     update: Option<Update>,
     /// The scene as it is from this frame on, if it moves.
     moment: Option<Arc<Scene>>,
     /// Whether it moved for this frame.
     moved: bool,
     kept: Option<Kept>,
-    /// What has become of its structure.
+    /// The age and decay of its structure.
     wear: Wear,
-    /// What frames are compared with.
+    /// The choice that frames are compared with.
     baseline: Choice,
     /// Its structure, where they are, and how long that took to build.
     compared: Option<(Structure, f64)>,
 }
 
-/// What the kept structure was built with, and how long that took.
+/// The choice of the kept structure, and the time of its build.
 struct Kept {
     choice: Choice,
     build_ms: f64,
-    /// What threads got of the processors for it.
+    /// Processor times of threads for it.
     threads: ThreadTimes,
 }
 
@@ -344,8 +343,8 @@ impl Flight {
         }
     }
 
-    /// Builds unless what is kept serves, and tells whether it did. Configurations that differ only in how
-    /// they render share a structure where frames do.
+    /// Builds unless the kept structure serves, and returns whether it did. Configurations that differ only
+    /// in render options share a structure where frames do.
     fn make_ready(&mut self, configuration: &Configuration) -> Result<bool, Outcome> {
         let choice = self.space.choice(configuration).map_err(|error| Outcome::failed(error.to_string()))?;
         if let Some(kept) = &mut self.kept
@@ -368,8 +367,8 @@ impl Flight {
         Ok(true)
     }
 
-    /// Brings the structure to another moment. One that was built by another choice is first built anew over
-    /// the moment before, so that what is timed is the following.
+    /// Brings the structure to another moment. A structure of another choice is first rebuilt over the moment
+    /// before, so that only the update is timed.
     fn follow(&mut self, scene: Arc<Scene>, choice: &Choice) -> Result<f64, BuildError> {
         let mut update = self.update.unwrap_or(choice.update);
         let stranger = self.kept.as_ref().is_none_or(|kept| kept.choice.build != choice.build);
@@ -385,7 +384,7 @@ impl Flight {
         self.renderer.animate(scene, &choice.build, update)
     }
 
-    /// A frame with what is kept. `None` before the first build that succeeds.
+    /// A frame with the kept structure. `None` before the first build that succeeds.
     fn render(&mut self) -> Option<FrameTimes> {
         let Kept { choice, build_ms, threads } = *self.kept.as_ref()?;
         self.film.clear();
@@ -396,7 +395,7 @@ impl Flight {
         Some(FrameTimes::of(build_ms, render_ms).with_threads(renderer.threads(), threads, render))
     }
 
-    /// The same view with the baseline.
+    /// A frame of this view with the baseline.
     fn default_frame(&mut self) -> Option<FrameTimes> {
         let (structure, build_ms) = self.compared.as_mut()?;
         if (self.each_frame || self.moved)

@@ -46,7 +46,7 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
-/// What `rays --json` prints.
+/// The output of `rays --json`.
 #[derive(Debug, Serialize)]
 struct Outcome {
     scene: String,

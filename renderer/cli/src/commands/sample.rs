@@ -1,16 +1,16 @@
 //! `treewright-render sample`: measures random configurations (paper, section 4.1) and records them as
 //! trials.
 //!
-//! What is measured is decided here and not by the service: sample 17 of a camera is a certain configuration,
+//! This program chooses the configurations, not the service: sample 17 of a camera is a fixed configuration,
 //! drawn evenly over the space ([`sampling`](treewright_renderer::tuning::sampling)). Its number stands among
-//! the measurements, so that the database alone says which samples are there. A run that was killed goes on
-//! with what is missing.
+//! the measurements, so that the database alone shows which samples are there. A run that was killed goes on
+//! with the missing ones.
 //!
 //! Several renderers share a study without knowing of each other. Each takes a sample by opening a trial of
-//! it, and then looks at all trials since it last looked: whoever finds the same sample opened under a lower
-//! number gives its own back. Numbers are handed out one after the other, so of any two at least the later
-//! one sees the other. A result that comes after the trial's lease is thrown away, since somebody else may
-//! have taken over by then.
+//! it, and then reads all trials since its last look. A renderer that finds its sample opened under a lower
+//! number gives its own trial back. Numbers are handed out one after the other, so of any two at least the
+//! later one sees the other. A result after the end of the trial's lease is thrown away, since another
+//! renderer may have taken the sample by then.
 
 mod claims;
 
@@ -39,9 +39,9 @@ use treewright_renderer::tuning::verdict;
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
 
-/// How long to wait before looking again for what other renderers hold, or for a daemon that is away.
+/// Pause before another look at the trials of other renderers, or for a daemon that is away.
 const PAUSE: Duration = Duration::from_millis(500);
-/// How often a line of progress is written where nobody sees a bar.
+/// Interval of lines of progress where no bar is shown.
 const TELL_EVERY: Duration = Duration::from_secs(30);
 
 /// Arguments of `sample`.
@@ -108,7 +108,7 @@ struct Place {
     sequence: Sequence,
 }
 
-/// Measures what is missing.
+/// Measures the missing samples.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let mut renderers = Vec::new();
@@ -124,8 +124,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         )?;
         let id = arguments.server.study.clone().unwrap_or_else(|| format!("sample-{}", whole.name()));
         if study.as_ref() != Some(&id) {
-            // What is learnt is of no use here, and a model that is fitted would disturb the next
-            // measurement.
+            // A model is of no use here, and fitting one would disturb the next measurement.
             let policy = Policy::new().predictor(PredictorMethod::NearestNeighbour).epsilon(0.0);
             client.study(&id, specification(&whole, Objective::Render, policy)?)?;
             if study.replace(id).is_some() {
@@ -168,7 +167,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     sampler.run(&mut renderers, &places)
 }
 
-/// What is random.
+/// The part of the space that samples are drawn from.
 fn part(arguments: &Arguments, whole: &TuningSpace) -> Result<TuningSpace, CliError> {
     let part = arguments.narrowing.of(whole)?;
     if arguments.parameters.is_empty() {
@@ -192,7 +191,7 @@ struct Sampler<'a> {
     interrupt: Interrupt,
 }
 
-/// How far a run is.
+/// The progress of a run.
 struct Progress {
     bar: indicatif::ProgressBar,
     begin: Instant,
@@ -276,7 +275,7 @@ impl Sampler<'_> {
                 break;
             }
             if progress.own == before {
-                // Others have what is missing; of a renderer that was killed, the leases end.
+                // Other renderers hold the missing samples; the leases of a killed one end.
                 std::thread::sleep(PAUSE);
             }
             self.patiently(|| claims.look_at_held(self.client, self.study))?;
@@ -288,7 +287,7 @@ impl Sampler<'_> {
         Ok(())
     }
 
-    /// Opens a trial of a sample; `None` where somebody else has it.
+    /// Opens a trial of a sample; `None` where another renderer has it.
     fn claim(
         &self,
         claims: &mut Claims,
@@ -358,7 +357,7 @@ impl Sampler<'_> {
     }
 }
 
-/// How long a trial may take. Clocks of machines differ, their seconds hardly.
+/// Longest time of a trial. Clocks of machines differ, their seconds hardly.
 fn lease(open: &TrialRecord) -> Option<Duration> {
     open.lease_expire_time?.duration_since(open.create_time?).ok()
 }

@@ -1,4 +1,4 @@
-//! `treewright-render tune`: searches, measures the winner again, tells what it found.
+//! `treewright-render tune`: searches, measures the winner again, prints the results.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -33,13 +33,13 @@ use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
 use treewright_scene::{Camera, Scene};
 
-/// How far along the camera path the fresh camera stands that the predictor is asked for.
+/// Place on the camera path of the fresh camera for which the predictor is asked.
 const FRESH_STEP: f32 = 0.2;
 
-/// How long the last reports may take to reach the service.
+/// Longest time for the last reports to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
 
-/// Tunes and tells.
+/// Tunes and prints the results.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let arguments = &arguments.with_space()?;
     for path in arguments.json.iter().chain(&arguments.report) {
@@ -109,7 +109,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let patience = Patience { limit, go_on: &go_on };
     // Gone before the confirmation begins, so that the trial that it has asked for ahead is given back.
     let mut tuner = PatientTuner::new(&study, patience);
-    // What is best for a camera that moves is another question in each frame.
+    // A camera that moves has another best configuration in each frame.
     let asked = drift.is_none().then_some(&study);
     let Searched { mut found, milestones, ending } =
         search(&mut renderer, &mut tuner, &setting, arguments, drift.as_ref(), asked, interrupt)?;
@@ -148,7 +148,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         }
         Err(error) => {
             notes.push(format!("the winner is not confirmed: {error}"));
-            // What was measured here is known all the same.
+            // The measurements of this run are known anyway.
             let best = found.lowest().map(|trial| trial.configuration.clone());
             (best.unwrap_or_else(|| space.default_configuration()), None)
         }
@@ -164,7 +164,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let is_proven = told.as_ref().is_some_and(|told| told.confirmation.stage == ConfirmationStage::Better);
     let may_win = |name: &str| verdict::is_had(name, &start);
     let best = verdict::crown(&mut standings, start_name, is_proven, may_win);
-    // Who is shown to be the fastest is what this run recommends, whether it was found or not.
+    // This run recommends the contender that is shown to be the fastest, also where the search did not find
+    // it.
     let own = rivals.iter().find(|rival| verdict::is_of(&rival.contender.name, &best, &standings));
     let tuned = match own.and_then(|rival| rival.configuration.clone()) {
         Some(configuration) => configuration,
@@ -178,7 +179,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     });
     spinner.finish_and_clear();
     if interrupt.requested() {
-        // Whoever was not measured has no figures, and none are made up.
+        // Contenders that were not measured have no figures.
         println!(
             "stopped after {} trials, which the study {id} holds; the same command goes on from there. Nobody was measured to the end, \
              so there are no results yet",
@@ -282,7 +283,7 @@ fn within(rival: &Rival, space: &TuningSpace) -> Option<Rival> {
     Some(Rival { contender: rival.contender.clone(), configuration })
 }
 
-/// After so many trials it is asked what a client would get: 1, 2, 3, 4, 6, 8, 12, 16, ….
+/// Whether the service is asked for its best after this number of trials: 1, 2, 3, 4, 6, 8, 12, 16, ….
 fn is_milestone(trials: u32) -> bool {
     trials.is_power_of_two() || trials.is_multiple_of(3) && (trials / 3).is_power_of_two()
 }
@@ -292,15 +293,15 @@ fn milestone_name(trials: u32) -> String {
     format!("answer after {trials} trials")
 }
 
-/// What came of the search.
+/// The results of the search.
 struct Searched {
     found: SearchOutcome,
     milestones: Vec<Milestone>,
     ending: Option<Ending>,
 }
 
-/// Runs the search under a progress bar. At each milestone the `asked` study says what it holds for the best,
-/// and what more trials are expected to gain.
+/// Runs the search under a progress bar. At each milestone the `asked` study returns its best configuration
+/// and the expected gain of further trials.
 fn search(
     renderer: &mut Renderer,
     tuner: &mut PatientTuner<'_>,
@@ -354,7 +355,7 @@ fn search(
     Ok(Searched { found, milestones, ending })
 }
 
-/// What the measurements after the search have in common.
+/// The common part of the measurements after the search.
 struct Judge<'a> {
     renderer: &'a mut Renderer,
     study: &'a Study,
@@ -381,7 +382,7 @@ impl Judge<'_> {
         standings(&measured, conditions.frames_per_build)
     }
 
-    /// Everybody that matters, and what was found, in fresh rounds; and what else the machine did.
+    /// All rivals and the search's best, in fresh rounds, with the other work of the machine.
     fn standings(
         &mut self,
         found: &Configuration,
@@ -413,13 +414,13 @@ impl Judge<'_> {
         Ok((standings, disturbance))
     }
 
-    /// The start as a configuration of the space that is searched. A part of a space begins elsewhere, so
-    /// what it begins with has to be measured by itself.
+    /// The start as a configuration of the searched space. A part of a space begins elsewhere, so its own
+    /// start has to be measured by itself.
     fn start_in_space(&self) -> Option<Configuration> {
         self.arguments.narrowing.is_empty().then(|| self.space.default_configuration())
     }
 
-    /// What the answers on the way gain over the start; their standings leave the table.
+    /// Gains of the answers on the way over the start; their standings leave the table.
     fn milestones(
         &self,
         milestones: Vec<Milestone>,
@@ -481,7 +482,7 @@ impl Judge<'_> {
     }
 }
 
-/// What describes a scene to people.
+/// The description of a scene for people.
 fn facts(scene: &Scene, renderer: &Renderer) -> SceneFacts {
     SceneFacts {
         name: scene.name.clone(),

@@ -145,8 +145,8 @@ impl Arguments {
         }
     }
 
-    /// The policy of this run alone, whose search has room for so many trials in this state; the study's is
-    /// its operator's.
+    /// The policy of this run alone, whose search has `room` trials in this state. The study's own policy
+    /// belongs to its operator.
     pub(super) fn session_policy(&self, room: u32) -> SessionPolicy {
         SessionPolicy {
             epsilon: Some(f64::from(self.epsilon)),
@@ -170,7 +170,7 @@ fn worth(text: &str) -> Result<f64, String> {
     }
 }
 
-/// How many times the best a trial may cost.
+/// Reads the largest cost of a trial, as a factor on that of the best.
 fn factor(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(factor) if factor > 1.0 && factor <= ABORT_ABOVE_MAX || factor == f64::INFINITY => Ok(factor),

@@ -1,4 +1,4 @@
-//! What `tune` prints at the end: the table, and a few sentences that explain it.
+//! The output of `tune` at the end: the table, and a few sentences that explain it.
 
 use treewright_client::Standing as Proof;
 
@@ -8,7 +8,7 @@ use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::verdict::{BEST_FIXED, FOR_STILLS, FOUND, NATIVE_USED_WELL};
 
-/// Speed-ups whose first trial is told.
+/// Speed-ups whose first trial is shown.
 const FACTORS: [f64; 4] = [1.1, 1.2, 1.3, 1.4];
 
 /// Prints the results for people.
@@ -80,7 +80,7 @@ pub(crate) fn print(results: &TuningResults) {
     }
 }
 
-/// Who is best, and how that is shown.
+/// The best configuration, and the evidence for it.
 fn verdict(results: &TuningResults) -> String {
     let start = results.start_name.as_str();
     let found =
@@ -110,7 +110,7 @@ fn verdict(results: &TuningResults) -> String {
     }
 }
 
-/// Everybody in the table who might have won and than whom the winner is not shown to be faster.
+/// All contenders that might have won and than which the winner is not shown to be faster.
 fn level_with(results: &TuningResults) -> Vec<&str> {
     let winner = results.standing(&results.best);
     let knows_all = results.start_name == BEST_FIXED;
@@ -123,7 +123,7 @@ fn level_with(results: &TuningResults) -> Vec<&str> {
     others.filter(is_open).map(|other| other.name.as_str()).collect()
 }
 
-/// The gain and what it is made of.
+/// The gain and its parts.
 fn gains(results: &TuningResults) -> String {
     let gains = &results.gains;
     let over_start = format!("over the {}", results.start_name);
@@ -164,7 +164,7 @@ fn on_the_way(results: &TuningResults) -> Option<String> {
     (!told.is_empty()).then(|| format!("on the way, over the {start}: {}{shown}", told.join(", ")))
 }
 
-/// What the service's own race of the best few against the start came to.
+/// The result of the service's own race of the best few against the start.
 fn confirmation(standing: &Proof) -> String {
     format!("confirmation by the service, beside the start as its default: {}", standing.sentence())
 }

@@ -1,6 +1,6 @@
-//! The tuning curve, after the paper's Figure 11: what each trial took, the best that was found, and what
-//! the predictor reached without a search. All relative to the baseline, so that the two cameras
-//! can share one axis.
+//! The tuning curve, after the paper's Figure 11: the time of each trial, the best so far, and the
+//! predictor's result without a search. All relative to the baseline, so that the two cameras can share one
+//! axis.
 
 use plotters::prelude::*;
 
@@ -16,7 +16,7 @@ const HEIGHT: u32 = 430;
 /// Trials slower than this many times the baseline are drawn at the upper edge.
 const CAP: f64 = 3.0;
 
-/// So many trials of the start say what it cost while the search ran.
+/// Trials of the start that suffice for its cost during the search.
 const STARTS_LEAST: usize = 3;
 
 // Placeholders, replaced by the page's own colours so that the curve follows its light or dark theme.
@@ -90,7 +90,7 @@ fn draw(results: &TuningResults, svg: &mut String) -> Result<(), Box<dyn std::er
         .y_labels(8)
         .draw()?;
 
-    // What the search cost over having known the best from the start.
+    // The cost of the search over having known the best from the start.
     if let (Some(first), Some(end)) = (curve.first(), curve.last()) {
         let mut outline = curve.clone();
         outline.extend([(end.0, best), (first.0, best)]);

@@ -10,7 +10,7 @@ use treewright_renderer::tuning::verdict::{
     BEST_FIXED, NATIVE_DEFAULT, NATIVE_USED_WELL, PAPER_DEFAULT, PREDICTED,
 };
 
-/// A speed-up below this is not told as one: frames vary more than that.
+/// Smaller speed-ups are not reported as such: frames vary by more.
 const WORTH_TELLING: f64 = 1.03;
 
 /// A line of the table of measured structures.
@@ -78,7 +78,7 @@ fn is_open(results: &TuningResults) -> bool {
     over.and_then(|ratio| ratio.interval).is_some_and(|[low, _]| low <= 1.0)
 }
 
-/// The gain and what it is made of.
+/// The gain and its parts.
 pub(super) fn gains(results: &TuningResults) -> String {
     let gains = &results.gains;
     let begin = format!("The best over {}, where the search began", the(&results.start_name));
@@ -251,7 +251,7 @@ pub(super) fn machine(results: &TuningResults) -> String {
     format!("{cpu}, {} threads, {}", machine.threads, machine.isa)
 }
 
-/// What two pictures of so many samples have in common, and what differs.
+/// Sentences about the two pictures of `samples` samples and their difference.
 pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -> String {
     let kind = match results.objective {
         Objective::Error => {
@@ -271,7 +271,7 @@ pub(super) fn pictures(results: &TuningResults, difference: f64, samples: u32) -
     )
 }
 
-/// What it is about, and how many parameters there are.
+/// An introduction to the tuned space.
 pub(super) fn what_was_tuned(results: &TuningResults) -> &'static str {
     match results.space {
         Preset::Paper => {
@@ -303,7 +303,7 @@ pub(super) fn configurations(results: &TuningResults) -> Vec<ConfigurationRow> {
             configuration.get(name).map_or_else(|| "no effect".to_owned(), value_in_words)
         })
     };
-    // What is inactive everywhere tells nobody anything.
+    // A parameter that is inactive everywhere is left out.
     let matters = |name: &str| {
         [Some(default), Some(&results.tuned), predicted].iter().flatten().any(|one| one.get(name).is_some())
     };
@@ -313,7 +313,7 @@ pub(super) fn configurations(results: &TuningResults) -> Vec<ConfigurationRow> {
         .filter(|one| matters(&one.parameter.name))
         .map(|Explained { parameter, about }| {
             let name = parameter.name.as_str();
-            // What has no effect is not worth a mark.
+            // A change without effect is not marked.
             let changed = |configuration: &Configuration| {
                 configuration.get(name).is_some_and(|value| Some(value) != default.get(name))
             };
@@ -357,7 +357,7 @@ pub(super) fn roofline(results: &TuningResults) -> f64 {
     1.0 / results.speedup().max(f64::MIN_POSITIVE)
 }
 
-/// Relative frame time of somebody who took part in the rounds.
+/// Relative frame time of a contender in the rounds.
 pub(super) fn relative(results: &TuningResults, name: &str) -> Option<f64> {
     let speedup = results.standing(name)?.speedup_over(results.standing(&results.baseline)?);
     (speedup.count > 0 && speedup.median > 0.0).then(|| 1.0 / speedup.median)

@@ -1,5 +1,5 @@
-//! The whole session: the time that rendering took, search included, over what it would have taken with the
-//! configuration where the search began. Below 1 the session has paid.
+//! The whole session: the time of rendering, search included, over that with the configuration where the
+//! search began. Below 1 the session has paid.
 
 use plotters::prelude::*;
 
@@ -11,7 +11,7 @@ use treewright_renderer::tuning::verdict::BEST_FIXED;
 const WIDTH: u32 = 900;
 const HEIGHT: u32 = 360;
 
-/// The curve goes on to so many times the frame in which the session pays, or to so many of its own frames.
+/// End of the curve, as a factor on the frame in which the session pays, or else on its number of frames.
 const BEYOND: f64 = 10.0;
 /// Most frames that are drawn.
 const FRAMES_MAX: f64 = 1e7;

@@ -1,4 +1,4 @@
-//! The report of a made-up run: it says what was measured, and it stands alone.
+//! The report of a made-up run: it shows the results, and needs no other file.
 
 use glam::Vec3;
 use treewright_client::{Configuration, Fingerprint, Indicators, Mode, Outcome, Source, Stats};
@@ -235,7 +235,7 @@ fn the_way_and_the_whole_session_are_told_from_where_the_search_began() {
     results.milestones = vec![way(1, 1, 0.98), way(2, 2, 1.12), way(4, 2, 1.12), way(8, 3, 1.33)];
     let until: Vec<_> = [1.0, 1.1, 1.3, 1.4].map(|factor| results.trials_until(factor)).into();
     assert_eq!(until, [Some(2), Some(2), Some(8), None]);
-    // What is lost again was not reached.
+    // A gain that is lost again was not reached.
     results.milestones.push(way(16, 4, 1.05));
     assert_eq!(results.trials_until(1.1), None);
     assert_eq!(parts::on_the_way(&results).iter().map(|row| row.trials).collect::<Vec<_>>(), [1, 2, 8, 16]);

@@ -1,5 +1,5 @@
-//! Runs a program with scratch folders and looks at how it ends. The test that uses this names it as
-//! `PROGRAM`; the laboratory's tests share the file.
+//! Runs a program with scratch folders and checks its end. The test that uses this names it as `PROGRAM`; the
+//! laboratory's tests share the file.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -23,7 +23,7 @@ pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().expect("a scratch folder")
 }
 
-/// Expects success, and gives what was printed.
+/// Expects success, and returns the output.
 pub(crate) fn succeeds(folder: &Path, arguments: &str) -> String {
     let output = run(folder, arguments);
     let errors = String::from_utf8_lossy(&output.stderr);

@@ -1,5 +1,5 @@
-//! What every generator of a built-in scene works with: the assembler that collects its meshes, a seeded
-//! random number generator, and the counts that go with the level of detail.
+//! The common part of the generators of built-in scenes: the assembler that collects meshes, a seeded random
+//! number generator, and the counts that go with the level of detail.
 
 use glam::{Affine3A, Vec3, Vec4};
 use rand::{RngExt as _, SeedableRng as _};
@@ -13,12 +13,12 @@ use crate::shapes::Shapes;
 use crate::texture::{Encoding, Wrap};
 use crate::{Camera, Material, SceneError, Sky, Sun};
 
-/// How a built-in scene is to be generated.
+/// Options of a built-in scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Scales the number of triangles; 1 is the number that [`super::about`] names. 0.001 to 8.
     pub detail: f32,
-    /// Varies what is left to chance.
+    /// Seed of all random choices.
     pub seed: u64,
     /// Moment of an animated scene ([`super::is_animated`]), where 0 to 1 is one round; any finite number.
     pub time: f32,
@@ -30,7 +30,7 @@ impl Default for Options {
     }
 }
 
-/// What a generator leaves besides meshes.
+/// The results of a generator besides meshes.
 pub(super) struct LightAndPath {
     /// Light from outside.
     pub(super) sky: Sky,
@@ -81,12 +81,12 @@ impl<'a> Generator<'a> {
         self.dice.random::<f32>() < probability
     }
 
-    /// The box around what was added so far.
+    /// The box around all parts so far.
     pub(super) fn bounds(&self) -> Bounds {
         self.assembler.bounds()
     }
 
-    /// Begins an object: what is added until it ends lies in its own space.
+    /// Begins an object: meshes added until it ends lie in its own space.
     pub(super) fn begin_object(&mut self) {
         self.assembler.begin_object();
     }
@@ -138,7 +138,7 @@ impl<'a> Generator<'a> {
         self.assembler.repaint(material);
     }
 
-    /// Adds what was built as one mesh.
+    /// Adds shapes as one mesh.
     pub(super) fn add(&mut self, name: &str, material: u32, shapes: &Shapes) -> Result<(), SceneError> {
         self.add_part(name, material, &shapes.part)
     }

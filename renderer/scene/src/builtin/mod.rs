@@ -1,11 +1,11 @@
-//! Built-in scenes, generated from a name, a level of detail and a seed: the same three give the same bytes.
+//! Built-in scenes, generated from a name, a level of detail and a seed: equal ones give equal bytes.
 //!
-//! They cover what makes acceleration structures differ: architecture with large and small triangles side by
-//! side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`, `needles`), one
-//! dense surface (`statue`), wide extent (`city`, and `model`, which asks next to nothing of shading), more
-//! than fits memory but as instances (`forest`), cards that are mostly holes (`grove`), a mesh that deforms
-//! (`sea`), parts that move (`needles`, `sea`), light that is hard to find (`market`, `loft`), and a small
-//! one for trials (`quick`).
+//! They cover the properties by which acceleration structures differ: architecture with large and small
+//! triangles side by side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`,
+//! `needles`), one dense surface (`statue`), wide extent (`city`, and `model`, whose shading needs few
+//! features), more than fits memory but as instances (`forest`), cards that are mostly holes (`grove`), a
+//! mesh that deforms (`sea`), parts that move (`needles`, `sea`), light that is hard to find (`market`,
+//! `loft`), and a small one for trials (`quick`).
 
 mod architecture;
 mod city;
@@ -38,7 +38,7 @@ use super::framing::CameraPose;
 use super::limits::DETAIL_RANGE;
 use super::{Scene, SceneError};
 
-/// A scene in the list: its name, what it shows, and its generator.
+/// A scene in the list: its name, its description, and its generator.
 type Entry = (&'static str, &'static str, fn(&mut Generator) -> Result<LightAndPath, SceneError>);
 
 const SCENES: [Entry; 13] = [
@@ -86,7 +86,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     SCENES.iter().map(|(name, ..)| *name)
 }
 
-/// Whether a built-in scene is another at another time.
+/// Whether a built-in scene changes with time.
 pub fn is_animated(name: &str) -> bool {
     ["needles", "sea"].contains(&name)
 }

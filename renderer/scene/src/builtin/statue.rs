@@ -86,7 +86,7 @@ fn step(low: f32, high: f32, value: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// How far the surface stands out at an angle (0 is the front) and a share of the height.
+/// Height of the relief at an angle (0 is the front) and a share of the statue's height.
 fn relief(seed: u64, angle: f32, v: f32, at: Vec3) -> f32 {
     let robe = 1.0 - step(0.74, 0.8, v);
     let wander = octaves(seed + 1, Vec3::new(at.x * 1.1, v * 2.2, at.z * 1.1), 3);

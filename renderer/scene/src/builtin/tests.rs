@@ -1,4 +1,4 @@
-//! What every built-in scene promises.
+//! The promises of every built-in scene.
 
 use super::*;
 
@@ -128,7 +128,7 @@ fn animated_scenes_keep_their_triangles_and_come_round() {
     for name in names() {
         let at = |time: f32| small(name, Options { time, ..SMALL });
         let [start, later, round] = [at(0.0), at(0.4), at(1.0)];
-        // What follows a motion takes the triangles by their numbers.
+        // Structures follow a motion by the numbers of the triangles.
         assert_eq!(start.triangles.indices(), later.triangles.indices(), "{name}");
         assert_eq!(start.triangles.positions() != later.triangles.positions(), is_animated(name), "{name}");
         assert!(start.triangles.positions() == round.triangles.positions(), "{name}");

@@ -77,7 +77,7 @@ fn ground(seed: u64, x: i32, z: i32) -> i32 {
     ((31.0 + hills + peaks) as i32).clamp(6, HEIGHT - 16)
 }
 
-/// What lies at a depth of a column, caves aside.
+/// The material at a depth of a column, caves aside.
 fn layer(seed: u64, x: i32, z: i32, y: i32, top: i32) -> u8 {
     let rough = (at_cell(seed + 5, i64::from(x), 0, i64::from(z)) * 4.0) as i32;
     match top - y {

@@ -168,7 +168,7 @@ impl Materials {
         self.alpha[lane] = gloss.alpha;
     }
 
-    /// What rough metals add, nothing for any other surface.
+    /// The additional lobe of rough metals, nothing for any other surface.
     #[inline(always)]
     pub(super) fn set_multiple(&mut self, lane: usize, multiple: Option<Multiple>) {
         let Multiple { albedo, scale, losses } = multiple.unwrap_or(Multiple::NONE);
@@ -270,7 +270,7 @@ impl LightSamples {
     }
 }
 
-/// Where paths come from: their rays, and what they carry.
+/// The paths that arrive: their rays, and the values that they carry.
 #[derive(Clone, Debug)]
 pub(super) struct Arrivals {
     pub(super) origin: Vectors,
@@ -315,7 +315,7 @@ impl Numbers {
     };
 }
 
-/// What vertices ask for: a shadow ray, and where the path goes on.
+/// The requests of vertices: a shadow ray, and the next ray of the path.
 #[derive(Clone, Debug)]
 pub(super) struct Departures {
     /// 1 where there is a shadow ray.

@@ -1,10 +1,10 @@
-//! Shading many hits at once, stage by stage: what most of them need, as loops over columns that the compiler
-//! turns into vector instructions.
+//! Shading many hits at once, stage by stage: the common cases, as loops over columns that the compiler turns
+//! into vector instructions.
 //!
 //! A chunk gathers hits on matt surfaces and on rough, opaque layers, in two runs of lanes, one from either
-//! end. Whatever is rare goes through [`Kernel::vertex`](super::vertex::Kernel) as in the path-by-path way:
-//! lamps that are hit, mirrors, thin sheets, glass, triangles too small for single precision's squares. Both
-//! give the same bits. The loops are compiled for each instruction set ([`Isa::run`]). Compare Lee et al.,
+//! end. Rare cases go through [`Kernel::vertex`](super::vertex::Kernel) as in the path-by-path way: lamps
+//! that are hit, mirrors, thin sheets, glass, triangles too small for single precision's squares. Both give
+//! the same bits. The loops are compiled for each instruction set ([`Isa::run`]). Compare Lee et al.,
 //! Vectorized Production Path Tracing (HPG 2017), who sort hits into such runs as well.
 
 mod columns;
@@ -124,7 +124,7 @@ impl Chunk {
         self.isa.run(Passes { lights: &prepared.lights, needs, chunk: self });
     }
 
-    /// What came of the hit in a lane, as from [`Kernel::vertex`](super::vertex::Kernel); `None` if the
+    /// The result of the hit in a lane, as from [`Kernel::vertex`](super::vertex::Kernel); `None` if the
     /// common way does not suit it after all.
     #[inline(always)]
     pub(super) fn scatter(

@@ -1,7 +1,7 @@
 //! The passes over a chunk: loops without a branch that leaves them, each over few columns.
 //!
-//! They compute what `vertex` computes, with the same functions in the same order of operations, so that the
-//! picture is the same bit for bit.
+//! They compute the results of `vertex`, with the same functions in the same order of operations, so that
+//! pictures are equal bit for bit.
 
 use std::ops::Range;
 

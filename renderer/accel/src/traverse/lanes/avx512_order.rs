@@ -1,5 +1,5 @@
-//! The order of children in registers: compressed to the front, sorted by a network, no branch but on how
-//! many there are.
+//! The order of children in registers: compressed to the front, sorted by a network, no branch but on their
+//! number.
 //!
 //! Embree's traversal for AVX-512 showed that this pays; networks after Knuth, "The Art of Computer
 //! Programming" 3, section 5.3.4.

@@ -1,14 +1,14 @@
-//! Which child next: those a ray meets, sorted by distance, straight onto the stack.
+//! The next children: those a ray meets, sorted by distance, straight onto the stack.
 
 use super::{Lanes, Stored};
 use crate::layout::NodeRef;
 
-/// What the walk does with the distances of a node's children.
+/// The walk's operations on the distances of a node's children.
 ///
 /// # Safety
 /// All functions require the processor features the vector is named after. `children` points to as many
 /// references as there are lanes; there is room for that number behind `nodes` and `keys`, which may all be
-/// written, whatever the number of hits. Distances are not below zero.
+/// written with any number of hits. Distances are not below zero.
 pub(crate) trait Order: Lanes {
     /// Writes the children in `hits` (two or more of them), farthest first, with their keys: distances
     /// whose lowest bits are the lane's number.

@@ -2,7 +2,7 @@
 
 use super::{Lanes, Order};
 
-/// `N` numbers the compiler may keep in whatever vectors it has.
+/// `N` numbers that the compiler may keep in any vectors of the target.
 #[derive(Clone, Copy)]
 #[repr(align(16))]
 pub(crate) struct Portable<const N: usize>([f32; N]);

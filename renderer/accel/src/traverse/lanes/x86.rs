@@ -1,4 +1,4 @@
-//! What AVX2 and AVX-512 vectors have in common: everything but comparisons.
+//! The common part of AVX2 and AVX-512 vectors: everything but comparisons.
 
 /// Implements the arithmetic of [`super::Lanes`] for a wrapper of an x86 vector, given its intrinsics.
 macro_rules! arithmetic {

@@ -1,4 +1,4 @@
-//! Sixteen rays side by side, number by number, and what they have hit.
+//! Sixteen rays side by side, number by number, and their hits.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
@@ -91,7 +91,7 @@ impl Bundle {
         L::bits(L::and(sum.equal(zero), between))
     }
 
-    /// The same rays, with that of `lane` in place of those that are not in `group`.
+    /// These rays, with that of `lane` in place of those that are not in `group`.
     #[inline(always)]
     pub(crate) unsafe fn filled<L: Lanes>(&self, group: u32, lane: usize) -> Self {
         let ([ox, oy, oz], [dx, dy, dz]) = (&self.origin, &self.direction);

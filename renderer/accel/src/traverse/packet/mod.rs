@@ -41,7 +41,7 @@ const FEW: u32 = 1;
 /// Most entries on the stack: on each level all children but one, and a whole node's worth on top.
 const ENTRIES: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;
 
-/// What the rays of a packet do in a leaf, and where one of them goes on alone.
+/// The tests of a packet's rays in a leaf, and the queries of a ray that goes on alone.
 ///
 /// # Safety
 /// All functions require nodes and leaves of the tree they are given, which lives, and the processor features
@@ -49,7 +49,7 @@ const ENTRIES: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;
 pub(crate) trait PacketLeaves {
     /// One lane a ray.
     type Rays: Lanes;
-    /// What the leaves belong to.
+    /// The tree of the leaves.
     type Tree: Copy;
 
     /// Prepares for these rays.
@@ -64,11 +64,12 @@ pub(crate) trait PacketLeaves {
     /// Replaces the hit of one ray by a nearer one below the node.
     unsafe fn closest_alone(tree: Self::Tree, node: NodeRef, ray: &Ray, hit: &mut Hit);
 
-    /// Whether one ray hits anything below the node.
+    /// Whether one ray hits a triangle below the node.
     unsafe fn any_alone(tree: Self::Tree, node: NodeRef, ray: &Ray) -> bool;
 }
 
-/// What the packet comes back to: a child, when the first ray enters it, and the rays that meet it.
+/// An entry of the packet's stack: a child, the distance at which the first ray enters it, and the rays that
+/// meet it.
 #[derive(Clone, Copy)]
 struct Entry {
     node: NodeRef,
@@ -132,7 +133,7 @@ impl Kinds {
         Self([L::bits(x), L::bits(y), L::bits(z), classes[0], classes[1]])
     }
 
-    /// Those of `waiting` that are like `first`.
+    /// The rays of `waiting` that are like `first`.
     #[inline(always)]
     fn like(&self, first: usize, waiting: u32) -> u32 {
         let mut group = waiting;
@@ -353,7 +354,7 @@ where
     let (boxes, leaves) = (X::new(root, bundle), P::new(tree, bundle));
     let t_max = X::Rays::load(ends.0.as_ptr());
     let end = farthest::<X::Rays>(group, t_max);
-    // Those that have hit nothing yet.
+    // The rays that have hit nothing yet.
     let mut open = group;
     let mut stack = Stack::new();
     let mut next = Some(Entry { node: start, key: 0, rays: group });

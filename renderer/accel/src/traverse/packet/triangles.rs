@@ -18,7 +18,7 @@ use crate::traverse::{ClosestBelow, OccludedBelow};
 /// # Safety
 /// All functions require the processor features of the lanes within, and blocks of the kind they test.
 pub(crate) trait PacketBlocks<L, const B: usize>: Copy {
-    /// Rays can be tested together if their bits are the same in both.
+    /// Rays can be tested together if their bits are equal in both.
     unsafe fn classes(rays: &Bundle) -> [u32; 2];
 
     unsafe fn new(rays: &Bundle) -> Self;
@@ -118,12 +118,12 @@ pub(crate) struct BlockTree<'a> {
 /// The rays of a packet in leaves of blocks.
 pub(crate) struct PacketBlockLeaves<'a, L, T, const B: usize> {
     triangles: T,
-    /// Those of the tree, whose masks are asked.
+    /// The triangles of the tree, for their masks.
     all: &'a Triangles,
     lanes: PhantomData<L>,
 }
 
-/// Those of some rays, one bit a ray, that meet something solid where they meet a triangle.
+/// The rays of `lanes`, one bit a ray, that meet a triangle where it is solid.
 #[inline(always)]
 fn met(all: &Triangles, number: u32, lanes: u32, rays: &Bundle) -> u32 {
     if number & CARD == 0 {

@@ -1,5 +1,5 @@
-//! Which samples of a study are there, and which are being measured by others: read from the service, trial
-//! by trial.
+//! The samples of a study that are complete, and those that other renderers are measuring: read from the
+//! service, trial by trial.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,10 +10,10 @@ use treewright_client::{
 
 use treewright_renderer::tuning::sampling::{SAMPLE, SEQUENCE};
 
-/// So many open trials of others are remembered before they are looked at again: most are complete by then.
+/// Number of others' open trials at which they are read again: most are complete by then.
 const HELD_MAX: usize = 32;
 
-/// A trial that somebody else has open.
+/// A trial that another renderer has open.
 #[derive(Clone, Debug)]
 struct Held {
     name: String,
@@ -21,10 +21,10 @@ struct Held {
     configuration: Configuration,
 }
 
-/// What is known of a study's samples.
+/// The known samples of a study.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Claims {
-    /// Who we are.
+    /// The name of this renderer.
     own: String,
     /// Numbers that are there, by sequence.
     done: BTreeMap<u32, BTreeSet<u32>>,
@@ -39,8 +39,8 @@ impl Claims {
         Self { own: own.to_owned(), ..Self::default() }
     }
 
-    /// Looks at all trials that were handed out since the last look, and now and then at what others had
-    /// open.
+    /// Reads all trials that were handed out since the last look, and now and then the trials that others
+    /// had open.
     pub(super) fn look(&mut self, client: &Client, study: &str) -> Result<(), ClientError> {
         if self.held.len() >= HELD_MAX {
             self.look_again(client)?;
@@ -52,7 +52,7 @@ impl Claims {
         Ok(())
     }
 
-    /// Looks again at what others had open, and at what is new.
+    /// Reads again the trials that others had open, and the new ones.
     pub(super) fn look_at_held(&mut self, client: &Client, study: &str) -> Result<(), ClientError> {
         self.look_again(client)?;
         self.look(client, study)
@@ -103,17 +103,17 @@ impl Claims {
         self.done.get(&sequence).is_some_and(|done| done.contains(&sample))
     }
 
-    /// How many of the first `samples` are there.
+    /// Number of complete samples among the first `samples`.
     pub(super) fn done(&self, sequence: u32, samples: u32) -> u64 {
         self.done.get(&sequence).map_or(0, |done| done.range(..samples).count() as u64)
     }
 
-    /// Whether somebody else is measuring this.
+    /// Whether another renderer is measuring this.
     pub(super) fn is_held(&self, state: &Indicators, configuration: &Configuration) -> bool {
         self.held.values().any(|held| held.configuration == *configuration && held.state == *state)
     }
 
-    /// Whether somebody else opened the same before this trial.
+    /// Whether another renderer opened the sample of this trial before it.
     pub(super) fn is_held_before(&self, own: &TrialRecord) -> bool {
         let before = self.held.range(..own.number().unwrap_or_default());
         before

@@ -1,8 +1,8 @@
 //! A forest around a lake: ten million triangles, placed by some thousand instances of a few plants and
 //! stones.
 //!
-//! What is unique stays below half a million triangles: the ground, and three to four of each kind. Nothing
-//! but the ground and the water stands in the world itself.
+//! Unique triangles stay below half a million: the ground, and three to four of each kind. Only the ground
+//! and the water stand in the world itself.
 
 mod plants;
 mod trees;
@@ -136,7 +136,7 @@ fn plant(generator: &mut Generator, seed: u64, kind: usize, objects: &[u32]) {
         if !grows(seed, kind, x, z) {
             continue;
         }
-        // Trees stand up straight, what is low lies along the ground.
+        // Trees stand up straight, low plants lie along the ground.
         let out = if kind == 0 { Vec3::Y } else { upright(seed, x, z) };
         let turned =
             Quat::from_rotation_arc(Vec3::Y, out) * Quat::from_rotation_y(turn) * Quat::from_rotation_x(lean);

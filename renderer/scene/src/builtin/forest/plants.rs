@@ -1,4 +1,4 @@
-//! What grows and lies below the trees: bushes, ferns, grass, reeds and stones.
+//! The undergrowth: bushes, ferns, grass, reeds and stones.
 
 use std::f32::consts::{PI, TAU};
 

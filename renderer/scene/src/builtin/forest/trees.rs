@@ -105,13 +105,13 @@ fn bough(generator: &mut Generator, green: &mut Part, root: Vec3, angle: f32, le
     }
 }
 
-/// What makes a broad-leaved tree.
+/// The shape of a broad-leaved tree.
 struct Habit {
     height: [f32; 2],
     trunk_radius: f32,
     /// Share of the height below the first branch.
     bare: f32,
-    /// How far branches bend away from where they come from.
+    /// Angle by which branches bend away from their parents.
     spread: f32,
     /// Length of a branch to the one it grows from.
     shorter: f32,
