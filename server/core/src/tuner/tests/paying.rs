@@ -65,9 +65,9 @@ fn who_wants_a_longer_search_is_told_what_that_is_expected_to_gain() {
     // Its wish ends with it: the session that ends its search, and whoever comes without wishes, is told of
     // none.
     let ends = SessionPolicy { trials_per_state: Some(1), ..wishes };
-    tuner.suggest(&Ask { session_policy: ends, ..ask("b", 0.5, 0.5) }, 2).expect("a trial");
+    let _ = tuner.suggest(&Ask { session_policy: ends, ..ask("b", 0.5, 0.5) }, 2).expect("a trial");
     assert_eq!(told(&tuner), None);
-    tuner.suggest(&asked, 3).expect("a trial");
+    let _ = tuner.suggest(&asked, 3).expect("a trial");
     assert!(told(&tuner).is_some());
     run(&mut tuner, "c", 0.5, 0.5, 1);
     assert_eq!(told(&tuner), None);
