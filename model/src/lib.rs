@@ -13,6 +13,10 @@
 // Tests may compare with the platform's functions.
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
+// Tests that other crates share call this one by its name.
+#[cfg(test)]
+extern crate self as treewright_model;
+
 pub mod assignment;
 pub mod configuration;
 pub mod cost_view;

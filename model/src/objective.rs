@@ -250,7 +250,8 @@ impl Objective {
     }
 
     /// This objective with maximised metrics among its terms. Such a term counts with its weight over the
-    /// measurement: a thousand over frames a second is the milliseconds of a frame.
+    /// measurement: a thousand over frames a second is the milliseconds of a frame. Their order means
+    /// nothing, and becomes that of the terms.
     pub fn with_maximised(self, maximised: Vec<String>) -> Result<Self, ObjectiveError> {
         let mut seen = BTreeSet::new();
         for metric in &maximised {
@@ -258,10 +259,12 @@ impl Objective {
                 return Err(ObjectiveError::Maximised { metric: metric.clone() });
             }
         }
+        let metrics = self.terms.iter().map(|term| &term.metric);
+        let maximised = metrics.filter(|metric| seen.contains(metric)).cloned().collect();
         Ok(Objective { maximised, ..self })
     }
 
-    /// The metrics that are maximised, in the order in which they were given.
+    /// The metrics that are maximised, in the order of the terms.
     pub fn maximised(&self) -> &[String] {
         &self.maximised
     }

@@ -334,8 +334,11 @@ impl StudyBuilder {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
     use crate::space::{Domain, Parameter};
+    use crate::testing::{cases, decided, studies};
     use crate::value::Value;
 
     fn spec() -> StudySpec {
@@ -379,10 +382,22 @@ mod tests {
         assert_eq!(other.as_deref(), Some("seed is 0 against 7"));
     }
 
+    proptest! {
+        #![proptest_config(cases(128))]
+
+        #[test]
+        fn every_specification_is_stored_and_read_back(spec in studies()) {
+            let spec = decided(spec);
+            let policy = spec.policy.clone().check(&spec.space).expect("valid");
+            let spec = spec.with_policy(policy);
+            let text = serde_json::to_string(&spec).expect("plain data");
+            prop_assert_eq!(serde_json::from_str::<StudySpec>(&text).expect("own output"), spec);
+        }
+    }
+
     #[test]
     fn specifications_are_checked_on_the_way_in() {
         let text = serde_json::to_string(&spec()).expect("plain data");
-        assert_eq!(serde_json::from_str::<StudySpec>(&text).expect("own output"), spec());
         let pinned = r#""pinned":{"a":{"integer":5},"b":{"integer":4}}"#;
         for (good, bad) in [
             (r#""state_tolerance":0.01"#, r#""state_tolerance":1.5"#),

@@ -101,23 +101,64 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use proptest::prelude::*;
+    use serde::de::DeserializeOwned;
+    use serde_json::{Value as Json, json};
 
-    #[test]
-    fn spaces_are_written_without_the_kinds_of_values() {
-        let space = Space::builder()
-            .categorical("split", ["sah", "median"])
-            .default("sah")
-            .integer("bins", 4..=64)
-            .default(16)
-            .active_if("split", ["sah"])
-            .build()
-            .expect("a space");
-        let json = serde_json::to_value(Plain(&space)).expect("plain data");
-        assert_eq!(json["parameters"][0]["domain"]["categorical"]["values"][1], "median");
-        assert_eq!(json["parameters"][1]["domain"]["integer"]["max"], 64);
-        assert_eq!(json["parameters"][1]["default"], 16);
-        assert_eq!(json["parameters"][1]["active_if"]["any_of"][0], "sah");
-        assert_eq!(json["parameters"][0]["active_if"], serde_json::Value::Null);
+    use super::*;
+    use crate::testing::{cases, studies};
+
+    /// A plain value with its kind.
+    fn of_kind(value: &Json) -> Json {
+        let kind = match value {
+            Json::Bool(_) => "boolean",
+            Json::String(_) => "text",
+            number if number.is_f64() => "float",
+            _ => "integer",
+        };
+        json!({ kind: value })
+    }
+
+    /// Gives the values of a space the kinds that stored rows have.
+    fn give_kinds(space: &mut Json) {
+        for parameter in space["parameters"].as_array_mut().expect("a list") {
+            parameter["default"] = of_kind(&parameter["default"]);
+            for list in ["/domain/categorical/values", "/active_if/any_of"] {
+                let values = parameter.pointer_mut(list).and_then(Json::as_array_mut);
+                values.into_iter().flatten().for_each(|value| *value = of_kind(value));
+            }
+        }
+    }
+
+    fn read<T: DeserializeOwned>(json: &Json) -> T {
+        serde_json::from_value(json.clone()).expect("one of the parts")
+    }
+
+    proptest! {
+        #![proptest_config(cases(128))]
+
+        #[test]
+        fn a_specification_is_written_whole_and_without_the_kinds_of_values(spec in studies()) {
+            let text = serde_json::to_string(&Plain(&spec)).expect("plain data");
+            let mut json: Json = serde_json::from_str(&text).expect("own output");
+            give_kinds(&mut json["space"]);
+            let empty = json!([]);
+            let maximised = json.get("maximised").unwrap_or(&empty);
+            let objective = json!({
+                "directed_terms": json["objective"], "auxiliary": json["auxiliary"],
+                "limits": json["limits"], "maximised": maximised,
+            });
+            prop_assert_eq!(&json["policy"], &serde_json::to_value(&spec.policy).expect("plain data"));
+            let again = StudySpec {
+                display_name: read(&json["display_name"]),
+                space: read(&json["space"]),
+                indicators: read(&json["indicators"]),
+                objective: read(&objective),
+                state_tolerance: read(&json["state_tolerance"]),
+                policy: spec.policy.clone(),
+                seed: read(&json["seed"]),
+            };
+            prop_assert_eq!(again, spec);
+        }
     }
 }

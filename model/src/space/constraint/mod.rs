@@ -57,7 +57,13 @@ impl Constraint {
     /// [`ConstraintError`] with the place of the mistake, in characters from 1.
     pub fn parse(text: &str) -> Result<Self, ConstraintError> {
         let refuse = |problem| ConstraintError { text: parse::excerpt(text), problem };
-        parse::expression(text).map(|root| Constraint { root }).map_err(refuse)
+        let constraint = Constraint { root: parse::expression(text).map_err(refuse)? };
+        let common = constraint.to_string();
+        match parse::expression(&common) {
+            Ok(_) => Ok(constraint),
+            // It has blanks and parentheses that the text may lack, and it is what is stored and sent.
+            Err(problem) => Err(refuse(format!("as `{}`: {problem}", parse::excerpt(&common)))),
+        }
     }
 
     /// `lesser <= greater`, between two parameters.

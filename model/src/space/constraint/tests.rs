@@ -66,6 +66,10 @@ fn mistakes_are_placed() {
     assert!(problem(&"!".repeat(900)).contains("nested too deeply"));
     assert!(problem(&format!("a < 1{}", " + 1".repeat(200))).contains("256 are allowed"));
     assert!(problem(&"a".repeat(1001)).contains("at most 1000 characters"));
+    // What cannot be read in its common spelling could be stored, and not be read again.
+    let product = format!("{} < 1", ["abcdef"; 120].join("*"));
+    assert!(problem(&product).contains("as `abcdef * abcdef") && problem(&product).contains("1000 char"));
+    assert!(problem(&format!("{}a < 1", "-".repeat(20))).contains("as `-(-(-"));
 }
 
 fn parameters() -> SpaceBuilder {
