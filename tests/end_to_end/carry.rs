@@ -175,15 +175,31 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
     let (a, b) = (Daemon::start(&folder.path().join("a.db")), Daemon::start(&folder.path().join("b.db")));
     let path = study(folder.path(), "");
     let text = std::fs::read_to_string(&path).expect("a file");
-    // Settings that a document could lose on its way: auxiliary metrics, limits, a warm-up that would swallow
-    // the first trials, a freeze.
+    // What could be lost on the way: auxiliary metrics, limits, a maximised metric, a warm-up that would
+    // swallow the first trials, a freeze, and trials with other results than costs.
     let head = "auxiliary = [\"cpu_ms\", \"faults\"]\nlimits = [{ metric = \"loss\", at_most = 1e6 }]\nseed = \"18446744073709551615\"\n";
-    std::fs::write(&path, format!("{head}{text}[policy]\nwarm_up = 3\n")).expect("a file");
+    let tail = "[[objective]]\nmetric = \"rate\"\nmaximise = true\n[policy]\nwarm_up = 3\n";
+    std::fs::write(&path, format!("{head}{text}{tail}")).expect("a file");
     say(&a, &["study", "create", &path]);
-    measure(&a, 9..14, 10);
+    let results: [(&str, &[&str]); 5] = [
+        ("level=9", &["loss=21", "rate=0.30000000000000004"]),
+        ("level=10", &["loss=2e6", "rate=50"]),
+        ("level=11", &["--infeasible", "no, \"memory\""]),
+        ("level=12", &["--aborted", "900.5"]),
+        ("level=13", &["loss=5", "rate=50", "cpu_ms=4.5", "faults=0"]),
+    ];
+    for (level, result) in results {
+        let trial = ask(&a, &["suggest", "toy", "--wanted", level, "--indicator", "megabytes=10"]);
+        say(&a, &[&["report", trial["name"].as_str().expect("a name")], result].concat());
+    }
     say(&a, &["freeze", "toy"]);
     let (out, before) = (folder.path().join("toy.jsonl"), exported(&a, "toy"));
-    assert_eq!(before.len(), 6);
+    let outcomes: Vec<&Value> = before[1..].iter().map(|line| &line["outcome"]).collect();
+    assert_eq!(
+        outcomes[1]["infeasible"]["reason"],
+        "loss is 2000000, and the study asks for loss <= 1000000"
+    );
+    assert_eq!((outcomes.len(), &outcomes[3]["aborted"]["lower_bound"]), (5, &Value::from(900.5)));
     assert_eq!(before[0]["study"]["auxiliary"], serde_json::json!(["cpu_ms", "faults"]));
     assert_eq!(before[0]["study"]["limits"], serde_json::json!([{ "metric": "loss", "at_most": 1e6 }]));
     let out = out.to_str().expect("text");

@@ -76,7 +76,8 @@ impl CarriedTrial {
             measurements: trial.measurements.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
             outcome,
             cost: trial.cost,
-            fingerprint: trial.fingerprint.clone(),
+            // An import has to send one, and one that says nothing is none.
+            fingerprint: trial.fingerprint.clone().filter(|machine| *machine != Fingerprint::default()),
             complete_time: trial.complete_time.map(time),
         })
     }

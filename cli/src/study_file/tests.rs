@@ -1,6 +1,13 @@
 //! Study files: a written study is read back as an equal one, and mistakes are named.
 
+use proptest::prelude::*;
+use testing::{cases, decided, studies};
+
 use super::*;
+use crate::carry::jsonl::{Header, write_line};
+
+#[path = "../../../model/src/testing.rs"]
+mod testing;
 
 const FILE: &str = r#"
 id = "zstd"
@@ -73,7 +80,7 @@ fn read(text: &str) -> StudyFile {
 }
 
 #[test]
-fn what_is_written_is_read_back_in_both_languages() {
+fn a_file_is_read_as_people_write_it() {
     let file = read(FILE);
     let spec = file.spec().expect("a specification");
     assert_eq!(spec.space.parameters()[2].default, Value::Float(2.0), "whole numbers stand for floats");
@@ -90,16 +97,24 @@ fn what_is_written_is_read_back_in_both_languages() {
     let (start, end) = (FILE.find("constraints").expect("there"), FILE.find("\n\n[[par").expect("there"));
     let old = FILE.replacen("[[indicators]]", as_tables, 1).replace(&FILE[start..end], "");
     assert_eq!(read(&old).spec().expect("as before").space.constraints()[0], spec.space.constraints()[2]);
-    let written = StudyFile {
-        id: file.id.clone(),
-        policy: policy_entries(&spec.policy).expect("plain data"),
-        ..StudyFile::of_spec(&spec)
-    };
-    for language in [Language::Toml, Language::Json] {
-        let text = written.write(language).expect("text");
-        let again = StudyFile::parse(&text, language).unwrap_or_else(|problem| panic!("{problem}\n{text}"));
-        assert_eq!(again.spec().expect("a specification"), spec, "{text}");
-        assert_eq!(again.id.as_deref(), Some("zstd"));
+}
+
+proptest! {
+    #![proptest_config(cases(128))]
+
+    #[test]
+    fn every_specification_is_written_and_read_back(spec in studies()) {
+        let policy = policy_entries(&spec.policy).expect("plain data");
+        let file = StudyFile { id: Some("zstd".to_owned()), policy, ..StudyFile::of_spec(&spec) };
+        for language in [Language::Toml, Language::Json] {
+            let text = file.write(language).expect("text");
+            prop_assert_eq!(StudyFile::parse(&text, language), Ok(file.clone()), "{}", text);
+        }
+        let mut line = Vec::new();
+        write_line(&mut line, &Header::new("here", file.clone())).expect("written");
+        let exported: Header = serde_json::from_slice(&line).expect("own output");
+        prop_assert_eq!(&exported.study, &file);
+        prop_assert_eq!(decided(file.spec().expect("a specification")), decided(spec));
     }
 }
 

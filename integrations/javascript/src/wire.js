@@ -69,8 +69,10 @@ export function specToWire(spec) {
       constraints: [
         ...(spec.constraints ?? []).map((each) =>
           typeof each === "string" ? { expression: each } : { lesser: each[0], greater: each[1] }),
-        ...spec.parameters.filter(({ step }) => step !== undefined)
-          .map(({ name, min, step }) => ({ expression: `(\`${name}\` - ${min}) % ${step} == 0` })),
+        // As the other languages write it, so that programs in several share a study.
+        ...spec.parameters.filter(({ step }) => step !== undefined).map(({ name, min, step }) => ({
+          expression: `${min % step === 0 ? `\`${name}\`` : `(\`${name}\` - ${min})`} % ${step} == 0`,
+        })),
       ],
     },
     indicators,

@@ -69,6 +69,10 @@ async function trials() {
   assert.throws(() => other.report({ ms: 1 }), /fps is missing/);
   await client.flush(20000);
   assert.equal((await rate.best({})).cost, 20);
+  const [tile, minimise] = [{ name: "tile", type: "integer", min: 16, max: 64, default: 32 }, { ms: 1 }];
+  await client.study("node-steps", { parameters: [{ ...tile, step: 16 }], minimise });
+  // As a program in another language spells it: it is the same study.
+  await client.study("node-steps", { parameters: [tile], constraints: ["tile % 16 == 0"], minimise });
   const sum = await client.study("node-sum", { parameters: level, minimise: { ms: 1, mb: 1 } });
   const huge = await sum.suggest({});
   assert.throws(() => huge.report({ ms: 1e308, mb: 1e308 }), /sum of the measurements is not finite/);

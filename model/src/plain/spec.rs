@@ -148,7 +148,8 @@ mod tests {
                 "directed_terms": json["objective"], "auxiliary": json["auxiliary"],
                 "limits": json["limits"], "maximised": maximised,
             });
-            prop_assert_eq!(&json["policy"], &serde_json::to_value(&spec.policy).expect("plain data"));
+            let policy = serde_json::to_value(&spec.policy).expect("plain data");
+            prop_assert_eq!(&json["policy"], &policy);
             let again = StudySpec {
                 display_name: read(&json["display_name"]),
                 space: read(&json["space"]),

@@ -288,9 +288,14 @@ fn software(fingerprint: &Fingerprint) -> impl Iterator<Item = &str> {
     fingerprint.software.iter().flat_map(|(name, version)| [name.as_str(), version.as_str()])
 }
 
+/// A number of a fingerprint; 0 where there is none, or one that says nothing. An import sends such a one.
+fn of_said(fingerprint: Option<&Fingerprint>, hash: impl FnOnce(&Fingerprint) -> u64) -> u64 {
+    fingerprint.filter(|said| **said != Fingerprint::default()).map_or(0, hash)
+}
+
 /// Processor, instruction set, threads and software.
 fn exact(fingerprint: Option<&Fingerprint>) -> u64 {
-    fingerprint.map_or(0, |fingerprint| {
+    of_said(fingerprint, |fingerprint| {
         let Fingerprint { cpu_model, isa, threads, .. } = fingerprint;
         number([cpu_model, isa, threads.to_string().as_str()].into_iter().chain(software(fingerprint)))
     })
@@ -298,14 +303,14 @@ fn exact(fingerprint: Option<&Fingerprint>) -> u64 {
 
 /// Processor and software.
 fn group(fingerprint: Option<&Fingerprint>) -> u64 {
-    fingerprint.map_or(0, |fingerprint| {
+    of_said(fingerprint, |fingerprint| {
         number([fingerprint.cpu_model.as_str()].into_iter().chain(software(fingerprint)))
     })
 }
 
 /// Processor, instruction set and threads.
 fn hardware(fingerprint: Option<&Fingerprint>) -> u64 {
-    fingerprint.map_or(0, |Fingerprint { cpu_model, isa, threads, .. }| {
+    of_said(fingerprint, |Fingerprint { cpu_model, isa, threads, .. }| {
         number([cpu_model, isa, threads.to_string().as_str()])
     })
 }
@@ -329,6 +334,9 @@ mod tests {
         assert_eq!(places, [0, 1, 2, 3].map(MachineId));
         assert_eq!(machines.note_founder(Some(&all[1])), (MachineId(1), None));
         assert_eq!(machines.find(None), None);
+        let mut unnamed = Machines::default();
+        let (place, _) = unnamed.note_founder(None);
+        assert_eq!(unnamed.find(Some(&Fingerprint::default())), Some(place), "it says nothing");
         let levels =
             |from: usize| places.iter().map(|&to| machines.level(places[from], to)).collect::<Vec<_>>();
         assert_eq!(
