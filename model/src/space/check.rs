@@ -201,6 +201,9 @@ fn check_constraint(constraint: &Constraint, parameters: &[Parameter]) -> Result
     root.mentions(&mut mentions);
     let place = |name: &str| parameters.iter().position(|parameter| parameter.name == name);
     let order = constraint.as_order().and_then(|(lesser, greater)| Some((place(lesser)?, place(greater)?)));
+    // Bounds say too little of a list of numbers.
+    let has_bounds = |place: usize| parameters[place].domain.bounds().is_some();
+    let order = order.filter(|&(lesser, greater)| has_bounds(lesser) && has_bounds(greater));
     Ok(Rule { root, mentions, order })
 }
 

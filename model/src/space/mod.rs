@@ -130,7 +130,7 @@ struct Rule {
     root: Node<usize>,
     /// The parameters that it names.
     mentions: Vec<usize>,
-    /// The two parameters, the lesser first, where it is an order.
+    /// The two parameters, the lesser first, where it is an order of two ranges.
     order: Option<(usize, usize)>,
 }
 

@@ -116,6 +116,15 @@ fn chains_and_unequal_domains_are_repaired_by_narrowing() {
 }
 
 #[test]
+fn the_order_of_a_range_and_a_list_of_numbers_is_repaired_to_the_nearest() {
+    let tiles = Domain::Categorical { values: [16, 64, 32].map(Value::Integer).to_vec() };
+    let parameters =
+        vec![integer("level", 1, 100, Scale::Linear, 8), plain("tile", tiles, Value::Integer(32))];
+    let space = Space::new(parameters, vec![order("level", "tile")]).expect("valid");
+    assert_eq!(space.decode(&[0.495, 0.1]).key(), "level=16;tile=16");
+}
+
+#[test]
 fn a_space_whose_constraint_cannot_hold_falls_back_to_the_default() {
     let parameters = vec![
         plain("narrow", Domain::Boolean, Value::Boolean(false)),
