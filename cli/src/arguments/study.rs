@@ -60,7 +60,7 @@ Examples:
   treewright study clone sponza sponza-2 --spec with-lights.toml --indicator lights=4
   treewright study clone sponza sponza-empty --no-trials")]
     Clone(CloneStudy),
-    /// Renames a study: copies it with its trials, and deletes the old one
+    /// Gives a study another id; running programs go on with it
     Rename {
         /// Its id
         name: String,
