@@ -78,8 +78,8 @@ macro_rules! define_predictors {
             /// Predictors across states.
             #[derive(PartialOrd, Ord)]
             PredictorMethod,
-            /// Whichever of the others has the smallest error in this study, tested on every trial before
-            /// learning from it.
+            /// The `contextual` one, unless another errs much less in this study, tested on trials before it
+            /// learns from them.
             auto = 3,
             $($rows)+
         }

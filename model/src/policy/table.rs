@@ -88,8 +88,8 @@ macro_rules! policy_table {
             /// any more.
             confirm_rounds: u32 | u32 = 40, unset "40", in Range::Within(0.0, CONFIRM_ROUNDS_MAX as f64), as "COUNT";
 
-            /// The default is measured again now and then while a state is searched, and costs are divided by
-            /// how fast the client's machine is at the moment.
+            /// The incumbent is measured again now and then while a state is searched, and costs are divided
+            /// by how fast the client's machine is at the moment.
             track_speed: bool | bool = true, unset "true", in Range::Any, as "BOOL";
 
             /// The dice are thrown once for each visit of a client to a state, as in the paper, however long

@@ -322,8 +322,8 @@ pub struct Policy {
     /// leaves it out, unset means 40.
     #[prost(uint32, optional, tag = "20")]
     pub confirm_rounds: ::core::option::Option<u32>,
-    /// The default is measured again now and then while a state is searched, and costs are divided by how fast the client's
-    /// machine is at the moment, before they are compared. OPTIONAL; unset means true.
+    /// The incumbent is measured again now and then while a state is searched, and costs are divided by how fast the
+    /// client's machine is at the moment, before they are compared. OPTIONAL; unset means true.
     #[prost(bool, optional, tag = "21")]
     pub track_speed: ::core::option::Option<bool>,
     /// The dice are thrown once for each visit of a client to a state, as in the paper, however long it stays. OPTIONAL;
@@ -454,7 +454,7 @@ pub enum PredictorMethod {
     NearestNeighbour = 1,
     /// Radial basis functions trained by Greedy-GQ with gamma = 0 (paper section 6.2, as printed).
     RbfGreedyGq = 2,
-    /// Whichever of the others has the smallest error in this study, tested on every trial before learning from it.
+    /// The `contextual` one, unless another errs much less in this study, tested on trials before it learns from them.
     Auto = 3,
     /// Best configuration over the eight nearest known states, weighted by distance.
     WeightedNeighbours = 4,
