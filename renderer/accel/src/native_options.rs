@@ -38,6 +38,20 @@ pub enum NativeQuality {
     High,
 }
 
+impl NativeQuality {
+    /// All of them, from the quickest build on.
+    pub const ALL: [Self; 3] = [Self::Low, Self::Medium, Self::High];
+
+    /// Its word in configurations.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Low => "low",
+            Self::Medium => "medium",
+            Self::High => "high",
+        }
+    }
+}
+
 /// Nodes and leaves of a native Embree scene: children a node, then what a leaf holds of its triangles.
 /// `Triangle4` holds corner and edges, `Triangle4v` all corners and tests watertight, `Triangle4i` vertex
 /// numbers; `Qbvh` nodes are compressed.

@@ -10,6 +10,7 @@
 //! | `ending` | the end of a search whose further trials do not pay |
 //! | `confirmation` | the best few of a search and natives against the incumbent |
 //! | `sampling` | random configurations as a numbered sequence, for exploration without a search |
+//! | `who` | who takes part in a comparison, and the name of each for people |
 //! | `verdict` | the rivals of the winner, and the frame at which tuning pays off |
 //! | `results` | all results of a run, for JSON and the report |
 
@@ -22,4 +23,5 @@ pub mod reuse;
 pub mod sampling;
 pub mod search;
 pub mod verdict;
+pub mod who;
 pub mod workload;
