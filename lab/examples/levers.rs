@@ -17,6 +17,7 @@ use treewright_renderer::integrator::View;
 use treewright_renderer::measure::{Conditions, Contender, Standing, Yardstick, interleaved, standings};
 use treewright_renderer::space::{Choice, Premises, Preset, TuningSpace, parse};
 use treewright_renderer::statistics::{Ratio, Summary};
+use treewright_renderer::tuning::who::Who;
 use treewright_scene::motion::{Motion, Mover};
 use treewright_scene::{Scene, SceneError, builtin, load};
 
@@ -202,7 +203,8 @@ fn measured(
         renderer.set_episode(&world.moments);
     }
     let view = View { camera: scene.cameras[0], seed: 1000, bounces: 3 };
-    let contender = |(name, choice): &(String, Choice)| Contender { name: name.clone(), choice: *choice };
+    let named = |name: &String| Who::Named(name.clone().into());
+    let contender = |(name, choice): &(String, Choice)| Contender { who: named(name), choice: *choice };
     let contenders: Vec<Contender> = ways.iter().map(contender).collect();
     let ([width, height], rounds) = (arguments.size, arguments.rounds);
     let conditions = Conditions { view, width, height, rounds, frames_per_build, yardstick };
@@ -248,7 +250,7 @@ fn main() -> Result<(), Failure> {
         println!("{}", world.name);
         for one in &table {
             let (build, render) = (one.build_ms.median, one.render_ms.median);
-            println!("  {:24} {build:8.2} + {render:8.2} ms  {}", one.name, one.gain_over(&table[0]));
+            println!("  {:24} {build:8.2} + {render:8.2} ms  {}", one.who, one.gain_over(&table[0]));
         }
         tables.push(table);
         scenes.push(world.scene);
@@ -262,7 +264,7 @@ fn main() -> Result<(), Failure> {
         let own = if arguments.winners.is_some() { &table[number + 2] } else { best.unwrap_or(fixed) };
         let ceiling = best.map_or(1.0, |best| speed(best, fixed));
         let shown: [Ratio; 2] = [own.gain_over(&table[0]), own.gain_over(fixed)];
-        println!("{name:24} {}   {} ({} over {})   {ceiling:.2}", shown[0], shown[1], own.name, fixed.name);
+        println!("{name:24} {}   {} ({} over {})   {ceiling:.2}", shown[0], shown[1], own.who, fixed.who);
         over_untuned.push(shown[0].median);
         over_fixed.push(shown[1].median);
         ceilings.push(ceiling);

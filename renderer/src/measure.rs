@@ -16,15 +16,16 @@ use crate::space::Choice;
 use crate::statistics::{Ratio, Summary};
 pub use crate::tuning::objective::Yardstick;
 use crate::tuning::objective::frame_cost;
+use crate::tuning::who::{NativeUse, Who};
 
 /// Share of the time from which on a note says that frames waited for processors.
 const DELAY_TOLD: f64 = 0.02;
 
-/// A named structure to be measured.
+/// A structure to be measured.
 #[derive(Clone, Debug)]
 pub struct Contender {
-    /// For people.
-    pub name: String,
+    /// Whose it is.
+    pub who: Who,
     /// The structure, and how it is rendered with.
     pub choice: Choice,
 }
@@ -50,8 +51,8 @@ pub struct Conditions {
 /// The times of one contender.
 #[derive(Clone, Debug, Default)]
 pub struct Measured {
-    /// The contender's name.
-    pub name: String,
+    /// The contender.
+    pub who: Who,
     /// Each build.
     pub build_ms: Vec<f64>,
     /// Each frame, in the order of rounds.
@@ -70,11 +71,12 @@ pub struct Measured {
 /// Median and quartiles of a contender, and of its speed-ups over the first one.
 #[derive(Clone, Debug, Serialize)]
 pub struct Standing {
-    /// The contender's name.
-    pub name: String,
-    /// The variant of the best one, where several share one name.
+    /// The contender.
+    #[serde(rename = "name")]
+    pub who: Who,
+    /// The variant in which native Embree used well was the fastest.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub variant: Option<String>,
+    pub variant: Option<NativeUse>,
     /// Build times.
     pub build_ms: Summary,
     /// Render times of one sample a pixel.
@@ -106,8 +108,8 @@ impl Standing {
     /// The name for people, e.g. `native used well (high)`.
     pub fn title(&self) -> String {
         match &self.variant {
-            Some(variant) => format!("{} ({variant})", self.name),
-            None => self.name.clone(),
+            Some(variant) => format!("{} ({variant})", self.who),
+            None => self.who.to_string(),
         }
     }
 }
@@ -174,7 +176,7 @@ pub fn interleaved(
     }
     let measured = in_turns(renderer, &distinct, conditions, go_on);
     let of = |(contender, place): (&Contender, &usize)| Measured {
-        name: contender.name.clone(),
+        who: contender.who.clone(),
         ..measured[*place].clone()
     };
     contenders.iter().zip(&place).map(of).collect()
@@ -193,7 +195,7 @@ fn in_turns(
     let mut structures: Vec<Option<Structure>> = Vec::new();
     let mut measured: Vec<Measured> = Vec::new();
     for contender in contenders {
-        let mut one = Measured { name: contender.name.clone(), ..Measured::default() };
+        let mut one = Measured { who: contender.who.clone(), ..Measured::default() };
         let choice_learns = contender.choice.light.learns();
         let (built, threads) = of_process(|| renderer.build(&contender.choice.build));
         match built {
@@ -313,7 +315,7 @@ pub fn standings(measured: &[Measured], frames_per_build: u32) -> Vec<Standing> 
             let (frame_ms, undelayed_ms) =
                 (one.frame_ms(frames_per_build), one.undelayed_ms(frames_per_build));
             Standing {
-                name: one.name.clone(),
+                who: one.who.clone(),
                 variant: None,
                 build_ms: Summary::of(&one.build_ms),
                 render_ms: Summary::of(&one.render_ms),
@@ -338,7 +340,7 @@ mod tests {
     #[test]
     fn speedups_are_those_of_pairs() {
         let one = |name: &str, build_ms: &[f64], render_ms: &[f64]| Measured {
-            name: name.into(),
+            who: Who::Named(name.to_owned().into()),
             build_ms: build_ms.into(),
             render_ms: render_ms.into(),
             ..Measured::default()
@@ -362,7 +364,7 @@ mod tests {
     #[test]
     fn ratios_leave_out_what_frames_waited_for() {
         let loaded = Measured {
-            name: "loaded".into(),
+            who: Who::Named("loaded".into()),
             build_ms: vec![10.0],
             render_ms: vec![30.0, 60.0],
             undelayed_build_ms: vec![10.0],
@@ -371,7 +373,7 @@ mod tests {
             failure: None,
         };
         let quiet = Measured {
-            name: "quiet".into(),
+            who: Who::Named("quiet".into()),
             build_ms: vec![10.0],
             render_ms: vec![40.0, 40.0],
             ..Measured::default()
@@ -402,9 +404,9 @@ mod tests {
         let native = Choice::native(NativeQuality::Low);
         let staged = Choice { render: RenderOptions { staged: true, ..native.render }, ..native };
         let contenders = [("a", native), ("b", staged), ("c", native)]
-            .map(|(name, choice)| Contender { name: name.into(), choice });
+            .map(|(name, choice)| Contender { who: Who::Named(name.into()), choice });
         let all = interleaved(&mut renderer, &contenders, &conditions, || true);
-        let names: Vec<&str> = all.iter().map(|one| one.name.as_str()).collect();
+        let names: Vec<String> = all.iter().map(|one| one.who.to_string()).collect();
         assert_eq!(names, ["a", "b", "c"]);
         assert_eq!(all[0].render_ms, all[2].render_ms);
         assert!(all[0].render_ms.len() == 2 && all[0].render_ms != all[1].render_ms);

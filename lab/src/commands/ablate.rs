@@ -15,7 +15,8 @@ use treewright_renderer::measure::{Conditions, Yardstick, interleaved, standings
 use treewright_renderer::space::Preset;
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, TUNED, contender};
+use treewright_renderer::tuning::verdict::contender;
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 /// Arguments of `ablate`.
 #[derive(Args, Clone, Debug)]
@@ -59,11 +60,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let deviations = deviations(space.space(), &winner);
     let mut contenders = vec![
         contender(NATIVE_DEFAULT, &space, &plain_configuration(space.space()))?,
-        contender(TUNED, &space, &winner)?,
+        contender(Who::Tuned, &space, &winner)?,
     ];
     for one in &deviations {
-        contenders.push(contender(&format!("without {}", one.name), &space, &one.without)?);
-        contenders.push(contender(&format!("only {}", one.name), &space, &one.alone)?);
+        for (how, configuration) in [("without", &one.without), ("only", &one.alone)] {
+            let who = Who::Named(format!("{how} {}", one.name).into());
+            contenders.push(contender(who, &space, configuration)?);
+        }
     }
     if contenders.len() > CONTENDERS_MAX {
         return Err(CliError::Usage(format!(
@@ -125,13 +128,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
 
 fn print(ablation: &Ablation) {
     println!(
-        "{}, {} × {}, {} threads, {} rounds: {NATIVE_DEFAULT} {:.1} ms, {TUNED} {:.1} ms, {:.2} × as fast\n",
+        "{}, {} × {}, {} threads, {} rounds: {NATIVE_DEFAULT} {:.1} ms, {} {:.1} ms, {:.2} × as fast\n",
         ablation.scene,
         ablation.size[0],
         ablation.size[1],
         ablation.threads,
         ablation.rounds,
         ablation.baseline_ms.median,
+        Who::Tuned,
         ablation.tuned_ms.median,
         ablation.speedup.median,
     );

@@ -8,7 +8,7 @@ use super::bar;
 use super::converge_entrants::{Chosen, EntrantArguments, EntrantSetting};
 use super::converge_output;
 use crate::converge::curve::{ComparisonPlan, Entrant, compare};
-use crate::converge::equal_error::equal_error;
+use crate::converge::equal_error::{BASELINES, equal_error};
 use crate::converge::metrics::Yardstick;
 use crate::converge::reference::{Reference, TRUSTED_FROM};
 use crate::converge::reference_file;
@@ -25,7 +25,6 @@ use treewright_renderer::integrator::View;
 use treewright_renderer::limits::{CONTENDERS_MAX, RUNS_MAX, SAMPLES_MAX, SECONDS_MAX};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::results::SceneFacts;
-use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT};
 
 const MORE_HELP: &str = "\
 A reference is rendered first, with very many samples, or read from --reference; it stands for the truth. \
@@ -180,7 +179,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             relative_mse: floor,
             trusted_from: floor * TRUSTED_FROM,
         },
-        equal_error: equal_error(&curves, &[NATIVE_DEFAULT, PAPER_DEFAULT]),
+        equal_error: equal_error(&curves, &BASELINES),
         contenders: curves
             .into_iter()
             .zip(chosen)

@@ -26,9 +26,8 @@ use treewright_renderer::tuning::confirmation::confirm;
 use treewright_renderer::tuning::objective::{Objective, specification, study_id};
 use treewright_renderer::tuning::patience::Patience;
 use treewright_renderer::tuning::search;
-use treewright_renderer::tuning::verdict::{
-    self, BEST_FIXED, NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, Rival, TUNED,
-};
+use treewright_renderer::tuning::verdict::{self, Rival};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::indicators::SceneIndicators;
 
@@ -88,19 +87,19 @@ pub(super) struct EntrantSetting {
     pub(super) threads: usize,
 }
 
-fn untuned(name: &str, choice: Choice, origin: &str) -> Chosen {
-    let contender = Contender { name: name.to_owned(), choice };
+fn untuned(who: Who, choice: Choice, origin: &str) -> Chosen {
+    let contender = Contender { who, choice };
     Chosen { entrant: Entrant { contender, setup_ms: 0.0 }, configuration: None, origin: origin.to_owned() }
 }
 
 fn chosen(
-    name: &str,
+    who: Who,
     space: &TuningSpace,
     configuration: &Configuration,
     setup_ms: f64,
     origin: String,
 ) -> Result<Chosen, CliError> {
-    let contender = verdict::contender(name, space, configuration)?;
+    let contender = verdict::contender(who, space, configuration)?;
     let configuration = Some(space.complete(configuration)?);
     Ok(Chosen { entrant: Entrant { contender, setup_ms }, configuration, origin })
 }
@@ -111,7 +110,7 @@ impl EntrantArguments {
         let space = self.space.whole(Objective::Render, threads)?;
         let native = Choice::native(NativeQuality::Medium);
         let mut all = vec![
-            untuned(PAPER_DEFAULT, Choice::paper_default(), "the paper's Table 1"),
+            untuned(Who::PaperDefault, Choice::paper_default(), "the paper's Table 1"),
             untuned(NATIVE_DEFAULT, native, "rtcCommitScene untold, single rays"),
         ];
         let full = TuningSpace::new(
@@ -122,15 +121,16 @@ impl EntrantArguments {
             let origin = "with our stages and packets".to_owned();
             all.push(Chosen { entrant: Entrant { contender, setup_ms: 0.0 }, configuration, origin });
         }
-        all.push(untuned(BEST_FIXED, full.default_choice(), "where searches start"));
+        all.push(untuned(Who::BestFixed, full.default_choice(), "where searches start"));
         if let Some(path) = &self.tuned {
             let (configuration, tuning_ms) = read_tuned(path)?;
             let known = if tuning_ms.is_some() { "" } else { ", which does not say how long tuning took" };
             let origin = format!("{}{known}", path.display());
-            all.push(chosen(TUNED, &space, &configuration, tuning_ms.unwrap_or(0.0), origin)?);
+            all.push(chosen(Who::Tuned, &space, &configuration, tuning_ms.unwrap_or(0.0), origin)?);
         }
         for text in &self.config {
-            all.push(chosen(text, &space, &space::parse(text)?, 0.0, "the command line".to_owned())?);
+            let who = Who::Named(text.clone().into());
+            all.push(chosen(who, &space, &space::parse(text)?, 0.0, "the command line".to_owned())?);
         }
         Ok(all)
     }
@@ -170,7 +170,8 @@ impl EntrantArguments {
                 "there is no first prediction: the study {id} knows nothing yet; tune at other cameras first (tune --at)"
             ));
         } else {
-            all.push(chosen(PREDICTED, &space, &answer.configuration, answer_ms, answer.reason.summary)?);
+            let reason = answer.reason.summary;
+            all.push(chosen(Who::Predicted, &space, &answer.configuration, answer_ms, reason)?);
         }
         if self.tuned.is_none() && self.iterations > 0 {
             let setting = search::SearchSetting {
@@ -186,7 +187,7 @@ impl EntrantArguments {
             let begin = Instant::now();
             let winner = self.tune(renderer, &client, &study, &setting, interrupt)?;
             let origin = format!("{} trials of the study {id}", self.iterations);
-            all.push(chosen(TUNED, &space, &winner, milliseconds(begin), origin)?);
+            all.push(chosen(Who::Tuned, &space, &winner, milliseconds(begin), origin)?);
         }
         Ok(all)
     }
@@ -214,7 +215,7 @@ impl EntrantArguments {
         })?;
         bar.finish_and_clear();
         let start = setting.space.default_configuration();
-        let contender = verdict::contender(BEST_FIXED, &setting.space, &start)?;
+        let contender = verdict::contender(Who::BestFixed, &setting.space, &start)?;
         let known = [Rival { contender, configuration: Some(start) }];
         let patience = Patience { limit: PATIENCE, go_on: &|| !interrupt.requested() };
         let searched = found.trials.len();

@@ -5,7 +5,7 @@ use crate::converge::report::{seconds, target_in_words, verdict_in_words, with_r
 use crate::converge::results::ComparisonResults;
 use crate::converge::slope::Verdict;
 use treewright_render_cli::output;
-use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 /// Prints the results for people.
 pub(super) fn print(results: &ComparisonResults) {
@@ -41,12 +41,12 @@ pub(super) fn print(results: &ComparisonResults) {
     for found in &results.contenders {
         let curve = &found.curve;
         if let Some(failure) = &curve.failure {
-            table.add_row([curve.name.clone(), failure.clone()]);
+            table.add_row([curve.who.to_string(), failure.clone()]);
             continue;
         }
         let mean = |interval: Option<Interval>| interval.map_or(f64::NAN, |interval| interval.estimate);
         table.add_row([
-            curve.name.clone(),
+            curve.who.to_string(),
             seconds(curve.setup_ms),
             format!("{:.1}", mean(found.build_ms)),
             text(found.frame_ms, 2),
@@ -71,19 +71,19 @@ pub(super) fn print(results: &ComparisonResults) {
             "than paper",
         ]);
         for row in &target.rows {
-            let ratio = |baseline: &str, with_setup: bool| {
+            let ratio = |baseline: Who, with_setup: bool| {
                 let speedup = row.speedups.iter().find(|speedup| speedup.over == baseline);
                 let ratio = speedup.map(|one| if with_setup { one.ratio_with_setup } else { one.ratio });
                 text(ratio, 2)
             };
             table.add_row([
-                row.name.clone(),
+                row.who.to_string(),
                 seconds(row.time_ms.estimate),
                 ratio(NATIVE_DEFAULT, false),
-                ratio(PAPER_DEFAULT, false),
+                ratio(Who::PaperDefault, false),
                 seconds(row.time_with_setup_ms.estimate),
                 ratio(NATIVE_DEFAULT, true),
-                ratio(PAPER_DEFAULT, true),
+                ratio(Who::PaperDefault, true),
             ]);
         }
         println!("{table}");

@@ -269,7 +269,7 @@ fn print(results: &FleetResults) -> Result<(), CliError> {
         ]);
         for row in rows {
             table.add_row([
-                row.knows.map_or_else(|| OWN_SEARCH.to_owned(), |level| format!("{level:?}").to_lowercase()),
+                row.knows.map_or_else(|| OWN_SEARCH.to_string(), |level| format!("{level:?}").to_lowercase()),
                 row.frames.to_string(),
                 row.answers.to_string(),
                 text(&row.over_recommended),

@@ -15,6 +15,7 @@ use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::View;
 use treewright_renderer::measure::Contender;
 use treewright_renderer::space::Choice;
+use treewright_renderer::tuning::who::Who;
 
 /// A contender, and the time that the search for its configuration took.
 #[derive(Clone, Debug)]
@@ -77,8 +78,9 @@ impl Run {
 /// All runs of one contender.
 #[derive(Clone, Debug, Serialize)]
 pub struct Curve {
-    /// The contender's name.
-    pub name: String,
+    /// The contender.
+    #[serde(rename = "name")]
+    pub who: Who,
     /// The structure and the way to render with it.
     pub choice: Choice,
     /// Time that went into finding the configuration.
@@ -134,7 +136,7 @@ pub fn compare(
     let mut curves: Vec<Curve> = entrants
         .iter()
         .map(|Entrant { contender, setup_ms }| Curve {
-            name: contender.name.clone(),
+            who: contender.who.clone(),
             choice: contender.choice,
             setup_ms: *setup_ms,
             runs: Vec::new(),
@@ -305,8 +307,8 @@ mod tests {
     fn contenders_have_the_same_pictures_at_their_own_times() {
         let (mut renderer, view) = matt_scene();
         let low = NativeOptions { quality: NativeQuality::Low, ..NativeOptions::default() };
-        let entrant = |name: &str, build: BuildChoice, setup_ms| Entrant {
-            contender: Contender { name: name.to_owned(), choice: build.into() },
+        let entrant = |name: &'static str, build: BuildChoice, setup_ms| Entrant {
+            contender: Contender { who: Who::Named(name.into()), choice: build.into() },
             setup_ms,
         };
         let impossible = TreeParameters { branching_factor: 3, ..TreeParameters::default() };

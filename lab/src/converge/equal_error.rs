@@ -9,9 +9,13 @@ use serde::Serialize;
 
 use super::bootstrap::{Interval, interval};
 use super::curve::{Curve, Run};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 /// After how many samples of the baseline its error is asked for, besides the error that all reach at last.
 const SAMPLES: [u32; 3] = [1, 8, 64];
+
+/// Whom all others are compared with.
+pub const BASELINES: [Who; 2] = [NATIVE_DEFAULT, Who::PaperDefault];
 
 /// The times of two contenders to one error.
 #[derive(Clone, Debug, Serialize)]
@@ -29,7 +33,8 @@ pub struct EqualError {
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     /// The contender.
-    pub name: String,
+    #[serde(rename = "name")]
+    pub who: Who,
     /// Build and rendering until the error is reached; geometric mean over runs.
     pub time_ms: Interval,
     /// The time, including the search for the configuration before.
@@ -42,7 +47,7 @@ pub struct Row {
 #[derive(Clone, Debug, Serialize)]
 pub struct Speedup {
     /// The baseline.
-    pub over: String,
+    pub over: Who,
     /// With the configuration known from the start.
     pub ratio: Interval,
     /// With the time to find it counted.
@@ -50,10 +55,10 @@ pub struct Speedup {
 }
 
 /// Compares the curves. The first of the baselines says which errors are asked for.
-pub fn equal_error(curves: &[Curve], baselines: &[&str]) -> Vec<EqualError> {
+pub fn equal_error(curves: &[Curve], baselines: &[Who]) -> Vec<EqualError> {
     let built: Vec<&Curve> = curves.iter().filter(|curve| !curve.runs.is_empty()).collect();
-    let named = |name: &str| built.iter().copied().find(|curve| curve.name == name);
-    let bases: Vec<&Curve> = baselines.iter().filter_map(|name| named(name)).collect();
+    let find = |who: &Who| built.iter().copied().find(|curve| curve.who == *who);
+    let bases: Vec<&Curve> = baselines.iter().filter_map(find).collect();
     let Some(first) = bases.first() else {
         return Vec::new();
     };
@@ -96,14 +101,10 @@ fn row(curve: &Curve, bases: &[&Curve], errors: &[f64]) -> Option<Row> {
                 theirs.iter().zip(&own).map(|(theirs, own)| (theirs / (own + setup_ms)).ln()).collect();
             geometric_mean(&logs)
         };
-        Some(Speedup {
-            over: base.name.clone(),
-            ratio: ratio(0.0)?,
-            ratio_with_setup: ratio(curve.setup_ms)?,
-        })
+        Some(Speedup { over: base.who.clone(), ratio: ratio(0.0)?, ratio_with_setup: ratio(curve.setup_ms)? })
     });
     Some(Row {
-        name: curve.name.clone(),
+        who: curve.who.clone(),
         time_ms: mean(0.0)?,
         time_with_setup_ms: mean(curve.setup_ms)?,
         speedups: speedups.collect(),
@@ -175,13 +176,15 @@ mod tests {
 
     #[test]
     fn ratios_are_those_of_times_to_the_same_error() {
+        let runs =
+            |build_ms, frame_ms| Vec::from([1.0, 1.3, 0.9].map(|variance| run(build_ms, frame_ms, variance)));
         let curves = [
-            curve("paper", 0.0, vec![run(10.0, 20.0, 1.0), run(10.0, 20.0, 1.3), run(10.0, 20.0, 0.9)]),
-            curve("native", 0.0, vec![run(10.0, 10.0, 1.0), run(10.0, 10.0, 1.3), run(10.0, 10.0, 0.9)]),
-            curve("tuned", 400.0, vec![run(30.0, 5.0, 1.0), run(30.0, 5.0, 1.3), run(30.0, 5.0, 0.9)]),
-            curve("broken", 0.0, Vec::new()),
+            curve(Who::PaperDefault, 0.0, runs(10.0, 20.0)),
+            curve(NATIVE_DEFAULT, 0.0, runs(10.0, 10.0)),
+            curve(Who::Tuned, 400.0, runs(30.0, 5.0)),
+            curve(Who::Named("broken".into()), 0.0, Vec::new()),
         ];
-        let found = equal_error(&curves, &["native", "paper", "absent"]);
+        let found = equal_error(&curves, &[NATIVE_DEFAULT, Who::PaperDefault, Who::Found]);
         assert_eq!(
             found.iter().map(|one| one.samples).collect::<Vec<_>>(),
             [Some(1), Some(8), Some(64), None]
@@ -190,7 +193,7 @@ mod tests {
             assert_eq!(target.rows.len(), 3);
             let tuned = &target.rows[2];
             assert!((tuned.time_ms.estimate - (30.0 + 5.0 * samples)).abs() < 1e-6);
-            let expected = [("native", 10.0 + 10.0 * samples), ("paper", 10.0 + 20.0 * samples)];
+            let expected = BASELINES.into_iter().zip([10.0 + 10.0 * samples, 10.0 + 20.0 * samples]);
             for (speedup, (over, baseline_ms)) in tuned.speedups.iter().zip(expected) {
                 assert_eq!(speedup.over, over);
                 let ratio = baseline_ms / (30.0 + 5.0 * samples);
@@ -200,6 +203,6 @@ mod tests {
                 assert!((speedup.ratio_with_setup.estimate / with_setup - 1.0).abs() < 1e-9);
             }
         }
-        assert!(equal_error(&curves, &["absent"]).is_empty());
+        assert!(equal_error(&curves, &[Who::Found]).is_empty());
     }
 }

@@ -43,6 +43,7 @@ mod testing {
     use treewright_accel::BuildChoice;
     use treewright_renderer::frame::Renderer;
     use treewright_renderer::integrator::View;
+    use treewright_renderer::tuning::who::Who;
     use treewright_scene::{Material, builtin};
 
     use super::bias::Moments;
@@ -69,9 +70,9 @@ mod testing {
         Run { seed: 1, build_ms, points, end: point(end) }
     }
 
-    pub(super) fn curve(name: &str, setup_ms: f64, runs: Vec<Run>) -> Curve {
+    pub(super) fn curve(who: Who, setup_ms: f64, runs: Vec<Run>) -> Curve {
         Curve {
-            name: name.to_owned(),
+            who,
             choice: BuildChoice::BruteForce.into(),
             setup_ms,
             runs,

@@ -10,6 +10,7 @@ use super::curve::{Curve, Run};
 use super::equal_error::EqualError;
 use super::slope::{Convergence, TimeAndError, judge};
 use treewright_renderer::tuning::results::SceneFacts;
+use treewright_renderer::tuning::who::Who;
 
 /// A finished comparison.
 #[derive(Clone, Debug, Serialize)]
@@ -138,7 +139,7 @@ impl ComparisonResults {
         );
         for found in &self.contenders {
             let curve = &found.curve;
-            let name = curve.name.replace('"', "\"\"");
+            let name = curve.who.to_string().replace('"', "\"\"");
             for (number, run) in curve.runs.iter().enumerate() {
                 for point in run.all_points() {
                     let wall_ms = curve.setup_ms + run.build_ms + point.render_ms;
@@ -162,8 +163,8 @@ impl ComparisonResults {
         text
     }
 
-    /// The contender of that name.
-    pub fn contender(&self, name: &str) -> Option<&ContenderResult> {
-        self.contenders.iter().find(|found| found.curve.name == name)
+    /// The results of one of them.
+    pub fn contender(&self, who: &Who) -> Option<&ContenderResult> {
+        self.contenders.iter().find(|found| found.curve.who == *who)
     }
 }

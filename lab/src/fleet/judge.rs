@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 
 use serde::Serialize;
 use treewright_renderer::statistics::Ratio;
-use treewright_renderer::tuning::verdict::NATIVE_DEFAULT;
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 use super::machines::Level;
-use super::measure::{OWN_SEARCH, RECOMMENDED, answer_name, frame_ms};
+use super::measure::{OWN_SEARCH, RECOMMENDED, answer, frame_ms};
 use super::record::{At, Record};
 use crate::converge::bootstrap::{Interval, interval};
 use crate::leave_scene_out::book::RecordedRounds;
@@ -49,39 +49,39 @@ pub(crate) fn rows(record: &Record) -> Vec<Row> {
 fn rows_of(record: &Record, group: Option<&str>) -> Vec<Row> {
     let is_asked = |one: &&At<RecordedRounds>| group.is_none_or(|group| one.machine.isa == group);
     let asked: Vec<&At<RecordedRounds>> = record.answers.iter().filter(is_asked).collect();
-    let row = |knows, frames, name: &str, less: Option<String>| {
-        let answers = asked.iter().filter(|one| !frame_ms(&one.measured, name).is_empty()).count();
+    let row = |knows, frames, who: &Who, less: Option<Who>| {
+        let answers = asked.iter().filter(|one| !frame_ms(&one.measured, who).is_empty()).count();
         Row {
             group: group.map(str::to_owned),
             knows,
             frames,
             answers,
-            over_recommended: speedup(&asked, name, RECOMMENDED),
-            over_native: speedup(&asked, name, NATIVE_DEFAULT),
-            over_less: less.and_then(|less| speedup(&asked, name, &less)),
-            over_search: speedup(&asked, name, OWN_SEARCH),
+            over_recommended: speedup(&asked, who, &RECOMMENDED),
+            over_native: speedup(&asked, who, &NATIVE_DEFAULT),
+            over_less: less.and_then(|less| speedup(&asked, who, &less)),
+            over_search: speedup(&asked, who, &OWN_SEARCH),
         }
     };
     let mut rows = Vec::new();
     for frames in [0, record.conditions.first_frames] {
         let mut less = None;
         for level in Level::ALL {
-            let name = answer_name(level, frames);
-            rows.push(row(Some(level), frames, &name, less.replace(name.clone())));
+            let who = answer(level, frames);
+            rows.push(row(Some(level), frames, &who, less.replace(who.clone())));
         }
     }
-    rows.push(row(None, record.conditions.frames, OWN_SEARCH, None));
+    rows.push(row(None, record.conditions.frames, &OWN_SEARCH, None));
     rows
 }
 
-/// The geometric mean of the speed of `name` over `other`: of each machine and scene the median of the ratios
+/// The geometric mean of the speed of `who` over `other`: of each machine and scene the median of the ratios
 /// within rounds. `None` where they never ran together.
-fn speedup(asked: &[&At<RecordedRounds>], name: &str, other: &str) -> Option<Interval> {
+fn speedup(asked: &[&At<RecordedRounds>], who: &Who, other: &Who) -> Option<Interval> {
     let scenes: BTreeSet<&str> = asked.iter().map(|one| one.scene.as_str()).collect();
     let of_scene = |scene: &str| -> Vec<f64> {
         let here = asked.iter().filter(|one| one.scene == scene);
         let ratio = |one: &&At<RecordedRounds>| {
-            let ratio = Ratio::of(&frame_ms(&one.measured, other), &frame_ms(&one.measured, name));
+            let ratio = Ratio::of(&frame_ms(&one.measured, other), &frame_ms(&one.measured, who));
             (ratio.count > 0).then(|| ratio.median.ln())
         };
         here.filter_map(ratio).collect()
@@ -101,10 +101,10 @@ mod tests {
     use crate::leave_scene_out::book::RecordedContender;
 
     /// Builds are too short to count.
-    fn contender(name: &str, render_ms: f64) -> RecordedContender {
+    fn contender(who: Who, render_ms: f64) -> RecordedContender {
         let failure = (render_ms == 0.0).then(|| "too deep".to_owned());
-        let (name, build_ms) = (name.to_owned(), vec![0.0]);
-        RecordedContender { name, configuration: None, build_ms, render_ms: vec![render_ms; 3], failure }
+        let (build_ms, render_ms) = (vec![0.0], vec![render_ms; 3]);
+        RecordedContender { who, configuration: None, build_ms, render_ms, failure }
     }
 
     /// Two machines, each a group, in three scenes: `avx2` gains from the fleet alone, and one answer of
@@ -120,10 +120,10 @@ mod tests {
                     contender(NATIVE_DEFAULT, 32.0),
                     contender(RECOMMENDED, 16.0),
                     contender(OWN_SEARCH, 4.0),
-                    contender("Nothing after 0", 16.0),
-                    contender("Node after 0", node),
-                    contender("Group after 0", node),
-                    contender("Fleet after 0", failing),
+                    contender(answer(Level::Nothing, 0), 16.0),
+                    contender(answer(Level::Node, 0), node),
+                    contender(answer(Level::Group, 0), node),
+                    contender(answer(Level::Fleet, 0), failing),
                 ];
                 let measured = RecordedRounds { contenders, disturbed: false };
                 answers.push(At::of(machine, scene, measured));

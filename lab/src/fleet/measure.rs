@@ -1,6 +1,7 @@
 //! Searches of emulated machines, and each predictor's answers to a scene that no machine has seen.
 //! Everything here runs in a process that is kept to the machine's instruction set.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
@@ -8,7 +9,8 @@ use treewright_client::Options;
 use treewright_client::blocking::{Client, Study};
 use treewright_render_cli::error::CliError;
 use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::verdict::{self, NATIVE_DEFAULT, Rival};
+use treewright_renderer::tuning::verdict::{self, Rival};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 use super::machines::{Level, Machine};
 use super::record::{At, Conditions, Record};
@@ -18,20 +20,20 @@ use crate::leave_scene_out::steps::{DEADLINE, Stage, join, space, tell};
 
 /// The objective: frames that share a build, as in the paper's section 7.1.2.
 const OBJECTIVE: Objective = Objective::Render;
-/// The name of the renderer's recommended configuration in rounds.
-pub(crate) const RECOMMENDED: &str = "recommended";
-/// The name of what a search of the machine itself found in the scene.
-pub(crate) const OWN_SEARCH: &str = "own search";
+/// The renderer's recommended configuration in rounds.
+pub(crate) const RECOMMENDED: Who = Who::Named(Cow::Borrowed("recommended"));
+/// What a search of the machine itself found in the scene.
+pub(crate) const OWN_SEARCH: Who = Who::Named(Cow::Borrowed("own search"));
 
-/// The name of a predictor's answer after `frames` frames.
-pub(crate) fn answer_name(level: Level, frames: u32) -> String {
-    format!("{level:?} after {frames}")
+/// A predictor's answer after `frames` frames.
+pub(crate) fn answer(level: Level, frames: u32) -> Who {
+    Who::Named(format!("{level:?} after {frames}").into())
 }
 
-/// Frame times with their share of the build, by the name of an answer.
-pub(crate) fn frame_ms(rounds: &RecordedRounds, name: &str) -> Vec<f64> {
-    let named = rounds.contenders.iter().find(|one| one.name == name);
-    named.map(|one| one.frame_ms(OBJECTIVE.frames_per_build())).unwrap_or_default()
+/// A contender's frame times with their share of the build.
+pub(crate) fn frame_ms(rounds: &RecordedRounds, who: &Who) -> Vec<f64> {
+    let found = rounds.find(who);
+    found.map(|one| one.frame_ms(OBJECTIVE.frames_per_build())).unwrap_or_default()
 }
 
 /// A machine of a fleet that measures.
@@ -99,23 +101,23 @@ impl Node<'_> {
     ) -> Result<RecordedRounds, CliError> {
         let Conditions { first_frames, rounds, .. } = *self.conditions;
         let space = space(OBJECTIVE, self.machine.context().threads);
-        let mut named = vec![(RECOMMENDED.to_owned(), space.default_configuration())];
+        let mut entrants = vec![(RECOMMENDED, space.default_configuration())];
         for level in Level::ALL {
             let known = record.searches.iter().filter(|one| one.scene != scene);
             let known: Vec<_> = known.filter(|one| level.knows(self.machine, &one.machine)).collect();
             let found = self.search_knowing(stage, &known, first_frames)?;
-            named.push((answer_name(level, 0), found.first_answer));
+            entrants.push((answer(level, 0), found.first_answer));
             let frozen = found.answers.into_iter().next_back();
-            named.extend(frozen.map(|(frames, answer)| (answer_name(level, frames), answer)));
+            entrants.extend(frozen.map(|(frames, found)| (answer(level, frames), found)));
         }
         let own = record.searches.iter().find(|one| one.is_of(self.machine, scene));
         let found = own.and_then(|own| own.measured.answers.values().next_back());
-        named.extend(found.map(|found| (OWN_SEARCH.to_owned(), found.clone())));
-        let natives = verdict::natives().into_iter().filter(|one| one.name == NATIVE_DEFAULT);
+        entrants.extend(found.map(|found| (OWN_SEARCH, found.clone())));
+        let natives = verdict::natives().into_iter().filter(|one| one.who == NATIVE_DEFAULT);
         let mut rivals: Vec<Rival> =
             natives.map(|contender| Rival { contender, configuration: None }).collect();
-        for (name, configuration) in named {
-            let contender = verdict::contender(&name, &space, &configuration)?;
+        for (who, configuration) in entrants {
+            let contender = verdict::contender(who, &space, &configuration)?;
             rivals.push(Rival { contender, configuration: Some(configuration) });
         }
         Ok(stage.rounds(rivals, OBJECTIVE, rounds))

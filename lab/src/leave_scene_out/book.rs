@@ -12,6 +12,7 @@ use treewright_render_cli::error::{CliError, write_file};
 use treewright_render_cli::output;
 use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::measure::Measured;
+use treewright_renderer::tuning::who::Who;
 
 /// Everything so far.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -60,6 +61,11 @@ pub(crate) struct RecordedRounds {
 }
 
 impl RecordedRounds {
+    /// A contender's times.
+    pub(crate) fn find(&self, who: &Who) -> Option<&RecordedContender> {
+        self.contenders.iter().find(|one| one.who == *who)
+    }
+
     /// The reports that a client would have made of them: every frame in the order in which they ran, and
     /// each failure once. Native Embree path by path is left out, because it is in no space; `without` are
     /// texts of further configurations to leave out.
@@ -87,7 +93,8 @@ impl RecordedRounds {
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct RecordedContender {
-    pub(crate) name: String,
+    #[serde(rename = "name")]
+    pub(crate) who: Who,
     /// Absent for native Embree path by path.
     pub(crate) configuration: Option<Configuration>,
     pub(crate) build_ms: Vec<f64>,
@@ -97,8 +104,8 @@ pub(crate) struct RecordedContender {
 
 impl RecordedContender {
     pub(crate) fn new(measured: Measured, configuration: Option<Configuration>) -> Self {
-        let Measured { name, build_ms, render_ms, failure, .. } = measured;
-        Self { name, configuration, build_ms, render_ms, failure }
+        let Measured { who, build_ms, render_ms, failure, .. } = measured;
+        Self { who, configuration, build_ms, render_ms, failure }
     }
 
     /// Frame times with their share of the build; nothing where it failed.

@@ -4,6 +4,7 @@ use treewright_render_cli::error::CliError;
 use treewright_renderer::space::{TuningSpace, parse};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::verdict::{self, Rival};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 /// For frames that share a build: missing values are those of the start of that space.
 const RENDER: [&str; 12] = [
@@ -39,7 +40,7 @@ const TOTAL: [&str; 12] = [
 
 /// Native Embree as everybody uses it and used well.
 pub(crate) fn natives(space: &TuningSpace) -> Vec<Rival> {
-    let natives = verdict::natives().into_iter().filter(|one| one.name == verdict::NATIVE_DEFAULT);
+    let natives = verdict::natives().into_iter().filter(|one| one.who == NATIVE_DEFAULT);
     let natives = natives.map(|contender| Rival { contender, configuration: None });
     natives.chain(verdict::used_well(space)).collect()
 }
@@ -66,7 +67,8 @@ pub(crate) fn push(
     configuration: treewright_client::Configuration,
 ) -> Result<(), CliError> {
     if all.iter().all(|rival| rival.configuration.as_ref() != Some(&configuration)) {
-        let contender = verdict::contender(&configuration.to_string(), space, &configuration)?;
+        let who = Who::Named(configuration.to_string().into());
+        let contender = verdict::contender(who, space, &configuration)?;
         all.push(Rival { contender, configuration: Some(configuration) });
     }
     Ok(())
@@ -82,8 +84,8 @@ mod tests {
             let space = super::super::steps::space(objective, 2);
             let all = rivals(&space, objective).expect("all of them are of the space");
             assert!(all.len() > 10 && all.iter().filter(|rival| rival.configuration.is_none()).count() == 1);
-            let names: std::collections::BTreeSet<&str> =
-                all.iter().map(|rival| rival.contender.name.as_str()).collect();
+            let names: std::collections::BTreeSet<String> =
+                all.iter().map(|rival| rival.contender.who.to_string()).collect();
             assert_eq!(names.len(), all.len(), "each once");
         }
     }

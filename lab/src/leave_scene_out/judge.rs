@@ -1,13 +1,14 @@
 //! Tables from a book: the costs of the service's answers over those of configurations without tuning.
 //! Nothing is measured here.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 use treewright_client::Configuration;
 use treewright_renderer::statistics::{Ratio, Summary, quantile};
 use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, NATIVE_USED_WELL};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 use super::book::{Book, RecordedContender, RecordedRounds};
 
@@ -17,13 +18,8 @@ pub(crate) const FINAL: &str = "final";
 pub(crate) const ALONE: &str = "alone";
 pub(crate) const LEFT_OUT: &str = "left-out";
 
-/// The name of the best fixed configuration of the other scenes in final rounds.
-pub(crate) const FIXED_OF_OTHERS: &str = "best fixed of the other scenes";
-
-/// The name of the answer after `frames` frames there; 0 is the answer before the first.
-pub(crate) fn answer_name(frames: u32) -> String {
-    format!("after {frames} frames")
-}
+/// The best fixed configuration of the other scenes in final rounds.
+pub(crate) const FIXED_OF_OTHERS: Who = Who::Named(Cow::Borrowed("best fixed of the other scenes"));
 
 /// The key of rounds and searches.
 pub(crate) fn key(kind: &str, objective: Objective, scene: &str, context: &str) -> String {
@@ -35,7 +31,7 @@ pub(crate) fn relative_costs(
     rounds: &RecordedRounds,
     frames_per_build: u32,
 ) -> BTreeMap<String, (Configuration, f64)> {
-    let Some(native) = rounds.contenders.iter().find(|one| one.name == NATIVE_DEFAULT) else {
+    let Some(native) = rounds.find(&NATIVE_DEFAULT) else {
         return BTreeMap::new();
     };
     let native_ms = native.frame_ms(frames_per_build);
@@ -181,34 +177,33 @@ fn row(
         let times = of(one);
         if times.is_empty() { f64::INFINITY } else { Summary::of(&times).median }
     };
-    let find = |name: &str| rounds.contenders.iter().find(|one| one.name == name);
-    let named = find(FIXED_OF_OTHERS)?;
+    let named = rounds.find(&FIXED_OF_OTHERS)?;
     let same = |one: &&RecordedContender| fixed.is_some() && one.configuration.as_ref() == fixed;
     // Answers that are the same configuration come earlier, and are runs of their own.
     let fixed = if same(&named) { named } else { rounds.contenders.iter().rfind(same).unwrap_or(named) };
-    let used_well = rounds
-        .contenders
-        .iter()
-        .filter(|one| one.name.starts_with(NATIVE_USED_WELL))
-        .min_by(|a, b| median(a).total_cmp(&median(b)))?;
+    let uses = rounds.contenders.iter().filter_map(|one| match one.who {
+        Who::UsedWellIn(variant) => Some((one, variant.quality)),
+        _ => None,
+    });
+    let (used_well, quality) = uses.min_by(|(a, _), (b, _)| median(a).total_cmp(&median(b)))?;
     let best_ms = rounds.contenders.iter().map(median).fold(f64::INFINITY, f64::min);
     let answers: Vec<(u32, &RecordedContender)> = rounds
         .contenders
         .iter()
-        .filter_map(|one| {
-            let frames = one.name.strip_prefix("after ")?.strip_suffix(" frames")?.parse().ok()?;
-            Some((frames, one))
+        .filter_map(|one| match one.who {
+            Who::AfterFrames(frames) => Some((frames, one)),
+            _ => None,
         })
         .collect();
     let over = |other: &RecordedContender| {
         answers.iter().map(|(frames, one)| (*frames, Ratio::of(&of(other), &of(one)))).collect()
     };
-    let native = find(NATIVE_DEFAULT)?;
+    let native = rounds.find(&NATIVE_DEFAULT)?;
     let (_, last) = answers.iter().max_by_key(|(frames, _)| *frames)?;
     Some(Row {
         over_default: Ratio::of(&of(native), &of(last)),
         frame_ms: [native, used_well, fixed, last].map(median),
-        native_quality: used_well.name.rsplit(' ').next().unwrap_or_default().to_owned(),
+        native_quality: quality.name().to_owned(),
         scene: scene.to_owned(),
         objective,
         context: context.to_owned(),
@@ -248,10 +243,14 @@ impl Overall {
 mod tests {
     use super::*;
 
+    const NATIVE: &str = "native Embree default";
+
+    /// As it is read from a book.
     fn contender(name: &str, render_ms: f64) -> RecordedContender {
-        let configuration = (name != NATIVE_DEFAULT).then(|| Configuration::new().with("name", name));
+        let who: Who = serde_json::from_value(name.into()).expect("it is a text");
+        let configuration = (who != NATIVE_DEFAULT).then(|| Configuration::new().with("name", name));
         RecordedContender {
-            name: name.into(),
+            who,
             configuration,
             build_ms: vec![1000.0; 9],
             render_ms: vec![render_ms; 9],
@@ -267,8 +266,8 @@ mod tests {
     #[test]
     fn the_best_fixed_one_ran_everywhere_and_is_best_in_the_mean() {
         let scenes = [
-            rounds(&[(NATIVE_DEFAULT, 99.0), ("a", 49.0), ("b", 29.0), ("c", 9.0)]),
-            rounds(&[(NATIVE_DEFAULT, 99.0), ("a", 49.0), ("b", 199.0)]),
+            rounds(&[(NATIVE, 99.0), ("a", 49.0), ("b", 29.0), ("c", 9.0)]),
+            rounds(&[(NATIVE, 99.0), ("a", 49.0), ("b", 199.0)]),
         ];
         let costs: Vec<_> = scenes.iter().map(|rounds| relative_costs(rounds, 1000)).collect();
         let all = fixed(&costs, &BTreeSet::new());
@@ -296,7 +295,7 @@ mod tests {
             let facts = super::super::book::SceneFacts { triangles: 1, instanced: false };
             book.scenes.insert(scene.to_owned(), facts);
             book.searches.insert(key(ALONE, Objective::Render, scene, "2@320x240"), search(&found));
-            let ran = rounds(&[(NATIVE_DEFAULT, 99.0), ("start", 49.0), ("own", 39.0), ("poor", 59.0)]);
+            let ran = rounds(&[(NATIVE, 99.0), ("start", 49.0), ("own", 39.0), ("poor", 59.0)]);
             book.rounds.insert(key(CANDIDATES, Objective::Render, scene, "2@320x240"), ran);
         }
         let best =
@@ -312,10 +311,10 @@ mod tests {
     #[test]
     fn answers_are_compared_with_what_anybody_could_have_had() {
         let final_rounds = rounds(&[
-            (NATIVE_DEFAULT, 99.0),
+            (NATIVE, 99.0),
             ("native used well low", 79.0),
             ("native used well high", 59.0),
-            (FIXED_OF_OTHERS, 49.0),
+            ("best fixed of the other scenes", 49.0),
             ("after 1 frames", 54.0),
             ("after 60 frames", 39.0),
             ("best of all", 38.0),
@@ -323,7 +322,7 @@ mod tests {
         let name = key(FINAL, Objective::Render, "hall", "2@320x240");
         let book = Book { rounds: BTreeMap::from([(name, final_rounds)]), ..Book::default() };
         let all = rows(&book, &[Objective::Render, Objective::Total]);
-        assert_eq!(all.len(), 1);
+        assert_eq!((all.len(), all[0].native_quality.as_str()), (1, "high"));
         let at = |map: &BTreeMap<u32, Ratio>, frames: u32| map[&frames].median;
         assert!((at(&all[0].over_fixed, 60) - 1.25).abs() < 1e-9);
         assert!((at(&all[0].over_fixed, 1) - 50.0 / 55.0).abs() < 1e-9);

@@ -16,7 +16,8 @@ use treewright_renderer::measure::{Conditions, Contender, Yardstick, interleaved
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::{Objective, specification, study_id};
 use treewright_renderer::tuning::search::{self, SearchSetting, measurements};
-use treewright_renderer::tuning::verdict::{self, NATIVE_DEFAULT, Rival};
+use treewright_renderer::tuning::verdict::{self, Rival};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::Scene;
 use treewright_scene::indicators::SceneIndicators;
@@ -101,28 +102,24 @@ impl Stage {
         };
         let space = self.space(objective);
         let mut all = hand::natives(&space);
-        let mut named = vec![(FIXED_OF_OTHERS.to_owned(), fixed.configuration)];
-        named.push((judge::answer_name(0), search.first_answer.clone()));
-        named.extend(
-            search.answers.iter().map(|(frames, answer)| (judge::answer_name(*frames), answer.clone())),
-        );
-        named.push((verdict::BEST_FIXED.to_owned(), space.default_configuration()));
+        let mut entrants = vec![(FIXED_OF_OTHERS, fixed.configuration)];
+        entrants.push((Who::AfterFrames(0), search.first_answer.clone()));
+        let answers = search.answers.iter();
+        entrants.extend(answers.map(|(frames, answer)| (Who::AfterFrames(*frames), answer.clone())));
+        entrants.push((Who::BestFixed, space.default_configuration()));
         // The roofline: what its own search found, and the two that were fastest here of everything that ran.
         if let Some(alone) = book.searches.get(&key(ALONE, objective, &self.scene, &context)) {
-            named.extend(
-                alone.answers.values().next_back().map(|own| ("its own search".to_owned(), own.clone())),
-            );
+            let own = alone.answers.values().next_back();
+            entrants.extend(own.map(|own| (Who::Named("its own search".into()), own.clone())));
         }
         let ran = book.rounds.get(&key(CANDIDATES, objective, &self.scene, &context));
         let costs = ran.map(|ran| judge::relative_costs(ran, objective.frames_per_build()));
         let mut ranked: Vec<_> = costs.unwrap_or_default().into_values().collect();
         ranked.sort_by(|(_, a), (_, b)| a.total_cmp(b));
-        let best = ranked.into_iter().take(2).enumerate();
-        named.extend(
-            best.map(|(place, (configuration, _))| (format!("fastest {}", place + 1), configuration)),
-        );
-        for (name, configuration) in named {
-            let contender = verdict::contender(&name, &space, &configuration)?;
+        let best = ["fastest 1", "fastest 2"].into_iter().zip(ranked);
+        entrants.extend(best.map(|(place, (configuration, _))| (Who::Named(place.into()), configuration)));
+        for (who, configuration) in entrants {
+            let contender = verdict::contender(who, &space, &configuration)?;
             all.push(Rival { contender, configuration: Some(configuration) });
         }
         Ok(Some(self.rounds(all, objective, rounds)))
@@ -142,7 +139,7 @@ impl Stage {
         let watch = Watch::begin();
         let measured =
             interleaved(&mut self.renderer, &contenders, &conditions, || !self.interrupt.requested());
-        let native = measured.iter().find(|one| one.name == NATIVE_DEFAULT);
+        let native = measured.iter().find(|one| one.who == NATIVE_DEFAULT);
         let times = native.map(|one| one.render_ms.clone()).unwrap_or_default();
         let disturbance = watch.end(self.renderer.threads(), &times);
         let contenders = measured
@@ -305,12 +302,6 @@ pub(crate) fn space(objective: Objective, threads: usize) -> TuningSpace {
     TuningSpace::new(Preset::Full, &premises)
 }
 
-/// The configuration of a name in rounds.
-#[cfg(test)]
-fn named<'a>(rounds: &'a RecordedRounds, name: &str) -> Option<&'a treewright_client::Configuration> {
-    rounds.contenders.iter().find(|one| one.name == name)?.configuration.as_ref()
-}
-
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
@@ -350,8 +341,11 @@ mod tests {
         };
         book.searches.insert(key(LEFT_OUT, objective, "a", "0@16x12"), search);
         let finals = stage.finals(&book, objective, 2).expect("it is sound").expect("everything is there");
-        assert_eq!(named(&finals, &judge::answer_name(8)), Some(&answer));
-        assert!(named(&finals, FIXED_OF_OTHERS).is_some() && named(&finals, "fastest 1").is_some());
+        let configuration = |who: Who| finals.find(&who).and_then(|one| one.configuration.as_ref());
+        assert_eq!(configuration(Who::AfterFrames(8)), Some(&answer));
+        for who in [FIXED_OF_OTHERS, Who::Named("fastest 1".into())] {
+            assert!(configuration(who).is_some());
+        }
         assert!(finals.contenders.iter().all(|one| one.failure.is_some() || one.render_ms.len() == 2));
         book.rounds.insert(key(judge::FINAL, objective, "a", "0@16x12"), finals);
         assert_eq!(judge::rows(&book, &[objective]).len(), 1);

@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::error::CliError;
 use treewright_renderer::integrator::Omission;
 use treewright_renderer::measure::Standing;
-use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_DEFAULT, NATIVE_USED_WELL};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 use treewright_scene::Scene;
 
 /// Prints a value as indented JSON.
@@ -46,17 +46,17 @@ pub fn table(heading: &[&str]) -> Table {
 }
 
 /// The contenders that every table compares the others with.
-const REFERENCES: [(&str, &str); 3] = [
+const REFERENCES: [(Who, &str); 3] = [
     (NATIVE_DEFAULT, "over native default"),
-    (NATIVE_USED_WELL, "over native used well"),
-    (BEST_FIXED, "over best fixed"),
+    (Who::UsedWell, "over native used well"),
+    (Who::BestFixed, "over best fixed"),
 ];
 
 /// Measured structures, each compared with those that need no search. `kind` names the parts of a frame.
 pub fn standings(standings: &[Standing], kind: &str) -> Table {
-    let find = |name: &str| standings.iter().find(|one| one.name == name);
+    let find = |who: Who| standings.iter().find(|one| one.who == who);
     let references: Vec<(&Standing, &str)> =
-        REFERENCES.iter().filter_map(|(name, title)| Some((find(name)?, *title))).collect();
+        REFERENCES.into_iter().filter_map(|(who, title)| Some((find(who)?, title))).collect();
     let mut heading = vec!["structure", "build ms", kind, "quartiles"];
     heading.extend(references.iter().map(|(_, title)| *title));
     let mut table = table(&heading);

@@ -6,6 +6,7 @@ use treewright_client::{Configuration, Fingerprint, Indicators, Mode, OpenEnum, 
 use super::objective::Objective;
 use super::search::Iteration;
 use super::verdict::Gains;
+use super::who::Who;
 use crate::disturbance::Disturbance;
 use crate::integrator::Omission;
 use crate::measure::Standing;
@@ -29,8 +30,9 @@ pub struct TuningResults {
     pub parameters: Vec<Explained>,
     /// Where the search began.
     pub start: Configuration,
-    /// Name of its standing.
-    pub start_name: String,
+    /// Its standing.
+    #[serde(rename = "start_name")]
+    pub began_at: Who,
     /// The service's best configurations on the way.
     pub milestones: Vec<Milestone>,
     /// Where the service is, and the study's id there.
@@ -45,17 +47,17 @@ pub struct TuningResults {
     pub trials: Vec<Iteration>,
     /// The standing of the service's answer after all of them.
     pub confirmation: Option<treewright_client::Standing>,
-    /// Name of the standing that the run is compared with: the paper's default in its own space, else native
+    /// The standing that the run is compared with: the paper's default in its own space, else native
     /// Embree's.
-    pub baseline: String,
+    pub baseline: Who,
     /// The baseline's cost while the search ran: what the trials' costs are compared with.
     pub reference_ms: f64,
     /// The best configuration of the search.
     pub found: Configuration,
     /// The best configuration: that of the search, or a rival that beat it in the final rounds.
     pub tuned: Configuration,
-    /// Name of its standing.
-    pub best: String,
+    /// Its standing.
+    pub best: Who,
     /// The configurations that need no search and that of the search, measured again side by side.
     pub standings: Vec<Standing>,
     /// The gains of the best one.
@@ -166,9 +168,9 @@ impl TuningResults {
         self.trials.iter().filter(|trial| trial.stopped_at().is_some()).count()
     }
 
-    /// The standing of that name.
-    pub fn standing(&self, name: &str) -> Option<&Standing> {
-        self.standings.iter().find(|standing| standing.name == name)
+    /// A contender's standing.
+    pub fn standing(&self, who: &Who) -> Option<&Standing> {
+        self.standings.iter().find(|standing| standing.who == *who)
     }
 
     /// Speed of the best one over the baseline, median of pairs.
@@ -177,8 +179,8 @@ impl TuningResults {
     }
 
     /// Speed of the best one over another, median of pairs. `None` where one was not measured.
-    pub fn speedup_over(&self, name: &str) -> Option<f64> {
-        let speedup = self.standing(&self.best)?.speedup_over(self.standing(name)?);
+    pub fn speedup_over(&self, who: &Who) -> Option<f64> {
+        let speedup = self.standing(&self.best)?.speedup_over(self.standing(who)?);
         (speedup.count > 0).then_some(speedup.median)
     }
 
@@ -201,6 +203,6 @@ impl TuningResults {
 
     /// Whether the search found a configuration that is faster than all those that need no search.
     pub fn search_won(&self) -> bool {
-        self.best == super::verdict::TUNED
+        self.best == Who::Tuned
     }
 }

@@ -12,50 +12,16 @@ use treewright_client::Configuration;
 
 use super::objective::Objective;
 use super::search::SearchOutcome;
+use super::who::{NATIVE_DEFAULT, NativeUse, Who};
 use crate::light_sampling::LightSampling;
 use crate::measure::{Contender, Standing};
 use crate::space::{self, Choice, ConfigurationError, Premises, Preset, Start, TuningSpace};
 use crate::statistics::{BreakEven, Ratio};
 
-/// Name of the standing of the paper's recommended default.
-pub const PAPER_DEFAULT: &str = "paper default";
-/// Name of the standing of Embree's own structure of quality low, used path by path with single rays.
-pub const NATIVE_LOW: &str = "native Embree low";
-/// Name of the standing of Embree's own structure as `rtcCommitScene` builds it untold.
-pub const NATIVE_DEFAULT: &str = "native Embree default";
-/// Name of the standing of Embree's own structure of quality high.
-pub const NATIVE_HIGH: &str = "native Embree high";
-/// Name of the standing of Embree's own structure with our stages and packets, in whichever quality was the
-/// fastest.
-pub const NATIVE_USED_WELL: &str = "native used well";
-/// Name of the standing of the configuration that is recommended for all scenes, the best known by hand,
-/// where a search in the full space begins.
-pub const BEST_FIXED: &str = "best fixed configuration";
-/// Name of the standing of the configuration that is recommended where a tree serves a thousand frames.
-pub const FOR_STILLS: &str = "best fixed for stills";
-/// Name of the standing of a configuration of the paper's space that was found elsewhere.
-pub const PAPER_TUNED: &str = "tuned in the paper's space";
-/// Name of the standing of what a search found, as long as it is not known to be the best.
-pub const FOUND: &str = "found by the search";
-/// Name of the standing of the search's best, once it has beaten all rivals.
-pub const TUNED: &str = "tuned";
-/// Name of the standing of a configuration of the user's, where the search began.
-pub const YOUR_START: &str = "your start";
-/// Name of the standing of the recommended tree with light sampled by the renderer's own constants.
-pub const PLAIN_LIGHT: &str = "light by the renderer's constants";
-/// Name of the standing of the predictor's answer.
-pub const PREDICTED: &str = "first prediction";
-
-/// The qualities of [`NATIVE_USED_WELL`].
-const QUALITIES: [&str; 3] = ["low", "medium", "high"];
-
-/// More variants of it, where a scene moves and structures are fitted to it.
-const FITTED: [&str; 2] = ["low fitted", "medium fitted"];
-
 /// A configuration to be beaten.
 #[derive(Clone, Debug)]
 pub struct Rival {
-    /// With a name.
+    /// Who it is.
     pub contender: Contender,
     /// As a configuration of the searched space; `None` if it is outside of it.
     pub configuration: Option<Configuration>,
@@ -65,7 +31,7 @@ pub struct Rival {
 pub fn baseline(preset: Preset) -> Contender {
     match preset {
         Preset::Full => named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
-        Preset::Paper => named(PAPER_DEFAULT, Choice::paper_default()),
+        Preset::Paper => named(Who::PaperDefault, Choice::paper_default()),
         Preset::Light | Preset::Follow => named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
     }
 }
@@ -80,30 +46,26 @@ pub fn baseline_from(space: &TuningSpace, start: &Start) -> Contender {
 
 /// The contenders that everybody has: the paper's default, and Embree's own structures.
 pub fn natives() -> [Contender; 4] {
-    [
-        named(PAPER_DEFAULT, Choice::paper_default()),
-        named(NATIVE_LOW, Choice::native(NativeQuality::Low)),
-        named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
-        named(NATIVE_HIGH, Choice::native(NativeQuality::High)),
-    ]
+    let [low, default, high] =
+        NativeQuality::ALL.map(|quality| named(Who::Native(quality), Choice::native(quality)));
+    [named(Who::PaperDefault, Choice::paper_default()), low, default, high]
 }
 
 /// Native Embree with the stages and packets of the best fixed configuration, once for each quality that
 /// there is.
 pub fn used_well(full: &TuningSpace) -> Vec<Rival> {
-    let configurations = QUALITIES.iter().filter_map(|quality| {
-        let given = Configuration::new().with("backend", "native").with("native_quality", *quality);
-        Some((*quality, full.complete(&given).ok()?))
-    });
-    let rival = |(quality, configuration): (&str, Configuration)| {
-        let contender = contender(&used_well_name(quality), full, &configuration).ok()?;
-        Some(Rival { contender, configuration: Some(configuration) })
+    let rival = |quality: NativeQuality| {
+        let given = Configuration::new().with("backend", "native").with("native_quality", quality.name());
+        native_use(full, &given, NativeUse { quality, fitted: false })
     };
-    configurations.filter_map(rival).collect()
+    NativeQuality::ALL.into_iter().filter_map(rival).collect()
 }
 
-fn used_well_name(quality: &str) -> String {
-    format!("{NATIVE_USED_WELL} {quality}")
+/// A variant of native Embree used well; `None` where the space has no such configuration.
+fn native_use(space: &TuningSpace, given: &Configuration, variant: NativeUse) -> Option<Rival> {
+    let configuration = space.complete(given).ok()?;
+    let contender = contender(Who::UsedWellIn(variant), space, &configuration).ok()?;
+    Some(Rival { contender, configuration: Some(configuration) })
 }
 
 /// All rivals of the search's best. `premises` are those of the scene.
@@ -118,19 +80,14 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
     let full = TuningSpace::new(Preset::Full, premises);
     let mut own = used_well(&full);
     let fixed = full.default_configuration();
-    own.push(Rival { contender: named(BEST_FIXED, full.default_choice()), configuration: Some(fixed) });
+    own.push(Rival { contender: named(Who::BestFixed, full.default_choice()), configuration: Some(fixed) });
     if space.preset() != Preset::Full {
         own.iter_mut().for_each(|rival| rival.configuration = None);
     }
     for rival in &mut all {
         // Path by path, ray by ray: these are configurations of the full space, too.
-        let quality = match rival.contender.name.as_str() {
-            NATIVE_LOW => "low",
-            NATIVE_DEFAULT => "medium",
-            NATIVE_HIGH => "high",
-            _ => continue,
-        };
-        let text = format!("backend=native,native_quality={quality},staged=false,tile=16");
+        let Who::Native(quality) = rival.contender.who else { continue };
+        let text = format!("backend=native,native_quality={},staged=false,tile=16", quality.name());
         rival.configuration = space::parse(&text).ok().and_then(|given| space.complete(&given).ok());
         if let Some(choice) = rival.configuration.as_ref().and_then(|own| space.choice(own).ok()) {
             // Watertight where all are.
@@ -138,11 +95,11 @@ pub fn rivals(space: &TuningSpace, premises: &Premises, start: &Start) -> Vec<Ri
         }
     }
     if premises.robust && space.preset() == Preset::Full {
-        all.retain(|rival| rival.contender.name != NATIVE_HIGH);
+        all.retain(|rival| rival.contender.who != Who::Native(NativeQuality::High));
     }
     all.extend(own);
     if matches!(start, Start::Own(_)) {
-        let contender = named(YOUR_START, space.default_choice());
+        let contender = named(Who::YourStart, space.default_choice());
         all.push(Rival { contender, configuration: Some(space.default_configuration()) });
     }
     all
@@ -154,7 +111,7 @@ pub fn for_stills(objective: Objective, space: &TuningSpace, premises: &Premises
     let is_asked = matches!(objective, Objective::Auto(_)) && space.preset() == Preset::Full;
     let stills = TuningSpace::new(Preset::Full, &Premises { builds_each_frame: false, ..*premises });
     let configuration = space.complete(&stills.default_configuration()).ok().filter(|_| is_asked)?;
-    let contender = contender(FOR_STILLS, space, &configuration).ok()?;
+    let contender = contender(Who::ForStills, space, &configuration).ok()?;
     Some(Rival { contender, configuration: Some(configuration) })
 }
 
@@ -165,7 +122,7 @@ fn light_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
     let untuned = Choice { light: LightSampling::default(), ..space.default_choice() };
     vec![
         own(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
-        own(PLAIN_LIGHT, untuned),
+        own(Who::PlainLight, untuned),
         own_start(space, start),
     ]
 }
@@ -174,108 +131,99 @@ fn light_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
 /// rebuilt or fitted; and the recommendation for all scenes.
 fn follow_rivals(space: &TuningSpace, start: &Start) -> Vec<Rival> {
     let [_, low, default, _] = natives().map(|contender| Rival { contender, configuration: None });
-    let used_well = [
-        ("low", "tree=native_low,period=1"),
-        ("medium", "tree=native_medium,period=1"),
-        (FITTED[0], "tree=native_low,period=64"),
-        (FITTED[1], "tree=native_medium,period=64"),
-    ];
-    let used_well = used_well.into_iter().filter_map(|(variant, text)| {
-        let configuration = space.complete(&space::parse(text).ok()?).ok()?;
-        let contender = contender(&used_well_name(variant), space, &configuration).ok()?;
-        Some(Rival { contender, configuration: Some(configuration) })
+    let qualities = [NativeQuality::Low, NativeQuality::Medium];
+    let uses = [1, 64].into_iter().flat_map(|period| qualities.map(|quality| (quality, period)));
+    let used_well = uses.filter_map(|(quality, period)| {
+        let given = space::parse(&format!("tree=native_{},period={period}", quality.name())).ok()?;
+        native_use(space, &given, NativeUse { quality, fitted: period > 1 })
     });
     [low, default].into_iter().chain(used_well).chain([own_start(space, start)]).collect()
 }
 
 /// Where a search begins.
 fn own_start(space: &TuningSpace, start: &Start) -> Rival {
-    let name = if matches!(start, Start::Own(_)) { YOUR_START } else { BEST_FIXED };
+    let who = if matches!(start, Start::Own(_)) { Who::YourStart } else { Who::BestFixed };
     let configuration = Some(space.default_configuration());
-    Rival { contender: named(name, space.default_choice()), configuration }
+    Rival { contender: named(who, space.default_choice()), configuration }
 }
 
 /// Whether a user who begins at `start` has a rival without any search. A user who does not begin at the
 /// recommended configuration does not know it, nor how to use native Embree well.
-pub fn is_had(rival: &str, start: &Start) -> bool {
-    *start == Start::Recommended
-        || ![BEST_FIXED, FOR_STILLS].contains(&rival) && !rival.starts_with(NATIVE_USED_WELL)
+pub fn is_had(rival: &Who, start: &Start) -> bool {
+    *start == Start::Recommended || !rival.takes_knowledge()
 }
 
-/// Keeps of native Embree used well the quality with the lowest median, under one name. It is chosen by the
-/// rounds whose figures are shown, which favours it a little.
-pub fn keep_best_native(standings: Vec<Standing>) -> Vec<Standing> {
-    let variants = || QUALITIES.into_iter().chain(FITTED);
-    let quality_of = |name: &str| variants().find(|quality| name == used_well_name(quality));
+/// Keeps of native Embree used well the variant with the lowest median. It is chosen by the rounds whose
+/// figures are shown, which favours it a little.
+pub fn keep_best_native(mut standings: Vec<Standing>) -> Vec<Standing> {
+    let is_variant = |one: &&Standing| matches!(one.who, Who::UsedWellIn(_));
     let works = |one: &&Standing| one.failure.is_none() && one.frame_ms.count > 0;
     let best = standings
         .iter()
-        .filter(|one| quality_of(&one.name).is_some())
+        .filter(is_variant)
         .filter(works)
         .min_by(|a, b| a.frame_ms.median.total_cmp(&b.frame_ms.median))
-        .map(|one| one.name.clone());
-    let keep = |mut one: Standing| match quality_of(&one.name) {
-        None => Some(one),
-        Some(quality) if best.as_ref() == Some(&one.name) => {
-            one.variant = Some(quality.to_owned());
-            one.name = NATIVE_USED_WELL.to_owned();
-            Some(one)
+        .map(|one| one.who.clone());
+    standings.retain(|one| !is_variant(&one) || best.as_ref() == Some(&one.who));
+    for one in &mut standings {
+        if let Who::UsedWellIn(variant) = one.who {
+            (one.who, one.variant) = (Who::UsedWell, Some(variant));
         }
-        Some(_) => None,
-    };
-    standings.into_iter().filter_map(keep).collect()
+    }
+    standings
 }
 
-/// Whether a rival stands under this name among standings from which the slower natives have been left out.
-pub fn is_of(rival: &str, name: &str, standings: &[Standing]) -> bool {
-    let variant = standings.iter().find(|one| one.name == name).and_then(|one| one.variant.as_ref());
-    variant.map_or_else(|| rival == name, |variant| rival == used_well_name(variant))
+/// Whether a rival is `who` among standings from which the slower natives have been left out.
+pub fn is_of(rival: &Who, who: &Who, standings: &[Standing]) -> bool {
+    let variant = standings.iter().find(|one| one.who == *who).and_then(|one| one.variant);
+    variant.map_or_else(|| rival == who, |variant| *rival == Who::UsedWellIn(variant))
 }
 
-/// Name of the standing with which a search in a space begins.
-pub fn start_name(preset: Preset, start: &Start) -> &'static str {
+/// The standing with which a search in a space begins.
+pub fn start_name(preset: Preset, start: &Start) -> Who {
     match (preset, start) {
-        (_, Start::Own(_)) => YOUR_START,
+        (_, Start::Own(_)) => Who::YourStart,
         (_, Start::Native) => NATIVE_DEFAULT,
-        (Preset::Full | Preset::Light | Preset::Follow, Start::Recommended) => BEST_FIXED,
-        (_, Start::Paper) | (Preset::Paper, Start::Recommended) => PAPER_DEFAULT,
+        (Preset::Full | Preset::Light | Preset::Follow, Start::Recommended) => Who::BestFixed,
+        (_, Start::Paper) | (Preset::Paper, Start::Recommended) => Who::PaperDefault,
     }
 }
 
-/// Chooses the standing to use. That is the one called `start` unless another is shown to be faster: by the
-/// interval of pairs with it, or, for the search's best, by the service's race (`is_proven`) and the median
-/// of the pairs together. Of several for which `may_win` holds it is the one with the highest median. So a
-/// few lucky rounds replace nothing.
+/// Chooses the standing to use. That is `start` unless another is shown to be faster: by the interval of
+/// pairs with it, or, for the search's best, by the service's race (`is_proven`) and the median of the pairs
+/// together. Of several for which `may_win` holds it is the one with the highest median. So a few lucky
+/// rounds replace nothing.
 ///
-/// The search's best is renamed [`TUNED`] if it is chosen, and keeps the name [`FOUND`] otherwise. Returns
-/// the name of the chosen standing.
+/// The search's best becomes [`Who::Tuned`] if it is chosen, and stays [`Who::Found`] otherwise. Returns the
+/// chosen one.
 pub fn crown(
     standings: &mut [Standing],
-    start: &str,
+    start: &Who,
     is_proven: bool,
-    may_win: impl Fn(&str) -> bool,
-) -> String {
+    may_win: impl Fn(&Who) -> bool,
+) -> Who {
     let works = |one: &&Standing| one.failure.is_none() && one.frame_ms.count > 0;
-    let find = |name: &str| standings.iter().filter(works).find(|one| one.name == name);
+    let find = |who: &Who| standings.iter().filter(works).find(|one| one.who == *who);
     // Where the start cannot be built, the search's best has no incumbent to beat.
-    let Some(incumbent) = find(start).or_else(|| find(FOUND)) else {
-        return String::new();
+    let Some(incumbent) = find(start).or_else(|| find(&Who::Found)) else {
+        return Who::Nobody;
     };
-    let is_shown =
-        |one: &Standing, gain: &Ratio| gain.is_gain() || is_proven && one.name == FOUND && gain.median > 1.0;
+    let is_shown = |one: &Standing, gain: &Ratio| {
+        gain.is_gain() || is_proven && one.who == Who::Found && gain.median > 1.0
+    };
     let better = standings
         .iter()
         .filter(works)
-        .filter(|one| may_win(&one.name))
+        .filter(|one| may_win(&one.who))
         .map(|one| (one, one.gain_over(incumbent)))
         .filter(|(one, gain)| is_shown(one, gain))
         .max_by(|(_, a), (_, b)| a.median.total_cmp(&b.median));
-    let best = better.map_or(incumbent, |(one, _)| one).name.clone();
-    if best != FOUND {
+    let best = better.map_or(incumbent, |(one, _)| one).who.clone();
+    if best != Who::Found {
         return best;
     }
-    standings.iter_mut().filter(|one| one.name == FOUND).for_each(|one| one.name = TUNED.to_owned());
-    TUNED.to_owned()
+    standings.iter_mut().filter(|one| one.who == Who::Found).for_each(|one| one.who = Who::Tuned);
+    Who::Tuned
 }
 
 /// Gains of a run's best configuration over its rivals. All ratios are medians of pairs of the same rounds.
@@ -294,34 +242,34 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// Of the standing called `best`, found by a search that began at the one called `start`.
-    pub fn of(standings: &[Standing], best: &str, start: &str) -> Self {
-        let find = |name: &str| standings.iter().find(|one| one.name == name);
-        let ratio = |one: &str, other: &str| {
+    /// Of the standing of `best`, found by a search that began at `start`.
+    pub fn of(standings: &[Standing], best: &Who, start: &Who) -> Self {
+        let find = |who: &Who| standings.iter().find(|one| one.who == *who);
+        let ratio = |one: &Who, other: &Who| {
             let ratio = find(one)?.gain_over(find(other)?);
             (ratio.count > 0).then_some(ratio)
         };
         Self {
-            start: ratio(BEST_FIXED, NATIVE_DEFAULT),
-            over_best_fixed: ratio(best, BEST_FIXED),
-            over_native_default: ratio(best, NATIVE_DEFAULT),
-            over_native_used_well: ratio(best, NATIVE_USED_WELL),
+            start: ratio(&Who::BestFixed, &NATIVE_DEFAULT),
+            over_best_fixed: ratio(best, &Who::BestFixed),
+            over_native_default: ratio(best, &NATIVE_DEFAULT),
+            over_native_used_well: ratio(best, &Who::UsedWell),
             over_start: ratio(best, start),
         }
     }
 }
 
-fn named(name: &str, choice: Choice) -> Contender {
-    Contender { name: name.to_owned(), choice }
+fn named(who: Who, choice: Choice) -> Contender {
+    Contender { who, choice }
 }
 
-/// A configuration with a name.
+/// A configuration as a contender.
 pub fn contender(
-    name: &str,
+    who: Who,
     space: &TuningSpace,
     configuration: &Configuration,
 ) -> Result<Contender, ConfigurationError> {
-    Ok(named(name, space.choice(configuration)?))
+    Ok(named(who, space.choice(configuration)?))
 }
 
 /// Break-even from the measurements. The search's own costs are those of its time. Later frames of the
@@ -332,11 +280,11 @@ pub fn break_even(
     objective: Objective,
     frames: u32,
     standings: &[Standing],
-    best: &str,
-    baseline: &str,
+    best: &Who,
+    baseline: &Who,
 ) -> BreakEven {
-    let find = |name: &str| standings.iter().find(|standing| standing.name == name);
-    let setup = |name: &str| match find(name) {
+    let find = |who: &Who| standings.iter().find(|standing| standing.who == *who);
+    let setup = |who: &Who| match find(who) {
         Some(standing) if !objective.builds_each_frame() => standing.build_ms.median,
         _ => 0.0,
     };
@@ -363,13 +311,20 @@ mod tests {
     use crate::statistics::Summary;
     use crate::tuning::search::testing::trial;
 
-    fn measured(name: &str, render_ms: f64) -> Measured {
-        let rounds = (0..9).map(|round| render_ms * (1.0 + 0.01 * f64::from(round))).collect();
-        Measured { name: name.into(), build_ms: vec![2.0], render_ms: rounds, ..Measured::default() }
+    const WELL_LOW: Who = used(NativeQuality::Low, false);
+    const WELL_HIGH: Who = used(NativeQuality::High, false);
+
+    const fn used(quality: NativeQuality, fitted: bool) -> Who {
+        Who::UsedWellIn(NativeUse { quality, fitted })
     }
 
-    fn table(frames: &[(&str, f64)]) -> Vec<Standing> {
-        let all: Vec<Measured> = frames.iter().map(|(name, ms)| measured(name, *ms)).collect();
+    fn measured(who: Who, render_ms: f64) -> Measured {
+        let rounds = (0..9).map(|round| render_ms * (1.0 + 0.01 * f64::from(round))).collect();
+        Measured { who, build_ms: vec![2.0], render_ms: rounds, ..Measured::default() }
+    }
+
+    fn table<const N: usize>(frames: [(Who, f64); N]) -> Vec<Standing> {
+        let all = frames.map(|(who, ms)| measured(who, ms));
         keep_best_native(standings(&all, 1000))
     }
 
@@ -378,44 +333,36 @@ mod tests {
         let premises = Premises::all();
         let space = TuningSpace::new(Preset::Follow, &premises);
         let all = rivals(&space, &premises, &Start::Recommended);
-        let named =
-            |name: &str| all.iter().find(|rival| rival.contender.name == name).expect("it takes part");
-        let [built, fitted] = ["native used well medium", "native used well medium fitted"].map(named);
+        let uses = [false, true].map(|fitted| used(NativeQuality::Medium, fitted));
+        let rival = |who: Who| all.iter().find(|rival| rival.contender.who == who).expect("it takes part");
+        let [built, fitted] = uses.clone().map(rival);
         assert_eq!(built.contender.choice.update, treewright_accel::Update::Rebuild);
         assert_eq!(fitted.contender.choice.update, treewright_accel::Update::Refit);
         assert!(built.configuration.is_some() && fitted.configuration.is_some(), "they join the race");
-        let of_table = table(&[("native used well medium", 3.0), ("native used well medium fitted", 2.0)]);
+        let [built, fitted] = uses;
+        let of_table = table([(built, 3.0), (fitted.clone(), 2.0)]);
         assert_eq!(
             of_table.iter().map(Standing::title).collect::<Vec<_>>(),
             ["native used well (medium fitted)"]
         );
-        assert!(is_of("native used well medium fitted", NATIVE_USED_WELL, &of_table));
+        assert!(is_of(&fitted, &Who::UsedWell, &of_table));
     }
 
     #[test]
     fn a_loser_is_not_called_tuned() {
-        let beaten = [
-            ("native used well low", 40.0),
-            ("native used well high", 30.0),
-            (BEST_FIXED, 31.0),
-            (FOUND, 32.0),
-        ];
-        let mut lost = table(&beaten);
+        let mut lost =
+            table([(WELL_LOW, 40.0), (WELL_HIGH, 30.0), (Who::BestFixed, 31.0), (Who::Found, 32.0)]);
         let names: Vec<String> = lost.iter().map(Standing::title).collect();
-        assert_eq!(names, ["native used well (high)", BEST_FIXED, FOUND]);
-        assert_eq!(crown(&mut lost, BEST_FIXED, true, |_| true), NATIVE_USED_WELL);
-        assert!(lost.iter().all(|one| one.name != TUNED));
+        assert_eq!(names, ["native used well (high)", "best fixed configuration", "found by the search"]);
+        assert_eq!(crown(&mut lost, &Who::BestFixed, true, |_| true), Who::UsedWell);
+        assert!(lost.iter().all(|one| one.who != Who::Tuned));
         // A result that only equals its start is not a finding.
-        let mut level = table(&[(BEST_FIXED, 31.0), (FOUND, 31.0)]);
-        assert_eq!(crown(&mut level, BEST_FIXED, true, |_| true), BEST_FIXED);
-        let mut won = table(&[
-            (NATIVE_DEFAULT, 60.0),
-            ("native used well low", 40.0),
-            (BEST_FIXED, 31.0),
-            (FOUND, 25.0),
-        ]);
-        assert_eq!(crown(&mut won, BEST_FIXED, false, |_| true), TUNED);
-        let gains = Gains::of(&won, TUNED, BEST_FIXED);
+        let mut level = table([(Who::BestFixed, 31.0), (Who::Found, 31.0)]);
+        assert_eq!(crown(&mut level, &Who::BestFixed, true, |_| true), Who::BestFixed);
+        let mut won =
+            table([(NATIVE_DEFAULT, 60.0), (WELL_LOW, 40.0), (Who::BestFixed, 31.0), (Who::Found, 25.0)]);
+        assert_eq!(crown(&mut won, &Who::BestFixed, false, |_| true), Who::Tuned);
+        let gains = Gains::of(&won, &Who::Tuned, &Who::BestFixed);
         let median = |ratio: Option<Ratio>| ratio.map_or(0.0, |ratio| ratio.median);
         assert!(
             (median(gains.start) * median(gains.over_best_fixed) - median(gains.over_native_default)).abs()
@@ -427,31 +374,32 @@ mod tests {
 
     #[test]
     fn a_lucky_few_rounds_replace_nothing() {
-        let of = |name: &str, rounds_ms: &[f64]| Measured {
-            name: name.into(),
+        let of = |who: Who, rounds_ms: &[f64]| Measured {
+            who,
             build_ms: vec![2.0],
             render_ms: rounds_ms.to_vec(),
             ..Measured::default()
         };
-        let start = of(BEST_FIXED, &[30.0; 9]);
+        let start = of(Who::BestFixed, &[30.0; 9]);
         // Faster in five rounds of nine.
         let lucky = [26.0, 27.0, 26.0, 28.0, 29.0, 31.0, 33.0, 36.0, 34.0];
-        let native = [start.clone(), of(NATIVE_LOW, &lucky), of(FOUND, &[30.5; 9])];
-        assert_eq!(crown(&mut standings(&native, 1000), BEST_FIXED, false, |_| true), BEST_FIXED);
-        let found = [start.clone(), of(FOUND, &lucky)];
-        assert_eq!(crown(&mut standings(&found, 1000), BEST_FIXED, false, |_| true), BEST_FIXED);
+        let low = Who::Native(NativeQuality::Low);
+        let native = [start.clone(), of(low.clone(), &lucky), of(Who::Found, &[30.5; 9])];
+        assert_eq!(crown(&mut standings(&native, 1000), &Who::BestFixed, false, |_| true), Who::BestFixed);
+        let found = [start.clone(), of(Who::Found, &lucky)];
+        assert_eq!(crown(&mut standings(&found, 1000), &Who::BestFixed, false, |_| true), Who::BestFixed);
         // A result that the service's own race has proven needs no second proof, but no contradiction either.
-        assert_eq!(crown(&mut standings(&found, 1000), BEST_FIXED, true, |_| true), TUNED);
-        let slower = [start.clone(), of(FOUND, &[31.0; 9])];
-        assert_eq!(crown(&mut standings(&slower, 1000), BEST_FIXED, true, |_| true), BEST_FIXED);
+        assert_eq!(crown(&mut standings(&found, 1000), &Who::BestFixed, true, |_| true), Who::Tuned);
+        let slower = [start.clone(), of(Who::Found, &[31.0; 9])];
+        assert_eq!(crown(&mut standings(&slower, 1000), &Who::BestFixed, true, |_| true), Who::BestFixed);
         // Fewer rounds than have an interval show nothing.
-        let few = [of(BEST_FIXED, &[30.0; 5]), of(FOUND, &[20.0; 5])];
-        assert_eq!(crown(&mut standings(&few, 1000), BEST_FIXED, false, |_| true), BEST_FIXED);
+        let few = [of(Who::BestFixed, &[30.0; 5]), of(Who::Found, &[20.0; 5])];
+        assert_eq!(crown(&mut standings(&few, 1000), &Who::BestFixed, false, |_| true), Who::BestFixed);
         // A start that cannot be built is never chosen.
-        let broken = Measured { failure: Some("out of memory".into()), ..of(BEST_FIXED, &[]) };
-        let alone = [broken, of(NATIVE_LOW, &[40.0; 9]), of(FOUND, &[31.0; 9])];
-        assert_eq!(crown(&mut standings(&alone, 1000), BEST_FIXED, false, |_| true), TUNED);
-        assert_eq!(crown(&mut [], BEST_FIXED, false, |_| true), "");
+        let broken = Measured { failure: Some("out of memory".into()), ..of(Who::BestFixed, &[]) };
+        let alone = [broken, of(low, &[40.0; 9]), of(Who::Found, &[31.0; 9])];
+        assert_eq!(crown(&mut standings(&alone, 1000), &Who::BestFixed, false, |_| true), Who::Tuned);
+        assert_eq!(crown(&mut [], &Who::BestFixed, false, |_| true), Who::Nobody);
     }
 
     #[test]
@@ -460,11 +408,11 @@ mod tests {
         let full = TuningSpace::new(Preset::Full, &premises);
         for rival in rivals(&full, &premises, &Start::Recommended) {
             let Some(configuration) = rival.configuration else {
-                assert_eq!(rival.contender.name, PAPER_DEFAULT);
+                assert_eq!(rival.contender.who, Who::PaperDefault);
                 continue;
             };
             let own = full.choice(&configuration).expect("it is of the space");
-            assert_eq!(own, rival.contender.choice, "{}", rival.contender.name);
+            assert_eq!(own, rival.contender.choice, "{}", rival.contender.who);
         }
         assert_eq!(used_well(&full).len(), 3);
         let robust = TuningSpace::new(Preset::Full, &Premises { robust: true, ..premises });
@@ -478,29 +426,29 @@ mod tests {
         let premises = Premises::all();
         let full = TuningSpace::new(Preset::Full, &premises);
         let own = space::parse("quality=3,collapse=builder").expect("words");
-        for (start, name) in [
+        for (start, who) in [
             (Start::Native, NATIVE_DEFAULT),
-            (Start::Paper, PAPER_DEFAULT),
-            (Start::Own(own.clone()), YOUR_START),
+            (Start::Paper, Who::PaperDefault),
+            (Start::Own(own.clone()), Who::YourStart),
         ] {
             let begun = full.beginning_at(&start).expect("it is one of the space");
             let rivals = rivals(&begun, &premises, &start);
-            let first = rivals.iter().find(|rival| rival.contender.name == name).expect("it takes part");
-            assert_eq!(first.contender.choice, baseline_from(&begun, &start).choice, "{name}");
-            assert_eq!(baseline_from(&begun, &start).name, name);
+            let first = rivals.iter().find(|rival| rival.contender.who == who).expect("it takes part");
+            assert_eq!(first.contender.choice, baseline_from(&begun, &start).choice, "{who}");
+            assert_eq!(baseline_from(&begun, &start).who, who);
             // The recommended configuration still runs beside it, unchanged.
-            let fixed = rivals.iter().find(|rival| rival.contender.name == BEST_FIXED).expect("it runs");
+            let is_fixed = |rival: &&Rival| rival.contender.who == Who::BestFixed;
+            let fixed = rivals.iter().find(is_fixed).expect("it runs");
             assert_eq!(fixed.contender.choice, full.default_choice());
-            let had = |rival: &&Rival| is_had(&rival.contender.name, &start);
-            assert!(!rivals.iter().filter(had).any(|rival| rival.contender.name == BEST_FIXED));
-            assert_eq!(rivals.iter().filter(had).count(), if name == YOUR_START { 5 } else { 4 });
+            let had = |rival: &&Rival| is_had(&rival.contender.who, &start);
+            assert!(!rivals.iter().filter(had).any(|rival| is_fixed(&rival)));
+            assert_eq!(rivals.iter().filter(had).count(), if who == Who::YourStart { 5 } else { 4 });
         }
-        let frames =
-            [(NATIVE_DEFAULT, 60.0), ("native used well low", 40.0), (BEST_FIXED, 31.0), (FOUND, 45.0)];
-        let mut standings = table(&frames);
-        let may_win = |name: &str| is_had(name, &Start::Native);
-        assert_eq!(crown(&mut standings, NATIVE_DEFAULT, false, may_win), TUNED);
-        let gains = Gains::of(&standings, TUNED, NATIVE_DEFAULT);
+        let mut standings =
+            table([(NATIVE_DEFAULT, 60.0), (WELL_LOW, 40.0), (Who::BestFixed, 31.0), (Who::Found, 45.0)]);
+        let may_win = |who: &Who| is_had(who, &Start::Native);
+        assert_eq!(crown(&mut standings, &NATIVE_DEFAULT, false, may_win), Who::Tuned);
+        let gains = Gains::of(&standings, &Who::Tuned, &NATIVE_DEFAULT);
         assert!(gains.over_start.is_some_and(|ratio| ratio.is_gain()));
         let is_loss = |ratio: Ratio| ratio.interval.is_some_and(|[_, high]| high < 1.0);
         assert!(gains.over_best_fixed.is_some_and(is_loss));
@@ -508,8 +456,8 @@ mod tests {
 
     #[test]
     fn break_even_counts_builds_where_they_fall() {
-        let standing = |name: &str, build: f64, speedup: f64| Standing {
-            name: name.into(),
+        let standing = |who: Who, build: f64, speedup: f64| Standing {
+            who,
             variant: None,
             build_ms: Summary::of(&[build]),
             render_ms: Summary::of(&[10.0 / speedup]),
@@ -519,16 +467,17 @@ mod tests {
             undelayed_ms: vec![10.0 / speedup],
             failure: None,
         };
-        let standings = [standing(PAPER_DEFAULT, 20.0, 1.0), standing(TUNED, 30.0, 1.25)];
+        let standings = [standing(Who::PaperDefault, 20.0, 1.0), standing(Who::Tuned, 30.0, 1.25)];
         let trials = vec![trial(Some(10.0), 1), trial(None, 2), trial(Some(8.0), 3)];
         // The machine's speed in another minute says nothing of frames to come.
         let found = SearchOutcome { trials, reference_ms: 17.0, disturbance: Disturbance::default() };
-        let render = break_even(&found, Objective::Render, 1, &standings, TUNED, PAPER_DEFAULT);
+        let costs = |of| break_even(&found, of, 1, &standings, &Who::Tuned, &Who::PaperDefault);
+        let render = costs(Objective::Render);
         assert_eq!((render.tuning_ms, render.frames_while_tuning), (36.0, 2));
         assert_eq!((render.default_setup_ms, render.tuned_setup_ms), (20.0, 30.0));
         // 36 + 30 + (n - 2) * 8 <= 20 + n * 10
         assert_eq!(render.frame(), Some(15));
-        let total = break_even(&found, Objective::Total, 1, &standings, TUNED, PAPER_DEFAULT);
+        let total = costs(Objective::Total);
         assert_eq!((total.default_setup_ms, total.tuned_setup_ms), (0.0, 0.0));
     }
 }

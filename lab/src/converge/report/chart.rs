@@ -202,7 +202,7 @@ fn legend(
     for (row, (found, colour)) in results.contenders.iter().zip(COLOURS.iter().cycle()).enumerate() {
         let y = top + 22 * (row as i32 + 1);
         root.draw(&PathElement::new(vec![(right, y + 8), (right + 26, y + 8)], colour.stroke_width(3)))?;
-        root.draw(&Text::new(found.curve.name.clone(), (right + 34, y), text.clone()))?;
+        root.draw(&Text::new(found.curve.who.to_string(), (right + 34, y), text.clone()))?;
     }
     Ok(())
 }

@@ -14,6 +14,7 @@ use parts::{ContenderRow, EqualErrorTable, LegendRow};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::report::thousands;
 use treewright_renderer::image_file;
+use treewright_renderer::tuning::who::Who;
 
 pub use chart::{Ground, svg};
 pub(crate) use parts::{seconds, target_in_words, verdict_in_words, with_range};
@@ -55,11 +56,11 @@ struct Page<'a> {
 
 /// Puts the page together.
 pub fn html(results: &ComparisonResults, yardstick: &Yardstick) -> Result<String, CliError> {
-    let frame = |name: &str, shot: &Shot, from: &str| -> Result<PictureCard, CliError> {
+    let frame = |who: &Who, shot: &Shot, from: &str| -> Result<PictureCard, CliError> {
         let [width, height] = results.size;
         let glow = yardstick.difference(&shot.picture, WHITE_AT);
         Ok(PictureCard {
-            name: name.to_owned(),
+            name: who.to_string(),
             picture: data_url(&image_file::png_bytes(&shot.picture, yardstick.exposure())?),
             difference: data_url(&image_file::png_bytes_of_colours(width, height, &glow)?),
             caption: parts::caption(&shot.point, from),
@@ -71,13 +72,13 @@ pub fn html(results: &ComparisonResults, yardstick: &Yardstick) -> Result<String
     for found in &results.contenders {
         let curve = &found.curve;
         if let Some(shot) = &curve.pictures.at_budget {
-            frames.push(frame(&curve.name, shot, "build included")?);
+            frames.push(frame(&curve.who, shot, "build included")?);
         }
         match (&curve.pictures.at_budget_with_setup, curve.setup_ms > 0.0) {
             (Some(shot), true) => {
-                frames_with_setup.push(frame(&curve.name, shot, "build and tuning included")?);
+                frames_with_setup.push(frame(&curve.who, shot, "build and tuning included")?);
             }
-            (None, true) if !curve.runs.is_empty() => still_tuning.push(curve.name.clone()),
+            (None, true) if !curve.runs.is_empty() => still_tuning.push(curve.who.to_string()),
             _ => {}
         }
     }

@@ -3,11 +3,11 @@
 use super::chart::COLOURS;
 use crate::converge::bootstrap::Interval;
 use crate::converge::curve::Point;
-use crate::converge::equal_error::{EqualError, Row};
+use crate::converge::equal_error::{BASELINES, EqualError, Row};
 use crate::converge::results::{ComparisonResults, ContenderResult};
 use crate::converge::slope::Verdict;
 use treewright_render_cli::report::thousands;
-use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, TUNED};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 /// A line of the legend.
 pub(super) struct LegendRow {
@@ -79,40 +79,40 @@ pub(crate) fn seconds(time_ms: f64) -> String {
 
 /// The subject of the page: the tuned contender, or the predicted one.
 fn hero(results: &ComparisonResults) -> Option<&ContenderResult> {
-    [TUNED, PREDICTED]
+    [Who::Tuned, Who::Predicted]
         .iter()
-        .filter_map(|name| results.contender(name))
+        .filter_map(|who| results.contender(who))
         .find(|found| !found.curve.runs.is_empty())
 }
 
 /// The row of a contender where the error is least.
-fn last_row<'a>(results: &'a ComparisonResults, name: &str) -> Option<(&'a EqualError, &'a Row)> {
+fn last_row<'a>(results: &'a ComparisonResults, who: &Who) -> Option<(&'a EqualError, &'a Row)> {
     let last = results.equal_error.last()?;
-    Some((last, last.rows.iter().find(|row| row.name == name)?))
+    Some((last, last.rows.iter().find(|row| row.who == *who)?))
 }
 
 pub(super) fn headline(results: &ComparisonResults) -> String {
     let told = hero(results).and_then(|found| {
-        let (_, row) = last_row(results, &found.curve.name)?;
+        let (_, row) = last_row(results, &found.curve.who)?;
         let speedup = row.speedups.first()?;
         let ratio = speedup.ratio.estimate;
         let is_open = speedup.ratio.range.is_some_and(|[low, high]| low <= 1.0 && high >= 1.0);
         Some(if is_open {
             format!(
                 "Whether the {} configuration reaches the same picture sooner than {} is not shown: {}×.",
-                found.curve.name,
+                found.curve.who,
                 speedup.over,
                 with_range(&speedup.ratio, 2)
             )
         } else if ratio >= 1.0 {
             format!(
                 "The {} configuration reaches the same picture {ratio:.2}× sooner than {}.",
-                found.curve.name, speedup.over
+                found.curve.who, speedup.over
             )
         } else {
             format!(
                 "The {} configuration takes {:.2}× as long as {} for the same picture.",
-                found.curve.name,
+                found.curve.who,
                 1.0 / ratio,
                 speedup.over
             )
@@ -124,7 +124,7 @@ pub(super) fn headline(results: &ComparisonResults) -> String {
 pub(super) fn explanation(results: &ComparisonResults) -> String {
     let runs = results.contenders.iter().map(|found| found.curve.runs.len()).max().unwrap_or(0);
     let with_setup = hero(results).and_then(|found| {
-        let (_, row) = last_row(results, &found.curve.name)?;
+        let (_, row) = last_row(results, &found.curve.who)?;
         let speedup = row.speedups.first()?;
         (found.curve.setup_ms > 0.0).then(|| {
             format!(
@@ -165,7 +165,7 @@ pub(super) fn legend(results: &ComparisonResults) -> Vec<LegendRow> {
     let mut rows = Vec::new();
     for (found, colour) in results.contenders.iter().zip(COLOURS.iter().cycle()) {
         let colour = format!("rgb({} {} {})", colour.0, colour.1, colour.2);
-        let name = found.curve.name.clone();
+        let name = found.curve.who.to_string();
         if found.curve.setup_ms > 0.0 {
             let name = format!("{name}, configuration known from the start");
             rows.push(LegendRow { name, colour: colour.clone(), dashed: true });
@@ -186,7 +186,7 @@ pub(crate) fn verdict_in_words(verdict: Verdict) -> &'static str {
 
 pub(super) fn contenders(results: &ComparisonResults) -> Vec<ContenderRow> {
     let row = |found: &ContenderResult| ContenderRow {
-        name: found.curve.name.clone(),
+        name: found.curve.who.to_string(),
         origin: match &found.curve.failure {
             Some(failure) => failure.clone(),
             None => found.origin.clone(),
@@ -218,13 +218,13 @@ pub(crate) fn target_in_words(target: &EqualError) -> String {
 pub(super) fn equal_error(results: &ComparisonResults) -> Vec<EqualErrorTable> {
     let table = |target: &EqualError| EqualErrorTable {
         title: target_in_words(target),
-        baselines: [NATIVE_DEFAULT, PAPER_DEFAULT].map(str::to_owned).into(),
+        baselines: BASELINES.map(|who| who.to_string()).into(),
         rows: target
             .rows
             .iter()
             .map(|row| {
                 let ratios = |with_setup: bool| {
-                    [NATIVE_DEFAULT, PAPER_DEFAULT]
+                    BASELINES
                         .map(|baseline| {
                             let speedup = row.speedups.iter().find(|speedup| speedup.over == baseline);
                             speedup.map_or_else(
@@ -237,7 +237,7 @@ pub(super) fn equal_error(results: &ComparisonResults) -> Vec<EqualErrorTable> {
                         .into()
                 };
                 EqualErrorRow {
-                    name: row.name.clone(),
+                    name: row.who.to_string(),
                     time_s: seconds(row.time_ms.estimate),
                     time_with_setup_s: seconds(row.time_with_setup_ms.estimate),
                     ratios: ratios(false),
@@ -250,11 +250,11 @@ pub(super) fn equal_error(results: &ComparisonResults) -> Vec<EqualErrorTable> {
 }
 
 pub(super) fn slopes(results: &ComparisonResults) -> String {
-    let biased: Vec<&str> = results
+    let biased: Vec<String> = results
         .contenders
         .iter()
         .filter(|found| found.convergence.verdict == Verdict::Biased)
-        .map(|found| found.curve.name.as_str())
+        .map(|found| found.curve.who.to_string())
         .collect();
     let verdict = if biased.is_empty() {
         "No curve ends on a plateau above the reference's own error: no bias is seen.".to_owned()

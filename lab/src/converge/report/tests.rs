@@ -6,12 +6,12 @@ use treewright_client::Fingerprint;
 use super::*;
 use crate::converge::bootstrap::Interval;
 use crate::converge::curve::{Curve, Pictures, Run};
-use crate::converge::equal_error::equal_error;
+use crate::converge::equal_error::{BASELINES, equal_error};
 use crate::converge::results::{ContenderResult, ReferenceFacts};
 use crate::converge::testing;
 use treewright_renderer::film::Picture;
 use treewright_renderer::tuning::results::SceneFacts;
-use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, TUNED};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 const FLOOR: f64 = 1e-4;
 
@@ -19,26 +19,26 @@ fn picture(level: f32) -> Picture {
     Picture { width: 16, height: 12, pixels: vec![Vec3::splat(level); 16 * 12] }
 }
 
-fn curve(name: &str, setup_ms: f64, frame_ms: f64, plateau: f64) -> Curve {
+fn curve(who: Who, setup_ms: f64, frame_ms: f64, plateau: f64) -> Curve {
     let error = |number: f64| move |samples: f64| (0.2 + 0.01 * number) / samples + plateau;
     let run = |number: u32| Run {
         seed: u64::from(number),
         ..testing::run(10.0, frame_ms, 150, error(f64::from(number)))
     };
-    let mut curve = testing::curve(name, setup_ms, (0..5).map(run).collect());
+    let mut curve = testing::curve(who, setup_ms, (0..5).map(run).collect());
     let shot = Shot { picture: picture(1.1), point: curve.runs[0].end };
     curve.pictures.at_budget = Some(shot);
     curve
 }
 
 fn results(squared_bias: f64) -> ComparisonResults {
-    let mut broken = curve("broken <b>", 0.0, 1.0, FLOOR);
+    let mut broken = curve(Who::Named("broken <b>".into()), 0.0, 1.0, FLOOR);
     (broken.runs, broken.pictures, broken.failure) =
         (Vec::new(), Pictures::default(), Some("too deep".into()));
     let curves = [
-        curve(PAPER_DEFAULT, 0.0, 20.0, FLOOR),
+        curve(Who::PaperDefault, 0.0, 20.0, FLOOR),
         curve(NATIVE_DEFAULT, 0.0, 10.0, FLOOR),
-        curve(TUNED, 5000.0, 5.0, FLOOR + squared_bias),
+        curve(Who::Tuned, 5000.0, 5.0, FLOOR + squared_bias),
         broken,
     ];
     ComparisonResults {
@@ -60,11 +60,11 @@ fn results(squared_bias: f64) -> ComparisonResults {
             relative_mse: FLOOR,
             trusted_from: 2.0 * FLOOR,
         },
-        equal_error: equal_error(&curves, &[NATIVE_DEFAULT, PAPER_DEFAULT]),
+        equal_error: equal_error(&curves, &BASELINES),
         contenders: curves
             .into_iter()
             .map(|curve| {
-                let estimate = if curve.name == TUNED { squared_bias } else { 0.0 };
+                let estimate = if curve.who == Who::Tuned { squared_bias } else { 0.0 };
                 let range = Some([estimate - 0.1 * FLOOR, estimate + 0.1 * FLOOR]);
                 ContenderResult::new(
                     curve,
@@ -126,7 +126,8 @@ fn bias_is_reported() {
 fn the_plot_has_all_curves() {
     let results = results(0.0);
     let plot = svg(&results, Ground::White).expect("it is drawn");
-    for words in ["relative mean squared error", PAPER_DEFAULT, NATIVE_DEFAULT, TUNED, "a &amp; b"] {
+    let names = ["paper default", "native Embree default", "tuned"];
+    for words in names.into_iter().chain(["relative mean squared error", "a &amp; b"]) {
         assert!(plot.contains(words), "{words:?} is missing");
     }
     assert!(!plot.contains("#010101") && !plot.contains("NaN") && !plot.contains("inf"));

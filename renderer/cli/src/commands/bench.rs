@@ -22,7 +22,8 @@ use treewright_renderer::measure::{
 };
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::verdict::{BEST_FIXED, contender, keep_best_native, natives, used_well};
+use treewright_renderer::tuning::verdict::{contender, keep_best_native, natives, used_well};
+use treewright_renderer::tuning::who::Who;
 
 /// Arguments of `bench`.
 #[derive(Args, Clone, Debug)]
@@ -81,7 +82,7 @@ struct BenchResults<'a> {
 
 #[derive(Debug, Serialize)]
 struct NamedChoice<'a> {
-    name: &'a str,
+    name: &'a Who,
     choice: Choice,
 }
 
@@ -98,15 +99,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     );
     for objective in OBJECTIVES {
         let full = TuningSpace::new(Preset::Full, &premises(objective.builds_each_frame()));
-        contenders.push(Contender { name: fixed_name(objective), choice: full.default_choice() });
+        contenders.push(Contender { who: Who::BestFixedFor(objective), choice: full.default_choice() });
     }
     let space = arguments.space.whole(Objective::Render, arguments.frame.threads)?;
     for text in &arguments.config {
-        contenders.push(contender(text, &space, &space::parse(text)?)?);
+        contenders.push(contender(Who::Named(text.clone().into()), &space, &space::parse(text)?)?);
     }
     for NamedConfiguration { name, preset, path } in &arguments.contender {
         let space = TuningSpace::new(*preset, &premises(false));
-        contenders.push(contender(name, &space, &read_configuration(path)?)?);
+        contenders.push(contender(Who::Named(name.clone().into()), &space, &read_configuration(path)?)?);
     }
     select(&mut contenders, &arguments.only)?;
     let camera = arguments.camera.find(&scene)?;
@@ -145,7 +146,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         println!("note: {told}");
     }
     if let Some(path) = &arguments.json {
-        let choices = contenders.iter().map(|one| NamedChoice { name: &one.name, choice: one.choice });
+        let choices = contenders.iter().map(|one| NamedChoice { name: &one.who, choice: one.choice });
         let results = BenchResults {
             scene: &scene.name,
             triangles: scene.triangles.len(),
@@ -165,18 +166,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
 /// The objectives for which frames of one run of rounds are shown.
 const OBJECTIVES: [Objective; 2] = [Objective::Render, Objective::Total];
 
-/// The best fixed configuration of an objective takes part under a name of its own.
-fn fixed_name(objective: Objective) -> String {
-    format!("{BEST_FIXED} ({})", objective.name())
-}
-
 /// The standings for an objective: of native Embree used well the quality that is best there, and of the two
-/// best fixed configurations its own under the plain name.
+/// best fixed configurations its own as the one.
 fn ranked(measured: &[Measured], objective: Objective) -> Vec<Standing> {
     let mut standings = keep_best_native(standings(measured, objective.frames_per_build()));
     for one in &mut standings {
-        if one.name == fixed_name(objective) {
-            BEST_FIXED.clone_into(&mut one.name);
+        if one.who == Who::BestFixedFor(objective) {
+            one.who = Who::BestFixed;
         }
     }
     standings
@@ -186,10 +182,10 @@ fn ranked(measured: &[Measured], objective: Objective) -> Vec<Standing> {
 fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<(), CliError> {
     // Of native used well there are several qualities, of the best fixed one several objectives.
     let is_meant = |one: &Contender, name: &str| {
-        one.name.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
+        one.who.to_string().strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
     };
     if let Some(unknown) = only.iter().find(|name| !contenders.iter().any(|one| is_meant(one, name))) {
-        let known: Vec<&str> = contenders.iter().map(|one| one.name.as_str()).collect();
+        let known: Vec<String> = contenders.iter().map(|one| one.who.to_string()).collect();
         return Err(CliError::Usage(format!(
             "nobody is called \"{unknown}\"; there are {}",
             known.join(", ")

@@ -25,9 +25,8 @@ use treewright_renderer::tuning::objective::{specification, study_id};
 use treewright_renderer::tuning::patience::{Patience, PatientTuner};
 use treewright_renderer::tuning::results::{Milestone, Overhead, Prediction, SceneFacts, TuningResults};
 use treewright_renderer::tuning::search::{self, Drift, SearchOutcome, SearchSetting};
-use treewright_renderer::tuning::verdict::{
-    self, BEST_FIXED, FOUND, Gains, NATIVE_USED_WELL, PAPER_TUNED, PREDICTED, Rival,
-};
+use treewright_renderer::tuning::verdict::{self, Gains, Rival};
+use treewright_renderer::tuning::who::Who;
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
@@ -135,7 +134,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let candidates = with_names(candidates, &space)?;
     let known: Vec<Rival> = rivals
         .iter()
-        .filter(|rival| verdict::is_had(&rival.contender.name, &start))
+        .filter(|rival| verdict::is_had(&rival.contender.who, &start))
         .filter_map(|rival| within(rival, &space))
         .chain(candidates)
         .collect();
@@ -159,14 +158,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     spinner.set_message("measuring everybody in fresh rounds");
     let start_name = verdict::start_name(space.preset(), &start);
     let (mut standings, disturbance) =
-        judge.standings(&winner, &rivals, paper.as_ref(), &milestones, &baseline.name, &conditions)?;
-    let milestones = judge.milestones(milestones, &mut standings, &winner, start_name);
+        judge.standings(&winner, &rivals, paper.as_ref(), &milestones, &baseline.who, &conditions)?;
+    let milestones = judge.milestones(milestones, &mut standings, &winner, &start_name);
     let is_proven = told.as_ref().is_some_and(|told| told.confirmation.stage == ConfirmationStage::Better);
-    let may_win = |name: &str| verdict::is_had(name, &start);
-    let best = verdict::crown(&mut standings, start_name, is_proven, may_win);
+    let may_win = |who: &Who| verdict::is_had(who, &start);
+    let best = verdict::crown(&mut standings, &start_name, is_proven, may_win);
     // This run recommends the contender that is shown to be the fastest, also where the search did not find
     // it.
-    let own = rivals.iter().find(|rival| verdict::is_of(&rival.contender.name, &best, &standings));
+    let own = rivals.iter().find(|rival| verdict::is_of(&rival.contender.who, &best, &standings));
     let tuned = match own.and_then(|rival| rival.configuration.clone()) {
         Some(configuration) => configuration,
         None if best == start_name => space.default_configuration(),
@@ -191,7 +190,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     renderer.set_light_sampling(space.choice(&tuned)?.light);
     let frames = arguments.frames;
     let break_even =
-        verdict::break_even(&found, arguments.objective, frames, &standings, &best, &baseline.name);
+        verdict::break_even(&found, arguments.objective, frames, &standings, &best, &baseline.who);
     let whiles = [("searched", found.disturbance), ("measured again", disturbance)];
     for (when, told) in whiles.into_iter().filter_map(|(when, seen)| Some((when, seen.told()?))) {
         notes.push(format!("while it was {when}, {told}"));
@@ -207,9 +206,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         space: space.preset(),
         parameters: space.explained().collect(),
         start: space.with_held(&space.default_configuration()),
-        start_name: start_name.to_owned(),
         milestones,
-        baseline: baseline.name,
+        baseline: baseline.who,
         server: client.url().to_owned(),
         study: id,
         machine: machine().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
@@ -220,7 +218,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         reference_ms: found.reference_ms,
         found: space.with_held(&winner),
         tuned: space.with_held(&tuned),
-        gains: Gains::of(&standings, &best, start_name),
+        gains: Gains::of(&standings, &best, &start_name),
+        began_at: start_name,
         best,
         standings,
         disturbance,
@@ -268,7 +267,8 @@ fn open_study(
 fn with_names(candidates: Vec<Configuration>, space: &TuningSpace) -> Result<Vec<Rival>, CliError> {
     let named = candidates.into_iter().map(|candidate| {
         let configuration = space.complete(&candidate)?;
-        let contender = verdict::contender(&configuration.to_string(), space, &configuration)?;
+        let who = Who::Named(configuration.to_string().into());
+        let contender = verdict::contender(who, space, &configuration)?;
         Ok(Rival { contender, configuration: Some(configuration) })
     });
     named.collect()
@@ -286,11 +286,6 @@ fn within(rival: &Rival, space: &TuningSpace) -> Option<Rival> {
 /// Whether the service is asked for its best after this number of trials: 1, 2, 3, 4, 6, 8, 12, 16, ….
 fn is_milestone(trials: u32) -> bool {
     trials.is_power_of_two() || trials.is_multiple_of(3) && (trials / 3).is_power_of_two()
-}
-
-/// Name of the standing of what the service held for the best on the way.
-fn milestone_name(trials: u32) -> String {
-    format!("answer after {trials} trials")
 }
 
 /// The results of the search.
@@ -389,27 +384,27 @@ impl Judge<'_> {
         rivals: &[Rival],
         paper: Option<&Configuration>,
         milestones: &[Milestone],
-        baseline: &str,
+        baseline: &Who,
         conditions: &Conditions,
     ) -> Result<(Vec<Standing>, Disturbance), CliError> {
         let mut contenders: Vec<Contender> = rivals.iter().map(|rival| rival.contender.clone()).collect();
         if let Some(paper) = paper {
-            contenders.push(verdict::contender(PAPER_TUNED, &TuningSpace::paper(), paper)?);
+            contenders.push(verdict::contender(Who::PaperTuned, &TuningSpace::paper(), paper)?);
         }
-        contenders.push(verdict::contender(FOUND, self.space, found)?);
+        contenders.push(verdict::contender(Who::Found, self.space, found)?);
         // Each answer on the way runs once, and those that run anyway not again.
         let mut seen = vec![found.clone()];
         seen.extend(self.start_in_space());
         for milestone in milestones {
             if !seen.contains(&milestone.configuration) {
                 seen.push(milestone.configuration.clone());
-                let name = milestone_name(milestone.trials);
-                contenders.push(verdict::contender(&name, self.space, &milestone.configuration)?);
+                let who = Who::AfterTrials(milestone.trials);
+                contenders.push(verdict::contender(who, self.space, &milestone.configuration)?);
             }
         }
         let watch = Watch::begin();
         let standings = verdict::keep_best_native(self.measure(&contenders, conditions));
-        let rounds = standings.iter().find(|one| one.name == baseline).map(|one| one.rounds_ms.clone());
+        let rounds = standings.iter().find(|one| one.who == *baseline).map(|one| one.rounds_ms.clone());
         let disturbance = watch.end(self.renderer.threads(), &rounds.unwrap_or_default());
         Ok((standings, disturbance))
     }
@@ -426,22 +421,21 @@ impl Judge<'_> {
         milestones: Vec<Milestone>,
         standings: &mut Vec<Standing>,
         found: &Configuration,
-        start: &str,
+        start: &Who,
     ) -> Vec<Milestone> {
-        let find = |name: &str| standings.iter().find(|one| one.name == name);
-        let mut names: Vec<(Configuration, String)> = vec![(found.clone(), FOUND.to_owned())];
-        names.extend(self.start_in_space().map(|configuration| (configuration, start.to_owned())));
+        let find = |who: &Who| standings.iter().find(|one| one.who == *who);
+        let mut ran: Vec<(Configuration, Who)> = vec![(found.clone(), Who::Found)];
+        ran.extend(self.start_in_space().map(|configuration| (configuration, start.clone())));
         let mut measured = Vec::new();
         for milestone in milestones {
-            let known = names.iter().find(|(configuration, _)| *configuration == milestone.configuration);
-            let name = known.map_or_else(|| milestone_name(milestone.trials), |(_, name)| name.clone());
-            let pair = find(&name).zip(find(start));
+            let known = ran.iter().find(|(configuration, _)| *configuration == milestone.configuration);
+            let who = known.map_or(Who::AfterTrials(milestone.trials), |(_, who)| who.clone());
+            let pair = find(&who).zip(find(start));
             let over_start = pair.map(|(one, start)| one.gain_over(start)).filter(|ratio| ratio.count > 0);
-            names.push((milestone.configuration.clone(), name));
+            ran.push((milestone.configuration.clone(), who));
             measured.push(Milestone { over_start, ..milestone });
         }
-        let of_the_way: Vec<String> = measured.iter().map(|one| milestone_name(one.trials)).collect();
-        standings.retain(|one| !of_the_way.contains(&one.name));
+        standings.retain(|one| !matches!(one.who, Who::AfterTrials(_)));
         measured
     }
 
@@ -464,13 +458,10 @@ impl Judge<'_> {
         let answer =
             self.study.predict(&self.workload.state(&SceneIndicators::of(scene).with_camera(&camera)))?;
         let answer_ms = milliseconds(begin);
-        let asked = |rival: &&Rival| {
-            let name = &rival.contender.name;
-            name.starts_with(NATIVE_USED_WELL) || name == BEST_FIXED
-        };
+        let asked = |rival: &&Rival| matches!(rival.contender.who, Who::UsedWellIn(_) | Who::BestFixed);
         let mut contenders = vec![baseline.clone()];
         contenders.extend(rivals.iter().filter(asked).map(|rival| rival.contender.clone()));
-        contenders.push(verdict::contender(PREDICTED, self.space, &answer.configuration)?);
+        contenders.push(verdict::contender(Who::Predicted, self.space, &answer.configuration)?);
         Ok(Some(Prediction {
             camera_at,
             mode: answer.mode,

@@ -6,7 +6,7 @@ use crate::output;
 use treewright_renderer::measure::Standing;
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::verdict::{BEST_FIXED, FOR_STILLS, FOUND, NATIVE_USED_WELL};
+use treewright_renderer::tuning::who::Who;
 
 /// Speed-ups whose first trial is shown.
 const FACTORS: [f64; 4] = [1.1, 1.2, 1.3, 1.4];
@@ -82,9 +82,9 @@ pub(crate) fn print(results: &TuningResults) {
 
 /// The best configuration, and the evidence for it.
 fn verdict(results: &TuningResults) -> String {
-    let start = results.start_name.as_str();
-    let found =
-        results.standing(FOUND).zip(results.standing(start)).map(|(found, start)| found.gain_over(start));
+    let start = &results.began_at;
+    let found = results.standing(&Who::Found).zip(results.standing(start));
+    let found = found.map(|(found, start)| found.gain_over(start));
     match (results.search_won(), results.gains.over_start) {
         (true, Some(gain)) if gain.is_gain() => match level_with(results).as_slice() {
             [] => format!(
@@ -102,7 +102,7 @@ fn verdict(results: &TuningResults) -> String {
         (false, _) => {
             let ran = found.map(|ratio| format!("; what the search found ran at {ratio} its speed"));
             let ran = ran.unwrap_or_default();
-            match results.best == start {
+            match results.best == *start {
                 true => format!("verdict: nobody is shown to be faster than the {start}{ran}"),
                 false => format!("verdict: the fastest is \"{}\"{ran}", results.best),
             }
@@ -111,23 +111,22 @@ fn verdict(results: &TuningResults) -> String {
 }
 
 /// All contenders that might have won and than which the winner is not shown to be faster.
-fn level_with(results: &TuningResults) -> Vec<&str> {
+fn level_with(results: &TuningResults) -> Vec<String> {
     let winner = results.standing(&results.best);
-    let knows_all = results.start_name == BEST_FIXED;
+    let knows_all = results.began_at == Who::BestFixed;
     let others = results.standings.iter().filter(|other| {
-        let is_known =
-            knows_all || ![BEST_FIXED, FOR_STILLS, NATIVE_USED_WELL].contains(&other.name.as_str());
-        other.name != results.best && other.failure.is_none() && is_known
+        let is_known = knows_all || !other.who.takes_knowledge();
+        other.who != results.best && other.failure.is_none() && is_known
     });
     let is_open = |other: &&Standing| winner.is_some_and(|winner| !winner.gain_over(other).is_gain());
-    others.filter(is_open).map(|other| other.name.as_str()).collect()
+    others.filter(is_open).map(|other| other.who.to_string()).collect()
 }
 
 /// The gain and its parts.
 fn gains(results: &TuningResults) -> String {
     let gains = &results.gains;
-    let over_start = format!("over the {}", results.start_name);
-    let parts = match results.start_name == BEST_FIXED {
+    let over_start = format!("over the {}", results.began_at);
+    let parts = match results.began_at == Who::BestFixed {
         true => vec![
             ("start", gains.start),
             ("× search", gains.over_best_fixed),
@@ -160,7 +159,7 @@ fn on_the_way(results: &TuningResults) -> Option<String> {
     });
     let until: Vec<String> = until.collect();
     let shown = if until.is_empty() { String::new() } else { format!("; shown: {}", until.join(", ")) };
-    let start = &results.start_name;
+    let start = &results.began_at;
     (!told.is_empty()).then(|| format!("on the way, over the {start}: {}{shown}", told.join(", ")))
 }
 

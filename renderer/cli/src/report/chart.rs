@@ -8,7 +8,7 @@ use super::parts::{predicted, relative, roofline};
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::search::Iteration;
-use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_USED_WELL};
+use treewright_renderer::tuning::who::Who;
 
 const WIDTH: u32 = 900;
 const HEIGHT: u32 = 430;
@@ -98,8 +98,8 @@ fn draw(results: &TuningResults, svg: &mut String) -> Result<(), Box<dyn std::er
     }
     let line = |y: f64| [(0.0, y), (last + 1.0, y)];
     chart.draw_series(DashedLineSeries::new(line(1.0), 2, 5, INK.stroke_width(1)))?;
-    for (name, colour) in [(NATIVE_USED_WELL, USED_WELL), (BEST_FIXED, FIXED)] {
-        if let Some(level) = relative(results, name) {
+    for (who, colour) in [(Who::UsedWell, USED_WELL), (Who::BestFixed, FIXED)] {
+        if let Some(level) = relative(results, &who) {
             chart.draw_series(DashedLineSeries::new(line(level), 2, 4, colour.stroke_width(2)))?;
         }
     }
@@ -130,7 +130,7 @@ fn draw(results: &TuningResults, svg: &mut String) -> Result<(), Box<dyn std::er
 fn unit_ms(results: &TuningResults) -> f64 {
     let of_start = |trial: &&Iteration| trial.configuration == results.start;
     let costs: Vec<f64> = results.trials.iter().filter(of_start).filter_map(|trial| trial.cost).collect();
-    match relative(results, &results.start_name) {
+    match relative(results, &results.began_at) {
         Some(level) if costs.len() >= STARTS_LEAST => Summary::of(&costs).median / level,
         _ => results.reference_ms,
     }

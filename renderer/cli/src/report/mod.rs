@@ -21,7 +21,7 @@ use treewright_renderer::space::{Choice, ConfigurationError};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::search::SearchSetting;
-use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_USED_WELL};
+use treewright_renderer::tuning::who::Who;
 
 /// Samples a pixel of the report's two pictures.
 const PICTURE_SAMPLES: u32 = 24;
@@ -59,7 +59,7 @@ struct Page<'a> {
     unit: &'a str,
     default_image: String,
     tuned_image: String,
-    baseline: &'a str,
+    baseline: &'a Who,
     default_ms: String,
     tuned_ms: String,
     best: String,
@@ -71,7 +71,7 @@ struct Page<'a> {
     standings: Vec<StandingRow>,
     chart: String,
     way: Vec<WayRow>,
-    start: &'a str,
+    start: &'a Who,
     session: Option<String>,
     search_summary: String,
     prediction: Option<String>,
@@ -115,7 +115,7 @@ fn picture(
 }
 
 fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<String, ReportError> {
-    let frame_ms = |name: &str| results.standing(name).map_or(0.0, |standing| standing.frame_ms.median);
+    let frame_ms = |who: &Who| results.standing(who).map_or(0.0, |standing| standing.frame_ms.median);
     let page = Page {
         scene: &results.scene.name,
         triangles: parts::thousands(results.scene.triangles),
@@ -129,16 +129,16 @@ fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<S
         baseline: &results.baseline,
         what_was_tuned: parts::what_was_tuned(results),
         default_ms: format!("{:.1}", frame_ms(&results.baseline)),
-        best: results.standing(&results.best).map_or_else(|| results.best.clone(), Standing::title),
+        best: results.standing(&results.best).map_or_else(|| results.best.to_string(), Standing::title),
         gains: parts::gains(results),
-        has_used_well: results.standing(NATIVE_USED_WELL).is_some(),
-        has_fixed: results.standing(BEST_FIXED).is_some(),
+        has_used_well: results.standing(&Who::UsedWell).is_some(),
+        has_fixed: results.standing(&Who::BestFixed).is_some(),
         tuned_ms: format!("{:.1}", frame_ms(&results.best)),
         pictures: parts::pictures(results, default.mean_relative_difference(tuned), PICTURE_SAMPLES),
         standings: parts::standings(results),
         chart: chart::svg(results).map_err(ReportError::Chart)?,
         way: parts::on_the_way(results),
-        start: &results.start_name,
+        start: &results.began_at,
         session: session::svg(results).map_err(ReportError::Chart)?,
         search_summary: parts::search_summary(results),
         prediction: parts::prediction(results),

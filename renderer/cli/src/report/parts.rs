@@ -1,14 +1,13 @@
 //! The report's sentences and tables, made from results.
 
+use treewright_accel::NativeQuality;
 use treewright_client::{Configuration, Value};
 
 use treewright_renderer::measure::Standing;
 use treewright_renderer::space::{Explained, Preset};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::verdict::{
-    BEST_FIXED, NATIVE_DEFAULT, NATIVE_USED_WELL, PAPER_DEFAULT, PREDICTED,
-};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 /// Smaller speed-ups are not reported as such: frames vary by more.
 const WORTH_TELLING: f64 = 1.03;
@@ -52,7 +51,7 @@ pub(super) fn headline(results: &TuningResults) -> String {
         Objective::Error => ("light sampling", "reaches the same error"),
         Objective::Motion => ("way to follow", "keeps up with the motion"),
     };
-    if results.best.is_empty() || results.best == results.baseline {
+    if results.best == Who::Nobody || results.best == results.baseline {
         format!("Here {} is as good as anything the search found.", the(&results.baseline))
     } else if !results.search_won() {
         format!(
@@ -81,8 +80,8 @@ fn is_open(results: &TuningResults) -> bool {
 /// The gain and its parts.
 pub(super) fn gains(results: &TuningResults) -> String {
     let gains = &results.gains;
-    let begin = format!("The best over {}, where the search began", the(&results.start_name));
-    let parts = match results.start_name == BEST_FIXED {
+    let begin = format!("The best over {}, where the search began", the(&results.began_at));
+    let parts = match results.began_at == Who::BestFixed {
         true => vec![
             ("The best fixed configuration, where the search began, over native Embree", gains.start),
             (
@@ -120,22 +119,22 @@ pub(super) fn on_the_way(results: &TuningResults) -> Vec<WayRow> {
     rows
 }
 
-/// A standing's name inside a sentence.
-fn the(name: &str) -> String {
-    match name {
-        PAPER_DEFAULT => "the default of the paper".to_owned(),
-        NATIVE_DEFAULT => "native Embree".to_owned(),
-        NATIVE_USED_WELL => "native Embree used well".to_owned(),
+/// A contender inside a sentence.
+fn the(who: &Who) -> String {
+    match who {
+        Who::PaperDefault => "the default of the paper".to_owned(),
+        Who::Native(NativeQuality::Medium) => "native Embree".to_owned(),
+        Who::UsedWell => "native Embree used well".to_owned(),
         other => format!("the {other}"),
     }
 }
 
 pub(super) fn explanation(results: &TuningResults) -> String {
-    let others = [PAPER_DEFAULT, NATIVE_DEFAULT, NATIVE_USED_WELL, BEST_FIXED];
+    let others = [Who::PaperDefault, NATIVE_DEFAULT, Who::UsedWell, Who::BestFixed];
     let ratios: Vec<String> = others
         .into_iter()
-        .filter(|name| *name != results.baseline && *name != results.best)
-        .filter_map(|name| Some(format!("{:.2} times that of {}", results.speedup_over(name)?, the(name))))
+        .filter(|who| *who != results.baseline && *who != results.best)
+        .filter_map(|who| Some(format!("{:.2} times that of {}", results.speedup_over(&who)?, the(&who))))
         .collect();
     let other =
         if ratios.is_empty() { String::new() } else { format!(" Its speed is {}.", ratios.join(", ")) };
@@ -149,8 +148,8 @@ pub(super) fn explanation(results: &TuningResults) -> String {
 }
 
 pub(super) fn standings(results: &TuningResults) -> Vec<StandingRow> {
-    let over = |one: &Standing, name: &str| {
-        results.standing(name).map_or_else(String::new, |other| one.gain_over(other).to_string())
+    let over = |one: &Standing, who: &Who| {
+        results.standing(who).map_or_else(String::new, |other| one.gain_over(other).to_string())
     };
     let slowest = results.standings.iter().map(|standing| standing.frame_ms.median).fold(1e-9, f64::max);
     results
@@ -158,8 +157,8 @@ pub(super) fn standings(results: &TuningResults) -> Vec<StandingRow> {
         .iter()
         .map(|standing| StandingRow {
             name: standing.title(),
-            over_used_well: over(standing, NATIVE_USED_WELL),
-            over_fixed: over(standing, BEST_FIXED),
+            over_used_well: over(standing, &Who::UsedWell),
+            over_fixed: over(standing, &Who::BestFixed),
             build_ms: match &standing.failure {
                 Some(_) => "cannot be built".to_owned(),
                 None => format!("{:.1}", standing.build_ms.median),
@@ -174,7 +173,7 @@ pub(super) fn standings(results: &TuningResults) -> Vec<StandingRow> {
                 None => String::new(),
             },
             bar: (100.0 * standing.frame_ms.median / slowest).round().clamp(0.0, 100.0) as u32,
-            winner: standing.name == results.best,
+            winner: standing.who == results.best,
         })
         .collect()
 }
@@ -201,11 +200,11 @@ pub(super) fn search_summary(results: &TuningResults) -> String {
 pub(super) fn prediction(results: &TuningResults) -> Option<String> {
     results.prediction.as_ref().map(|prediction| {
         let speedup = prediction.speedup();
-        let over = |name: &str| {
-            let find = |name: &str| prediction.standings.iter().find(|one| one.name == name);
-            Some(format!("{} as fast as {}", find(PREDICTED)?.gain_over(find(name)?), the(name)))
+        let over = |who: Who| {
+            let find = |who: &Who| prediction.standings.iter().find(|one| one.who == *who);
+            Some(format!("{} as fast as {}", find(&Who::Predicted)?.gain_over(find(&who)?), the(&who)))
         };
-        let honest: Vec<String> = [NATIVE_USED_WELL, BEST_FIXED].into_iter().filter_map(over).collect();
+        let honest: Vec<String> = [Who::UsedWell, Who::BestFixed].into_iter().filter_map(over).collect();
         let honest = if honest.is_empty() { String::new() } else { format!(" ({})", honest.join(", ")) };
         let verdict = if speedup >= WORTH_TELLING {
             format!("With it, that view renders {speedup:.2}× faster than with {}", the(&results.baseline))
@@ -358,15 +357,15 @@ pub(super) fn roofline(results: &TuningResults) -> f64 {
 }
 
 /// Relative frame time of a contender in the rounds.
-pub(super) fn relative(results: &TuningResults, name: &str) -> Option<f64> {
-    let speedup = results.standing(name)?.speedup_over(results.standing(&results.baseline)?);
+pub(super) fn relative(results: &TuningResults, who: &Who) -> Option<f64> {
+    let speedup = results.standing(who)?.speedup_over(results.standing(&results.baseline)?);
     (speedup.count > 0 && speedup.median > 0.0).then(|| 1.0 / speedup.median)
 }
 
 /// Relative frame time of the prediction on the fresh camera.
 pub(super) fn predicted(results: &TuningResults) -> Option<f64> {
     let prediction = results.prediction.as_ref()?;
-    let names: Vec<&str> = prediction.standings.iter().map(|standing| standing.name.as_str()).collect();
-    (names.first() == Some(&results.baseline.as_str()) && names.last() == Some(&PREDICTED))
+    let [first, .., last] = prediction.standings.as_slice() else { return None };
+    (first.who == results.baseline && last.who == Who::Predicted)
         .then(|| 1.0 / prediction.speedup().max(f64::MIN_POSITIVE))
 }

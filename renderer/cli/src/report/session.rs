@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use super::chart::{BEST, COLOURS, FAINT, FIXED, INK};
 use super::parts::{relative, roofline};
 use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::verdict::BEST_FIXED;
+use treewright_renderer::tuning::who::Who;
 
 const WIDTH: u32 = 900;
 const HEIGHT: u32 = 360;
@@ -90,7 +90,8 @@ fn draw(
         .draw()?;
     let line = |y: f64| [(1.0, y), (last, y)];
     chart.draw_series(DashedLineSeries::new(line(1.0), 2, 5, INK.stroke_width(1)))?;
-    if let Some(level) = relative(results, BEST_FIXED).filter(|_| results.baseline != BEST_FIXED) {
+    let fixed = relative(results, &Who::BestFixed).filter(|_| results.baseline != Who::BestFixed);
+    if let Some(level) = fixed {
         chart.draw_series(DashedLineSeries::new(line(level), 2, 4, FIXED.stroke_width(2)))?;
     }
     chart.draw_series(DashedLineSeries::new(line(best), 9, 5, BEST.stroke_width(2)))?;

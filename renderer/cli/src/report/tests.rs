@@ -12,9 +12,8 @@ use treewright_renderer::statistics::{BreakEven, Ratio};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::{Milestone, Overhead, Prediction, SceneFacts};
 use treewright_renderer::tuning::search::Iteration;
-use treewright_renderer::tuning::verdict::{
-    BEST_FIXED, FOUND, Gains, NATIVE_DEFAULT, NATIVE_USED_WELL, PAPER_DEFAULT, PREDICTED, crown,
-};
+use treewright_renderer::tuning::verdict::{Gains, crown};
+use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
     Iteration {
@@ -36,21 +35,21 @@ fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
 }
 
 fn results(tuned_ms: f64, scene: &str) -> TuningResults {
-    let measured = |name: &str, render_ms: f64| Measured {
-        name: name.into(),
+    let measured = |who: Who, render_ms: f64| Measured {
+        who,
         build_ms: vec![20.0],
         render_ms: vec![render_ms; 9],
         ..Measured::default()
     };
     let side_by_side = [
-        measured(PAPER_DEFAULT, 100.0),
+        measured(Who::PaperDefault, 100.0),
         measured(NATIVE_DEFAULT, 55.0),
-        measured(NATIVE_USED_WELL, 54.0),
-        measured(BEST_FIXED, 52.0),
-        measured(FOUND, tuned_ms),
+        measured(Who::UsedWell, 54.0),
+        measured(Who::BestFixed, 52.0),
+        measured(Who::Found, tuned_ms),
     ];
     let mut standings = standings(&side_by_side, 1000);
-    let best = crown(&mut standings, BEST_FIXED, false, |_| true);
+    let best = crown(&mut standings, &Who::BestFixed, false, |_| true);
     let space = TuningSpace::paper();
     let trials = vec![
         iteration(1, Some(100.0)),
@@ -80,9 +79,9 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
         space: Preset::Paper,
         parameters: space.explained().collect(),
         start: space.default_configuration(),
-        start_name: BEST_FIXED.into(),
+        began_at: Who::BestFixed,
         milestones: vec![],
-        baseline: PAPER_DEFAULT.into(),
+        baseline: Who::PaperDefault,
         server: "http://127.0.0.1:1".into(),
         study: "test-render".into(),
         machine: Fingerprint {
@@ -97,7 +96,7 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
         confirmation: None,
         reference_ms: 100.0,
         found: Configuration::new().with("quality", 3),
-        gains: Gains::of(&standings, &best, BEST_FIXED),
+        gains: Gains::of(&standings, &best, &Who::BestFixed),
         best,
         disturbance: Disturbance::default(),
         tuned: Configuration::new().with("quality", 3).with("branching_factor", 8).with("compact", false),
@@ -109,7 +108,7 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
             configuration: Configuration::new().with("quality", 1),
             answer_ms: 0.8,
             standings: treewright_renderer::measure::standings(
-                &[measured(PAPER_DEFAULT, 100.0), measured(PREDICTED, 60.0)],
+                &[measured(Who::PaperDefault, 100.0), measured(Who::Predicted, 60.0)],
                 1000,
             ),
         }),
@@ -127,7 +126,7 @@ fn grey() -> Picture {
 #[test]
 fn a_gain_whose_interval_holds_none_is_not_told_as_one() {
     let mut results = results(50.0, "hall");
-    results.baseline = NATIVE_DEFAULT.into();
+    results.baseline = NATIVE_DEFAULT;
     let over = |low| Some(Ratio { median: 2.0, interval: Some([low, 2.2]), count: 21 });
     results.gains.over_native_default = over(0.9);
     let told = |results: &TuningResults| page(results, &grey(), &grey()).expect("the page is made");
@@ -145,7 +144,7 @@ fn the_page_says_what_was_measured() {
     assert!(html.contains("1\u{2009}234\u{2009}567 triangles") && html.contains("Test One, 2 threads"));
     assert!(html.contains("1.10 times that of native Embree, 1.08 times that of native Embree used well"));
     assert!(html.contains("1.04 × [1.04, 1.04]"), "the gain over the best fixed configuration");
-    for row in [NATIVE_USED_WELL, BEST_FIXED, "over best fixed"] {
+    for row in ["native used well", "best fixed configuration", "over best fixed"] {
         assert!(html.contains(row), "{row}");
     }
     assert!(html.contains("<mark>8</mark>"), "a changed parameter is marked");
@@ -223,9 +222,9 @@ fn the_curve_shows_its_three_lines_in_the_pages_colours() {
 #[test]
 fn the_way_and_the_whole_session_are_told_from_where_the_search_began() {
     let mut results = results(40.0, "hall");
-    results.start_name = NATIVE_DEFAULT.into();
-    results.baseline = NATIVE_DEFAULT.into();
-    results.gains = Gains::of(&results.standings, &results.best, NATIVE_DEFAULT);
+    results.began_at = NATIVE_DEFAULT;
+    results.baseline = NATIVE_DEFAULT;
+    results.gains = Gains::of(&results.standings, &results.best, &NATIVE_DEFAULT);
     let configuration = |quality: i64| Configuration::new().with("quality", quality);
     let way = |trials, quality, low| Milestone {
         trials,
