@@ -1,6 +1,7 @@
 // Client SDK of the Treewright tuning service for Node. The wire contract is proto/treewright/v1; index.d.ts says what each thing promises.
 
 import { existsSync } from "node:fs";
+import { isIPv4 } from "node:net";
 import { availableParallelism, cpus, hostname } from "node:os";
 import { basename } from "node:path";
 import { fileURLToPath } from "node:url";
@@ -29,7 +30,11 @@ const LATE_ANSWER_MS = 5000;
 /** A daemon that is still loading the study is asked again after so long. */
 const ASK_AGAIN_MS = 100;
 
-const isLocal = (host) => /^(localhost|127\.|\[::1\])/.test(host);
+/** Whether an address of host and port is this machine. A name that only begins like it is not. */
+const isLocal = (address) => {
+  const host = address.replace(/:\d*$/, "");
+  return host === "localhost" || host === "[::1]" || (isIPv4(host) && host.startsWith("127."));
+};
 
 export class Client {
   /** The contract as @grpc/grpc-js reads it, for tests. */

@@ -135,7 +135,10 @@ async function withoutDaemon() {
   await rejects(study.best(), "unreachable", "start one with");
   client.close();
   assert.throws(() => new Client("not an address"), /not an address/);
-  assert.throws(() => new Client("http://example.com:1", { token: "x" }), /https/);
+  // Names that only begin like this machine are other machines.
+  for (const host of ["example.com", "localhost.example.com", "127.example.com", "127.0.0.1.example.com", "localhost@example.com"])
+    assert.throws(() => new Client(`http://${host}:1`, { token: "x" }), /https/, host);
+  for (const host of ["localhost", "127.0.0.1", "127.1.2.3", "[::1]"]) new Client(`http://${host}:1`, { token: "x" }).close();
 }
 
 /** A daemon of these answers. */
