@@ -4,7 +4,9 @@ const PAUSE_MIN_MS = 50;
 const PAUSE_MAX_MS = 5000;
 // INTERNAL, UNKNOWN, RESOURCE_EXHAUSTED, UNAVAILABLE, DEADLINE_EXCEEDED, ABORTED pass with time.
 const PASSING = [13, 2, 8, 14, 4, 10, 1];
-const ATTEMPTS_AFTER_INTERNAL_ERROR = 8;
+// INTERNAL and UNKNOWN are defects of the daemon: they may pass, but must not hold up the queue for ever.
+const DEFECTS = [13, 2];
+const ATTEMPTS_AFTER_DEFECT = 8;
 
 export class Outbox {
   #waiting = [];
@@ -57,14 +59,15 @@ export class Outbox {
       } catch (error) {
         item.attempts += 1;
         this.stats.lastError = error.message;
-        const given_up = error.code === 13 && item.attempts >= ATTEMPTS_AFTER_INTERNAL_ERROR;
-        if (PASSING.includes(error.code) && !given_up && !this.#closed) {
+        const isGivenUp = DEFECTS.includes(error.code) && item.attempts >= ATTEMPTS_AFTER_DEFECT;
+        if (PASSING.includes(error.code) && !isGivenUp && !this.#closed) {
           failures += 1;
           const pause = Math.min(PAUSE_MAX_MS, PAUSE_MIN_MS * 2 ** Math.min(failures, 10)) * (0.5 + Math.random() / 2);
           await new Promise((resolve) => setTimeout(resolve, pause).unref());
           continue;
         }
-        this.stats.refused += 1;
+        // A trial that cannot be given back is no report; its lease runs out.
+        if (item.kind === "report") this.stats.refused += 1;
       }
       if (this.#waiting[0] === item) this.#waiting.shift();
       item.end();

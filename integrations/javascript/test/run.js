@@ -226,9 +226,38 @@ async function byAnOlderDaemon() {
   server.forceShutdown();
 }
 
+/** A daemon with a defect: what it never takes is given up, and does not hold up what comes after it. */
+async function byADefectiveDaemon() {
+  let reports = 0;
+  const handlers = {
+    CreateStudy: (call, answer) => answer(null, { name: "studies/defect" }),
+    Suggest: ({ request: { study } }, answer) =>
+      answer(null, { name: `${study}/trials/1`, configuration: { values: { level: { integer: "5" } } } }),
+    Report: (call, answer) => {
+      reports += 1;
+      answer({ code: grpc.status.UNKNOWN, details: "it stumbled" });
+    },
+    AbandonTrial: (call, answer) => answer({ code: grpc.status.NOT_FOUND, details: "there is no such trial" }),
+  };
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { deadlineMs: 20000 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const study = await client.study("defect", { parameters, minimise: { ms: 1 } });
+  const [reported, abandoned] = [await study.suggest(), await study.suggest()];
+  reported.report({ ms: 1 });
+  abandoned.abandon();
+  await client.flush(60000);
+  assert.deepEqual([reports, client.stats.refused, client.stats.queued], [8, 1, 0], JSON.stringify(client.stats));
+  client.close();
+  server.forceShutdown();
+}
+
+// Its pauses take some seconds, in which the others run.
+const defective = byADefectiveDaemon();
 await trials();
 await sideBySide();
 await byAnOlderDaemon();
 await whileTheStudyIsLoaded(3);
 await withoutDaemon();
+await defective;
 console.log("ok");
