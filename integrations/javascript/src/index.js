@@ -101,13 +101,18 @@ export class Client {
   }
 
   async flush(deadlineMs = 5000) {
+    await this.told(undefined, deadlineMs);
+  }
+
+  /** Waits until the reports of a worker, or of all, are acknowledged or refused; rejects after the deadline. */
+  async told(worker, deadlineMs) {
     let timer;
     const late = new Promise((_, reject) => {
       const words = () => `${this.stats.queued} report(s) are not acknowledged after ${deadlineMs} ms: ${this.stats.lastError}`;
       timer = setTimeout(() => reject(new TreewrightError("unreachable", words())), deadlineMs);
     });
     try {
-      await Promise.race([this.outbox.told(), late]);
+      await Promise.race([this.outbox.told(worker), late]);
     } finally {
       clearTimeout(timer);
     }
@@ -142,15 +147,19 @@ export class Study {
     this.created = true;
   }
 
+  /** Creates the study where that was not possible before. */
+  async #create(deadlineMs) {
+    if (!this.created) this.identify(await this.client.call("createStudy", this.request, deadlineMs));
+  }
+
   async #ask(indicators, wanted, deadlineMs) {
-    if (!this.created) {
-      this.identify(await this.client.call("createStudy", this.request, deadlineMs));
-    }
+    const end = Date.now() + deadlineMs;
+    await this.#create(deadlineMs);
     const worker = takeWorker(this.client.url, this.client.options.clientId, this.name);
     try {
-      await this.client.outbox.told(worker.name);
+      await this.client.told(worker.name, Math.max(end - Date.now(), 1));
       const request = { study: this.asked, clientId: worker.name, indicators, fingerprint: this.client.fingerprint, wanted };
-      const trial = await this.client.call("suggest", request, deadlineMs);
+      const trial = await this.client.call("suggest", request, Math.max(end - Date.now(), 1));
       return new Suggestion(this, worker, trial, configurationFromWire(trial.configuration));
     } catch (error) {
       worker.release();
@@ -193,18 +202,25 @@ export class Study {
     return this.client.untilReady((deadlineMs) => this.#ask(indicators, wanted, deadlineMs));
   }
 
+  /** What is known of these indicators. A study whose daemon was away at first is created before. */
+  async #known(name, indicators) {
+    return this.client.untilReady(async (deadlineMs) => {
+      const end = Date.now() + deadlineMs;
+      await this.#create(deadlineMs);
+      const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint };
+      return this.client.call(name, request, Math.max(end - Date.now(), 1));
+    });
+  }
+
   async predict(indicators = {}) {
     checkIndicators(indicators, this.spec);
-    const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint };
-    const known = await this.client.untilReady((deadlineMs) => this.client.call("predict", request, deadlineMs));
+    const known = await this.#known("predict", indicators);
     return { configuration: configurationFromWire(known.configuration), cost: known.predictedCost };
   }
 
   async best(indicators = {}) {
     if (Object.keys(indicators).length > 0) checkIndicators(indicators, this.spec);
-    const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint };
-    const best = await this.client.untilReady((deadlineMs) => this.client.call("getBest", request, deadlineMs));
-    return bestFromWire(best);
+    return bestFromWire(await this.#known("getBest", indicators));
   }
 
   /** A configuration that cannot work here is no fallback. */

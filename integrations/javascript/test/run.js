@@ -252,12 +252,42 @@ async function byADefectiveDaemon() {
   server.forceShutdown();
 }
 
+/** A daemon that takes no reports, and one that comes late: calls end within their deadline, and the study is created then. */
+async function byADaemonThatComesLate() {
+  let isThere = false;
+  const away = { code: grpc.status.UNAVAILABLE, details: "it is not there yet" };
+  const handlers = {
+    CreateStudy: (call, answer) => (isThere ? answer(null, { name: "studies/late" }) : answer(away)),
+    Suggest: ({ request: { study } }, answer) =>
+      answer(null, { name: `${study}/trials/1`, configuration: { values: { level: { integer: "5" } } } }),
+    Report: (call, answer) => answer(away),
+    Predict: (call, answer) => answer(null, { configuration: { values: { level: { integer: "6" } } } }),
+    GetBest: (call, answer) => answer(null, { configuration: { values: { level: { integer: "7" } } }, cost: 1.5 }),
+  };
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { deadlineMs: 20000, callDeadlineMs: 2000 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const [one, other] = [await client.study("late", { parameters, minimise: { ms: 1 } }), await client.study("late", { parameters, minimise: { ms: 1 } })];
+  isThere = true;
+  assert.equal((await one.predict()).configuration.level, 6);
+  assert.equal((await other.best()).configuration.level, 7);
+  assert.ok(one.created && other.created);
+  (await one.suggest()).report({ ms: 1 });
+  // Its worker has a report that cannot be told.
+  const started = performance.now();
+  await rejects(one.trialOf({ level: 3 }), "unreachable", "not acknowledged");
+  assert.ok(performance.now() - started < 10000);
+  client.close();
+  server.forceShutdown();
+}
+
 // Its pauses take some seconds, in which the others run.
 const defective = byADefectiveDaemon();
 await trials();
 await sideBySide();
 await byAnOlderDaemon();
 await whileTheStudyIsLoaded(3);
+await byADaemonThatComesLate();
 await withoutDaemon();
 await defective;
 console.log("ok");
