@@ -24,7 +24,7 @@ export interface StudySpec {
   /** What every configuration fulfils: an expression such as `"x * y <= 1024"`, or `[lesser, greater]`. */
   constraints?: (string | [string, string])[];
   /** `[lowest, highest]`, mapped to 0 and 1; with `"log"` by the logarithm. */
-  indicators?: Record<string, [number, number] | [number, number, "log"]>;
+  indicators?: Record<string, [number, number] | [number, number, "linear" | "log"]>;
   /** Weights of measurements; the objective is their weighted sum. */
   minimise?: Record<string, number>;
   /** Weights of measurements that are to be large, such as rates: the weight over the measurement is added. */
@@ -33,7 +33,7 @@ export interface StudySpec {
   /** What measurements may be; a configuration that goes beyond is infeasible. */
   limits?: Record<string, { atLeast?: number; atMost?: number }>;
   stateTolerance?: number;
-  /** Fields as in the wire contract: `{epsilon: 0.1}`. */
+  /** Fields and words as in the wire contract, any others are refused: `{epsilon: 0.1, search: "SEARCH_METHOD_RANDOM"}`. */
   policy?: Record<string, unknown>;
   seed?: number;
 }

@@ -24,6 +24,19 @@ const Service = grpc.loadPackageDefinition(
   loadSync("treewright/v1/tuning.proto", { includeDirs: [PROTO], longs: String, enums: String, oneofs: true }),
 ).treewright.v1.TuningService;
 
+/** The contract drops fields that it does not have, and words that it does not know, without a word. */
+function checkPolicy(policy) {
+  const { requestSerialize, requestDeserialize } = Service.service.CreateStudy;
+  const given = Object.entries(policy);
+  // What is 0 may not be sent either.
+  const probe = Object.fromEntries(given.map(([name, value]) => [name, value === 0 ? 1 : value === false ? true : value]));
+  const sent = requestDeserialize(requestSerialize({ study: { policy: probe } })).study?.policy ?? {};
+  for (const [name, value] of given) {
+    if (value === undefined || value === null || Object.hasOwn(sent, name)) continue;
+    throw new TreewrightError("invalid", `policy: the wire contract has no field ${name} with the value ${value}; see message Policy in study.proto`);
+  }
+}
+
 /** A later answer to a question that missed its deadline is awaited for so long, to give its trial back. */
 const LATE_ANSWER_MS = 5000;
 
@@ -86,6 +99,7 @@ export class Client {
 
   async study(id, spec) {
     const request = { studyId: id, study: specToWire(spec) };
+    checkPolicy(request.study.policy);
     const study = new Study(this, `studies/${id}`, spec, request);
     try {
       study.identify(await this.call("createStudy", request));
@@ -311,6 +325,8 @@ export class Suggestion {
   }
 
   aborted(lowerBound) {
+    if (this.#open && !(Number.isFinite(lowerBound) && lowerBound >= 0))
+      this.#refuse(`the lower bound is ${lowerBound}; it must be finite and not negative`);
     this.#end({}, { aborted: { lowerBound } });
   }
 

@@ -53,9 +53,11 @@ function parameterToWire(parameter, all) {
 }
 
 export function specToWire(spec) {
-  const indicators = Object.entries(spec.indicators ?? {}).map(([name, [min, max, log]]) => ({
-    name, min, max, scale: log === "log" ? "SCALE_LOG" : "SCALE_LINEAR",
-  }));
+  const indicators = Object.entries(spec.indicators ?? {}).map(([name, [min, max, scale = "linear"]]) => {
+    if (scale !== "log" && scale !== "linear")
+      throw new TreewrightError("invalid", `indicator ${name}: ${scale} is no scale; use "log" or "linear"`);
+    return { name, min, max, scale: scale === "log" ? "SCALE_LOG" : "SCALE_LINEAR" };
+  });
   // A metric in both stays twice, so that it is refused.
   const metrics = [...Object.entries(spec.minimise ?? {}), ...Object.entries(spec.maximise ?? {})];
   const terms = metrics.map(([metric, weight]) => ({ metric, weight }));

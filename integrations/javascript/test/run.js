@@ -47,6 +47,11 @@ async function trials() {
   (await study.suggest(input)).abandon();
   const wrong = await study.suggest(input);
   assert.throws(() => wrong.report({ ms: NaN }), /ms is NaN/);
+  for (const bound of [NaN, -1, Infinity, undefined]) {
+    const stopped = await study.suggest(input);
+    assert.throws(() => stopped.aborted(bound), /lower bound is/);
+    assert.throws(() => stopped.report({ ms: 1 }), /already/);
+  }
   (await study.suggest(input)).failed("the lamp went out");
   await client.flush(20000);
   assert.ok(client.stats.acknowledged >= 42 && client.stats.dropped === 0, JSON.stringify(client.stats));
@@ -80,6 +85,9 @@ async function trials() {
   await rejects(client.study("bad", { ...spec, limits: { ms: {} } }), "refused", "at_most");
   await rejects(client.study("node", { ...spec, limits: { ms: { atMost: 31 } } }), "refused", "limit");
   await rejects(client.study("bad", { ...spec, constraints: ["leef < 3"] }), "refused", "did you mean");
+  for (const [policy, words] of [[{ epsilonn: 0.1 }, "epsilonn"], [{ search: "random" }, "random"], [{ lease_seconds: 5 }, "leaseSeconds"]])
+    await rejects(client.study("bad", { ...spec, policy }), "invalid", words);
+  await rejects(client.study("bad", { ...spec, indicators: { triangles: [0, 1, "Log"] } }), "invalid", "Log is no scale");
   for (const wrong of [{ triangle: 1 }, { ...input, triangle: 1 }, {}, { triangles: NaN }])
     for (const ask of [() => study.suggest(wrong), () => study.trialOf(own.configuration, wrong), () => study.predict(wrong)])
       await rejects(ask(), "invalid", "triangle");
