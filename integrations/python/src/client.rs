@@ -31,9 +31,10 @@ fn milliseconds(ms: f64) -> PyResult<Duration> {
     Err(Invalid::new_err(format!("a deadline of {ms} ms is not within 0 to {DEADLINE_MS_MAX}")))
 }
 
-/// A field of a policy as it is written.
-fn words(value: &Bound<'_, PyAny>) -> PyResult<String> {
-    Ok(value.str()?.to_string().to_lowercase())
+/// A field of a policy as it is written. Python writes `True`; a configuration is spelt as its study spells it.
+fn words(field: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
+    let text = value.str()?.to_string();
+    Ok(if field == "pinned" { text } else { text.to_lowercase() })
 }
 
 impl Client {
@@ -142,8 +143,11 @@ impl Client {
         });
         let mut limits: Vec<_> = limits.into_iter().collect();
         limits.sort_by(|a, b| a.0.cmp(&b.0));
-        let policy =
-            policy.into_iter().map(|(field, value)| Ok((field, words(&value)?))).collect::<PyResult<_>>()?;
+        let policy = policy.into_iter().map(|(field, value)| {
+            let text = words(&field, &value)?;
+            Ok((field, text))
+        });
+        let policy = policy.collect::<PyResult<_>>()?;
         let definition = Definition {
             indicators,
             minimise,
@@ -292,7 +296,7 @@ impl Study {
             if value.is_none() {
                 change.clear.push(field);
             } else {
-                change.set.set_text(&field, &words(&value)?).map_err(|error| raised(error.into()))?;
+                change.set.set_text(&field, &words(&field, &value)?).map_err(|error| raised(error.into()))?;
             }
         }
         self.change(python, &change)

@@ -157,6 +157,13 @@ def steering(url: str) -> None:
     assert {study.suggest()["leaf"] for _ in range(5)} == {8}
     study.thaw()
     assert study.policy() == usual
+    # What a study spells with capitals is pinned so, and what was read can be written.
+    space = treewright.Space().choice("splitKind", ["SAH", "median"], default="median")
+    kinds = client.study("python-pinned", space, minimise={"ms": 1.0})
+    kinds.set_policy(pinned="splitKind=SAH", track_speed=True)
+    assert kinds.suggest().configuration == {"splitKind": "SAH"}
+    kinds.set_policy(**kinds.policy())
+    assert kinds.policy()["pinned"] == "splitKind=SAH" and kinds.policy()["track_speed"] == "true", kinds.policy()
 
 
 def loop(url: str) -> None:
