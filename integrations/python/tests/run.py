@@ -6,6 +6,7 @@ The package is the one that the interpreter finds. Optuna is tried where it is i
 import doctest
 import importlib
 import importlib.util
+import math
 import os
 import sys
 import threading
@@ -531,6 +532,7 @@ def optuna_sampler(url: str) -> None:
     at_its_own_point(client, optuna, TreewrightSampler)
     in_parallel(client, optuna, TreewrightSampler)
     maximised(client, optuna, TreewrightSampler)
+    infinitely_bad(client, optuna, TreewrightSampler)
     without_daemon(optuna, treewright, TreewrightSampler)
     optunas_own_cases(url)
 
@@ -588,6 +590,20 @@ def maximised(client, optuna, TreewrightSampler) -> None:
         assert 'values="any"' in str(problem)
     else:
         raise AssertionError("a negative cost was taken")
+
+
+def infinitely_bad(client, optuna, TreewrightSampler) -> None:
+    """Optuna takes infinite values, by which objectives say that a point is of no use; the search goes on."""
+    space = {"x": optuna.distributions.IntDistribution(-4, 4)}
+    for number, (direction, worst) in enumerate((("minimize", math.inf), ("maximize", -math.inf), ("maximize", -1e308))):
+        name = f"optuna-infinite-{number}"
+        sampler = TreewrightSampler(space, client, name, policy={"epsilon": 1.0, "confirm_rounds": 0})
+        study = optuna.create_study(sampler=sampler, direction=direction)
+        study.optimize(lambda trial: worst if trial.suggest_int("x", -4, 4) < 0 else 1.0, n_trials=12)
+        client.flush(20000)
+        outcomes = {trial["configuration"]["x"]: trial["outcome"] for trial in client.existing_study(name).trials("state = COMPLETED")}
+        assert outcomes and all(outcome == ("infeasible" if x < 0 else "ok") for x, outcome in outcomes.items()), outcomes
+        assert any(x < 0 for x in outcomes), outcomes
 
 
 def without_daemon(optuna, treewright, TreewrightSampler) -> None:

@@ -19,7 +19,7 @@ A trial that ran with other parameters than the daemon wanted (``study.enqueue_t
 point. While no daemon answers, parameters are drawn at random, and each such trial warns.
 
 Each trial that Optuna completes, prunes or fails is reported as that: pruned trials as stopped at their last intermediate value, failed ones as failures
-that say nothing about their parameters.
+that say nothing about their parameters. A value that is infinitely bad, or too bad to be told, says that its parameters cannot be used.
 """
 
 import hashlib
@@ -314,11 +314,15 @@ class TreewrightSampler(BaseSampler):
     ) -> None:
         try:
             if state == TrialState.COMPLETE and values:
-                suggestion.report({METRIC: self._cost(study, values[0])})
+                cost = self._cost(study, values[0])
+                if math.isfinite(cost):
+                    suggestion.report({METRIC: cost})
+                else:
+                    suggestion.infeasible(f"its value is {values[0]}")
             elif state == TrialState.PRUNED and trial.intermediate_values:
                 last = trial.intermediate_values[max(trial.intermediate_values)]
-                if math.isfinite(last):
-                    suggestion.aborted(self._cost(study, last))
+                if math.isfinite(last) and math.isfinite(bound := self._cost(study, last)):
+                    suggestion.aborted(bound)
             elif state == TrialState.FAIL:
                 suggestion.failed("the objective raised an error")
         finally:
