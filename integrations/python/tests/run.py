@@ -197,8 +197,26 @@ def loop(url: str) -> None:
     client.flush(20000)
     last = study.trials(order_by="number desc")[0]
     assert last["outcome"] == "failed", last
+    without_answers(space, objective)
     beyond_a_limit(client)
     tables_and_figures(client, study)
+
+
+def without_answers(space, objective) -> None:
+    """Trials that teach nothing say so."""
+    import treewright
+
+    away = treewright.Client("http://127.0.0.1:1", deadline_ms=50, call_deadline_ms=500)
+    study = away.study("python-loop", space, minimise={"ms": 1.0, "mb": 0.5})
+    ran = []
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        try:
+            treewright.tune(study, objective, trials=3, callbacks=[ran.append])
+        except treewright.Unreachable:
+            assert len(ran) == 3
+    words = [str(each.message) for each in told if each.category is RuntimeWarning]
+    assert len(words) == 3 and all("is not learnt from, because" in each for each in words), words
 
 
 def beyond_a_limit(client) -> None:

@@ -1,6 +1,7 @@
 """The loop of a search that runs by itself: ask, measure, report, until it is enough."""
 
 import time
+import warnings
 from typing import Any, Callable, Iterable, Mapping, NamedTuple, Optional, Union
 
 from ._native import Best, Study, Suggestion
@@ -38,7 +39,8 @@ def tune(
     ``objective`` is called with a dictionary of values and returns the measurements by name, or one number where the study has one
     metric. The loop ends after ``trials``, or with the first trial that ends after ``seconds``; one of them has to be given. Each
     callback is called after each trial with a ``Ran``; one that returns True ends the loop. An error of the objective is reported as the
-    trial's failure, and raised unless ``catch`` names its class. ``progress`` shows a bar, which needs the package tqdm.
+    trial's failure, and raised unless ``catch`` names its class. ``progress`` shows a bar, which needs the package tqdm. A trial that gets
+    no answer within the client's ``deadline_ms`` runs what is known already and teaches nothing; each of them warns.
 
     >>> import os, treewright
     >>> client = treewright.Client(os.environ["TREEWRIGHT_URL"], client_id="doc-loop", deadline_ms=5000)
@@ -56,6 +58,9 @@ def tune(
     while trials is None or number < trials:
         measured, cost = {}, None
         with study.suggest(indicators) as suggestion:
+            if suggestion.source != "daemon":
+                words = f"trial {number} is not learnt from, because {suggestion.problem}"
+                warnings.warn(words, RuntimeWarning, stacklevel=2)
             try:
                 measured = _by_name(objective(suggestion.configuration), weights)
             except catch as problem:
