@@ -109,9 +109,9 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "T", value_parser = unit_interval)]
     pub(super) fresh_at: Option<f32>,
 
-    /// Move the camera along its path during the search, over this share of the path. Cameras that are close
-    /// together count as the same state.
-    #[arg(long, value_name = "SPAN", num_args = 0..=1, default_missing_value = "0.02", value_parser = unit_interval)]
+    /// Move the camera along its path during the search, from `--at` on and over this share of the path.
+    /// Cameras that are close together count as the same state.
+    #[arg(long, value_name = "SPAN", num_args = 0..=1, default_missing_value = "0.02", value_parser = unit_interval, conflicts_with_all = ["camera", "eye", "target", "up", "fov"])]
     pub(super) moving: Option<f32>,
 
     /// Write all results, including every trial, as JSON.
