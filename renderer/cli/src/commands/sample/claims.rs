@@ -58,15 +58,20 @@ impl Claims {
         self.look(client, study)
     }
 
+    /// What cannot be read now stays held.
     fn look_again(&mut self, client: &Client) -> Result<(), ClientError> {
-        for (number, held) in std::mem::take(&mut self.held) {
+        let numbers: Vec<u64> = self.held.keys().copied().collect();
+        for number in numbers {
+            let Some(held) = self.held.get(&number) else { continue };
             match client.trial(&held.name) {
-                Ok(trial) => self.take(&trial),
-                Err(error) if error.is_not_found() => {}
-                Err(error) => {
-                    self.held.insert(number, held);
-                    return Err(error);
+                Ok(trial) => {
+                    self.held.remove(&number);
+                    self.take(&trial);
                 }
+                Err(error) if error.is_not_found() => {
+                    self.held.remove(&number);
+                }
+                Err(error) => return Err(error),
             }
         }
         Ok(())
@@ -126,4 +131,25 @@ impl Claims {
 fn whole(trial: &TrialRecord, name: &str) -> Option<u32> {
     let value = trial.measurements.get(name)?;
     (value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value)).then_some(value as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use treewright_client::Options;
+
+    #[test]
+    fn what_others_hold_is_not_forgotten_while_the_daemon_is_away() {
+        // Port 9 is "discard"; no daemon listens there.
+        let client = Client::connect("http://127.0.0.1:9", Options::new()).expect("it is an address");
+        let held = |number: u64| Held {
+            name: format!("studies/samples/trials/{number}"),
+            state: Indicators::new(),
+            configuration: Configuration::new(),
+        };
+        let mut claims = Claims::new("me");
+        claims.held = [3, 5, 8].map(|number| (number, held(number))).into();
+        assert!(claims.look_again(&client).is_err_and(|error| error.is_unreachable()));
+        assert_eq!(claims.held.keys().copied().collect::<Vec<_>>(), [3, 5, 8]);
+    }
 }
