@@ -90,6 +90,7 @@ fn accelerators_are_measured() {
     let frame = |objective: &str| bench[objective][7]["frame_ms"]["median"].as_f64();
     assert!(frame("total") > frame("render"));
     assert_eq!(bench["total"][7]["rounds_ms"].as_array().map(Vec::len), Some(2));
+    assert_eq!(bench["rounds"].as_u64(), Some(2), "the first, which warms up, is none");
     let few = succeeds(
         path,
         "bench --scene builtin:quick --detail 0.1 --rounds 1 --size 8x8 --only quality=2 --config quality=2",

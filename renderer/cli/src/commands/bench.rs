@@ -71,7 +71,8 @@ struct BenchResults<'a> {
     triangles: usize,
     size: [u32; 2],
     threads: usize,
-    rounds: u32,
+    /// Those that were run: fewer than asked for where it was interrupted.
+    rounds: usize,
     disturbance: Disturbance,
     choices: Vec<NamedChoice<'a>>,
     /// With a thousandth of a build in each frame.
@@ -152,7 +153,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             triangles: scene.triangles.len(),
             size: [arguments.size.width, arguments.size.height],
             threads: renderer.threads(),
-            rounds: arguments.rounds,
+            rounds: rounds(&measured),
             disturbance,
             choices: choices.collect(),
             render,
