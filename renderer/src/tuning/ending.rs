@@ -41,7 +41,8 @@ impl Ending {
     /// number of tried configurations has doubled.
     pub fn of(progress: Progress, expected_gain: f64, worth: Duration) -> Option<Self> {
         let Progress { trials, trials_max, tried, spent } = progress;
-        if trials < TRIALS_LEAST || trials >= trials_max {
+        // Without an end of the time to come every gain pays, also one that is not expected.
+        if trials < TRIALS_LEAST || trials >= trials_max || worth == Duration::MAX {
             return None;
         }
         let doubled = tried.saturating_add(1).checked_next_power_of_two().unwrap_or(u32::MAX);
@@ -107,6 +108,8 @@ mod tests {
         assert!(after(TRIALS_LEAST, 80, 0.0).is_some());
         let progress = Progress { trials: 16, trials_max: 80, tried: 16, spent: TRIAL };
         assert!(Ending::of(progress, 1.0, Duration::ZERO).is_some());
-        assert_eq!(Ending::of(progress, 1e-9, Duration::MAX), None);
+        for gain in [0.0, 1e-9] {
+            assert_eq!(Ending::of(progress, gain, Duration::MAX), None);
+        }
     }
 }
