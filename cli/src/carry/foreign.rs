@@ -1,5 +1,7 @@
 //! A study of another tuner, turned into a study of this one.
 
+use std::collections::BTreeMap;
+
 use serde_json::{Value as Json, json};
 use treewright_client::{StudySpec, Value};
 
@@ -60,4 +62,34 @@ pub(super) fn our_name(name: &str) -> String {
     let plain = |each: char| if each.is_ascii_alphanumeric() { each.to_ascii_lowercase() } else { '_' };
     let name: String = name.chars().map(plain).collect();
     if name.starts_with(|first: char| first.is_ascii_lowercase()) { name } else { format!("p_{name}") }
+}
+
+/// Looks whether parameters stay apart under our names. The error names two that would become one.
+pub(super) fn check_names<'a>(names: impl IntoIterator<Item = &'a str>) -> Result<(), String> {
+    let mut ours = BTreeMap::new();
+    for name in names {
+        let own = our_name(name);
+        match ours.insert(own.clone(), name) {
+            Some(other) if other != name => {
+                return Err(format!("its parameters {other} and {name} would both be called {own} here"));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_would_become_one_are_named() {
+        assert_eq!(check_names(["Depth", "lr", "Depth"]), Ok(()));
+        let pairs = [["lr-a", "lr_a", "lr_a"], ["Depth", "depth", "depth"], ["α", "β", "p__"]];
+        for [one, other, own] in pairs {
+            let problem = check_names([one, "kind", other]).expect_err("two of one name");
+            assert_eq!(problem, format!("its parameters {one} and {other} would both be called {own} here"));
+        }
+    }
 }

@@ -4,7 +4,7 @@
 //! Missing values are made up visibly: the values of the first complete trial are the defaults, and its one
 //! objective is the metric of the study, minimised or maximised as there.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use serde_json::{Value as Json, json};
@@ -13,7 +13,7 @@ use sqlx::{ConnectOptions as _, Row as _};
 use treewright_client::{Configuration, Outcome, Value};
 
 use super::CarriedTrial;
-use super::foreign::{Foreign, METRIC, json_of, our_name};
+use super::foreign::{Foreign, METRIC, check_names, json_of, our_name};
 use crate::failure::Failure;
 use crate::study_file::StudyFile;
 
@@ -48,12 +48,14 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
     .map_err(no_database)?;
     let mut parameters: Vec<(String, Distribution)> = Vec::new();
     let mut assigned: BTreeMap<i64, Configuration> = BTreeMap::new();
+    let mut names = BTreeSet::new();
     for row in rows {
         let cell = |place| -> Result<_, String> { row.try_get(place).map_err(no_database) };
         let (number, name): (i64, String) = (row.try_get(0).map_err(no_database)?, cell(1)?);
         let stored: f64 = row.try_get(2).map_err(no_database)?;
         let distribution = Distribution::read(&cell(3)?)
             .ok_or_else(|| format!("the distribution of {name} is of an unknown kind"))?;
+        names.insert(name.clone());
         let name = our_name(&name);
         let value =
             distribution.value(stored).ok_or_else(|| format!("{name} of trial {number} is {stored}"))?;
@@ -62,6 +64,7 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
         }
         assigned.entry(number).or_default().set(name, value);
     }
+    check_names(names.iter().map(String::as_str))?;
     let values = sqlx::query(
         "SELECT t.number, v.value FROM trials t LEFT JOIN trial_values v ON v.trial_id = t.trial_id \
          WHERE t.study_id = ? AND t.state = 'COMPLETE' ORDER BY t.number",
@@ -345,6 +348,14 @@ pub(super) mod tests {
         let path = database(folder.path());
         let problem = |name: &str| read(&path, name).expect_err("cannot be read").to_string();
         assert!(problem("other").contains("there is mine, up"));
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        runtime.block_on(async {
+            let mut database =
+                SqliteConnectOptions::new().filename(&path).connect().await.expect("a database");
+            let renamed = "UPDATE trial_params SET param_name = 'DEPTH' WHERE param_id = 4";
+            sqlx::query(renamed).execute(&mut database).await.expect("a parameter");
+        });
+        assert!(problem("mine").contains("DEPTH and Depth would both be called depth"));
         std::fs::write(&path, "no database").expect("a file");
         assert!(problem("mine").contains("no database of Optuna"));
     }

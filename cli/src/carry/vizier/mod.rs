@@ -20,7 +20,7 @@ use self::messages::{
     INFEASIBLE, LOG, MAXIMIZE, MINIMIZE, ParameterSpec, SUCCEEDED, Study, StudySpec, Trial,
 };
 use super::CarriedTrial;
-use super::foreign::{Foreign, METRIC, json_of, our_name};
+use super::foreign::{Foreign, METRIC, check_names, json_of, our_name};
 use crate::failure::Failure;
 
 /// Reads a study by its whole name, `owners/OWNER/studies/STUDY`, or by the last part of it.
@@ -109,6 +109,7 @@ fn translate(name: &str, spec: &StudySpec, trials: &[Trial]) -> Result<Foreign, 
             parent.id
         ));
     }
+    check_names(spec.parameters.iter().map(|parameter| parameter.id.as_str()))?;
     let configurations: Vec<Configuration> = trials.iter().map(|trial| configuration(spec, trial)).collect();
     let entry = |parameter: &ParameterSpec| {
         let name = our_name(&parameter.id);

@@ -132,6 +132,9 @@ fn what_cannot_be_taken_over_is_named() {
     let mut nested = spec(MINIMIZE);
     nested.parameters[2].children.push(Child {});
     assert!(translate("x", &nested, &[]).expect_err("refused").contains("depend on kind"));
+    let mut alike = spec(MINIMIZE);
+    alike.parameters[1].id = "depth".into();
+    assert!(translate("x", &alike, &[]).expect_err("refused").contains("both be called depth"));
     std::fs::write(&path, "no database").expect("a file");
     assert!(problem("mine").contains("no database of Vizier"));
 }
