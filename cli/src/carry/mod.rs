@@ -22,8 +22,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 use treewright_client::blocking::Client;
 use treewright_client::{
-    Configuration, Fingerprint, Front, Indicators, Measurements, OpenEnum, Outcome, Question, StudyRecord,
-    StudySpec, TrialQuery, TrialRecord,
+    Configuration, Domain, Fingerprint, Front, Indicators, Measurements, OpenEnum, Outcome, Question, Space,
+    StudyRecord, StudySpec, TrialQuery, TrialRecord, Value,
 };
 
 use crate::failure::Failure;
@@ -33,6 +33,8 @@ use crate::progress;
 const CARRIED: &str = "import:";
 /// Longest name of a client, in characters.
 const CLIENT_CHARACTERS: usize = 128;
+/// Floating-point numbers up to this one hold every whole number.
+const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 /// Number of trials between lines of progress.
 const SHOW_EVERY: u64 = 100;
 
@@ -195,7 +197,8 @@ impl<'a> Importer<'a> {
     ) -> Result<Tally, Failure> {
         let mut tally = Tally { study: self.study.to_owned(), dry_run: self.dry_run, ..Tally::default() };
         for trial in trials {
-            let trial = trial?;
+            let mut trial = trial?;
+            trial.configuration = in_kinds(&self.spec.space, &trial.configuration);
             let key = key(&trial.origin).to_owned();
             if self.known.contains(&key) || self.holds(&key, &trial)? {
                 tally.known += 1;
@@ -309,6 +312,30 @@ impl<'a> Importer<'a> {
     }
 }
 
+/// A configuration in the kinds of its parameters. Programs that keep whole numbers with empty cells among
+/// them as floating-point ones write 8.0 for 8, and some write True for true.
+fn in_kinds(space: &Space, configuration: &Configuration) -> Configuration {
+    let in_kind = |(name, value): (&str, &Value)| {
+        let domain = space.parameters().iter().find(|one| one.name == name).map(|one| &one.domain);
+        let is_whole = match domain {
+            Some(Domain::Integer { .. }) => true,
+            Some(Domain::Categorical { values }) => matches!(values.first(), Some(Value::Integer(_))),
+            Some(Domain::Float { .. } | Domain::Boolean) | None => false,
+        };
+        let value = match (value, domain) {
+            (Value::Float(number), _) if is_whole && number.fract() == 0.0 && number.abs() <= WHOLE_MAX => {
+                Value::Integer(*number as i64)
+            }
+            (Value::Text(word), Some(Domain::Boolean)) => {
+                word.to_ascii_lowercase().parse::<bool>().map_or_else(|_| value.clone(), Value::Boolean)
+            }
+            _ => value.clone(),
+        };
+        (name.to_owned(), value)
+    };
+    configuration.iter().map(in_kind).collect()
+}
+
 /// Whether measurements have a cost, unless they are beyond a limit. The service refuses others.
 fn has_cost(spec: &StudySpec, measurements: &BTreeMap<String, f64>) -> Result<(), String> {
     match spec.objective.beyond(measurements) {
@@ -321,9 +348,31 @@ fn has_cost(spec: &StudySpec, measurements: &BTreeMap<String, f64>) -> Result<()
 
 #[cfg(test)]
 mod tests {
-    use treewright_client::Space;
-
     use super::*;
+
+    #[test]
+    fn values_are_read_as_other_programs_write_them() {
+        let space = Space::builder().integer("level", 1..=9).default(3).boolean("long").default(false);
+        let space = space.categorical("mode", ["True", "8.0"]).default("True");
+        let space = space.float("rate", 0.0..=9.0).default(1.0).build().expect("a space");
+        let written = |level: f64, long: &str| {
+            Configuration::new()
+                .with("level", level)
+                .with("long", long)
+                .with("mode", "True")
+                .with("rate", 2.0)
+        };
+        let read = Configuration::new().with("level", 8).with("long", true);
+        let read = read.with("mode", "True").with("rate", 2.0);
+        for long in ["True", "TRUE", "true"] {
+            assert_eq!(in_kinds(&space, &written(8.0, long)), read);
+        }
+        assert_eq!(in_kinds(&space, &read), read);
+        // What is no value of the parameter stays what it is, and does not fit.
+        for other in [written(8.5, "True"), written(8.0, "yes"), written(1e300, "True")] {
+            assert!(space.complete(&in_kinds(&space, &other)).is_err(), "{other}");
+        }
+    }
 
     #[test]
     fn what_has_no_cost_does_not_fit() {
