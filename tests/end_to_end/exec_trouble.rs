@@ -223,6 +223,24 @@ fn who_is_interrupted_shows_what_was_found() {
 }
 
 #[test]
+fn who_is_interrupted_while_pairs_run_is_told_so_beside_those_that_ran() {
+    let bench = Bench::new();
+    let runs = bench.path("runs");
+    // Five trials, two pairs, and a run that does not end.
+    let script =
+        format!("echo >> {runs}; [ $(wc -l < {runs}) -lt 10 ] || sleep 30; echo '{{\"loss\": {{x}}}}'");
+    let more = ["--trials", "5", "--confirm=20"];
+    let child = exec(bench.daemon.url(), "paired", &more, &script).spawn().expect("the program starts");
+    wait_until("the third pair begins", || numbers(&runs).len() == 10);
+    std::thread::sleep(Duration::from_millis(200));
+    signal(&child, "INT");
+    let done = json(&child.wait_with_output().expect("it ends"));
+    assert_eq!((&done["trials"], &done["end"]), (&Value::from(5), &Value::from("interrupted")));
+    assert_eq!(done["confirmation"]["pairs"], 2, "{done}");
+    assert_eq!(bench.count("paired", "state = OPEN"), 0, "the trial is given back");
+}
+
+#[test]
 fn programs_end_with_who_runs_them() {
     let bench = Bench::new();
     let pids = bench.path("pids");

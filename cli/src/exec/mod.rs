@@ -306,6 +306,9 @@ impl Session<'_> {
         summary.best = self.winner();
         if let Some(pairs) = exec.confirm.filter(|_| summary.end != "interrupted") {
             self.confirm(pairs, summary)?;
+            if self.is_stopped() {
+                summary.end = "interrupted";
+            }
         }
         Ok(())
     }
