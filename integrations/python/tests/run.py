@@ -50,6 +50,10 @@ def stubs() -> None:
             parts = vars(each).items() if isinstance(each, type) and each.__module__.startswith("treewright.") else ()
             for part, there in parts:
                 assert part.startswith("_") or there.__doc__, f"{name}: {each.__name__}.{part} has no docstring"
+    # A frame loop is of one thread, and ``aio.local`` makes the client of the user's own daemon.
+    for name, elsewhere in (("Client", {"local"}), ("Study", {"tuner"})):
+        lacks = public(dir(getattr(treewright, name))) - public(dir(getattr(treewright.aio, name)))
+        assert lacks == elsewhere, (name, lacks)
     version = treewright.__version__.split(".")
     assert len(version) == 3 and all(part.isdigit() for part in version), version
 

@@ -17,7 +17,7 @@ True
 
 import asyncio
 from functools import partial
-from typing import Any, Optional
+from typing import Any, Mapping, Optional
 
 from . import _native
 from ._native import Best, Prediction, Space, Suggestion
@@ -46,6 +46,11 @@ class Client:
 
     def __init__(self, client: _native.Client) -> None:
         self._client = client
+
+    @property
+    def url(self) -> str:
+        """The address that it was made with."""
+        return self._client.url
 
     async def study(self, id: str, space: Space, **definition: Any) -> "Study":
         """Creates the study, or finds the equal one of that id; arguments as those of ``treewright.Client.study``."""
@@ -103,6 +108,37 @@ class Study:
     def name(self) -> str:
         """Its resource name, ``studies/ID``."""
         return self._study.name
+
+    @property
+    def metrics(self) -> "dict[str, float]":
+        """The measurements that a report has to hold, each with its weight."""
+        return self._study.metrics
+
+    @property
+    def maximised(self) -> "list[str]":
+        """Those of the metrics that are maximised."""
+        return self._study.maximised
+
+    @property
+    def value_title(self) -> str:
+        """The name of what a cost stands for; see ``treewright.Study.value_title``."""
+        return self._study.value_title
+
+    def cost(self, measured: "Mapping[str, float]") -> float:
+        """The study's objective of measurements, which is minimised. Raises Invalid where one is missing."""
+        return self._study.cost(measured)
+
+    def beyond(self, measured: "Mapping[str, float]") -> Optional[str]:
+        """The first limit that measurements are beyond, in words; None where they are within all of them."""
+        return self._study.beyond(measured)
+
+    def value(self, cost: float) -> float:
+        """What a cost stands for; see ``treewright.Study.value``."""
+        return self._study.value(cost)
+
+    async def flush(self, deadline_ms: float = 5000.0) -> None:
+        """Waits until every report of its client is acknowledged. Raises Unreachable when some are not."""
+        await _beside(self._study.flush, deadline_ms)
 
     def suggest(self, indicators: Optional[dict] = None) -> _Asked:
         """What to run next: awaited, or entered with ``async with``. See ``treewright.Study.suggest``."""
