@@ -1,7 +1,7 @@
 //! A study, and the per-frame loop over it.
 
 use std::mem::MaybeUninit;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use treewright_client::{ConfirmationStage, Finished, Outcome, blocking};
 
@@ -16,12 +16,33 @@ pub(crate) struct Study(pub(crate) blocking::Study);
 
 /// A frame loop: the last result and the next question travel together.
 #[derive(Debug)]
-pub(crate) struct Tuner(Mutex<Loop>);
+pub(crate) struct Tuner {
+    study: blocking::Study,
+    process: u32,
+    frames: Mutex<Loop>,
+    /// Of the child of a fork: a lock that another thread held when the process was forked stays locked.
+    child: OnceLock<Box<Tuner>>,
+}
 
 #[derive(Debug)]
 struct Loop {
     tuner: blocking::Tuner,
     previous: Option<Finished>,
+}
+
+impl Tuner {
+    fn new(study: &blocking::Study) -> Self {
+        let frames = Mutex::new(Loop { tuner: study.tuner(), previous: None });
+        Self { study: study.clone(), process: std::process::id(), frames, child: OnceLock::new() }
+    }
+
+    /// The loop of this process.
+    fn frames(&self) -> MutexGuard<'_, Loop> {
+        if self.process != std::process::id() {
+            return self.child.get_or_init(|| Box::new(Self::new(&self.study))).frames();
+        }
+        self.frames.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// See the header.
@@ -160,10 +181,7 @@ fn put(room: Option<&mut MaybeUninit<f64>>, value: f64) -> Result<(), Failure> {
 /// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_tuner_new(study: Option<&Study>, error: ErrorOut) -> Option<Box<Tuner>> {
-    guard(error, || {
-        let tuner = need(study, "study")?.0.tuner();
-        Ok(Box::new(Tuner(Mutex::new(Loop { tuner, previous: None }))))
-    })
+    guard(error, || Ok(Box::new(Tuner::new(&need(study, "study")?.0))))
 }
 
 /// See the header.
@@ -185,7 +203,7 @@ pub(crate) extern "C" fn tw_tuner_next(
 ) -> Option<Box<Suggestion>> {
     guard(error, || {
         let indicators = indicators(numbers, count)?;
-        let mut frames = need(tuner, "tuner")?.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut frames = need(tuner, "tuner")?.frames();
         let previous = frames.previous.take();
         Ok(Box::new(Suggestion::new(frames.tuner.next(&indicators, previous))))
     })
@@ -205,7 +223,7 @@ pub(crate) extern "C" fn tw_tuner_finish(
         let finished =
             need(suggestion, "suggestion")?.inner.finished(measurements(numbers, count)?, Outcome::Ok)?;
         // One that was not sent yet goes into the outbox here.
-        drop(tuner.0.lock().unwrap_or_else(PoisonError::into_inner).previous.replace(finished));
+        drop(tuner.frames().previous.replace(finished));
         Ok(())
     };
     guard(error, body).is_some()

@@ -340,6 +340,56 @@ static void forked(const tw_client *client) {
   CHECK(tw_client_delete_study(client, "forked", &error));
 }
 
+static volatile int loops_on = 1;
+
+static void *frames(void *argument) {
+  tw_number input[] = {{"triangles", 1000}};
+  tw_number result[] = {{"render_ms", 6}};
+  while (loops_on) {
+    tw_suggestion *suggestion = tw_tuner_next(argument, input, 1, NULL);
+    CHECK(suggestion && tw_tuner_finish(argument, suggestion, result, 1, NULL));
+  }
+  return NULL;
+}
+
+/* Whatever another thread does with a frame loop when the process is forked, the child's goes on. */
+static void forked_in_a_frame(const tw_client *client) {
+  tw_error *error = NULL;
+  tw_spec *spec = new_spec();
+  tw_study *study = tw_client_study(client, "forked", spec, &error);
+  succeed(error);
+  tw_tuner *tuner = tw_tuner_new(study, &error);
+  succeed(error);
+  pthread_t thread;
+  CHECK(pthread_create(&thread, NULL, frames, tuner) == 0);
+  tw_number input[] = {{"triangles", 1000}};
+  int each;
+  for (each = 0; each < 10; each++) {
+    fflush(stdout);
+    pid_t child = fork();
+    CHECK(child >= 0);
+    if (child == 0) {
+      alarm(60);
+      tw_suggestion *theirs = tw_tuner_next(tuner, input, 1, &error);
+      succeed(error);
+      CHECK(tw_suggestion_source(theirs) == TW_DAEMON);
+      tw_suggestion_free(theirs);
+      CHECK(tw_client_flush(client, 20000, NULL));
+      execlp("true", "true", (char *)NULL);
+      _exit(1);
+    }
+    int status = 1;
+    CHECK(waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0);
+  }
+  loops_on = 0;
+  CHECK(pthread_join(thread, NULL) == 0);
+  tw_tuner_free(tuner);
+  CHECK(tw_client_flush(client, 20000, &error));
+  tw_study_free(study);
+  tw_spec_free(spec);
+  CHECK(tw_client_delete_study(client, "forked", &error));
+}
+
 static void scene(void) {
   /* The halves of a 3 by 4 rectangle, the second twice, in a buffer with gaps and turned by a matrix; one that names a vertex
    * that is not there. */
@@ -397,6 +447,7 @@ int main(int count, char **arguments) {
   trials(client);
   threads(client);
   forked(client);
+  forked_in_a_frame(client);
   scene();
   tw_client_free(client);
   puts("ok");
