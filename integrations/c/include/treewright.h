@@ -200,7 +200,8 @@ tw_suggestion *tw_study_suggest(const tw_study *study, const tw_number *indicato
 /* A trial of the caller's own configuration, as JSON. Fails: TW_INVALID, TW_REFUSED, TW_AWAY, TW_LATE. */
 tw_suggestion *tw_study_trial_of(const tw_study *study, const tw_number *indicators, size_t count,
                                  const char *configuration_json, tw_error **error);
-/* What would be exploited; *cost, if not NULL, becomes the predicted objective or NaN. Fails: TW_REFUSED, TW_AWAY, TW_LATE. */
+/* What would be exploited; *cost, if not NULL, becomes the predicted objective or NaN. Fails: TW_INVALID for wrong indicators,
+ * TW_REFUSED, TW_AWAY, TW_LATE. */
 tw_configuration *tw_study_predict(const tw_study *study, const tw_number *indicators, size_t count, double *cost,
                                    tw_error **error);
 /* The best known, of all states with count 0; *cost, if not NULL, becomes its mean objective. Fails as tw_study_predict;
