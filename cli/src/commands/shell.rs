@@ -31,7 +31,11 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
     // The trial's name says of which study it is, should that be deleted and created again before the report.
     let trial = client.ask(&study.identified_name(), &question)?;
     match ask.format {
-        SuggestFormat::Env if !json => Ok(environment(&trial, &ask.prefix)),
+        SuggestFormat::Env if !json => {
+            let parameters = study.spec().map(|spec| spec.space.parameters()).unwrap_or_default();
+            let names: Vec<&str> = parameters.iter().map(|parameter| parameter.name.as_str()).collect();
+            Ok(environment(&trial.name, &trial.configuration, &names, &ask.prefix))
+        }
         SuggestFormat::Args if !json => {
             progress::note(&format!("trial: {}", trial.name));
             let words: Vec<_> = trial
@@ -45,10 +49,14 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
     }
 }
 
-/// Lines that a shell takes as assignments.
-fn environment(trial: &TrialRecord, prefix: &str) -> String {
-    let mut text = format!("export TREEWRIGHT_TRIAL={}\n", quoted(&trial.name));
-    for (name, value) in trial.configuration.iter() {
+/// Lines that a shell takes as assignments. Of `parameters`, those that have no value in this trial are
+/// unset: an earlier trial may have given them one in the same shell.
+fn environment(trial: &str, configuration: &Configuration, parameters: &[&str], prefix: &str) -> String {
+    let mut text = format!("export TREEWRIGHT_TRIAL={}\n", quoted(trial));
+    for name in parameters.iter().filter(|name| configuration.get(name).is_none()) {
+        text += &format!("unset {}\n", variable(prefix, name));
+    }
+    for (name, value) in configuration.iter() {
         text += &format!("export {}={}\n", variable(prefix, name), quoted(&value.to_string()));
     }
     text
@@ -78,4 +86,17 @@ pub(super) fn report(client: &Client, report: &Report, json: bool) -> Result<Str
         let known = if duplicate { " (already reported before; unchanged)" } else { "" };
         format!("reported {}{known}{cost}", trial.name)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_an_earlier_trial_left_in_the_shell_is_gone() {
+        let configuration = Configuration::new().with("level", 3).with("mode", "a b");
+        let text = environment("studies/s/trials/2", &configuration, &["level", "window", "mode"], "P_");
+        let lines = ["export TREEWRIGHT_TRIAL=studies/s/trials/2", "unset P_WINDOW", "export P_LEVEL=3"];
+        assert_eq!(text.lines().collect::<Vec<_>>(), [&lines[..], &["export P_MODE='a b'"]].concat());
+    }
 }
