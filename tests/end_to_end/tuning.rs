@@ -146,6 +146,14 @@ fn who_asks_for_the_best_makes_no_study() {
     let answer: serde_json::Value = serde_json::from_str(&stdout(&asked)).expect("JSON");
     assert!(answer["reason"].as_str().is_some_and(|reason| reason.contains("no study")), "{answer}");
     assert!(answer["configuration"].as_object().is_some_and(|values| !values.is_empty()), "{answer}");
+    // A part of the space is the study that `tune` makes of it, and what is fixed belongs to the answer.
+    let fixed = ["--fix", "backend=tunable", "--fix", "max_depth=32"];
+    let asked = run("treewright-render", &[&ask[..], &fixed].concat());
+    assert!(asked.status.success(), "{}", stderr(&asked));
+    let part: serde_json::Value = serde_json::from_str(&stdout(&asked)).expect("JSON");
+    assert!(part["study"].as_str().is_some_and(|study| study.contains("-part-")), "{part}");
+    let found = &part["configuration"];
+    assert!(found["backend"] == "tunable" && found["max_depth"] == 32, "{part}");
     let studies = run("treewright", &["--server", daemon.url(), "--json", "studies"]);
     assert_eq!(stdout(&studies).trim(), "[]");
 }

@@ -11,6 +11,7 @@ use crate::arguments::{
 };
 use crate::episode_arguments::EpisodeArguments;
 use crate::error::CliError;
+use crate::narrowing::NarrowingArguments;
 use crate::output;
 use crate::reuse_arguments::ReuseArguments;
 use crate::server::ServerArguments;
@@ -30,6 +31,8 @@ pub(crate) struct Arguments {
     frame: FrameArguments,
     #[command(flatten)]
     space: SpaceArguments,
+    #[command(flatten)]
+    narrowing: NarrowingArguments,
     #[command(flatten)]
     start: StartArguments,
 
@@ -67,14 +70,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let camera = arguments.camera.find(&scene)?;
     let objective = arguments.reuse.of(arguments.objective)?;
     let recommended = arguments.space.judged_by(objective)?.of(&scene, objective, arguments.frame.threads)?;
-    let (start, space) = arguments.start.of(&recommended)?;
-    let made = || study_id(objective, &space) + &start.mark(&space);
+    let (start, whole) = arguments.start.of(&recommended)?;
+    // A part of a space has a study of its own, and its configurations lack what was fixed.
+    let space = arguments.narrowing.of(&whole)?;
+    let made = || study_id(objective, &whole) + &start.mark(&whole) + &arguments.narrowing.mark(&space);
     let id = arguments.server.study.clone().unwrap_or_else(made);
     let study = match client.existing_study(&id) {
         // A mere question creates no study.
         Err(problem) if problem.is_not_found() => {
             let reason = Some(format!("there is no study {id} yet; these are the recommended values"));
-            let configuration = space.default_configuration();
+            let configuration = space.with_held(&space.default_configuration());
             return output::json(&Answer { study: id, cost: None, measurements: 0, reason, configuration });
         }
         study => study?,
@@ -93,13 +98,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             cost: Some(best.cost),
             measurements: best.measurements,
             reason: None,
-            configuration: best.configuration,
+            configuration: space.with_held(&best.configuration),
         },
         // Nothing was measured here: what would be tried first.
         Err(ClientError::Refused { .. }) => {
             let prediction = study.predict(&state)?;
             let reason = Some(prediction.reason.summary);
-            Answer { study: id, cost: None, measurements: 0, reason, configuration: prediction.configuration }
+            let configuration = space.with_held(&prediction.configuration);
+            Answer { study: id, cost: None, measurements: 0, reason, configuration }
         }
         Err(error) => return Err(error.into()),
     };
