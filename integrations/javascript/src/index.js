@@ -166,6 +166,17 @@ export class Study {
     if (!this.created) this.identify(await this.client.call("createStudy", this.request, deadlineMs));
   }
 
+  /** The suggestion of a trial. One that cannot be run is given back. */
+  #accept(trial, worker) {
+    try {
+      if (!trial.configuration) throw new TreewrightError("refused", `${trial.name} has no configuration`);
+      return new Suggestion(this, worker, trial, configurationFromWire(trial.configuration));
+    } catch (error) {
+      giveBack(this.client, trial.name, worker);
+      throw error;
+    }
+  }
+
   async #ask(indicators, wanted, deadlineMs) {
     const end = Date.now() + deadlineMs;
     await this.#create(deadlineMs);
@@ -174,7 +185,7 @@ export class Study {
       await this.client.told(worker.name, Math.max(end - Date.now(), 1));
       const request = { study: this.asked, clientId: worker.name, indicators, fingerprint: this.client.fingerprint, wanted };
       const trial = await this.client.call("suggest", request, Math.max(end - Date.now(), 1));
-      return new Suggestion(this, worker, trial, configurationFromWire(trial.configuration));
+      return this.#accept(trial, worker);
     } catch (error) {
       worker.release();
       // It was deleted: it is created again before the next question.

@@ -289,11 +289,39 @@ async function byADaemonThatComesLate() {
   server.forceShutdown();
 }
 
+/** A newer daemon: a trial that this version cannot read is nothing to run, and given back. */
+async function byANewerDaemon() {
+  const [unreadable, given] = [[{ values: { level: {} } }, undefined], []];
+  const handlers = {
+    CreateStudy: (call, answer) => answer(null, { name: "studies/newer" }),
+    Suggest: ({ request: { study } }, answer) =>
+      answer(null, { name: `${study}/trials/${unreadable.length}`, configuration: unreadable.shift() }),
+    AbandonTrial: ({ request: { trial } }, answer) => {
+      given.push(trial);
+      answer(null, {});
+    },
+  };
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { deadlineMs: 20000 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const study = await client.study("newer", { parameters, minimise: { ms: 1 } });
+  for (const problem of [/unknown kind/, /has no configuration/]) {
+    const suggestion = await study.suggest();
+    assert.deepEqual([suggestion.source, suggestion.configuration], ["default", { level: 5 }]);
+    assert.match(suggestion.problem, problem);
+  }
+  await client.flush(20000);
+  assert.deepEqual(given, ["studies/newer/trials/2", "studies/newer/trials/1"]);
+  client.close();
+  server.forceShutdown();
+}
+
 // Its pauses take some seconds, in which the others run.
 const defective = byADefectiveDaemon();
 await trials();
 await sideBySide();
 await byAnOlderDaemon();
+await byANewerDaemon();
 await whileTheStudyIsLoaded(3);
 await byADaemonThatComesLate();
 await withoutDaemon();
