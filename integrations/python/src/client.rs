@@ -31,7 +31,7 @@ fn milliseconds(ms: f64) -> PyResult<Duration> {
     Err(Invalid::new_err(format!("a deadline of {ms} ms is not within 0 to {DEADLINE_MS_MAX}")))
 }
 
-/// A field of a policy as it is written. Python writes `True`; a configuration is spelt as its study spells it.
+/// A field of a policy as it is written. Python writes `True`; a configuration is spelt as its study does.
 fn words(field: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     let text = value.str()?.to_string();
     Ok(if field == "pinned" { text } else { text.to_lowercase() })
