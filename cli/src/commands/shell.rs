@@ -1,7 +1,7 @@
 //! Ask and tell in a shell.
 
 use treewright_client::blocking::Client;
-use treewright_client::{Configuration, Measurements, Outcome, Question, TrialRecord};
+use treewright_client::{Configuration, Measurements, Outcome, Question};
 
 use crate::arguments::exec::{Report, Suggest, SuggestFormat};
 use crate::exec::program::variable;

@@ -34,6 +34,7 @@ pub mod search;
 pub mod statistics;
 pub mod sum;
 #[cfg(test)]
+#[allow(dead_code, reason = "the specifications that it draws are used by other crates")]
 #[path = "../../../model/src/testing.rs"]
 mod testing;
 pub mod tuner;

@@ -248,13 +248,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if let Err(error) = client.flush(std::time::Duration::from_secs(10)) {
         println!("note: {error}");
     }
-    summarise(&frames, &baseline.name);
+    summarise(&frames, &baseline.who.to_string());
     if let Some(path) = &arguments.json {
         let results = FlightResults {
             scene: scene.name.clone(),
             study: id,
             objective: arguments.objective,
-            baseline: baseline.name,
+            baseline: baseline.who.to_string(),
             frames,
             client: client.stats(),
         };
