@@ -283,3 +283,18 @@ fn at_rest(table: &ResultTable, indicators: usize) -> Vec<Seen> {
 fn logs(auxiliary: &[f64]) -> Vec<f64> {
     auxiliary.iter().map(|value| libm::log(value.max(COST_LEAST))).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_metrics_and_moves_can_explain_a_cost() {
+        let of = |auxiliary: &[f64], offset: &[f64]| Beside {
+            auxiliary: auxiliary.to_vec(),
+            offset: offset.to_vec(),
+        };
+        assert!(of(&[], &[]).is_nothing() && of(&[], &[0.0, 0.0]).is_nothing());
+        assert!(!of(&[1.0], &[0.0]).is_nothing() && !of(&[], &[0.0, -0.1]).is_nothing());
+    }
+}

@@ -397,6 +397,11 @@ mod tests {
     use super::*;
     use crate::space::{Condition, Parameter, Scale};
 
+    #[test]
+    fn each_level_has_an_equal_part_and_the_end_belongs_to_the_last() {
+        assert_eq!([0.0, 0.24, 0.25, 0.99, 1.0].map(|x| cell(x, 4)), [0, 0, 1, 3, 3]);
+    }
+
     fn space() -> Space {
         let p = |name: &str, domain, default, active_if: Option<(&str, Vec<Value>)>| Parameter {
             name: name.into(),
