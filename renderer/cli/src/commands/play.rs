@@ -208,7 +208,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             scene_indicators = SceneIndicators::of(&moment);
             flight.moment = Some(moment);
         }
-        flight.moved = moved;
+        flight.moved = flight.moment.is_some();
         reuse.frame(moved);
         let objective = arguments.objective.objective(&reuse);
         let frames_per_build = objective.frames_per_build();
@@ -272,9 +272,9 @@ struct Flight {
     each_frame: bool,
     /// The update of the structure in a scene that moves; `None` for that of the configuration.
     update: Option<Update>,
-    /// The scene as it is from this frame on, if it moves.
+    /// The scene as it is from this frame on, if it moved. After a failed build it waits for the next one.
     moment: Option<Arc<Scene>>,
-    /// Whether it moved for this frame.
+    /// Whether there was such a moment when this frame began.
     moved: bool,
     kept: Option<Kept>,
     /// The age and decay of its structure.
@@ -355,16 +355,27 @@ impl Flight {
             kept.choice = choice;
             return Ok(false);
         }
-        let (built, threads) = of_process(|| match self.moment.take() {
-            Some(scene) => self.follow(scene, &choice),
+        self.build(choice)?;
+        Ok(true)
+    }
+
+    /// Builds a structure of a choice over the scene as it is now.
+    fn build(&mut self, choice: Choice) -> Result<(), Outcome> {
+        let moment = self.moment.take();
+        let (built, threads) = of_process(|| match &moment {
+            Some(scene) => self.follow(Arc::clone(scene), &choice),
             None => self.renderer.rebuild(&choice.build),
         });
-        let build_ms = built.map_err(|error| match error.is_infeasible() {
-            true => Outcome::infeasible(error.to_string()),
-            false => Outcome::failed(error.to_string()),
+        let build_ms = built.map_err(|error| {
+            // Else a scene that rests from now on would be shown as it was before.
+            self.moment = moment;
+            match error.is_infeasible() {
+                true => Outcome::infeasible(error.to_string()),
+                false => Outcome::failed(error.to_string()),
+            }
         })?;
         self.kept = Some(Kept { choice, build_ms, threads });
-        Ok(true)
+        Ok(())
     }
 
     /// Brings the structure to another moment. A structure of another choice is first rebuilt over the moment
@@ -466,5 +477,41 @@ fn summarise(frames: &[PlayedFrame], baseline: &str) {
             "predicted frames ran at {:.2} × the speed of the {baseline} (median; middle half {:.2} – {:.2}), without a search for these views",
             speedup.median, speedup.lower_quartile, speedup.upper_quartile,
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+    use treewright_accel::{BuildChoice, TreeParameters};
+
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    #[test]
+    fn a_moment_waits_for_a_build_that_succeeds() {
+        let line = "play --scene builtin:needles --detail 0.05 --size 8x6 --threads 1 --rounds 1";
+        let arguments = Line::parse_from(line.split(' ')).arguments;
+        let scene = arguments.scene.load().expect("it is built in");
+        let renderer = arguments.frame.renderer(&scene).expect("Embree starts");
+        let space = TuningSpace::paper();
+        let good = verdict::baseline(space.preset()).choice;
+        let update = Some(Update::Refit);
+        let mut flight = Flight::new(renderer, space, good, update, &arguments).expect("it can be built");
+        flight.build(good).expect("it can be built");
+
+        let moment = arguments.scene.moving().expect("it moves").at(0.4).expect("it is built in");
+        flight.moment = Some(Arc::clone(&moment));
+        let parameters = TreeParameters { branching_factor: 3, ..TreeParameters::default() };
+        let bad = Choice { build: BuildChoice::Tree(parameters), ..good };
+        assert!(matches!(flight.build(bad), Err(Outcome::Failed { .. })));
+        assert!(flight.moment.is_some(), "the structure is that of the moment before");
+        flight.build(good).expect("it can be built");
+        assert!(flight.moment.is_none() && Arc::ptr_eq(flight.renderer.scene(), &moment));
     }
 }
