@@ -91,6 +91,7 @@ fn is_repeatable(command: &Command) -> bool {
             | Command::Freeze { .. }
             | Command::Thaw { .. }
             | Command::Import(_)
+            | Command::Watch(_)
     )
 }
 

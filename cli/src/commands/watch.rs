@@ -9,6 +9,7 @@ use treewright_client::blocking::Client;
 use crate::arguments::data::Watch;
 use crate::failure::Failure;
 use crate::output::either;
+use crate::progress;
 use crate::show::{self, Glance};
 
 /// Most states that are shown, and most open trials.
@@ -17,24 +18,34 @@ const ROWS: i64 = 12;
 pub(super) fn run(client: &Client, watch: &Watch, json: bool) -> Result<String, Failure> {
     let Some(study) = &watch.study else { return all(client, watch, json) };
     let mut last: Option<(Instant, i64)> = None;
-    loop {
+    repeat(watch, || {
         let glance = look(client, study, &mut last)?;
-        let text = either(json, &glance, || show::glance(&glance, SystemTime::now()))?;
-        if watch.once {
-            return Ok(text);
-        }
-        redraw(&text)?;
-        std::thread::sleep(watch.every.max(Duration::from_millis(100)));
-    }
+        either(json, &glance, || show::glance(&glance, SystemTime::now()))
+    })
 }
 
 fn all(client: &Client, watch: &Watch, json: bool) -> Result<String, Failure> {
+    repeat(watch, || super::studies::list(client, json))
+}
+
+/// Draws until it is ended. A daemon that was there once and is away, because it is started again, is waited
+/// for.
+fn repeat(watch: &Watch, mut picture: impl FnMut() -> Result<String, Failure>) -> Result<String, Failure> {
+    let (mut drawn, mut away) = (false, false);
     loop {
-        let text = super::studies::list(client, json)?;
-        if watch.once {
-            return Ok(text);
+        match picture() {
+            Ok(text) if watch.once => return Ok(text),
+            Ok(text) => {
+                redraw(&text)?;
+                (drawn, away) = (true, false);
+            }
+            Err(Failure::Client(problem)) if drawn && problem.may_pass() => {
+                if !std::mem::replace(&mut away, true) {
+                    progress::note(&format!("{problem}; waiting for it"));
+                }
+            }
+            Err(problem) => return Err(problem),
         }
-        redraw(&text)?;
         std::thread::sleep(watch.every.max(Duration::from_millis(100)));
     }
 }
@@ -59,4 +70,39 @@ fn redraw(text: &str) -> Result<(), Failure> {
         .and_then(|()| out.write_all(text.as_bytes()))
         .and_then(|()| out.flush())
         .map_err(Failure::Output)
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_client::ClientError;
+
+    use super::*;
+
+    #[test]
+    fn a_daemon_that_is_started_again_does_not_end_it() {
+        let away = || {
+            let late = ClientError::Late {
+                url: "http://127.0.0.1:9".to_owned(),
+                call: "GetStudy",
+                deadline: Duration::from_secs(1),
+            };
+            Err(late.into())
+        };
+        let watch = |once| Watch { study: None, every: Duration::ZERO, once };
+        let mut looks = 0;
+        let end = repeat(&watch(false), || {
+            looks += 1;
+            match looks {
+                1 | 4 => Ok(String::new()),
+                2 | 3 => away(),
+                _ => Err(Failure::Data("the study is gone".to_owned())),
+            }
+        });
+        assert!(matches!(end, Err(Failure::Data(_))), "{end:?}");
+        assert_eq!(looks, 5);
+        // One that was never there is missed at once, and a single look is not repeated.
+        for once in [false, true] {
+            assert!(matches!(repeat(&watch(once), away), Err(Failure::Client(_))));
+        }
+    }
 }
