@@ -170,7 +170,7 @@ impl<'a> Importer<'a> {
     ) -> Result<Self, Failure> {
         let wanted = TrialQuery::all().filter("mode = PINNED AND state = COMPLETED");
         let mut known = BTreeSet::new();
-        for trial in client.trials(study.id(), wanted) {
+        for trial in client.trials(&study.identified_name(), wanted) {
             known.extend(trial?.origin.map(|origin| key(&origin).to_owned()));
         }
         Ok(Self {

@@ -198,9 +198,11 @@ pub(super) fn create_with_trials(
     if is_frozen {
         spec.policy.operation = None;
     }
-    let tally = add(&client.create_study(id, &spec)?)?;
+    let study = client.create_study(id, &spec)?;
+    let tally = add(&study)?;
     if is_frozen {
-        client.update_policy(id, &PolicyChange::set(Policy::new().operation(Operation::Freeze)))?;
+        let name = study.identified_name();
+        client.update_policy(&name, &PolicyChange::set(Policy::new().operation(Operation::Freeze)))?;
     }
     Ok(tally)
 }

@@ -467,7 +467,8 @@ impl Session<'_> {
     /// The best that is known for this input: to the service, or, where that cannot be asked, to this call.
     fn winner(&self) -> Option<Winner> {
         let job = self.job;
-        if let Some(best) = job.daemon.ask_once(|client| client.best(job.id(), &job.indicators)) {
+        let study = job.study.identified_name();
+        if let Some(best) = job.daemon.ask_once(|client| client.best(&study, &job.indicators)) {
             let costs = (best.cost, best.default_cost);
             return Some(job.winner_of(best.configuration, costs, WinnerSource::Service));
         }

@@ -51,6 +51,25 @@ fn an_export_is_read_again_and_nothing_is_there_twice() {
 }
 
 #[test]
+fn another_study_that_takes_the_name_does_not_answer() {
+    let fake = with_trials();
+    let uid = "0123456789abcdef";
+    fake.book().studies.get_mut("studies/sponza").expect("it is there").uid = uid.to_owned();
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("sponza.jsonl");
+    let file = file.to_str().expect("a path of text");
+    answer(&fake, &["export", "sponza", "--site", "here", "--out", file]);
+    answer(&fake, &["import", file, "--site", "there", "--dry-run"]);
+    let script = r#"echo '{"render_ms": 5}'"#;
+    let more = ["--indicator", "triangles=1000", "--metric", "json", "--trials", "2"];
+    let best = answer(&fake, &[&["exec", "sponza"][..], &more, &["--", "sh", "-c", script]].concat());
+    let asked = fake.book().asked.clone();
+    let name = format!("studies/sponza@{uid}");
+    assert!(asked.len() > 2 && asked.iter().all(|study| *study == name), "{asked:?}\n{best}");
+    assert!(fake.book().count("GetBest") > 0, "{best}");
+}
+
+#[test]
 fn a_report_waits_for_a_daemon_that_comes_back() {
     let mut fake = with_trials();
     answer(&fake, &["suggest", "sponza", "--indicator", "triangles=1000"]);

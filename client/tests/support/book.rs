@@ -28,6 +28,8 @@ pub struct Book {
     pub standing: Option<v1::Standing>,
     /// Refusals to give, by call.
     pub refuse: BTreeMap<&'static str, Code>,
+    /// The names under which studies were asked for their trials and their best, one after the other.
+    pub asked: Vec<String>,
     /// The number of next questions about the study that meet a daemon that is still loading it.
     pub loading: usize,
 }
@@ -50,8 +52,11 @@ impl Book {
         }
     }
 
+    /// By its name, with or without its identity.
     pub fn study(&self, name: &str) -> Result<&v1::Study, Status> {
-        self.studies.get(name).ok_or_else(|| Status::not_found(format!("{name} does not exist")))
+        let (plain, uid) = name.split_once('@').unwrap_or((name, ""));
+        let found = self.studies.get(plain).filter(|study| uid.is_empty() || study.uid == uid);
+        found.ok_or_else(|| Status::not_found(format!("{name} does not exist")))
     }
 
     pub fn create(&mut self, request: v1::CreateStudyRequest) -> Result<v1::Study, Status> {
@@ -165,11 +170,12 @@ impl Book {
             }
         };
         let begin: usize = request.page_token.parse().unwrap_or(0);
-        let of_study = format!("{}/", request.study);
+        let plain = |name: &str| name.split(['@', '/']).nth(1).map(str::to_owned);
+        let of_study = plain(&request.study);
         let mut found: Vec<_> = self
             .trials
             .iter()
-            .filter(|trial| trial.name.starts_with(&of_study))
+            .filter(|trial| plain(&trial.name) == of_study)
             .filter(|trial| wanted.is_none_or(|state| trial.state() == state))
             .cloned()
             .collect();

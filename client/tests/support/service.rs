@@ -229,14 +229,18 @@ impl TuningService for Service {
     ) -> Answer<v1::QueryTrialsResponse> {
         let mut book = self.book();
         book.enter("QueryTrials")?;
-        book.query(&request.into_inner()).map(Response::new)
+        let request = request.into_inner();
+        book.asked.push(request.study.clone());
+        book.query(&request).map(Response::new)
     }
 
     async fn get_best(&self, request: Request<v1::GetBestRequest>) -> Answer<v1::Best> {
         let mut book = self.book();
         book.enter("GetBest")?;
         loaded(&mut book)?;
-        book.best(&request.into_inner()).map(Response::new)
+        let request = request.into_inner();
+        book.asked.push(request.study.clone());
+        book.best(&request).map(Response::new)
     }
 }
 
