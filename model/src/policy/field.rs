@@ -230,7 +230,8 @@ impl<T: Word> Setting<OpenEnum<T>> for T {
     }
 }
 
-/// The pinned configuration, as `name=value,name=value`.
+/// The pinned configuration, as `name=value,name=value`. A text that would read as something else is in
+/// double quotes, within which a backslash stands before a quote and before a backslash.
 impl SettingValue for Assignment {
     type Input = Assignment;
 
@@ -239,16 +240,61 @@ impl SettingValue for Assignment {
     }
 
     fn parse(text: &str) -> Result<Self, String> {
-        let parts = text.split(',').map(str::trim).filter(|part| !part.is_empty());
+        let parts = parts(text).map(str::trim).filter(|part| !part.is_empty());
         let pair = |part: &str| match part.split_once('=') {
-            Some((name, value)) => Ok((name.trim().to_owned(), Value::parse(value.trim()))),
+            Some((name, value)) => Ok((name.trim().to_owned(), value_of(value.trim()))),
             None => Err(format!("`{part}` is not of the form NAME=VALUE")),
         };
         parts.map(pair).collect()
     }
 
     fn show(&self) -> String {
-        let pairs: Vec<String> = self.iter().map(|(name, value)| format!("{name}={value}")).collect();
+        let pairs: Vec<String> =
+            self.iter().map(|(name, value)| format!("{name}={}", shown(value))).collect();
         pairs.join(",")
+    }
+}
+
+/// Splits at the commas outside of values in double quotes.
+fn parts(text: &str) -> impl Iterator<Item = &str> {
+    let (mut is_quoted, mut is_escaped, mut before) = (false, false, ' ');
+    text.split(move |each: char| {
+        if is_escaped {
+            is_escaped = false;
+        } else if is_quoted {
+            is_escaped = each == '\\';
+            is_quoted = each != '"';
+        } else {
+            is_quoted = each == '"' && before == '=';
+        }
+        if !each.is_whitespace() {
+            before = each;
+        }
+        each == ',' && !is_quoted
+    })
+}
+
+/// Reads a value as [`shown`] writes it.
+fn value_of(text: &str) -> Value {
+    let Some(quoted) = text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) else {
+        return Value::parse(text);
+    };
+    let mut plain = String::new();
+    let mut rest = quoted.chars().peekable();
+    while let Some(each) = rest.next() {
+        let escaped = rest.next_if(|next| each == '\\' && matches!(next, '\\' | '"'));
+        plain.push(escaped.unwrap_or(each));
+    }
+    Value::Text(plain)
+}
+
+fn shown(value: &Value) -> String {
+    match value {
+        Value::Text(text)
+            if text.contains([',', '"']) || text.trim() != text || Value::parse(text) != *value =>
+        {
+            format!("\"{}\"", text.replace('\\', r"\\").replace('"', "\\\""))
+        }
+        _ => value.to_string(),
     }
 }

@@ -1,6 +1,7 @@
 //! The code that follows from the table is complete and fits together.
 
 use super::*;
+use crate::assignment::Assignment;
 use crate::words::OpenEnum;
 
 #[test]
@@ -50,6 +51,23 @@ fn every_field_is_set_replaced_and_unset_by_its_name() {
     }
     let error = RawPolicy::default().replace_field("colour", &RawPolicy::default());
     assert!(error.expect_err("no field").to_string().contains("there are epsilon, search"));
+}
+
+#[test]
+fn what_is_pinned_is_read_as_it_is_shown() {
+    let pinned = Assignment::new().with("level", 3).with("rate", 2.0).with("long", true);
+    let texts =
+        ["plain", "a,b=1", "12", "true", "1e3", " wide ", "", "\"", "\"12\"", r"c:\d", r"\", r#"a\",b"#];
+    for text in texts {
+        let said = PolicySettings::new().pinned(pinned.clone().with("mode", text));
+        let shown = said.show("pinned").expect("it is set");
+        let mut read = PolicySettings::new();
+        read.set_text("pinned", &shown).expect("what is shown can be read");
+        assert_eq!(read, said, "{shown}");
+    }
+    let said = PolicySettings::new().pinned(Assignment::new().with("mode", "fast").with("name", "a,b"));
+    assert_eq!(said.show("pinned").as_deref(), Some(r#"mode=fast,name="a,b""#));
+    assert!(PolicySettings::new().set_text("pinned", "level=3,4").is_err(), "a part has no name");
 }
 
 #[test]
