@@ -4,7 +4,7 @@ use treewright_client::blocking::Client;
 use treewright_client::{Configuration, Measurements, Outcome, Question};
 
 use crate::arguments::exec::{Report, Suggest, SuggestFormat};
-use crate::exec::program::variable;
+use crate::exec::program::{same_variables, variable};
 use crate::exec::quoted;
 use crate::failure::Failure;
 use crate::files;
@@ -34,6 +34,10 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
         SuggestFormat::Env if !json => {
             let parameters = study.spec().map(|spec| spec.space.parameters()).unwrap_or_default();
             let names: Vec<&str> = parameters.iter().map(|parameter| parameter.name.as_str()).collect();
+            for (variable, _) in same_variables(&ask.prefix, names.iter().copied()) {
+                let advice = "only one of their values is in it; use --format json";
+                progress::note(&format!("{variable} stands for several parameters, and {advice}"));
+            }
             Ok(environment(&trial.name, &trial.configuration, &names, &ask.prefix))
         }
         SuggestFormat::Args if !json => {

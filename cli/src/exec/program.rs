@@ -353,14 +353,20 @@ pub(crate) fn variable(prefix: &str, parameter: &str) -> String {
 
 /// Says where two parameters have one variable in the program's environment, of which the later remains.
 pub(super) fn note_same_variables(spec: &StudySpec) {
-    let mut names = BTreeSet::new();
-    for parameter in spec.space.parameters() {
-        let variable = variable("TREEWRIGHT_PARAM_", &parameter.name);
-        if names.contains(&variable) {
-            progress::note(&format!("{variable} stands for several parameters; use {{{}}}", parameter.name));
-        }
-        names.insert(variable);
+    let names = spec.space.parameters().iter().map(|parameter| parameter.name.as_str());
+    for (variable, parameter) in same_variables(VARIABLE, names) {
+        progress::note(&format!("{variable} stands for several parameters; use {{{parameter}}}"));
     }
+}
+
+/// Variables that a parameter before has already, each with the parameter that has it as well.
+pub(crate) fn same_variables<'a>(
+    prefix: &str,
+    parameters: impl IntoIterator<Item = &'a str>,
+) -> Vec<(String, &'a str)> {
+    let mut seen = BTreeSet::new();
+    let named = parameters.into_iter().map(|parameter| (variable(prefix, parameter), parameter));
+    named.filter(|(variable, _)| !seen.insert(variable.clone())).collect()
 }
 
 #[cfg(test)]
@@ -409,6 +415,13 @@ mod tests {
     fn some_exit_codes_are_as_good_as_none() {
         assert!(matches!(ended(4, r#"{"loss": 1}"#, "", MetricSource::Json), Run::Done(..)));
         assert!(matches!(ended(5, r#"{"loss": 1}"#, "", MetricSource::Json), Run::Failed { .. }));
+    }
+
+    #[test]
+    fn parameters_of_one_variable_are_found() {
+        let one = |name: &'static str| ("P_A_B".to_owned(), name);
+        assert_eq!(same_variables("P_", ["a_b", "a-b", "c", "A_B"]), [one("a-b"), one("A_B")]);
+        assert!(same_variables("P_", ["ab", "a_b"]).is_empty());
     }
 
     #[test]
