@@ -200,6 +200,17 @@ fn an_absent_daemon_is_told_with_the_remedy() {
     fails("tune --scene builtin:quick --iterations -4", USAGE, &["iterations"]);
     fails("tune --scene builtin:quick --iterations 0", USAGE, &["iterations"]);
     fails("tune --scene builtin:quick --epsilon 2", USAGE, &["0 to 1"]);
+    // What a trial would ignore is not taken.
+    for (objective, option) in
+        [("error", "--frames 3"), ("error", "--abort-above 2"), ("motion", "--frames 3")]
+    {
+        let name = option.split(' ').next().unwrap_or_default();
+        fails(
+            &format!("tune --scene builtin:quick --objective {objective} {option}"),
+            USAGE,
+            &[&format!("--objective {objective}"), &format!("leave {name} out")],
+        );
+    }
 }
 
 #[test]

@@ -26,7 +26,7 @@ use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::integrator::View;
 use crate::limits::FRAMES_PER_SLOW_BUILD_MAX;
-use crate::noise::{BRIGHTNESS_TOLERANCE, FrameNoise};
+use crate::noise::{BRIGHTNESS_TOLERANCE, FrameNoise, HALF_SAMPLES};
 use crate::scheduling::ThreadTimes;
 use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
@@ -406,11 +406,15 @@ pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective
                 (RENDER_DELAY_MS, times.render_delay_ms),
             ];
             let known = known.into_iter().filter_map(|(name, value)| Some((name, value?)));
+            let rendered = match objective {
+                Objective::Error => 2 * HALF_SAMPLES,
+                _ => times.frames.unwrap_or(frames),
+            };
             let always = [
                 (BUILD_MS, times.build_ms),
                 (RENDER_MS, times.render_ms),
                 (UNDELAYED_MS, undelayed_ms),
-                ("frames", f64::from(times.frames.unwrap_or(frames))),
+                ("frames", f64::from(rendered)),
             ];
             let reused = times.trials_before.map(|trials| (TRIALS_BEFORE, f64::from(trials)));
             let noise = times.noise.into_iter().flat_map(|noise| {
@@ -549,6 +553,15 @@ mod tests {
         assert!(turns[..4].iter().all(|(quick, _)| quick.1 == turns[0].0.1));
         setting.objective = Objective::Total;
         assert!((0..3).all(|_| served(&setting, &quick).0 == 0));
+    }
+
+    #[test]
+    fn a_trial_reports_how_many_frames_it_rendered() {
+        let frames = |objective, times| measurements(Some(times), 3, objective).get("frames");
+        let times = FrameTimes::of(5.0, 2.0);
+        assert_eq!(frames(Objective::Render, times), Some(3.0));
+        assert_eq!(frames(Objective::Motion, FrameTimes { frames: Some(24), ..times }), Some(24.0));
+        assert_eq!(frames(Objective::Error, times), Some(8.0), "two halves of four samples");
     }
 
     #[test]

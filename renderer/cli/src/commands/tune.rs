@@ -94,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         view: arguments.frame.view(camera),
         width: arguments.size.width,
         height: arguments.size.height,
-        frames: arguments.frames,
+        frames: arguments.frames(),
         indicators: state,
     };
     let drift = arguments.moving.map(|span| Drift {
@@ -188,7 +188,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
 
     renderer.set_light_sampling(space.choice(&tuned)?.light);
-    let frames = arguments.frames;
+    let frames = arguments.frames();
     let break_even =
         verdict::break_even(&found, arguments.objective, frames, &standings, &best, &baseline.who);
     let whiles = [("searched", found.disturbance), ("measured again", disturbance)];
@@ -201,7 +201,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let results = TuningResults {
         scene: facts(&scene, &renderer),
         size: [arguments.size.width, arguments.size.height],
-        frames_per_trial: arguments.frames,
+        frames_per_trial: arguments.frames(),
         objective: arguments.objective,
         space: space.preset(),
         parameters: space.explained().collect(),

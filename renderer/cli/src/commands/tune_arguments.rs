@@ -21,6 +21,8 @@ use crate::server::ServerArguments;
 
 /// Largest factor of `--abort-above`, which stops nothing that a scene can cost.
 const ABORT_ABOVE_MAX: f64 = 1e6;
+/// That factor where none is given.
+const ABORT_ABOVE: f64 = 4.0;
 
 /// Arguments of `tune`.
 #[derive(Args, Clone, Debug)]
@@ -63,9 +65,9 @@ pub(crate) struct Arguments {
     pub(super) worth: f64,
 
     /// Frames rendered with each configuration; their median counts. More frames make the search slower but
-    /// more reliable.
-    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_PER_TRIAL_MAX)))]
-    pub(super) frames: u32,
+    /// more reliable. Default: 1. The objectives `error` and `motion` have numbers of their own.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_PER_TRIAL_MAX)))]
+    frames: Option<u32>,
 
     #[command(flatten)]
     pub(super) episode: EpisodeArguments,
@@ -95,9 +97,10 @@ pub(crate) struct Arguments {
     pub(super) epsilon: f32,
 
     /// Stop a trial once it has cost this many times as much as the best so far, whatever the study's policy
-    /// says; its build is always finished. With `inf` every trial runs to its end.
-    #[arg(long, value_name = "FACTOR", default_value = "4", conflicts_with = "paper", allow_negative_numbers = true, value_parser = factor)]
-    pub(super) abort_above: f64,
+    /// says; its build is always finished. With `inf` every trial runs to its end, as with the objective
+    /// `error`. Default: 4.
+    #[arg(long, value_name = "FACTOR", conflicts_with = "paper", allow_negative_numbers = true, value_parser = factor)]
+    abort_above: Option<f64>,
 
     /// How long to wait for an answer of the daemon, in seconds, before the search goes on with what it has.
     /// A daemon that is slow, or is started again, loses no trial.
@@ -125,6 +128,9 @@ pub(crate) struct Arguments {
 
 impl Arguments {
     /// With the space that `--paper` asks for.
+    ///
+    /// # Errors
+    /// The objective has no use for what is given.
     pub(super) fn with_space(&self) -> Result<Self, CliError> {
         let mut arguments = self.clone();
         if self.paper {
@@ -133,7 +139,28 @@ impl Arguments {
         }
         arguments.objective = arguments.reuse.of(arguments.objective)?;
         arguments.space = arguments.space.judged_by(arguments.objective)?;
+        arguments.check_use()?;
         Ok(arguments)
+    }
+
+    /// Refuses options that trials of the objective would ignore.
+    fn check_use(&self) -> Result<(), CliError> {
+        let ignored = match self.objective {
+            Objective::Error if self.frames.is_some() => ("--frames", "draws a number of samples of its own"),
+            Objective::Error if self.abort_above.is_some() => {
+                ("--abort-above", "runs every trial to its end")
+            }
+            Objective::Motion if self.frames.is_some() => ("--frames", "renders the frames of --episode"),
+            _ => return Ok(()),
+        };
+        let (option, cause) = ignored;
+        let name = self.objective.name();
+        Err(CliError::Usage(format!("--objective {name} {cause}; leave {option} out")))
+    }
+
+    /// Frames rendered with each configuration.
+    pub(super) fn frames(&self) -> u32 {
+        self.frames.unwrap_or(1)
     }
 
     /// For how long will be rendered with the result. The paper runs all trials.
@@ -152,7 +179,8 @@ impl Arguments {
             epsilon: Some(f64::from(self.epsilon)),
             trials_per_state: Some(room),
             // Said also where nothing is to be stopped: else the factor of the study's policy would hold.
-            abort_above: (!self.paper).then_some(self.abort_above.min(ABORT_ABOVE_MAX)),
+            abort_above: (!self.paper)
+                .then_some(self.abort_above.unwrap_or(ABORT_ABOVE).min(ABORT_ABOVE_MAX)),
             ..SessionPolicy::default()
         }
     }
