@@ -10,7 +10,7 @@ use treewright_client::{
 };
 
 use crate::best::Best;
-use crate::convert::{Numbers, configuration_of};
+use crate::convert::{Named, Numbers, configuration_of};
 use crate::error::{Invalid, raised};
 use crate::prediction::Prediction;
 use crate::space::{Definition, Ends, Range, Space};
@@ -47,7 +47,7 @@ impl Client {
 impl Client {
     #[new]
     #[pyo3(signature = (url="http://127.0.0.1:50611", *, client_id=None, deadline_ms=50.0, call_deadline_ms=5000.0, queue=1024,
-        can_abort=false, token=None, authority_file=None, software=HashMap::new()))]
+        can_abort=false, token=None, authority_file=None, software=Named::default()))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
     fn new(
         python: Python<'_>,
@@ -59,7 +59,7 @@ impl Client {
         can_abort: bool,
         token: Option<&str>,
         authority_file: Option<std::path::PathBuf>,
-        software: HashMap<String, String>,
+        software: Named<String>,
     ) -> PyResult<Self> {
         let mut options = Options::new()
             .deadline(milliseconds(deadline_ms)?)
@@ -69,7 +69,7 @@ impl Client {
         if let Some(client_id) = client_id {
             options = options.client_id(client_id);
         }
-        for (name, version) in software {
+        for (name, version) in software.0 {
             options.fingerprint = options.fingerprint.software(name, version);
         }
         let mut credentials = Credentials::new();
@@ -115,45 +115,36 @@ impl Client {
     /// factors count; larger and smaller values are taken all the same. ``policy`` is how the daemon decides,
     /// e.g. ``{"epsilon": 0.1}``; see ``Study.policy``. ``limits`` say what measurements may be at least and
     /// at most, e.g. ``{"memory_mb": (None, 2000)}``; a configuration that goes beyond is infeasible.
-    #[pyo3(signature = (id, space, *, minimise=HashMap::new(), maximise=HashMap::new(), indicators=HashMap::new(),
-        auxiliary=Vec::new(), limits=HashMap::new(), policy=HashMap::new(), display_name=String::new(), state_tolerance=None, seed=0))]
+    #[pyo3(signature = (id, space, *, minimise=Named::default(), maximise=Named::default(), indicators=Named::default(),
+        auxiliary=Vec::new(), limits=Named::default(), policy=Named::default(), display_name=String::new(), state_tolerance=None, seed=0))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
     fn study(
         &self,
         python: Python<'_>,
         id: &str,
         space: &Space,
-        minimise: HashMap<String, f64>,
-        maximise: HashMap<String, f64>,
-        indicators: HashMap<String, Range>,
+        minimise: Numbers,
+        maximise: Numbers,
+        indicators: Named<Range>,
         auxiliary: Vec<String>,
-        limits: HashMap<String, Ends>,
-        policy: HashMap<String, Bound<'_, PyAny>>,
+        limits: Named<Ends>,
+        policy: Named<Bound<'_, PyAny>>,
         display_name: String,
         state_tolerance: Option<f64>,
         seed: u64,
     ) -> PyResult<Study> {
-        let mut indicators: Vec<_> = indicators.into_iter().collect();
-        // Dictionaries have no order here, and the order is part of what a study is.
-        indicators.sort_by(|a, b| a.0.cmp(&b.0));
-        let [minimise, maximise] = [minimise, maximise].map(|terms| {
-            let mut terms: Vec<(String, f64)> = terms.into_iter().collect();
-            terms.sort_by(|a, b| a.0.cmp(&b.0));
-            terms
-        });
-        let mut limits: Vec<_> = limits.into_iter().collect();
-        limits.sort_by(|a, b| a.0.cmp(&b.0));
-        let policy = policy.into_iter().map(|(field, value)| {
+        let policy = policy.0.into_iter().map(|(field, value)| {
             let text = words(&field, &value)?;
             Ok((field, text))
         });
         let policy = policy.collect::<PyResult<_>>()?;
         let definition = Definition {
-            indicators,
-            minimise,
-            maximise,
+            // By name: dictionaries have no order here, and the order is part of what a study is.
+            indicators: indicators.0.into_iter().collect(),
+            minimise: minimise.0.into_iter().collect(),
+            maximise: maximise.0.into_iter().collect(),
             auxiliary,
-            limits,
+            limits: limits.0.into_iter().collect(),
             policy,
             display_name,
             state_tolerance,
@@ -249,13 +240,13 @@ impl Study {
     /// The study's objective of measurements, which is minimised. Raises Invalid where one is missing, or is
     /// not what it may be.
     fn cost(&self, measured: Numbers) -> PyResult<f64> {
-        self.0.spec().objective.cost(&measured).map_err(|error| Invalid::new_err(error.to_string()))
+        self.0.spec().objective.cost(&measured.0).map_err(|error| Invalid::new_err(error.to_string()))
     }
 
     /// The first limit of the study that measurements are beyond, in words; None where they are within all of
     /// them. What is beyond a limit is infeasible, whatever it costs. Raises Invalid where one is missing.
     fn beyond(&self, measured: Numbers) -> PyResult<Option<String>> {
-        self.0.spec().objective.beyond(&measured).map_err(|error| Invalid::new_err(error.to_string()))
+        self.0.spec().objective.beyond(&measured.0).map_err(|error| Invalid::new_err(error.to_string()))
     }
 
     /// What a cost stands for: the metric where one is maximised and nothing else counts, else the cost.
@@ -314,7 +305,7 @@ impl Study {
 
     /// Gives every client this configuration, until ``unpin``. Parameters that are not named have their
     /// defaults.
-    fn pin(&self, python: Python<'_>, configuration: &Bound<'_, PyDict>) -> PyResult<()> {
+    fn pin(&self, python: Python<'_>, configuration: &Bound<'_, PyAny>) -> PyResult<()> {
         let wanted = configuration_of(configuration)?;
         let whole = self.0.spec().space.complete(&wanted).map_err(|error| raised(error.into()))?;
         self.change(python, &PolicyChange::set(Policy::new().pinned(whole)))
@@ -343,7 +334,7 @@ impl Study {
     fn trial_of(
         &self,
         python: Python<'_>,
-        configuration: &Bound<'_, PyDict>,
+        configuration: &Bound<'_, PyAny>,
         indicators: Option<Numbers>,
     ) -> PyResult<Suggestion> {
         let (wanted, numbers) = (configuration_of(configuration)?, crate::convert::indicators(indicators));

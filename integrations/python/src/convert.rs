@@ -3,20 +3,47 @@
 use std::collections::BTreeMap;
 
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyMapping, PyString};
 use treewright_client::{Configuration, Indicators, Measurements, Value};
 
 use crate::error::Invalid;
 
+/// Values by name, from a dictionary or another mapping, in the order of the names.
+pub(crate) struct Named<T>(pub(crate) BTreeMap<String, T>);
+
 /// A mapping of names to numbers.
-pub(crate) type Numbers = BTreeMap<String, f64>;
+pub(crate) type Numbers = Named<f64>;
+
+impl<T> Default for Named<T> {
+    fn default() -> Self {
+        Self(BTreeMap::new())
+    }
+}
+
+impl<'py, T: FromPyObjectOwned<'py>> FromPyObject<'_, 'py> for Named<T> {
+    type Error = PyErr;
+
+    fn extract(values: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        dictionary(&values)?.extract::<BTreeMap<String, T>>().map(Self)
+    }
+}
+
+/// Any mapping as a dictionary, which is all that PyO3 makes maps of.
+fn dictionary<'py>(values: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+    if let Ok(dictionary) = values.cast::<PyDict>() {
+        return Ok(dictionary.clone());
+    }
+    let dictionary = PyDict::new(values.py());
+    dictionary.update(values.cast::<PyMapping>()?)?;
+    Ok(dictionary)
+}
 
 pub(crate) fn indicators(numbers: Option<Numbers>) -> Indicators {
-    numbers.unwrap_or_default().into_iter().collect()
+    numbers.unwrap_or_default().0.into_iter().collect()
 }
 
 pub(crate) fn measurements(numbers: Numbers) -> Measurements {
-    numbers.into_iter().collect()
+    numbers.0.into_iter().collect()
 }
 
 /// A Python value as one of a parameter. A `bool` is an `int` to Python, so it is asked for first.
@@ -36,11 +63,11 @@ pub(crate) fn value_of(value: &Bound<'_, PyAny>) -> PyResult<Value> {
     Err(Invalid::new_err(format!("{value} is no value of a parameter; use bool, int, float or str")))
 }
 
-pub(crate) fn configuration_of(values: &Bound<'_, PyDict>) -> PyResult<Configuration> {
+pub(crate) fn configuration_of(values: &Bound<'_, PyAny>) -> PyResult<Configuration> {
     let pair = |(name, value): (Bound<'_, PyAny>, Bound<'_, PyAny>)| {
         Ok((name.extract::<String>()?, value_of(&value)?))
     };
-    values.iter().map(pair).collect()
+    dictionary(values)?.iter().map(pair).collect()
 }
 
 /// A configuration as a dictionary of bare values.

@@ -124,23 +124,23 @@ impl Suggestion {
     #[pyo3(signature = (measurements=None, /, **named))]
     fn report(&self, measurements: Option<Numbers>, named: Option<Numbers>) -> PyResult<()> {
         let mut all = measurements.unwrap_or_default();
-        all.extend(named.unwrap_or_default());
+        all.0.extend(named.unwrap_or_default().0);
         self.end(all, Outcome::Ok)
     }
 
     /// It was stopped early: the objective is at least this.
     fn aborted(&self, lower_bound: f64) -> PyResult<()> {
-        self.end(Numbers::new(), Outcome::aborted(lower_bound))
+        self.end(Numbers::default(), Outcome::aborted(lower_bound))
     }
 
     /// The configuration cannot work for this input.
     fn infeasible(&self, reason: String) -> PyResult<()> {
-        self.end(Numbers::new(), Outcome::infeasible(reason))
+        self.end(Numbers::default(), Outcome::infeasible(reason))
     }
 
     /// It failed for a reason that says nothing about the configuration.
     fn failed(&self, reason: String) -> PyResult<()> {
-        self.end(Numbers::new(), Outcome::failed(reason))
+        self.end(Numbers::default(), Outcome::failed(reason))
     }
 
     /// Gives the trial back unmeasured.
@@ -213,7 +213,7 @@ impl Tuner {
         named: Option<Numbers>,
     ) -> PyResult<()> {
         let mut all = measurements.unwrap_or_default();
-        all.extend(named.unwrap_or_default());
+        all.0.extend(named.unwrap_or_default().0);
         let finished =
             suggestion.take()?.finished(crate::convert::measurements(all), Outcome::Ok).map_err(raised)?;
         // The lock may be held by a call that waits and needs no interpreter.

@@ -133,6 +133,7 @@ def trials(url: str) -> None:
     assert known.mode == "exploit" and known.reason, known
     low, high = best.cost_interval
     assert low <= high and best.measurements >= 1 and best.verdict and best.stage, best
+    mappings(url, client)
     trials = study.trials("state = COMPLETED AND outcome = OK", "cost")
     assert len(trials) == 30 and trials[0]["cost"] == min(each["cost"] for each in trials) and trials[0]["outcome"] == "ok", trials
     row = trials.rows()[0]
@@ -141,6 +142,39 @@ def trials(url: str) -> None:
         table = study.trials().to_pandas()
         assert table.index.name == "number" and table["cost"].min() == row["cost"] and str(table["create_time"].dt.tz) == "UTC", table
     assert best.gain_interval[0] <= best.gain <= best.gain_interval[1] and not best.nothing_better, best
+
+
+def mappings(url: str, client) -> None:
+    """Every mapping is taken, not only a dictionary; what is none is refused."""
+    import collections
+    import types
+
+    import treewright
+
+    fixed = lambda **named: types.MappingProxyType(named)
+    treewright.Client(url, software=fixed(python="3"))
+    space = treewright.Space().integer("leaf", 1, 32, default=8)
+    study = client.study(
+        "python-mappings",
+        space,
+        minimise=fixed(ms=1.0),
+        indicators=fixed(size=(0.0, 9.0)),
+        limits=fixed(mb=(None, 99.0)),
+        policy=fixed(confirm_rounds=0),
+    )
+    with study.suggest(fixed(size=1.0)) as trial:
+        trial.report(collections.ChainMap({"ms": 2.0}, {"ms": 3.0}), mb=1.0)
+    study.trial_of(fixed(leaf=3), collections.UserDict(size=2.0)).report(fixed(ms=4.0, mb=1.0))
+    client.flush(20000)
+    assert study.cost(fixed(ms=5.0)) == 5.0 and study.beyond(fixed(mb=100.0)), study
+    assert sorted(each["cost"] for each in study.trials("state = COMPLETED")) == [2.0, 4.0]
+    for wrong in ([("size", 1.0)], "size", 1.0):
+        try:
+            study.suggest(wrong)
+        except TypeError as problem:
+            assert "Mapping" in str(problem), problem
+        else:
+            raise AssertionError(wrong)
 
 
 def steering(url: str) -> None:
