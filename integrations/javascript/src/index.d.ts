@@ -144,6 +144,11 @@ export class Suggestion {
   readonly problem?: string;
   readonly predictedCost?: number;
   readonly abortAbove?: number;
+  /**
+   * Renews the lease, counted from now, for work that takes longer than `lease_s` of the policy; does nothing without the daemon. Rejects
+   * where it is reported or given back, and where the daemon has ended its trial.
+   */
+  extendLease(): Promise<void>;
   /** Each returns at once; the result is sent in the background, again until it is acknowledged. */
   report(measurements: Numbers): void;
   aborted(lowerBound: number): void;

@@ -295,6 +295,11 @@ export class Suggestion {
     this.#worker.release();
   }
 
+  async extendLease() {
+    if (!this.#open) throw new TreewrightError("invalid", "this trial is reported or given back already");
+    if (this.trial !== undefined) await this.#study.client.call("extendLease", { trial: this.trial });
+  }
+
   report(measurements) {
     if (this.#open) this.#check(measurements);
     this.#end(measurements, { ok: {} });

@@ -44,7 +44,10 @@ async function trials() {
   }
   const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false, "block-size": 24 }, input);
   own.report({ ms: 5 });
-  (await study.suggest(input)).abandon();
+  const long = await study.suggest(input);
+  await long.extendLease();
+  long.abandon();
+  await rejects(long.extendLease(), "invalid", "already");
   const wrong = await study.suggest(input);
   assert.throws(() => wrong.report({ ms: NaN }), /ms is NaN/);
   for (const bound of [NaN, -1, Infinity, undefined]) {
@@ -138,6 +141,7 @@ async function withoutDaemon() {
   assert.ok(performance.now() - started < 2000);
   assert.equal(suggestion.source, "default");
   assert.deepEqual(suggestion.configuration, { leaf: 8, split: "sah", cost: 1, budget: 2, compact: false, "block-size": 24 });
+  await suggestion.extendLease();
   suggestion.report({ ms: 1 });
   assert.equal(client.stats.unreported, 1);
   await rejects(study.best(), "unreachable", "start one with");

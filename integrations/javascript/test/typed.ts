@@ -13,6 +13,7 @@ const spec: StudySpec = {
 export async function tune(client: Client): Promise<number> {
   const study = await client.study("typed", spec);
   const trial = await study.suggest({ triangles: 5 });
+  await trial.extendLease();
   const leaf: Value = trial.configuration.leaf;
   trial.report({ ms: Number(leaf) });
   try {

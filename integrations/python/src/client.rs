@@ -341,6 +341,14 @@ impl Study {
         python.detach(|| self.0.trial_of(&numbers, &wanted)).map(Suggestion::new).map_err(raised)
     }
 
+    /// Renews the lease of an open suggestion, counted from now, for work that takes longer than ``lease_s``
+    /// of the policy. Does nothing for one that came without the daemon. Raises Invalid where it is reported
+    /// or given back, and Refused where the daemon has ended its trial.
+    fn extend_lease(&self, python: Python<'_>, suggestion: &Suggestion) -> PyResult<()> {
+        let Some(trial) = suggestion.open_trial()? else { return Ok(()) };
+        python.detach(|| self.1.renew(trial)).map(drop).map_err(raised)
+    }
+
     /// What would be exploited, which unpacks into a configuration and the predicted objective. Writes
     /// nothing. Raises Invalid for wrong indicators.
     #[pyo3(signature = (indicators=None))]

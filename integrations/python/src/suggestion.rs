@@ -28,6 +28,10 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+fn ended() -> PyErr {
+    Invalid::new_err("this trial is reported or given back already")
+}
+
 impl Suggestion {
     pub(crate) fn new(inner: treewright_client::Suggestion) -> Self {
         Self {
@@ -51,9 +55,12 @@ impl Suggestion {
     }
 
     fn take(&self) -> PyResult<treewright_client::Suggestion> {
-        lock(&self.open)
-            .take()
-            .ok_or_else(|| Invalid::new_err("this trial is reported or given back already"))
+        lock(&self.open).take().ok_or_else(ended)
+    }
+
+    /// Its trial, which is neither reported nor given back; none without the daemon.
+    pub(crate) fn open_trial(&self) -> PyResult<Option<&str>> {
+        if self.is_open() { Ok(self.trial()) } else { Err(ended()) }
     }
 
     fn end(&self, numbers: Numbers, outcome: Outcome) -> PyResult<()> {

@@ -205,6 +205,42 @@ def steering(url: str) -> None:
     assert kinds.policy()["pinned"] == "splitKind=SAH" and kinds.policy()["track_speed"] == "true", kinds.policy()
 
 
+def leases(url: str) -> None:
+    """Work that takes longer than a lease renews it."""
+    import asyncio
+
+    import treewright
+    import treewright.aio
+
+    space = treewright.Space().integer("leaf", 1, 32, default=8)
+    definition = {"minimise": {"ms": 1.0}, "policy": {"lease_s": 3, "confirm_rounds": 0}}
+    client = treewright.Client(url, client_id="python-leases", deadline_ms=20000)
+    study = client.study("python-leases", space, **definition)
+
+    async def beside(trial) -> None:
+        client = await treewright.aio.connect(url, deadline_ms=20000)
+        await (await client.existing_study("python-leases")).extend_lease(trial)
+
+    trial = study.suggest()
+    for _ in range(4):
+        time.sleep(1)
+        study.extend_lease(trial)
+    asyncio.run(beside(trial))
+    trial.report(ms=1.0)
+    client.flush(20000)
+    (told,) = study.trials()
+    assert told["state"] == "completed" and not told["late"], told
+    try:
+        study.extend_lease(trial)
+    except treewright.Invalid as problem:
+        assert "already" in str(problem), problem
+    else:
+        raise AssertionError("a trial that is reported has no lease")
+    away = treewright.Client("http://127.0.0.1:1", deadline_ms=50, call_deadline_ms=500)
+    study = away.study("python-leases", space, **definition)
+    study.extend_lease(study.suggest())
+
+
 def loop(url: str) -> None:
     import treewright
 
@@ -693,6 +729,7 @@ if __name__ == "__main__":
     stubs()
     trials(sys.argv[1])
     steering(sys.argv[1])
+    leases(sys.argv[1])
     loop(sys.argv[1])
     threads(sys.argv[1])
     a_trial_each(sys.argv[1])

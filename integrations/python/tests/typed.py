@@ -7,6 +7,7 @@ def tune(client: treewright.Client) -> float:
     space = treewright.Space().integer("leaf", 1, 32, default=8, log=True).choice("split", ["sah", "median"], default="sah")
     study = client.study("typed", space, minimise={"ms": 1.0}, indicators={"size": (0.0, 9.0), "count": (0.0, 1e6, "log")})
     with study.suggest({"size": 1.0}) as trial:
+        study.extend_lease(trial)
         leaf = trial.configuration["leaf"]
         assert isinstance(leaf, int)
         trial.report(ms=float(leaf))

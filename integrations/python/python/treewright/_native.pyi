@@ -128,6 +128,8 @@ class Study:
         """What to run next, within the deadline; see Suggestion.problem. Raises Invalid for wrong indicators."""
     def trial_of(self, configuration: Mapping[str, Value], indicators: Optional[Numbers] = None) -> Suggestion:
         """A trial of the caller's own configuration."""
+    def extend_lease(self, suggestion: Suggestion) -> None:
+        """Renews the lease of an open suggestion, counted from now. Raises Refused where the daemon has ended its trial."""
     def predict(self, indicators: Optional[Numbers] = None) -> Prediction:
         """What would be exploited, and the predicted objective. Writes nothing."""
     def best(self, indicators: Optional[Numbers] = None) -> Best:

@@ -148,6 +148,10 @@ class Study:
         """A trial of the caller's own configuration. Raises where no daemon answers."""
         return await _beside(self._study.trial_of, configuration, indicators)
 
+    async def extend_lease(self, suggestion: Suggestion) -> None:
+        """Renews the lease of an open suggestion, counted from now; see ``treewright.Study.extend_lease``."""
+        await _beside(self._study.extend_lease, suggestion)
+
     async def predict(self, indicators: Optional[dict] = None) -> Prediction:
         """What would be exploited, and the predicted objective. Writes nothing."""
         return await _beside(self._study.predict, indicators)
