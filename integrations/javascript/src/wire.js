@@ -33,13 +33,23 @@ export function configurationToWire(configuration, spec) {
   return { values };
 }
 
+/** The contract cuts fractions off without a word. */
+function checkWhole(parameter, ends) {
+  for (const [end, value] of Object.entries(ends)) {
+    if (Number.isSafeInteger(value)) continue;
+    throw new TreewrightError("invalid", `parameter ${parameter}: ${end} is ${value}; the ends of an integer are whole numbers below 2^53`);
+  }
+}
+
 function parameterToWire(parameter, all) {
   const { name, type, min, max } = parameter;
   const scale = parameter.log ? "SCALE_LOG" : "SCALE_LINEAR";
   const float = isFloat(parameter);
   const message = { name, defaultValue: valueToWire(parameter.default, float) };
-  if (type === "integer") message.integer = { min, max, scale };
-  else if (type === "float") message.float = { min, max, scale };
+  if (type === "integer") {
+    checkWhole(name, { min, max });
+    message.integer = { min, max, scale };
+  } else if (type === "float") message.float = { min, max, scale };
   else if (type === "boolean") message.boolean = {};
   else if (type === "choice")
     message.categorical = { values: parameter.values.map((value) => valueToWire(value, float)) };

@@ -81,6 +81,8 @@ async function trials() {
   await client.study("node-steps", { parameters: [{ ...tile, step: 16 }], minimise });
   // As a program in another language spells it: it is the same study.
   await client.study("node-steps", { parameters: [tile], constraints: ["tile % 16 == 0"], minimise });
+  for (const [ends, words] of [[{ min: 1.5 }, "min is 1.5"], [{ max: 64.25 }, "max is 64.25"], [{ max: "64" }, "max is 64"], [{ max: 2 ** 53 }, "max is 9007"]])
+    await rejects(client.study("bad", { parameters: [{ ...tile, ...ends }], minimise }), "invalid", `parameter tile: ${words}`);
   const sum = await client.study("node-sum", { parameters: level, minimise: { ms: 1, mb: 1 } });
   const huge = await sum.suggest({});
   assert.throws(() => huge.report({ ms: 1e308, mb: 1e308 }), /sum of the measurements is not finite/);
