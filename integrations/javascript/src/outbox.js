@@ -25,8 +25,11 @@ export class Outbox {
       return;
     }
     if (this.#waiting.length >= this.limit) {
-      for (const item of this.#waiting.splice(this.#sending ? 1 : 0, 1)) item.end();
-      this.stats.dropped += 1;
+      // The first may be under way, and is kept then.
+      for (const item of this.#waiting.splice(this.#sending ? 1 : 0, 1)) {
+        item.end();
+        this.stats.dropped += 1;
+      }
     }
     let end;
     const ended = new Promise((resolve) => (end = resolve));
@@ -44,6 +47,7 @@ export class Outbox {
     this.#closed = true;
     this.stats.dropped += this.#waiting.length;
     for (const item of this.#waiting.splice(0)) item.end();
+    this.stats.queued = 0;
   }
 
   async #work() {
@@ -54,13 +58,16 @@ export class Outbox {
       const item = this.#waiting[0];
       try {
         await item.send();
+        // It is dropped already, and counts as that.
+        if (this.#closed) break;
         failures = 0;
         if (item.kind === "report") this.stats.acknowledged += 1;
       } catch (error) {
+        if (this.#closed) break;
         item.attempts += 1;
         this.stats.lastError = error.message;
         const isGivenUp = DEFECTS.includes(error.code) && item.attempts >= ATTEMPTS_AFTER_DEFECT;
-        if (PASSING.includes(error.code) && !isGivenUp && !this.#closed) {
+        if (PASSING.includes(error.code) && !isGivenUp) {
           failures += 1;
           const pause = Math.min(PAUSE_MAX_MS, PAUSE_MIN_MS * 2 ** Math.min(failures, 10)) * (0.5 + Math.random() / 2);
           await new Promise((resolve) => setTimeout(resolve, pause).unref());
@@ -69,7 +76,7 @@ export class Outbox {
         // A trial that cannot be given back is no report; its lease runs out.
         if (item.kind === "report") this.stats.refused += 1;
       }
-      if (this.#waiting[0] === item) this.#waiting.shift();
+      this.#waiting.shift();
       item.end();
       this.stats.queued = this.#waiting.length;
     }

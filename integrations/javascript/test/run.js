@@ -266,6 +266,35 @@ async function byADefectiveDaemon() {
   server.forceShutdown();
 }
 
+/** Every report counts once, also where the queue is full and where the client is closed. */
+async function closedWhileReportsWait() {
+  const answers = [];
+  const handlers = {
+    CreateStudy: (call, answer) => answer(null, { name: "studies/closed" }),
+    Suggest: ({ request: { study } }, answer) =>
+      answer(null, { name: `${study}/trials/1`, configuration: { values: { level: { integer: "5" } } } }),
+    Report: (call, answer) => answers.push(answer),
+  };
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { deadlineMs: 20000, callDeadlineMs: 20000, queue: 1 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const study = await client.study("closed", { parameters, minimise: { ms: 1 } });
+  const suggestions = [await study.suggest(), await study.suggest(), await study.suggest()];
+  const counts = () => [client.stats.acknowledged, client.stats.refused, client.stats.dropped, client.stats.queued];
+  const expected = [[0, 0, 0, 1], [0, 0, 0, 2], [0, 0, 1, 2]];
+  for (const suggestion of suggestions) {
+    suggestion.report({ ms: 1 });
+    assert.deepEqual(counts(), expected.shift());
+  }
+  while (answers.length === 0) await new Promise((resolve) => setTimeout(resolve, 5));
+  client.close();
+  assert.deepEqual(counts(), [0, 0, 3, 0]);
+  answers[0](null, {});
+  await new Promise((resolve) => setTimeout(resolve, 200));
+  assert.deepEqual([...counts(), answers.length], [0, 0, 3, 0, 1]);
+  server.forceShutdown();
+}
+
 /** A daemon that takes no reports, and one that comes late: calls end within their deadline, and the study is created then. */
 async function byADaemonThatComesLate() {
   let isThere = false;
@@ -330,6 +359,7 @@ await byAnOlderDaemon();
 await byANewerDaemon();
 await whileTheStudyIsLoaded(3);
 await byADaemonThatComesLate();
+await closedWhileReportsWait();
 await withoutDaemon();
 await defective;
 console.log("ok");
