@@ -2,6 +2,7 @@
 //! not when several renderers work on one study. An analysis of their results gives the same bytes each time.
 
 use std::collections::BTreeMap;
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -99,6 +100,25 @@ fn a_killed_renderer_goes_on_and_a_killed_daemon_is_waited_for() {
     assert!(ends_well(sampler(&url, "a", &[])).contains("0 by this run"));
     assert_each_once(&url, CAMERAS * SAMPLES);
     analyses_are_repeatable(daemon.url(), folder.path());
+}
+
+#[test]
+fn a_renderer_that_waits_for_a_daemon_can_be_interrupted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("samples.db"));
+    let mut waiting = sampler(daemon.url(), "a", &[]);
+    wait_for(daemon.url(), 5);
+    daemon.kill();
+    let mut errors = BufReader::new(waiting.stderr.take().expect("it is piped"));
+    let mut line = String::new();
+    while !line.contains("waiting for it") {
+        line.clear();
+        assert!(errors.read_line(&mut line).expect("text") > 0, "it ended before");
+    }
+    let interrupted = Command::new("kill").args(["-INT", &waiting.id().to_string()]).status();
+    assert!(interrupted.expect("kill runs").success());
+    let end = waiting.wait().expect("it can be waited for");
+    assert_eq!(end.code(), Some(130), "it is no error of the daemon");
 }
 
 #[test]

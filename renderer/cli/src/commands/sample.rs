@@ -340,12 +340,15 @@ impl Sampler<'_> {
         Ok(outcome == Outcome::Ok)
     }
 
-    /// Asks again while the daemon is away.
+    /// Asks again while the daemon is away. Who interrupts that wants to end, whatever the daemon does.
     fn patiently<T>(&self, mut ask: impl FnMut() -> Result<T, ClientError>) -> Result<T, CliError> {
         let mut said = false;
         loop {
             match ask() {
-                Err(error) if error.is_unreachable() && !self.interrupt.requested() => {
+                Err(error) if error.is_unreachable() => {
+                    if self.interrupt.requested() {
+                        return Err(CliError::Interrupted);
+                    }
                     if !std::mem::replace(&mut said, true) {
                         eprintln!("{error}; waiting for it");
                     }
