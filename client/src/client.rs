@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use treewright_model::objective::Objective;
 use treewright_proto::convert::{fingerprint_to_wire, policy_to_wire, spec_to_wire};
 use treewright_proto::v1;
 
@@ -234,6 +235,20 @@ impl Client {
     }
 }
 
+/// Whether a daemon has kept the whole objective: one of before a field drops it without a word.
+fn check_kept(name: &str, wanted: &Objective, stored: &Objective) -> Result<(), ClientError> {
+    let has_limits = wanted.limits().iter().all(|limit| stored.limits().contains(limit));
+    let dropped = if stored.maximised() != wanted.maximised() {
+        format!("the daemon knows no maximised metrics, and its study {name} minimises them")
+    } else if !has_limits || stored.limits().len() != wanted.limits().len() {
+        format!("the daemon knows no limits on measurements, and its study {name} goes without")
+    } else {
+        return Ok(());
+    };
+    let problem = format!("{dropped}: delete that study, and upgrade the daemon");
+    Err(ClientError::invalid("objective", problem))
+}
+
 /// Takes an id or a whole resource name.
 pub(crate) fn study_name(id: &str) -> String {
     if id.starts_with("studies/") { id.to_owned() } else { format!("studies/{id}") }
@@ -273,13 +288,8 @@ impl Core {
         let mut rpc = self.rpc();
         let study = self.admin("CreateStudy", rpc.create_study(request)).await?;
         let record = self.read_study("CreateStudy", study)?;
-        let maximised = spec.objective.maximised();
-        if record.spec.as_ref().is_ok_and(|stored| stored.objective.maximised() != maximised) {
-            let problem = format!(
-                "the daemon knows no maximised metrics, and its study {name} minimises them: delete that study, \
-                 and upgrade the daemon"
-            );
-            return Err(ClientError::invalid("objective", problem));
+        if let Ok(stored) = &record.spec {
+            check_kept(name, &spec.objective, &stored.objective)?;
         }
         if !record.policy_differs.is_empty() {
             tracing::warn!(study = name, fields = ?record.policy_differs, "the stored policy differs and stays");

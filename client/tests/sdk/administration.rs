@@ -116,7 +116,7 @@ fn without_a_runtime_the_remedy_is_named() {
 }
 
 #[tokio::test]
-async fn a_daemon_that_would_minimise_what_is_maximised_is_refused() {
+async fn a_daemon_that_drops_a_part_of_the_objective_is_refused() {
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let space = Space::builder().boolean("compact").default(false).build().unwrap();
@@ -124,5 +124,12 @@ async fn a_daemon_that_would_minimise_what_is_maximised_is_refused() {
     client.study("rates", spec.clone()).await.unwrap();
     fake.book().older = true;
     let refused = client.study("more_rates", spec).await.unwrap_err().to_string();
-    assert!(refused.contains("upgrade it"), "{refused}");
+    assert!(refused.contains("minimises them") && refused.contains("upgrade the daemon"), "{refused}");
+    let space = Space::builder().boolean("compact").default(false).build().unwrap();
+    let spec = StudySpec::builder(space).minimise("ms", 1.0).limit("memory_mb", None, Some(2000.0));
+    let spec = spec.build().unwrap();
+    let refused = client.study("limited", spec.clone()).await.unwrap_err().to_string();
+    assert!(refused.contains("knows no limits") && refused.contains("upgrade the daemon"), "{refused}");
+    fake.book().older = false;
+    client.study("limits", spec).await.unwrap();
 }

@@ -20,7 +20,7 @@ pub struct Book {
     pub break_streams: usize,
     /// It says what only a newer daemon would say: modes, rules and outcomes of tomorrow.
     pub newer: bool,
-    /// It knows no maximised metrics.
+    /// It knows no maximised metrics, and no limits on measurements.
     pub older: bool,
     /// The answer to Predict in place of the best that is known.
     pub predicted: Option<v1::PredictResponse>,
@@ -64,7 +64,10 @@ impl Book {
         let mut study = request.study.ok_or_else(|| Status::invalid_argument("study: missing"))?;
         study.name.clone_from(&name);
         if self.older {
-            study.objective.iter_mut().for_each(|objective| objective.maximised.clear());
+            for objective in &mut study.objective {
+                objective.maximised.clear();
+                objective.limits.clear();
+            }
         }
         study.create_time = Some(prost_types::Timestamp { seconds: 1_700_000_000, nanos: 0 });
         match self.studies.get(&name) {

@@ -157,6 +157,10 @@ export class Study {
     if (sorted(found.objective?.maximised) !== sorted(this.request.study.objective.maximised)) {
       throw new TreewrightError("invalid", "objective: the daemon knows no maximised metrics and would minimise them; upgrade it");
     }
+    const limited = (objective) => sorted(objective?.limits?.map(({ metric }) => metric));
+    if (limited(found.objective) !== limited(this.request.study.objective)) {
+      throw new TreewrightError("invalid", "objective: the daemon knows no limits on measurements and would go without; upgrade it");
+    }
     this.asked = found.uid ? `${found.name}@${found.uid}` : this.name;
     this.created = true;
   }

@@ -178,7 +178,7 @@ async function whileTheStudyIsLoaded(times) {
     answer({ code: grpc.status.UNAVAILABLE, details: "study \"loading\" is being loaded; try again", metadata });
   };
   const handlers = {
-    CreateStudy: (call, answer) => answer(null, { name: "studies/loading" }),
+    CreateStudy: ({ request: { study } }, answer) => answer(null, { name: "studies/loading", objective: study.objective }),
     Suggest: onceLoaded(({ wanted, study }) => ({ name: `${study}/trials/1`, configuration: wanted })),
     Predict: onceLoaded(() => ({ configuration: { values: { leaf: { integer: "5" } } }, predictedCost: 2.5 })),
     GetBest: onceLoaded(() => ({ configuration: { values: { leaf: { integer: "6" } } }, cost: 1.5 })),
@@ -204,7 +204,7 @@ async function whileTheStudyIsLoaded(times) {
   server.forceShutdown();
 }
 
-/** A daemon of before there were maximised metrics: it drops the field and would minimise the rate. */
+/** A daemon of before there were maximised metrics and limits: it drops the fields, and would minimise the rate. */
 async function byAnOlderDaemon() {
   let [isThere, asked] = [true, 0];
   const away = { code: grpc.status.UNAVAILABLE, details: "it is not there yet" };
@@ -224,6 +224,8 @@ async function byAnOlderDaemon() {
   const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
   const rate = { parameters, maximise: { fps: 1000 } };
   await rejects(client.study("rate", rate), "invalid", "knows no maximised metrics");
+  const limited = { parameters, minimise: { ms: 1 }, limits: { mb: { atMost: 99 } } };
+  await rejects(client.study("limited", limited), "invalid", "knows no limits on measurements");
   const plain = await client.study("plain", { parameters, minimise: { ms: 1 } });
   const suggestion = await plain.suggest({});
   assert.deepEqual([suggestion.source, asked], ["daemon", 1], suggestion.problem);
