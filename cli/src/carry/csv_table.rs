@@ -1,12 +1,13 @@
 //! Trials as comma-separated values.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::path::Path;
 
-use treewright_client::{Domain, Space, StudySpec, TrialRecord, Value};
+use treewright_client::{Configuration, Domain, Space, StudySpec, TrialRecord, Value};
 
-use super::CarriedTrial;
 use super::table::{self, FINGERPRINT, MEASUREMENT, Role, Row, TrialCell};
+use super::{CarriedTrial, in_kinds};
 use crate::failure::Failure;
 use crate::show;
 
@@ -78,9 +79,35 @@ fn parse(input: impl Read, file: &str, space: &Space) -> Result<Vec<CarriedTrial
                 row.take(role, value).map_err(|problem| format!("line {line}: {problem}"))?;
             }
         }
-        trials.extend(row.trial(file, line).map_err(|problem| format!("line {line}: {problem}"))?);
+        let trial = row.trial(file, line).map_err(|problem| format!("line {line}: {problem}"))?;
+        trials.extend(trial.map(|trial| {
+            let configuration = without_inactive(space, &trial.configuration);
+            CarriedTrial { configuration, ..trial }
+        }));
     }
     Ok(trials)
+}
+
+/// Leaves out empty choices of parameters that are not active: their cells are empty for that reason.
+fn without_inactive(space: &Space, read: &Configuration) -> Configuration {
+    let known = in_kinds(space, read);
+    let mut active: BTreeMap<&str, Value> = BTreeMap::new();
+    let mut empty = BTreeSet::new();
+    for parameter in space.parameters() {
+        let name = parameter.name.as_str();
+        let is_active = parameter.active_if.as_ref().is_none_or(|condition| {
+            let value = active.get(condition.parameter.as_str());
+            value.is_some_and(|value| condition.any_of.contains(value))
+        });
+        let value = known.get(name);
+        if is_active {
+            active.insert(name, value.unwrap_or(&parameter.default).clone());
+        } else if value == Some(&Value::Text(String::new())) {
+            empty.insert(name);
+        }
+    }
+    let left = read.iter().filter(|(name, _)| !empty.contains(name));
+    left.map(|(name, value)| (name.to_owned(), value.clone())).collect()
 }
 
 /// The value of a cell; `None` where it is empty. Blanks around numbers and words of ours mean nothing,
@@ -105,18 +132,17 @@ fn value(role: &Role, text: &str, space: &Space) -> Result<Option<Value>, String
     }))
 }
 
-/// The choice of a parameter that reads so. An empty cell may also be a parameter that was not active.
+/// The choice of a parameter that reads so.
 fn choice(space: &Space, name: &str, text: &str) -> Option<Value> {
     let parameter = space.parameters().iter().find(|parameter| parameter.name == name)?;
     let Domain::Categorical { values } = &parameter.domain else { return None };
     let is_it = |value: &&Value| matches!(value, Value::Text(known) if known == text);
-    let found = values.iter().find(is_it)?;
-    (!text.is_empty() || parameter.active_if.is_none()).then(|| found.clone())
+    values.iter().find(is_it).cloned()
 }
 
 #[cfg(test)]
 mod tests {
-    use treewright_client::{Configuration, Outcome};
+    use treewright_client::Outcome;
 
     use super::*;
 
@@ -137,6 +163,29 @@ mod tests {
             assert_eq!(read(text), Some(Value::Text(text.to_owned())), "{text:?}");
         }
         assert_eq!(read(" fast "), Some(Value::Text("fast".to_owned())), "written by hand");
+    }
+
+    #[test]
+    fn an_empty_cell_is_an_empty_choice_where_its_parameter_is_active() {
+        let space = Space::builder().integer("level", 1..=9).default(3);
+        let space = space.categorical("suffix", ["x", ""]).default("x").active_if("level", [8]);
+        let space = space.categorical("more", ["y", ""]).default("y").active_if("suffix", [""]);
+        let space = space.build().expect("a space");
+        let read = |row: &str| {
+            // The order of columns is not that of parameters.
+            let table = format!("config.more,config.suffix,config.level,measurement.a\n{row},1\n");
+            let trials = parse(table.as_bytes(), "a.csv", &space).expect("a table");
+            trials[0].configuration.clone()
+        };
+        let level = |level: i64| Configuration::new().with("level", level);
+        assert_eq!(read(",,8"), level(8).with("suffix", "").with("more", ""));
+        assert_eq!(read("y,,8"), level(8).with("suffix", "").with("more", "y"));
+        assert_eq!(read(",x,8"), level(8).with("suffix", "x"));
+        assert_eq!(read(",,7"), level(7));
+        // By default it is not active.
+        assert_eq!(read(",,"), Configuration::new());
+        let float = Configuration::new().with("level", 8.0).with("suffix", "").with("more", "");
+        assert_eq!(read(",,8.0"), float, "kinds are put right later");
     }
 
     #[test]

@@ -288,6 +288,8 @@ impl<'a> Importer<'a> {
         }
         let measured = trial.measurements.iter().map(|(name, value)| (name.clone(), *value)).collect();
         let client_id: String = trial.client_id.chars().filter(|each| !each.is_control()).collect();
+        // With the prefix, a name of more than 121 characters is too long, and loses its end. It identifies
+        // nobody here: the origin identifies the trial.
         let client_id = format!("{CARRIED}{client_id}").chars().take(CLIENT_CHARACTERS).collect();
         let question = Question {
             indicators,
