@@ -97,6 +97,10 @@ pub const SWEEP_STUDIES: u32 = 256;
 /// Rows of a deleted study that SQLite removes in one transaction: about two milliseconds.
 pub const REAPED_ROWS_SQLITE: u32 = 500;
 
+/// Parts of a deleted study's checkpoints that SQLite removes in one transaction. Each is as long as
+/// [`CHECKPOINT_PART_BYTES`], and SQLite visits all of its pages.
+pub const REAPED_PARTS_SQLITE: u32 = 8;
+
 /// Pause between two such transactions, in which other writes go on.
 pub const REAP_PAUSE: Duration = Duration::from_millis(20);
 

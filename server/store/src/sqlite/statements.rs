@@ -77,8 +77,9 @@ pub(super) const REAP_VISITS: &str = "DELETE FROM visits WHERE study = $1 AND cl
 pub(super) const REAP_STATES: &str = "DELETE FROM states WHERE study = $1 AND id IN \
      (SELECT id FROM states WHERE study = $1 ORDER BY id LIMIT $2)";
 
-pub(super) const REAP_CHECKPOINTS: &str = "DELETE FROM checkpoints WHERE study = $1 AND part IN \
-     (SELECT part FROM checkpoints WHERE study = $1 ORDER BY part LIMIT $2)";
+pub(super) const REAP_CHECKPOINTS: &str = "DELETE FROM checkpoints WHERE study = $1 AND \
+     (completion, part) IN (SELECT completion, part FROM checkpoints WHERE study = $1 \
+     ORDER BY completion, part LIMIT $2)";
 
 pub(super) const REAP_STUDY: &str = "DELETE FROM studies WHERE id = $1";
 
