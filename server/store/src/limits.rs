@@ -107,7 +107,7 @@ pub const REAP_PAUSE: Duration = Duration::from_millis(20);
 /// Pause after a transaction of that kind that failed.
 pub const REAP_RETRY: Duration = Duration::from_secs(10);
 
-/// Rows of a deleted study that PostgreSQL removes in one transaction.
+/// Rows of each table that PostgreSQL removes of a deleted study in one transaction.
 pub const REAPED_ROWS: u32 = 10_000;
 
 const _: () = assert!(HEARTBEAT.as_millis() * 3 <= REPLICA_LAPSE.as_millis());

@@ -155,11 +155,15 @@ async fn a_deleted_study_is_gone_for_every_replica_and_its_rows_follow() {
     first.create_study("hall", &spec(), 5).await.unwrap();
     let held = first.load("hall").await.unwrap().fence;
     first.commit(&held, &[change((1..50).map(open).collect())]).durable().await.unwrap();
+    // More than is removed at once.
+    let mut connection = database.connect().await;
+    let states = "INSERT INTO states (study, id, indicators) \
+                  SELECT s.id, n, '[0.1]'::json FROM studies s, generate_series(2, 25000) n";
+    assert_eq!(execute(&mut connection, states).await, 24_999);
     second.delete_study("hall").await.unwrap();
     until(|| !held.holds()).await;
     assert!(first.commit(&held, &[change(vec![open(50)])]).durable().await.is_err());
     assert!(first.get_study("hall").await.is_err());
-    let mut connection = database.connect().await;
     for _ in 0..1000 {
         let trials: i64 =
             sqlx::query_scalar("SELECT count(*) FROM trials").fetch_one(&mut connection).await.unwrap();

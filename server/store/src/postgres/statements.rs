@@ -271,11 +271,15 @@ pub(super) const DELETED_STUDY: &str =
 pub(super) const REAP_TRIALS: &str = "DELETE FROM trials WHERE study = $1 AND number IN \
      (SELECT number FROM trials WHERE study = $1 ORDER BY number LIMIT $2)";
 
-pub(super) const REAP_VISITS: &str = "DELETE FROM visits WHERE study = $1";
+pub(super) const REAP_VISITS: &str = "DELETE FROM visits WHERE study = $1 AND client_id IN \
+     (SELECT client_id FROM visits WHERE study = $1 ORDER BY client_id LIMIT $2)";
 
-pub(super) const REAP_STATES: &str = "DELETE FROM states WHERE study = $1";
+pub(super) const REAP_STATES: &str = "DELETE FROM states WHERE study = $1 AND id IN \
+     (SELECT id FROM states WHERE study = $1 ORDER BY id LIMIT $2)";
 
-pub(super) const REAP_CHECKPOINTS: &str = "DELETE FROM checkpoints WHERE study = $1";
+pub(super) const REAP_CHECKPOINTS: &str = "DELETE FROM checkpoints WHERE study = $1 AND \
+     (completion, part) IN (SELECT completion, part FROM checkpoints WHERE study = $1 \
+     ORDER BY completion, part LIMIT $2)";
 
 pub(super) const REAP_STUDY: &str = "DELETE FROM studies WHERE id = $1";
 
@@ -352,3 +356,19 @@ WITH held AS MATERIALIZED (
         measurements = excluded.measurements
 )
 SELECT id FROM held";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A study may have a million states, and the replica's heartbeat waits for each piece.
+    #[test]
+    fn every_piece_of_a_deleted_study_has_a_limit() {
+        for statement in [REAP_TRIALS, REAP_VISITS, REAP_STATES, REAP_CHECKPOINTS] {
+            assert!(
+                statement.contains("WHERE study = $1") && statement.ends_with("LIMIT $2)"),
+                "{statement}"
+            );
+        }
+    }
+}

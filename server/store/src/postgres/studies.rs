@@ -131,18 +131,19 @@ pub(super) async fn reap(connection: &mut PgConnection) -> Result<bool, sqlx::Er
     let Some(study) = found else {
         return Ok(false);
     };
-    let trials = sqlx::query(sql::REAP_TRIALS)
-        .bind(study)
-        .bind(i64::from(limits::REAPED_ROWS))
-        .execute(&mut *transaction)
-        .await?;
-    let removed = trials.rows_affected();
-    assert!(removed <= u64::from(limits::REAPED_ROWS), "{removed} trials at once");
-    if removed < u64::from(limits::REAPED_ROWS) {
-        for statement in [sql::REAP_VISITS, sql::REAP_STATES, sql::REAP_CHECKPOINTS, sql::REAP_STUDY] {
-            sqlx::query(statement).bind(study).execute(&mut *transaction).await?;
+    let most = limits::REAPED_ROWS;
+    // Referring rows are removed first. The replica's heartbeat waits for the transaction, so that one that
+    // removed all states of a large study at once would have the replica taken for dead.
+    for statement in [sql::REAP_TRIALS, sql::REAP_VISITS, sql::REAP_STATES, sql::REAP_CHECKPOINTS] {
+        let removing = sqlx::query(statement).bind(study).bind(i64::from(most)).execute(&mut *transaction);
+        let removed = removing.await?.rows_affected();
+        assert!(removed <= u64::from(most), "{removed} rows at once");
+        if removed == u64::from(most) {
+            transaction.commit().await?;
+            return Ok(true);
         }
     }
+    sqlx::query(sql::REAP_STUDY).bind(study).execute(&mut *transaction).await?;
     transaction.commit().await?;
     Ok(true)
 }
