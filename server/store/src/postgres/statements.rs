@@ -299,9 +299,11 @@ pub(super) const TRIALS_DELETE: &str = "WITH held AS MATERIALIZED (SELECT id FRO
      AND t.state <> 'OPEN' AND (t.completion IS NULL OR t.completion <= $4) RETURNING t.number) \
      SELECT (SELECT count(*) FROM held), (SELECT count(*) FROM gone)";
 
-/// Also removes surplus parts of an earlier attempt at the same checkpoint.
-pub(super) const OTHER_CHECKPOINTS_DELETE: &str =
-    "DELETE FROM checkpoints WHERE study = $1 AND (completion <> $2 OR part >= $3)";
+/// Also removes surplus parts of an earlier attempt at the same checkpoint. Changes nothing where the study's
+/// epoch no longer holds: the other checkpoint is then that of the present holder.
+pub(super) const OTHER_CHECKPOINTS_DELETE: &str = "WITH held AS MATERIALIZED (SELECT id FROM studies \
+     WHERE id = $1 AND epoch = $2 AND name IS NOT NULL FOR NO KEY UPDATE) \
+     DELETE FROM checkpoints c USING held WHERE c.study = held.id AND (c.completion <> $3 OR c.part >= $4)";
 
 /// Stores a batch in one statement, and so in one transaction and one round trip.
 ///
@@ -360,6 +362,15 @@ SELECT id FROM held";
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The holder of an earlier epoch may wake up at any statement.
+    #[test]
+    fn every_write_under_a_fence_asks_for_its_epoch() {
+        for statement in [POLICY_UPDATE, PART_UPSERT, OTHER_CHECKPOINTS_DELETE, TRIALS_DELETE] {
+            assert!(statement.contains("epoch = $2 AND name IS NOT NULL"), "{statement}");
+        }
+        assert!(BATCH.contains("s.epoch = f.epoch"));
+    }
 
     /// A study may have a million states, and the replica's heartbeat waits for each piece.
     #[test]

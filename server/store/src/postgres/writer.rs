@@ -237,8 +237,9 @@ impl Writer {
                 if row.part + 1 < row.parts {
                     return Ok(());
                 }
-                // Earlier checkpoints are removed, and the parts that a crash left.
-                let query = sqlx::query(sql::OTHER_CHECKPOINTS_DELETE).bind(fence.key());
+                // Earlier checkpoints are removed, and the parts that a crash left. Another replica that has
+                // taken the study since keeps its own.
+                let query = sqlx::query(sql::OTHER_CHECKPOINTS_DELETE).bind(fence.key()).bind(fence.epoch());
                 self.execute(query.bind(row.completion).bind(row.parts)).await.map(|_| ())
             }
             StudyJob::Commit { fence, .. } => {
