@@ -173,6 +173,8 @@ impl Tuning {
                     let (fence, closed_changes) = (mark.fence, mark.closed_changes);
                     answer = self
                         .with_tuner(&report.trial.study.id, |live, store, now_ms| {
+                            // The name may have gone to another study meanwhile.
+                            live.knows(&report.trial)?;
                             if !live.is_at(&fence, closed_changes) {
                                 return Ok(queue(live, store, ReportOutcome::Closed));
                             }
@@ -326,4 +328,48 @@ fn note(suggest: &Suggest, trial: &Trial, change: &Change) {
         );
     }
     tracing::trace!(study, client, trial = trial.number, "suggested");
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use treewright_core::trial::Outcome;
+    use treewright_core::tuner::Ask;
+    use treewright_store::MemoryStore;
+
+    use super::super::checkpoints::tests::spec;
+    use super::*;
+    use crate::clock::ManualClock;
+    use crate::convert::names::TrialName;
+
+    /// Two studies, each with an expired trial 1, of which the second takes the first one's name while
+    /// a request for that trial waits for the disk. Returns the use cases, the trial, and the waiting mark.
+    async fn replaced() -> (Tuning, TrialName, ClosedMark) {
+        let clock = Arc::new(ManualClock::at(1_000));
+        let tuning = Tuning::new(Arc::new(MemoryStore::new()), Arc::clone(&clock) as _);
+        for study in ["hall", "attic"] {
+            tuning.create_study(study, &spec()).await.expect("created");
+            let indicators = [("x".to_owned(), 0.5)].into();
+            let ask = Ask { client_id: "one".to_owned(), indicators, ..Ask::default() };
+            let suggest = Suggest { study: study.into(), ask, wanted: None };
+            assert_eq!(tuning.suggest(suggest).await.expect("a trial").number, 1);
+        }
+        clock.advance_ms(3_600_000);
+        tuning.sweep_leases().await.expect("swept");
+        let mark = tuning.with_tuner("hall", |live, store, _| live.mark(store)).await.expect("in memory");
+        tuning.delete_study("hall").await.expect("deleted");
+        tuning.rename_study("attic", "hall").await.expect("renamed");
+        (tuning, TrialName { study: "hall".into(), number: 1 }, mark)
+    }
+
+    #[tokio::test]
+    async fn a_late_report_never_reaches_another_study_that_got_the_name_meanwhile() {
+        let (tuning, trial, mark) = replaced().await;
+        let measurements = [("render_ms".to_owned(), 2.0)].into();
+        let report = Report { trial: trial.clone(), measurements, outcome: Outcome::Ok };
+        let refused = tuning.reported(report, Queued::Closed(mark)).await.expect_err("it is another's");
+        assert!(matches!(refused, Error::EarlierTrial { number: 1, .. }), "{refused}");
+        assert_eq!(tuning.get_trial(&trial).await.expect("there").state, TrialState::Expired);
+    }
 }

@@ -50,6 +50,8 @@ impl Tuning {
             let (fence, closed_changes) = (mark.fence, mark.closed_changes);
             found = self
                 .with_tuner(&name.study.id, |live, store, _| {
+                    // The name may have gone to another study meanwhile.
+                    live.knows(name)?;
                     if !live.is_at(&fence, closed_changes) {
                         return Ok(TrialLookup::Closed(live.mark(store)));
                     }
