@@ -169,21 +169,31 @@ impl ServeConfig {
         self.peers.check(&database, self.listen, &self.guard)
     }
 
-    /// Checks the TCP address that the system has opened for the daemon, if it has: it has to be the one of
-    /// `--listen`, on which the access rules rest.
+    /// Checks the TCP addresses that the system has opened for the daemon. The first has to be the one of
+    /// `--listen`, on which the access rules rest. A further one must not be open to more callers.
     ///
     /// # Errors
-    /// What is wrong with it, and what would be right.
-    pub fn check_inherited(&self, address: Option<SocketAddr>) -> Result<(), String> {
-        let is_listen = |own: &SocketAddr| {
-            own.ip() == self.listen.ip() && (self.listen.port() == 0 || own.port() == self.listen.port())
+    /// What is wrong with one, and what would be right.
+    pub fn check_inherited(&self, addresses: &[SocketAddr]) -> Result<(), String> {
+        let Some((first, others)) = addresses.split_first() else {
+            return Ok(());
         };
-        match address.filter(|own| !is_listen(own)) {
-            None => Ok(()),
-            Some(own) => Err(format!(
-                "systemd passed on a socket at {own}, but --listen names another address; make them the same"
-            )),
+        let is_port = self.listen.port() == 0 || first.port() == self.listen.port();
+        if first.ip() != self.listen.ip() || !is_port {
+            return Err(format!(
+                "systemd passed on a socket at {first}, but --listen names another address; make them the same"
+            ));
         }
+        for own in others {
+            self.guard.check(*own)?;
+            if self.guard.asks_for_tokens(*own) && !self.guard.asks_for_tokens(*first) {
+                return Err(format!(
+                    "systemd passed on a socket at {own} as well, which other machines can reach, and no tokens \
+                     are asked for at {first}; say --tokens, or leave one of them out"
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// Checks that the figures and the dashboard are not exposed beyond this machine by mistake.
@@ -377,6 +387,27 @@ mod tests {
             ["--database", "postgres://u@h/d", "--listen", "0.0.0.0:1", "--advertise", "https://a:1"];
         let replica = read(&[&replica[..], &["--tls-cert", "c", "--tls-key", "k"]].concat()).unwrap();
         assert!(replica.guard.asks_for_tokens(replica.listen));
+    }
+
+    #[test]
+    fn no_socket_of_the_system_is_open_to_more_callers_than_the_first() {
+        let plain = read(&["--database", "x"]).unwrap();
+        let check = |config: &ServeConfig, addresses: &[&str]| {
+            let parsed = addresses.iter().map(|text| text.parse().expect("an address"));
+            config.check_inherited(&parsed.collect::<Vec<_>>())
+        };
+        let (near, far) = ("127.0.0.1:50611", "10.0.0.7:50612");
+        check(&plain, &[]).expect("a Unix socket alone");
+        check(&plain, &[near, "[::1]:50611"]).expect("both are of this machine");
+        assert!(check(&plain, &[far]).unwrap_err().contains("--listen"));
+        assert!(check(&plain, &[near, far]).unwrap_err().contains("--tls-cert"));
+        let encrypted = ["--database", "x", "--tls-cert", "c", "--tls-key", "k"];
+        let config = read(&encrypted).unwrap();
+        assert!(check(&config, &[near, far]).unwrap_err().contains("--tokens"));
+        for more in ["--tokens", "--insecure"] {
+            let config = read(&[&encrypted[..], &[more]].concat()).unwrap();
+            check(&config, &[near, far]).expect("it was said");
+        }
     }
 
     #[test]

@@ -152,7 +152,7 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
             listeners.bind_unix(path).await.map_err(socket_error)?;
         }
     } else {
-        config.check_inherited(listeners.address()).map_err(DaemonError::Inherited)?;
+        config.check_inherited(&listeners.addresses()).map_err(DaemonError::Inherited)?;
     }
     // Without TCP only this machine can connect, as with a loopback address.
     let address = listeners.address().unwrap_or(LOCAL);

@@ -122,6 +122,12 @@ impl Listeners {
         self.tcp.first()?.local_addr().ok()
     }
 
+    /// Every TCP address that is listened on.
+    #[must_use]
+    pub fn addresses(&self) -> Vec<SocketAddr> {
+        self.tcp.iter().filter_map(|one| one.local_addr().ok()).collect()
+    }
+
     /// Every address, as a client writes it; `scheme` is that of TCP.
     #[must_use]
     pub fn urls(&self, scheme: &str) -> Vec<String> {
