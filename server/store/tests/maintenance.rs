@@ -192,6 +192,24 @@ async fn a_check_finds_what_a_start_need_not() {
     other.close().await.unwrap();
     let error = maintenance::check(&unreadable).await.unwrap_err();
     assert!(error.to_string().contains("trial 301 of study 1 cannot be read"), "{error}");
+    for (damage, found) in [
+        ("UPDATE states SET indicators = '[0.1'", "state 1 of study 1 cannot be read"),
+        (
+            "INSERT INTO visits (study, client_id, state_id, number, decision) VALUES (1, 'one', 1, 1, '{')",
+            "the visit of one in study 1 cannot be read",
+        ),
+        (
+            "INSERT INTO tokens VALUES ('ab', 'a', zeroblob(32), 'READ', '[', '{}', 0, NULL, NULL)",
+            "token ab cannot be read",
+        ),
+    ] {
+        std::fs::copy(&place.database, &unreadable).unwrap();
+        let mut other = foreign(&unreadable).await;
+        other.execute(damage).await.unwrap();
+        other.close().await.unwrap();
+        let error = maintenance::check(&unreadable).await.unwrap_err();
+        assert!(error.to_string().contains(found), "{error}");
+    }
 
     let stray = place.database.with_file_name("stray.db");
     std::fs::copy(&place.database, &stray).unwrap();

@@ -110,11 +110,18 @@ async fn strays(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsoun
 }
 
 /// Documents that cannot be read: SQLite keeps no check sums, so a flipped bit inside a text can only show
-/// here.
+/// here. One of a state or a visit keeps its study from being loaded, one of a token keeps out every caller.
 async fn contents(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
     let sql = "SELECT 'trial ' || number || ' of study ' || study || ' cannot be read' FROM trials \
                WHERE NOT (json_valid(configuration) AND json_valid(indicators) AND json_valid(measurements) \
                AND json_valid(reason) AND json_valid(coalesce(fingerprint, 'null'))) \
+               UNION ALL SELECT 'state ' || id || ' of study ' || study || ' cannot be read' FROM states \
+               WHERE NOT (json_valid(indicators) AND json_valid(coalesce(fingerprint, 'null'))) \
+               UNION ALL SELECT 'the visit of ' || client_id || ' in study ' || study || ' cannot be read' \
+               FROM visits WHERE NOT (json_valid(decision) AND json_valid(coalesce(weighed, 'null')) \
+               AND json_valid(coalesce(account, 'null'))) \
+               UNION ALL SELECT 'token ' || id || ' cannot be read' FROM tokens \
+               WHERE NOT (json_valid(studies) AND json_valid(quota)) \
                UNION ALL SELECT 'study ' || name || ' cannot be read' FROM studies \
                WHERE NOT (json_valid(specification) AND json_valid(policy)) LIMIT 20";
     Ok(sqlx::query_scalar(sql).fetch_all(connection).await?)
