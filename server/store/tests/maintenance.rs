@@ -155,6 +155,8 @@ async fn what_cannot_be_restored_changes_nothing() {
     other.close().await.unwrap();
     let in_use = folder.join("in_use");
     let user = store(&in_use, 1).await;
+    let link = folder.join("link");
+    std::os::unix::fs::symlink(&in_use, &link).unwrap();
 
     for (from, fragment) in [
         (&letter, "not a usable database"),
@@ -162,6 +164,7 @@ async fn what_cannot_be_restored_changes_nothing() {
         (&scratched, "is damaged"),
         (&newer, "newer treewrightd"),
         (&in_use, "treewrightd backup"),
+        (&link, "treewrightd backup"),
         (&folder.join("missing"), "does not exist"),
         (&folder, "is a directory"),
     ] {

@@ -37,7 +37,9 @@ pub async fn restore(from: &Path, database: &Path) -> Result<Restored, Maintenan
     let database = &database.canonicalize().unwrap_or_else(|_| database.to_owned());
     file::check_place(database)?;
     let lock = file::DatabaseLock::take(database)?;
-    if fs::metadata(files::beside(from, "-wal")).is_ok_and(|log| log.len() > 0) {
+    // The log of a link lies beside the file that it names.
+    let original = from.canonicalize().unwrap_or_else(|_| from.to_owned());
+    if fs::metadata(files::beside(&original, "-wal")).is_ok_and(|log| log.len() > 0) {
         return Err(MaintenanceError::Unfit {
             path: from.to_owned(),
             problem:
