@@ -5,6 +5,7 @@
 
 use treewright_core::study::StudySpec;
 
+use super::token::{FilterToken, tokens};
 use super::{FieldComparison, Filter, FilterError};
 
 impl Filter {
@@ -42,17 +43,12 @@ impl Filter {
     }
 }
 
-/// The place of a field in a filter, counted in characters from 1: not within a longer word, nor within text.
+/// The place of a field in a filter that was parsed, counted in characters from 1. In a longer word and in
+/// text it is no word of its own.
 fn position(text: &str, field: &str) -> usize {
-    let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
-    let places = text.match_indices(field);
-    let mut whole = places.filter(|(at, _)| {
-        let (before, after) = (text[..*at].chars().next_back(), text[at + field.len()..].chars().next());
-        let is_within_text = !text[..*at].matches('"').count().is_multiple_of(2);
-        !before.is_some_and(is_part) && !after.is_some_and(is_part) && !is_within_text
-    });
-    let at = whole.next().map_or(0, |(at, _)| at);
-    text[..at].chars().count() + 1
+    let is_field = |token: &FilterToken| matches!(token, FilterToken::Word(word) if word == field);
+    let all = tokens(text).unwrap_or_default();
+    all.iter().find(|placed| is_field(&placed.token)).map_or(1, |placed| placed.position)
 }
 
 fn listed(names: &[&str]) -> String {
@@ -83,6 +79,7 @@ mod tests {
         for (text, position, problem) in [
             ("config.qualty = 2", 1, "no parameter \"qualty\"; it has quality"),
             ("client_id = \"config.q\" AND config.q = 2", 28, "no parameter \"q\""),
+            (r#"client_id = "a\" config.q" AND config.q = 2"#, 32, "no parameter \"q\""),
             ("indicator.x < 1 AND indicator.xx < 1", 21, "no indicator \"xx\"; it has x"),
         ] {
             let error = check(text).expect_err(text);
