@@ -1,12 +1,13 @@
 //! Limits of the number of connections, and the choice of the one that leaves when there are too many.
 //!
 //! A connection is a *newcomer* until a request on it was authorised. Newcomers may only have a share of the
-//! slots. No connection is refused while another can be dismissed: the oldest newcomer of the address with
-//! the most newcomers or, without newcomers, the longest unused connection of the address with the most
-//! connections. So any number of connections without a token shuts out no client that has one. A client has
-//! to send its first request before it is dismissed, and a dismissed idle client connects again with its next
-//! request. Connections with a request under way stay. A new connection waits until the other has left, so
-//! that the limit is never exceeded.
+//! slots. Within the limit of its address, no connection is refused while another can be dismissed: the
+//! oldest newcomer of the address with the most newcomers or, without newcomers, the longest unused connection
+//! of the address with the most connections. At that limit one of the address itself has to leave, by the same
+//! rule. So any number of connections without a token shuts out no client of another address that has one. A
+//! client has to send its first request before it is dismissed, and a dismissed idle client connects again
+//! with its next request. Connections with a request under way stay. A new connection waits until the other
+//! has left, so that the limit is never exceeded.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::future::poll_fn;
@@ -151,14 +152,13 @@ impl ConnectionSlots {
     fn try_take(&self, origin: Origin) -> Result<Option<ConnectionSlot>, &'static str> {
         let mut taken = self.lock();
         let from_there = taken.crowds.get(&origin).map_or(0, |crowd| crowd.open - crowd.leaving);
+        if origin.0.is_some() && from_there >= self.limits.per_address && !taken.dismiss(Some(origin)) {
+            return Err("address");
+        }
+        // Where an idle one of the address has left, there may still be too many newcomers.
         let staying = taken.open.len() - taken.leaving;
-        if origin.0.is_some() && from_there >= self.limits.per_address {
-            if !taken.dismiss(Some(origin)) {
-                return Err("address");
-            }
-        } else if (staying >= self.limits.total || taken.newcomers >= self.limits.newcomers)
-            && !taken.dismiss(None)
-        {
+        let is_full = staying >= self.limits.total || taken.newcomers >= self.limits.newcomers;
+        if is_full && !taken.dismiss(None) {
             return Err("limit");
         }
         if taken.open.len() >= self.limits.total {
@@ -176,6 +176,7 @@ impl ConnectionSlots {
         taken.newcomers += 1;
         taken.open.insert(number, OpenConnection { origin, notice: Arc::clone(&notice), is_leaving: false });
         assert!(taken.open.len() <= self.limits.total, "{} connections", taken.open.len());
+        assert!(taken.newcomers <= self.limits.newcomers, "{} newcomers", taken.newcomers);
         taken.check();
         Ok(Some(ConnectionSlot { slots: self.clone(), number, origin, notice }))
     }
@@ -421,6 +422,19 @@ mod tests {
         two.used(false);
         room(&slots, from(1));
         assert!(must_go(&two));
+    }
+
+    #[test]
+    fn whoever_comes_in_for_an_idle_one_of_its_address_is_a_newcomer_like_others() {
+        let slots = slots(9, 2, 1);
+        let known = room(&slots, from(1));
+        known.settle();
+        known.used(false);
+        let others = [room(&slots, from(2)), room(&slots, from(3))];
+        let next = room(&slots, from(1));
+        assert!(must_go(&known) && !must_go(&next));
+        assert_eq!(others.iter().filter(|slot| must_go(slot)).count(), 1);
+        assert_eq!(slots.counts(), (4, 2));
     }
 
     #[test]
