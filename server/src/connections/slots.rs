@@ -9,6 +9,7 @@
 //! with its next request. Connections with a request under way stay. A new connection waits until the other
 //! has left, so that the limit is never exceeded.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::future::poll_fn;
 use std::net::{IpAddr, Ipv6Addr};
@@ -235,13 +236,12 @@ impl OpenConnections {
     /// The longest unused known connection of an origin, or of the address with the most connections among
     /// those with an idle one.
     fn longest_idle(&self, of: Option<Origin>) -> Option<u64> {
-        let heaviest = self.crowds.iter().max_by_key(|(_, crowd)| crowd.open - crowd.leaving);
-        let heaviest = heaviest.map(|(origin, _)| *origin);
         let there = self.open.iter().filter(|(_, one)| of.is_none_or(|of| one.origin == of));
         let idle = there.filter_map(|(number, one)| {
             let last_use = one.notice.last_use.load(Ordering::Relaxed);
             let is_idle = !one.is_leaving && last_use != BUSY;
-            is_idle.then_some((Some(one.origin) != heaviest, last_use, *number))
+            let crowd = || self.crowds.get(&one.origin).map_or(0, |crowd| crowd.open - crowd.leaving);
+            is_idle.then(|| (Reverse(crowd()), last_use, *number))
         });
         idle.min().map(|(.., number)| number)
     }
@@ -403,6 +403,21 @@ mod tests {
         let _others = [busy(&slots, from(4)), busy(&slots, from(5))];
         assert!(slots.try_take(from(6)).expect("one makes room").is_none());
         assert!(must_go(&flood[7]) && !must_go(&stranger) && !must_go(&next));
+    }
+
+    #[test]
+    fn where_the_largest_crowd_is_at_work_the_largest_with_an_idle_one_makes_room() {
+        let slots = slots(8, 8, 100);
+        let _farm: Vec<_> = (0..5).map(|_| busy(&slots, from(1))).collect();
+        let idle = |last| {
+            let slot = room(&slots, from(last));
+            slot.settle();
+            slot.used(false);
+            slot
+        };
+        let (single, pair) = (idle(2), [idle(3), idle(3)]);
+        assert!(slots.try_take(from(4)).expect("one makes room").is_none());
+        assert!(must_go(&pair[0]) && !must_go(&pair[1]) && !must_go(&single));
     }
 
     #[test]
