@@ -12,13 +12,14 @@ use tonic::transport::Server;
 use tonic_health::ServingStatus;
 use tonic_health::server::{HealthReporter, HealthService};
 use treewright_proto::v1::tuning_service_server::{SERVICE_NAME, TuningServiceServer};
-use treewright_store::Store;
+use treewright_store::{Store, StoreError};
 
 use crate::access::Access;
 use crate::admission::{Admission, AdmissionLimits};
 use crate::clock::Clock;
 use crate::connections::{self, ConnectionLimits, ConnectionSlots, Unfinished};
 use crate::dashboard::Dashboard;
+use crate::error::Error;
 use crate::forward::ForwardLayer;
 use crate::limits;
 use crate::listeners::Listeners;
@@ -275,8 +276,10 @@ async fn sweep(tuning: Arc<Tuning>, store: Arc<dyn Store>) {
         if store.has_failed() {
             return;
         }
-        if let Err(error) = tuning.sweep_leases().await {
-            tracing::warn!(%error, "leases could not be swept; trying again");
+        match tuning.sweep_leases().await {
+            // The daemon is ending and has closed the store.
+            Ok(()) | Err(Error::Store(StoreError::Closed)) => {}
+            Err(error) => tracing::warn!(%error, "leases could not be swept; trying again"),
         }
     }
 }

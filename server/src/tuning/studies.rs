@@ -1,7 +1,7 @@
 //! Use cases of a study: create, read, list, change its policy, delete, and end leases everywhere.
 
 use treewright_core::study::StudySpec;
-use treewright_store::{Created, StudyRecord};
+use treewright_store::{Created, StoreError, StudyRecord};
 
 use super::Tuning;
 use crate::convert::names::StudyName;
@@ -118,7 +118,7 @@ impl Tuning {
     /// also ends that study's leases.
     ///
     /// # Errors
-    /// The first error; the other studies are still swept.
+    /// The first error that does not pass by itself; the other studies are still swept.
     pub async fn sweep_leases(&self) -> Result<(), Error> {
         let now_ms = self.now_ms();
         let due = self.store().studies_with_due_leases(now_ms).await?;
@@ -130,8 +130,50 @@ impl Tuning {
                 Ok(receipt) => self.metrics().durable(receipt).await.map_err(Error::from),
                 Err(error) => Err(error),
             };
-            result = result.and(swept);
+            match swept {
+                Err(error) if passes(&error) => tracing::debug!(study, %error, "swept by another or later"),
+                swept => result = result.and(swept),
+            }
         }
         result
+    }
+}
+
+/// Whether a sweep may leave a study alone: it is being loaded, it went to another replica, which sweeps it, or
+/// it is gone.
+fn passes(error: &Error) -> bool {
+    use StoreError::{Elsewhere, Fenced, StudyNotFound};
+    match error {
+        Error::Loading { .. } | Error::Reloading { .. } => true,
+        Error::Store(error) => matches!(error, Elsewhere { .. } | Fenced { .. } | StudyNotFound { .. }),
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sweep_fails_only_where_somebody_has_to_act() {
+        let study = || "hall".to_owned();
+        let address = "http://10.0.0.7:50611".to_owned();
+        for error in [
+            Error::Loading { study: study() },
+            Error::Reloading { study: study() },
+            StoreError::Elsewhere { study: study(), address }.into(),
+            StoreError::Fenced { study: study() }.into(),
+            StoreError::StudyNotFound { study: study() }.into(),
+        ] {
+            assert!(passes(&error), "{error}");
+        }
+        for error in [
+            StoreError::Unavailable { problem: String::new() }.into(),
+            StoreError::Inconsistent { problem: String::new() }.into(),
+            StoreError::Closed.into(),
+            Error::Defect("loading a study panicked"),
+        ] {
+            assert!(!passes(&error), "{error}");
+        }
     }
 }
