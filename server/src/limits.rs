@@ -55,6 +55,10 @@ pub const RESETS_PER_CONNECTION: usize = 32;
 /// Bytes of the headers of one request, as HTTP/2 counts them.
 pub const HEADER_BYTES: u32 = 8 << 10;
 
+/// Longest message of an error, in bytes. It travels in a header, where each byte may take three characters,
+/// and once more in its details; many gRPC libraries refuse more than 8 KiB of headers.
+pub const MESSAGE_BYTES: usize = 1500;
+
 /// Headers of one request.
 pub const HEADERS: usize = 48;
 

@@ -41,8 +41,10 @@ impl Refusals {
     /// Counts and logs a request that was refused, in the request's span.
     pub(crate) fn note(&self, error: &Error) {
         let (code, reason) = (status::code(error), status::reason(error));
+        let line = self.take_line(reason);
+        let error = status::message(error);
         self.metrics.refused(reason);
-        match self.take_line(reason) {
+        match line {
             None => tracing::debug!(?code, %error, "request refused"),
             Some(left_out) if code == Code::Internal => {
                 tracing::error!(?code, %error, left_out, "request failed");

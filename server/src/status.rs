@@ -12,7 +12,7 @@ use treewright_proto::v1::TuneError;
 use treewright_store::StoreError;
 
 use crate::error::Error;
-use crate::limits::LOADING_RETRY;
+use crate::limits::{LOADING_RETRY, MESSAGE_BYTES};
 use crate::redirect::Redirect;
 
 /// The canonical code of an error.
@@ -155,9 +155,22 @@ pub fn retry_after(error: &Error) -> Option<Duration> {
     }
 }
 
+/// The words of an error for a client and for the log. What a client wrote may stand in them, and is cut where
+/// it is too long.
+#[must_use]
+pub fn message(error: &Error) -> String {
+    let mut text = error.to_string();
+    if text.len() > MESSAGE_BYTES {
+        let end = (0..=MESSAGE_BYTES).rev().find(|end| text.is_char_boundary(*end));
+        text.truncate(end.unwrap_or(0));
+        text.push_str("...");
+    }
+    text
+}
+
 impl From<Error> for Status {
     fn from(error: Error) -> Self {
-        let (code, message) = (code(&error), error.to_string());
+        let (code, message) = (code(&error), message(&error));
         assert_ne!(code, Code::Ok, "an error says that all went well: {message}");
         let mut status = match retry_after(&error) {
             None => Status::new(code, message),
@@ -176,7 +189,7 @@ impl From<Error> for Status {
 impl From<Error> for TuneError {
     fn from(error: Error) -> Self {
         let retry_after_ms = retry_after(&error).map(|wait| wait.as_millis().try_into().unwrap_or(i64::MAX));
-        TuneError { code: code(&error) as i32, message: error.to_string(), retry_after_ms }
+        TuneError { code: code(&error) as i32, message: message(&error), retry_after_ms }
     }
 }
 
@@ -200,6 +213,21 @@ mod tests {
             let found = reason(&Error::Store(error));
             assert_eq!(found, expected);
             assert!(REASONS.contains(&found));
+        }
+    }
+
+    #[test]
+    fn what_a_client_wrote_fits_into_a_header() {
+        let short = Error::invalid("filter", "äöü");
+        assert_eq!(Status::from(short).message(), "filter: äöü");
+        for start in ["", "x"] {
+            let long = Error::invalid("order_by", format!("{start}{}", "ä".repeat(1 << 19)));
+            let status = Status::from(long.clone());
+            assert_eq!(status.code(), Code::InvalidArgument);
+            let message = status.message();
+            assert!(message.starts_with("order_by: ") && message.ends_with("ä..."), "{message}");
+            assert!((MESSAGE_BYTES..MESSAGE_BYTES + 4).contains(&message.len()), "{}", message.len());
+            assert_eq!(TuneError::from(long).message, message);
         }
     }
 
