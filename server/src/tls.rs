@@ -5,7 +5,7 @@
 //! began with. Unusable files are refused with a line in the log, and the old certificate stays.
 
 use std::fs::File;
-use std::io::Read as _;
+use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 
@@ -262,7 +262,9 @@ fn read(path: &Path) -> Result<Vec<u8>, TlsError> {
     let file = File::open(path).map_err(failed)?;
     file.take(limits::CERTIFICATE_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
     if bytes.len() as u64 > limits::CERTIFICATE_BYTES {
-        return Err(content(path, format!("larger than {} bytes", limits::CERTIFICATE_BYTES)));
+        // An error of reading, which is logged once, because these contents are not compared.
+        let problem = format!("larger than {} bytes", limits::CERTIFICATE_BYTES);
+        return Err(failed(std::io::Error::new(ErrorKind::FileTooLarge, problem)));
     }
     Ok(bytes)
 }
@@ -316,6 +318,9 @@ mod tests {
             std::fs::write(&files.certificate, broken).unwrap();
             assert!(tls.reload().is_err());
         }
+        std::fs::write(&files.certificate, vec![b'x'; limits::CERTIFICATE_BYTES as usize + 1]).unwrap();
+        let large = tls.reload().unwrap_err();
+        assert!(matches!(large, TlsError::Read { .. }) && large.to_string().contains("larger"), "{large}");
         std::fs::remove_file(&files.certificate).unwrap();
         assert!(matches!(tls.reload(), Err(TlsError::Read { .. })));
         assert!(Arc::ptr_eq(&second, &tls.current()));
