@@ -113,11 +113,16 @@ pub(super) struct Live {
 impl Live {
     /// Queues the tuner's changes. Must be called under the lock under which they were computed.
     pub(super) fn commit(&mut self, store: &dyn Store, changes: &[Change]) -> Receipt {
+        self.metrics.decided(changes);
+        self.put(store, changes)
+    }
+
+    /// Queues changes that no report brought about.
+    fn put(&mut self, store: &dyn Store, changes: &[Change]) -> Receipt {
         debug_assert!(!self.is_stale, "what a stale tuner decides is not to be stored");
         let (handed_out, mut all) =
             (self.tuner.statistics().trials, changes.iter().flat_map(|one| &one.trials));
         debug_assert!(all.all(|trial| trial.number <= handed_out), "a trial was stored and not handed out");
-        self.metrics.decided(changes);
         self.tally.add(&self.tuner, changes);
         store.commit(&self.fence, changes)
     }
@@ -141,8 +146,11 @@ impl Live {
             );
         }
         if !change.is_empty() {
+            // A configuration that is given up completes its trial, whose lease ran out like any other.
+            let given_up = change.trials.iter().filter(|trial| trial.state == TrialState::Completed);
+            self.tally.expired += given_up.count() as u64;
             // Later changes in the queue wait for it as well, and if it fails, the fence breaks.
-            drop(self.commit(store, &[change]));
+            drop(self.put(store, &[change]));
         }
     }
 
