@@ -41,7 +41,7 @@ pub enum ServeError {
     /// The server could not be put together, or the listener failed.
     #[error("the server failed: {0}")]
     Server(String),
-    /// A task that writes, sweeps or saves met a defect.
+    /// A task that accepts connections, writes, sweeps or saves met a defect.
     #[error("a task of the daemon met a defect, which the log tells; start it again and report this")]
     Task,
 }
@@ -205,7 +205,11 @@ pub async fn run(
         }
     };
     let served = match served {
-        Some(served) => served,
+        Some(served) => {
+            // It takes connections until it is told to end, unless the tasks that accept them met a defect.
+            has_failed = served.is_ok();
+            served
+        }
         None => {
             tracing::info!(drain_s = drain.as_secs(), "draining");
             set_health(&health, ServingStatus::NotServing).await;

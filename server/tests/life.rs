@@ -18,6 +18,7 @@ use tonic_reflection::pb::v1::server_reflection_request::MessageRequest;
 use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
 use treewright_proto::v1 as wire;
 use treewright_server::clock::ManualClock;
+use treewright_server::listeners::Listeners;
 use treewright_server::serve;
 
 /// Rounds of one client: the names and configurations it gets.
@@ -95,6 +96,17 @@ async fn a_daemon_whose_writer_has_met_a_defect_ends_with_an_error() {
     let clock = Arc::new(ManualClock::at(START_MS));
     let (drain, never) = (Duration::from_millis(100), std::future::pending());
     let served = serve::run(listener, Arc::new(store) as _, clock as _, drain, never);
+    let served = tokio::time::timeout(Duration::from_secs(30), served).await.expect("it ends by itself");
+    assert!(matches!(served, Err(serve::ServeError::Task)), "{served:?}");
+}
+
+/// So ends a server whose last listener met a defect: an end without an error would not be started again.
+#[tokio::test]
+async fn a_daemon_that_nobody_can_reach_any_more_ends_with_an_error() {
+    let store = Arc::new(Flaky::default());
+    let clock = Arc::new(ManualClock::at(START_MS));
+    let (drain, never) = (Duration::from_millis(100), std::future::pending());
+    let served = serve::run(Listeners::default(), store as _, clock as _, drain, never);
     let served = tokio::time::timeout(Duration::from_secs(30), served).await.expect("it ends by itself");
     assert!(matches!(served, Err(serve::ServeError::Task)), "{served:?}");
 }
