@@ -224,6 +224,17 @@ async fn a_check_finds_what_a_start_need_not() {
     SqliteStore::open(&stray).await.expect("its pages are sound").close().await;
 }
 
+#[tokio::test]
+async fn trials_of_a_deleted_study_count_no_more() {
+    let place = Place::new();
+    // More than is removed at once.
+    let running = store(&place.database, 1200).await;
+    running.delete_study("hall").await.unwrap();
+    running.close().await;
+    let inventory = maintenance::check(&place.database).await.unwrap();
+    assert_eq!((inventory.studies, inventory.trials), (0, 0));
+}
+
 /// Files of versions that did not know retention, made as those did.
 #[tokio::test]
 async fn the_copy_of_a_file_that_cannot_shrink_can() {

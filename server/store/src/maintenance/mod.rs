@@ -161,7 +161,9 @@ async fn schema_version(connection: &mut SqliteConnection, path: &Path) -> Resul
 }
 
 async fn inventory(connection: &mut SqliteConnection, path: &Path) -> Result<Inventory, MaintenanceError> {
-    let sql = "SELECT (SELECT count(*) FROM studies WHERE name < '~'), (SELECT count(*) FROM trials), \
+    // Rows of a deleted study stay until they are removed piece by piece.
+    let sql = "SELECT (SELECT count(*) FROM studies WHERE name < '~'), \
+               (SELECT count(*) FROM trials WHERE study IN (SELECT id FROM studies WHERE name < '~')), \
                (SELECT page_count * page_size FROM pragma_page_count, pragma_page_size)";
     let counted: Result<(i64, i64, i64), _> = sqlx::query_as(sql).fetch_one(connection).await;
     let (studies, trials, bytes) = counted.map_err(|error| MaintenanceError::sqlite(path, &error))?;
