@@ -77,8 +77,9 @@ impl Tuner {
 
     /// The number of the visit that needs a decision in a state, known or not; `None` where the last decision
     /// holds. It does not hold for a session with another policy, nor for a kept configuration that has
-    /// proved infeasible or clearly worse than another here. Whenever a stay has doubled its length, the dice
-    /// or the expected gain decide again whether to explore, unless the policy has the dice thrown once.
+    /// proved infeasible or clearly worse than another here. Nor does exploring hold once epsilon is zero.
+    /// Whenever a stay has doubled its length, the dice or the expected gain decide again whether to explore,
+    /// unless the policy has the dice thrown once.
     pub(super) fn decides(&self, ask: &Ask, state: Option<StateId>) -> Option<u64> {
         let client_id = &ask.client_id;
         let Some(visit) = self.visits.of(client_id) else {
@@ -94,7 +95,8 @@ impl Tuner {
         let ends = match &visit.decision {
             VisitDecision::Explore { estimate, .. } => {
                 let tried = self.states.results(state).tried() as u64;
-                policy.weigh_gain && estimate.until.is_some_and(|until| tried >= until)
+                self.never_explores(&ask.session_policy)
+                    || policy.weigh_gain && estimate.until.is_some_and(|until| tried >= until)
             }
             VisitDecision::Exploit { configuration, exploit, .. } => {
                 let doubled = stay > 1 && stay.is_power_of_two();
@@ -105,7 +107,7 @@ impl Tuner {
                     exploit.rule == ExploitRule::Finished && !self.is_spent_for(&ask.session_policy, state);
                 self.states.results(state).fails(configuration)
                     || begins_again
-                    || self.is_unfounded(ask, state, configuration)
+                    || self.is_unfounded(ask, state, configuration, &exploit.source)
                     || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
                     || doubled
                         && (exploit.rule == ExploitRule::Gain && policy.weigh_gain || is_thrown_again())
@@ -125,12 +127,21 @@ impl Tuner {
             && self.rechecks.wanted(&ask.client_id, state).is_some()
     }
 
-    /// Whether a kept configuration was never run in a state where something else was, while only
-    /// measurements count.
-    fn is_unfounded(&self, ask: &Ask, state: StateId, configuration: &Configuration) -> bool {
+    /// Whether a kept configuration was never run in a state while only measurements count: something else
+    /// ran there, or nothing but a model names it.
+    fn is_unfounded(
+        &self,
+        ask: &Ask,
+        state: StateId,
+        configuration: &Configuration,
+        source: &ExploitSource,
+    ) -> bool {
         let results = self.states.results(state);
+        // The nearest neighbour names what ran in another state.
+        let nearest = PredictorMethod::NearestNeighbour;
+        let is_modelled = matches!(source, ExploitSource::Predictor(by) if by.predictor != nearest);
         self.ground(&ask.session_policy) == Ground::Measured
-            && results.best().is_some()
+            && (results.best().is_some() || is_modelled)
             && results.ran(configuration).is_none()
     }
 
@@ -234,9 +245,7 @@ impl Tuner {
 
     /// The ground of an answer to a session.
     pub(super) fn ground(&self, session: &SessionPolicy) -> Ground {
-        let policy = &self.spec.policy;
-        let never_explores = session.epsilon.unwrap_or(policy.epsilon) == 0.0;
-        if policy.operation == Operation::Freeze || never_explores {
+        if self.spec.policy.operation == Operation::Freeze || self.never_explores(session) {
             Ground::Measured
         } else {
             Ground::Predicted

@@ -11,6 +11,11 @@ impl Tuner {
         session.epsilon.unwrap_or_else(by_policy)
     }
 
+    /// Whether a session never explores, as long as anything else can be run.
+    pub(super) fn never_explores(&self, session: &SessionPolicy) -> bool {
+        session.epsilon.unwrap_or(self.spec.policy.epsilon) == 0.0
+    }
+
     /// Whether a session explores every state until its search has ended, without a draw.
     pub(super) fn explores_to_the_end(&self, session: &SessionPolicy) -> bool {
         let has_one_state = self.spec.indicators.indicators().is_empty();

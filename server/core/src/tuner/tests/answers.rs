@@ -5,6 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use crate::decision::{BudgetStatus, Exploit, ExploitRule, ExploitSource, ExplorationEstimate, Predicted};
 use crate::policy::Operation;
 use crate::randomness::standard_normal;
 use crate::session::SessionPolicy;
@@ -120,6 +121,38 @@ fn policies() -> impl Strategy<Value = Policy> {
             ..Policy::default()
         },
     )
+}
+
+/// A client keeps a model's answer that it never ran, in a state where nothing was measured.
+#[test]
+fn a_kept_prediction_does_not_outlive_exploring() {
+    for now in [Policy { operation: Operation::Freeze, ..explore_always() }, exploit_always()] {
+        let mut tuner = tuner(explore_always());
+        let trial = suggest(&mut tuner, "a", 0.5, 0.5);
+        let _ = tuner.abandon(&trial).expect("it was open");
+        let configuration = tuner.spec().space.decode(&[0.9, 0.1, 0.2, 0.3]);
+        let (predictor, neighbours) = (PredictorMethod::Contextual, Vec::new());
+        let exploit = Exploit {
+            source: ExploitSource::Predictor(Predicted { predictor, expected: (3.0, 0.1), neighbours }),
+            rule: ExploitRule::Dice,
+            estimate: ExplorationEstimate::default(),
+            budget: BudgetStatus::default(),
+        };
+        let decision = VisitDecision::Exploit {
+            configuration: configuration.clone(),
+            predicted_cost: Some(3.0),
+            exploit: Box::new(exploit),
+            said: None,
+        };
+        let visit = tuner.visits.of("a").expect("it came").clone();
+        tuner.visits.begin(Visit { decision, ..visit });
+        let kept = suggest(&mut tuner, "a", 0.5, 0.5);
+        assert_eq!(kept.configuration, configuration);
+        let _ = tuner.abandon(&kept).expect("it was open");
+        tuner.set_policy(now).expect("valid");
+        let default = tuner.spec().space.default_configuration();
+        assert_eq!(suggest(&mut tuner, "a", 0.5, 0.5).configuration, default);
+    }
 }
 
 proptest! {
