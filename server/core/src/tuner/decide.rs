@@ -78,8 +78,9 @@ impl Tuner {
     /// The number of the visit that needs a decision in a state, known or not; `None` where the last decision
     /// holds. It does not hold for a session with another policy, nor for a kept configuration that has
     /// proved infeasible or clearly worse than another here. Nor does exploring hold once epsilon is zero, or
-    /// an answer of a frozen study once it is tuned. Whenever a stay has doubled its length, the dice or the
-    /// expected gain decide again whether to explore, unless the policy has the dice thrown once.
+    /// an answer that only follows from an earlier policy: the study was frozen, weighed gains or never
+    /// explored. Whenever a stay has doubled its length, the dice or the expected gain decide again whether
+    /// to explore, unless the policy has the dice thrown once.
     pub(super) fn decides(&self, ask: &Ask, state: Option<StateId>) -> Option<u64> {
         let client_id = &ask.client_id;
         let Some(visit) = self.visits.of(client_id) else {
@@ -105,10 +106,13 @@ impl Tuner {
                     || by_dice && !policy.dice_once && self.explores(ask, visit.number, state);
                 let begins_again =
                     exploit.rule == ExploitRule::Finished && !self.is_spent_for(&ask.session_policy, state);
-                let is_thawed = exploit.rule == ExploitRule::Frozen && policy.operation == Operation::Tune;
+                let (rule, threw) = (exploit.rule, exploit.estimate.epsilon);
+                let is_outdated = rule == ExploitRule::Frozen && policy.operation == Operation::Tune
+                    || rule == ExploitRule::Gain && !policy.weigh_gain
+                    || threw == Some(0.0) && !self.never_explores(&ask.session_policy);
                 self.states.results(state).fails(configuration)
                     || begins_again
-                    || is_thawed
+                    || is_outdated
                     || self.is_unfounded(ask, state, configuration, &exploit.source)
                     || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
                     || doubled
