@@ -247,6 +247,12 @@ impl Auxiliaries {
         gone.into_iter().map(|configuration| (configuration.clone(), own.of(&configuration))).collect()
     }
 
+    /// Forgets all of a state, because its costs have changed.
+    pub(super) fn begin_again(&mut self, state: StateId) {
+        self.states.remove(&state.0);
+        assert!(!self.explains(state), "nothing is known of {state:?}");
+    }
+
     /// Whether it fits the space and these numbers of metrics and indicators.
     pub(super) fn fits(&self, space: &crate::space::Space, metrics: usize, indicators: usize) -> bool {
         let mut seen = self.states.values().flat_map(|own| &own.seen);
@@ -287,6 +293,8 @@ fn logs(auxiliary: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::policy::Policy;
+    use crate::tuner::tests::spec;
 
     #[test]
     fn only_metrics_and_moves_can_explain_a_cost() {
@@ -296,5 +304,21 @@ mod tests {
         };
         assert!(of(&[], &[]).is_nothing() && of(&[], &[0.0, 0.0]).is_nothing());
         assert!(!of(&[1.0], &[0.0]).is_nothing() && !of(&[], &[0.0, -0.1]).is_nothing());
+    }
+
+    #[test]
+    fn costs_from_before_a_change_never_come_back() {
+        let configuration = spec(Policy::default()).space.default_configuration();
+        let mut auxiliaries = Auxiliaries::default();
+        let (state, table) = (StateId(1), ResultTable::default());
+        let beside = Beside { auxiliary: vec![2.0], offset: Vec::new() };
+        let take = |auxiliaries: &mut Auxiliaries, trial: u64, cost: f64| {
+            auxiliaries.take(state, (trial, &configuration), cost, &beside, (1.0, &table)).is_some()
+        };
+        (1..=3).for_each(|trial| assert!(!take(&mut auxiliaries, trial, 10.0)));
+        auxiliaries.begin_again(state);
+        assert!(!take(&mut auxiliaries, 4, 30.0), "there is nothing to restate");
+        let restated = auxiliaries.take_back(state, &[4]);
+        assert_eq!(restated, [(configuration.clone(), Vec::new())], "no cost is left");
     }
 }

@@ -252,6 +252,7 @@ impl Tuner {
         let is_changed = finding == Some(Moved::State);
         if is_changed {
             self.states.begin_again(state);
+            self.auxiliaries.begin_again(state);
             self.speeds.reset(state);
         }
         is_changed
