@@ -19,6 +19,8 @@ const JUMP: f64 = 0.5;
 const GATE: f64 = 4.0;
 /// Multiple of a measurement's deviation that the factor's deviation exceeds once the incumbent is due.
 const DUE: f64 = 1.0;
+/// The largest magnitude of the logarithm of a factor, so that factors and their inverses are finite.
+const LOG_FACTOR_MAX: f64 = 700.0;
 
 /// A client's speed, relative to its first measurement. Opaque, exact through serde.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,7 +67,7 @@ impl Speed {
         self.suspects = None;
         let gain = self.variance / (self.variance + noise * noise).max(f64::MIN_POSITIVE);
         assert!((0.0..=1.0).contains(&gain), "a gain of {gain}");
-        self.log_factor += gain * innovation;
+        self.log_factor = (self.log_factor + gain * innovation).clamp(-LOG_FACTOR_MAX, LOG_FACTOR_MAX);
         self.variance *= 1.0 - gain;
         assert!(self.variance >= 0.0, "a variance of {}", self.variance);
     }
@@ -168,6 +170,10 @@ mod tests {
         for cost in [0.0, 0.0, f64::MAX, f64::MAX, 5e-324, 1.0] {
             speed.hold(cost, 1.0, 0.0);
             assert!(speed.factor().is_finite() && speed.corrected(f64::MAX).is_finite());
+        }
+        for (cost, expected) in [(f64::MAX, f64::MIN_POSITIVE), (f64::MIN_POSITIVE, f64::MAX)] {
+            (0..4).for_each(|_| speed.hold(cost, expected, 0.01));
+            assert!(speed.factor().is_normal() && (1.0 / speed.factor()).is_normal(), "{speed:?}");
         }
     }
 }
