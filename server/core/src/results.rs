@@ -254,7 +254,7 @@ impl ResultTable {
     pub fn take_back(&mut self, configuration: &Configuration, cost: f64) {
         let change = |record: &mut Record| {
             if record.evidence.take_back(cost) {
-                record.measurements -= 1;
+                record.measurements = (record.measurements.max(1) - 1).max(record.evidence.count() as u64);
             }
         };
         self.rewrite(configuration, change);

@@ -112,3 +112,18 @@ fn what_is_told_holds_over_thirty_decades_of_costs() {
         assert!(held >= 3, "{decades} decades: {held} of 4 intervals hold");
     }
 }
+
+/// A configuration that a table forgot and met again has more understood costs than measurements.
+#[test]
+fn costs_of_a_configuration_that_was_forgotten_can_all_be_taken_back() {
+    let mut tuner = tuner(explore_always());
+    let configuration = run(&mut tuner, "a", 0.5, 0.5, 1)[0].configuration.clone();
+    let mut results = tuner.states.results(StateId(1)).clone();
+    results.restate(&configuration, &[(1, 5.0), (2, 6.0), (3, 7.0)]);
+    for (cost, left) in [(5.0, 2), (6.0, 1), (7.0, 0)] {
+        results.take_back(&configuration, cost);
+        assert_eq!(results.record(&configuration).map(|record| record.measurements), Some(left));
+        assert_eq!(results.best().is_some(), left > 0);
+    }
+    assert_eq!(results.tried(), 0);
+}
