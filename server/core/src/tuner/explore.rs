@@ -92,8 +92,9 @@ impl Tuner {
         {
             return Explored::Candidate { candidate, held: Vec::new() };
         }
-        let transfer = self.transfer();
-        let candidate = transfer.untried_by_machines(state);
+        // A session may want fewer trials than the study.
+        let is_open = !self.is_spent_within(room, state);
+        let candidate = is_open.then(|| self.transfer().untried_by_machines(state)).flatten();
         let candidate = candidate.or_else(|| self.first_of_a_state(state, number, normalised, planned));
         if let Some(candidate) = candidate {
             return Explored::Candidate { candidate, held: Vec::new() };

@@ -4,6 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use crate::session::SessionPolicy;
 use crate::trial::Fingerprint;
 
 /// A machine of a simulated fleet.
@@ -98,6 +99,22 @@ fn a_new_machine_starts_from_what_the_fleet_knows() {
     }
     println!("frames to 98 %: {} with the fleet, {} alone", with as f64 / 6.0, alone as f64 / 6.0);
     assert!(2 * with < alone, "{with} and {alone} in six runs");
+}
+
+#[test]
+fn what_the_fleet_knows_is_tried_within_the_trials_that_a_session_wants() {
+    let node = Node::like(32, 2.3);
+    let session_policy = SessionPolicy { trials_per_state: Some(3), ..SessionPolicy::default() };
+    for seed in 0..6 {
+        let mut tuner = fleet(seed);
+        let mut explored = 0;
+        for _ in 0..12 {
+            let trial = tuner.suggest(&Ask { session_policy, ..node.ask() }, 0).expect("valid").0;
+            explored += u32::from(trial.decision.is_run_of_search());
+            assert!(tuner.report(&trial, measured(node.cost(&trial)), Outcome::Ok, 1).is_ok());
+        }
+        assert_eq!(explored, 3, "seed {seed}");
+    }
 }
 
 #[test]
