@@ -225,6 +225,19 @@ fn clients_that_hold_trials_are_not_forgotten() {
     assert_eq!(change.forgotten, ["7"]);
 }
 
+/// Clients of a pinned study have no visits, and hold trials all the same.
+#[test]
+fn no_more_clients_hold_trials_of_a_pinned_study() {
+    let pinned = Some(spec(policy(0)).space.default_configuration());
+    let mut tuner = Tuner::new(Arc::new(spec(Policy { pinned, ..policy(0) }))).expect("valid");
+    let mut suggest = |client: &str| tuner.suggest(&ask(client, 0.5, 0.5), 0).map(|(trial, _)| trial.number);
+    for number in 0..CLIENTS_MAX as u64 {
+        assert_eq!(suggest(&number.to_string()), Ok(number + 1));
+    }
+    assert_eq!(suggest("late"), Err(TunerError::TooManyClients));
+    assert_eq!(suggest("7"), Ok(8), "a lost answer is repeated");
+}
+
 proptest! {
     #![proptest_config(crate::testing::cases(96))]
 

@@ -78,13 +78,16 @@ impl Tuner {
         if found.is_none() && self.states.len() >= STATES_MAX + STATES_OF_NEW_MACHINES_MAX {
             return Err(TunerError::TooManyStates);
         }
-        let is_new = self.visits.of(client_id).is_none();
-        // A client without an open trial can be forgotten, unless every client holds one.
-        if is_new && self.visits.len() >= CLIENTS_MAX && self.trials.holders() >= self.visits.len() {
+        let (is_new, held) = (self.visits.of(client_id).is_none(), self.trials.held_by(client_id));
+        // A client without an open trial can be forgotten, unless every client holds one. Those of a pinned
+        // study hold trials without a visit.
+        let (visits, holders) = (self.visits.len(), self.trials.holders());
+        let none_goes = visits >= CLIENTS_MAX && holders >= visits;
+        if is_new && (none_goes || held == 0 && holders >= CLIENTS_MAX) {
             return Err(TunerError::TooManyClients);
         }
         let again = found.is_some_and(|state| self.trials.of_client(client_id, state).is_some());
-        if !again && self.trials.held_by(client_id) >= OPEN_TRIALS_PER_CLIENT_MAX {
+        if !again && held >= OPEN_TRIALS_PER_CLIENT_MAX {
             return Err(TunerError::TooManyOpenTrials { client_id: client_id.to_owned() });
         }
         Ok(())
