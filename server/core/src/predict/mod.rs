@@ -90,7 +90,9 @@ impl Query<'_> {
         filter: impl Fn(&KnownState) -> bool,
     ) -> Vec<IndexEntry> {
         let found = self.state_index.nearest(self.state, count, explored, |place| {
-            let known = self.known.get(place).filter(|known| filter(known))?;
+            // The index never forgets that a state was explored.
+            let passes = |known: &&KnownState| (known.explored || !explored) && filter(known);
+            let known = self.known.get(place).filter(passes)?;
             Some(distance_2(self.machines.level(self.machine, known.machine)))
         });
         assert!(found.len() <= count, "{} of {count} states", found.len());

@@ -66,6 +66,7 @@ impl Tuner {
         let learnt = self.complete(completed);
         if learnt.has_changed {
             self.searches.begin_again(state);
+            self.states.forget_search(state);
         }
         if learnt.has_jumped
             && let Some(exploration) = self.searches.change(state)

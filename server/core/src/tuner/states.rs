@@ -25,6 +25,8 @@ pub(crate) struct States {
     known: Vec<KnownState>,
     /// For each state, the states of other machines with the same input, nearest relations first.
     siblings: Vec<Vec<StateId>>,
+    /// For each state, whether a search was begun in it and not forgotten since.
+    begun: Vec<bool>,
     /// The index of the anchors.
     index: StateIndex,
     /// The machines that measured in these states.
@@ -67,6 +69,7 @@ impl States {
         States {
             known: Vec::new(),
             siblings: Vec::new(),
+            begun: Vec::new(),
             index: StateIndex::new(spec.indicators.indicators().len()),
             machines: Machines::default(),
             tolerance: spec.state_tolerance,
@@ -223,6 +226,7 @@ impl States {
         self.index.note(&known);
         self.known.push(known);
         self.siblings.push(siblings);
+        self.begun.push(false);
         assert!(self[id].id == id && !self.siblings(id).contains(&id), "{id:?} is another");
         self.check();
         id
@@ -230,13 +234,18 @@ impl States {
 
     /// Notes that a search was begun in a state.
     pub(super) fn note_search(&mut self, id: StateId) {
-        self.known[place(id)].explored = true;
+        (self.known[place(id)].explored, self.begun[place(id)]) = (true, true);
         self.index.note(&self.known[place(id)]);
+    }
+
+    /// Notes that the search of a state was forgotten. A replay does not: its rows say what was begun since.
+    pub(super) fn forget_search(&mut self, id: StateId) {
+        (self.known[place(id)].explored, self.begun[place(id)]) = (false, false);
     }
 
     /// Sets whether a restored state was explored, before anything of it is learnt.
     pub(super) fn restore_search(&mut self, id: StateId, explored: bool) {
-        self.known[place(id)].explored = explored;
+        (self.known[place(id)].explored, self.begun[place(id)]) = (explored, explored);
     }
 
     /// Notes the first frame of a state. `true` where other indicators are left out than before.
@@ -273,6 +282,7 @@ impl States {
         let forgotten = self[id].results.remembered();
         assert!(forgotten <= self.remembered, "{forgotten} of {} configurations", self.remembered);
         self.remembered -= forgotten;
+        self.known[place(id)].explored = self.begun[place(id)];
         self.amend(id, ResultTable::begin_again);
     }
 

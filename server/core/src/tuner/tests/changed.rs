@@ -56,6 +56,26 @@ fn a_state_that_costs_something_else_is_searched_again() {
 }
 
 #[test]
+fn a_state_that_is_to_be_searched_again_counts_as_unexplored_until_then() {
+    for seed in 0..4 {
+        let mut tuner = tuner(finishes());
+        let before = finish_search(&mut tuner, seed);
+        (0..50).for_each(|_| drop(frame(&mut tuner, seed, |_| 1.0)));
+        let width = before.get("width").cloned();
+        let dear = |trial: &Trial| if trial.configuration.get("width") == width.as_ref() { 2.0 } else { 1.0 };
+        let state = StateId(1);
+        assert!(tuner.states[state].explored);
+        let forgets = (0..150).any(|_| {
+            frame(&mut tuner, seed, dear);
+            tuner.searches.of(state).is_none()
+        });
+        assert!(forgets && !tuner.states[state].explored, "seed {seed}: as after a restart");
+        frame(&mut tuner, seed, dear);
+        assert!(tuner.states[state].explored, "another search was begun");
+    }
+}
+
+#[test]
 fn a_machine_that_changes_its_speed_is_no_reason() {
     for (seed, factor) in [(1, 1.6), (2, 3.0), (3, 0.5), (4, 1.3)] {
         let mut tuner = tuner(finishes());
