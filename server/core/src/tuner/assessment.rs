@@ -81,6 +81,13 @@ pub struct Assessment {
     pub(super) noise: f64,
 }
 
+impl Assessment {
+    /// Whether it was made beside this incumbent; `None` for the default.
+    pub(super) fn is_beside(&self, confirmed: Option<&Configuration>) -> bool {
+        self.confirmed.as_ref() == confirmed
+    }
+}
+
 impl AssessmentRequest {
     /// The assessed state.
     pub fn state(&self) -> StateId {

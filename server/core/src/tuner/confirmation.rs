@@ -264,6 +264,14 @@ impl Tuner {
         made.map(|made| (std::sync::Arc::clone(made), false))
     }
 
+    /// The assessment by which a race begins or is settled: one that is up to date, or the one that was made
+    /// for this question. Where many clients report from the state, its table changes before that is made.
+    fn assessment_of_race(&self, state: StateId, planned: &Planned) -> Option<std::sync::Arc<Assessment>> {
+        let (made, is_current) = self.assessment(state, planned)?;
+        let is_fresh = || planned.has_assessed(state) && made.is_beside(self.confirmed(state));
+        (is_current || is_fresh()).then_some(made)
+    }
+
     /// The answer of a state's own measurements: the verdict where it stands, else the configuration that is
     /// proven so far.
     pub(super) fn answered(&self, state: StateId, planned: &Planned) -> Option<Answered> {
@@ -319,7 +327,7 @@ impl Tuner {
         let tried = self.states.results(state).tried();
         let begins = self.race(state).is_none_or(|race| race.settled && tried > race.tried);
         if begins {
-            let (assessment, _) = self.assessment(state, planned).filter(|(_, is_current)| *is_current)?;
+            let assessment = self.assessment_of_race(state, planned)?;
             let results = self.states.results(state);
             let noise = assessment.noise.max(results.noise().unwrap_or(0.0));
             let rounds = self.spec.policy.confirm_rounds;
@@ -350,8 +358,7 @@ impl Tuner {
         let winner = match race.winner().or_else(|| race.better_by_rounds(PROVEN_ERROR_MAX)) {
             Some(winner) => winner.clone(),
             None => {
-                let (assessment, _) =
-                    self.assessment(state, planned).filter(|(_, is_current)| *is_current)?;
+                let assessment = self.assessment_of_race(state, planned)?;
                 // Where the machine was disturbed meanwhile, costs of different times compare badly: only
                 // pairs count.
                 let is_disturbed = self.states.results(state).disturbances() > race.disturbances;

@@ -57,6 +57,8 @@ pub struct SuggestionPlan {
     beginning: Option<(Option<StateId>, Option<WarmStart>)>,
     /// The assessment of a state.
     assessment: Option<(StateId, Arc<Assessment>)>,
+    /// The state whose assessment was taken from the plan.
+    assessed: Option<StateId>,
 }
 
 impl PlanRequest {
@@ -82,7 +84,9 @@ impl PlanRequest {
         };
         let answer = self.answer.and_then(|request| beside(request).answer(space));
         let first = self.first.and_then(|request| request.answer(space));
-        SuggestionPlan { normalised: self.normalised, answer, first, portfolio, point, beginning, assessment }
+        let normalised = self.normalised;
+        let assessed = None;
+        SuggestionPlan { normalised, answer, first, portfolio, point, beginning, assessment, assessed }
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -158,8 +162,17 @@ impl Planned {
     pub(super) fn take_assessment(&mut self) -> Option<(StateId, Arc<Assessment>)> {
         match self {
             Planned::AtOnce => None,
-            Planned::Ahead(plan) => plan.assessment.take(),
+            Planned::Ahead(plan) => {
+                let taken = plan.assessment.take();
+                plan.assessed = taken.as_ref().map(|(state, _)| *state);
+                taken
+            }
         }
+    }
+
+    /// Whether an assessment of a state was made for this question. The state's table may have changed since.
+    pub(super) fn has_assessed(&self, state: StateId) -> bool {
+        matches!(self, Planned::Ahead(plan) if plan.assessed == Some(state))
     }
 
     /// The next point of a state's search, if it was planned.

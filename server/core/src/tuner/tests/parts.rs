@@ -160,3 +160,24 @@ fn a_portfolio_begins_where_most_states_near_by_were_searched() {
     run(&mut deaf, "a", 0.1, 0.5, 8);
     assert!(!deaf.transfer().begins_with_portfolio(&[0.5, 0.5], None), "a search that hears nobody");
 }
+
+/// Another client reports from the state whenever an assessment of it is made.
+#[test]
+fn a_race_begins_and_ends_where_the_table_never_rests() {
+    let mut tuner = tuner(Policy { epsilon: 1.0, trials_per_state: 40, ..Policy::default() });
+    run(&mut tuner, "a", 0.5, 0.5, 40);
+    assert!(tuner.is_to_be_confirmed(StateId(1)), "the search is over");
+    let (own, beside) = (ask("a", 0.5, 0.5), ask("b", 0.5, 0.5));
+    let default = tuner.spec().space.default_configuration().to_raw();
+    let mut rules = Vec::new();
+    while rules.len() < 300 && rules.last() != Some(&Rule::Finished) {
+        let busy = tuner.suggest_wanted(&beside, default.clone(), 0).expect("it fits").0;
+        let question = tuner.question(&own).expect("valid");
+        let plan = tuner.plan(&question, |_| true).map(PlanRequest::compute).unwrap_or_default();
+        finish(&mut tuner, &busy, Outcome::Ok);
+        let trial = tuner.suggest_planned(&own, plan, 0).expect("valid").0;
+        rules.push(trial.decision.rule().expect("a trial has a rule"));
+        finish(&mut tuner, &trial, Outcome::Ok);
+    }
+    assert!(rules.contains(&Rule::Confirming) && rules.last() == Some(&Rule::Finished), "{rules:?}");
+}
