@@ -94,9 +94,12 @@ impl Tuner {
         }
         let (policy, stay) = (&self.spec.policy, self.history.stay(client_id, state));
         let ends = match &visit.decision {
-            VisitDecision::Explore { estimate, .. } => {
-                let tried = self.states.results(state).tried() as u64;
-                self.never_explores(&ask.session_policy)
+            VisitDecision::Explore { rule, estimate } => {
+                let results = self.states.results(state);
+                // Where nothing else is known, exploring goes on.
+                let may_end = *rule == ExploreRule::Dice || results.best().is_some();
+                let tried = results.tried() as u64;
+                may_end && self.never_explores(&ask.session_policy)
                     || policy.weigh_gain && estimate.until.is_some_and(|until| tried >= until)
             }
             VisitDecision::Exploit { configuration, exploit, .. } => {
