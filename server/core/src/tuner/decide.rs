@@ -104,7 +104,11 @@ impl Tuner {
             }
             VisitDecision::Exploit { configuration, exploit, .. } => {
                 let doubled = stay > 1 && stay.is_power_of_two();
-                let by_dice = matches!(exploit.rule, ExploitRule::Dice | ExploitRule::RolledBack);
+                let epsilon = || self.epsilon_of(&ask.session_policy, Some(state));
+                // A search that is over may still have to be confirmed by those who stay.
+                let stays = || stay as f64 * epsilon() >= STAY_EXPLORES;
+                let by_dice = matches!(exploit.rule, ExploitRule::Dice | ExploitRule::RolledBack)
+                    || exploit.rule == ExploitRule::Finished && stays();
                 let is_thrown_again =
                     || by_dice && !policy.dice_once && self.explores(ask, visit.number, state);
                 let begins_again =
