@@ -239,11 +239,11 @@ impl Session {
 fn print_trial(trial: &Trial) {
     let (mode, reason) = (trial.mode(), trial.reason());
     let explanation = &reason.explanation;
-    let told = (&explanation.epsilon, &explanation.expected_gain, &explanation.expected_frames);
+    let estimate = (&explanation.epsilon, &explanation.expected_gain, &explanation.expected_frames);
     let budget = (&explanation.budget_left, &explanation.set_aside, &explanation.reference_cost);
     println!(
         "{} {} {} {:?} {} {mode:?} cap {:?} silent {} predicted {:?} cost {:?} {:?} lease {} completion {:?} | {} {} \
-         {:?} {:?} {told:?} {:?} {budget:?} {:?} {:?} | {:?} | {}",
+         {:?} {:?} {estimate:?} {:?} {budget:?} {:?} {:?} | {:?} | {}",
         trial.number,
         trial.client_id,
         trial.state_id,

@@ -298,10 +298,10 @@ proptest! {
 
     #[test]
     fn whatever_they_are_told_answers_are_finite_and_in_the_space(
-        told in prop::collection::vec((0usize..8, 0.0f64..1.0), 1..60), far in 0usize..4,
+        observations in prop::collection::vec((0usize..8, 0.0f64..1.0), 1..60), far in 0usize..4,
     ) {
         let mut world = World::new(3, 3);
-        for (index, (kind, at)) in told.iter().enumerate() {
+        for (index, (kind, at)) in observations.iter().enumerate() {
             let (outcome, cost) = match kind {
                 0 => (Outcome::Ok, Some(0.0)),
                 1 => (Outcome::Ok, Some(f64::MAX)),

@@ -102,10 +102,10 @@ proptest! {
         let mut search = AnySearch::new(SearchMethod::Model, setup(seed, 4, 60));
         run(&mut search, steps, 1.0);
         let plan = search.plan(0).expect("something to think about");
-        let told = run(&mut search, late, 1.0);
+        let measured = run(&mut search, late, 1.0);
         search.adopt(plan);
         let point = search.ask().expect("nothing is out");
-        prop_assert!(point.step == Step::Replicate || told.iter().all(|before| before.x != point.x));
+        prop_assert!(point.step == Step::Replicate || measured.iter().all(|before| before.x != point.x));
     }
 
     #[test]
@@ -125,10 +125,10 @@ fn a_withdrawn_point_is_asked_again_and_answers_count_once() {
         search.withdraw(first.id);
         assert_eq!(search.ask().as_ref(), Some(&first), "{method:?}");
         search.tell(first.id, answer(&first, 1.0));
-        let told = search.clone();
+        let expected = search.clone();
         search.tell(first.id, answer(&first, 1.0));
         search.withdraw(first.id);
-        assert_eq!(search, told, "{method:?}");
+        assert_eq!(search, expected, "{method:?}");
         search.tell(second.id, answer(&second, 1.0));
         run(&mut search, 50, 1.0);
     }

@@ -223,8 +223,8 @@ fn points_do_not_depend_on_the_unit_of_a_parameter() {
 fn in_flight(method: SearchMethod, out: usize, seed: u64) -> f64 {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut search = AnySearch::new(method, SearchSetup { seed, ..setup(3, 80, Vec::new()) });
-    let (mut flying, mut best, mut told): (Vec<Point>, f64, u32) = (Vec::new(), f64::INFINITY, 0);
-    while told < 80 {
+    let (mut flying, mut best, mut measured): (Vec<Point>, f64, u32) = (Vec::new(), f64::INFINITY, 0);
+    while measured < 80 {
         while flying.len() < out {
             let Some(point) = search.ask() else { break };
             assert!(flying.iter().all(|other| other.id != point.id && other.x != point.x), "{method:?}");
@@ -240,7 +240,7 @@ fn in_flight(method: SearchMethod, out: usize, seed: u64) -> f64 {
         best = best.min(gap);
         let cost = (1.0 + gap) * (1.0 + 0.02 * random.random::<f64>());
         search.tell(point.id, Feedback { verdict: Verdict::Cost(cost), fresh: true });
-        told += 1;
+        measured += 1;
     }
     best
 }

@@ -167,9 +167,14 @@ impl AssessmentRequest {
 /// A comparison in the form in which it is reported.
 fn gain(comparison: Comparison) -> Gain {
     let Comparison { gain, gain_low, gain_high, probability_better, .. } = comparison;
-    let told = |share: f64| Some(share).filter(|share| share.is_finite());
+    let finite = |share: f64| Some(share).filter(|share| share.is_finite());
     let share = gain.max(f64::MIN);
-    Gain { share, low: told(gain_low), high: told(gain_high), probability_better: Some(probability_better) }
+    Gain {
+        share,
+        low: finite(gain_low),
+        high: finite(gain_high),
+        probability_better: Some(probability_better),
+    }
 }
 
 /// The measured configurations that a posterior is made from: the best half, and a part of the others, evenly
@@ -197,9 +202,9 @@ fn posterior(
     records: &[&Record],
     layout: &Layout,
     space: &Space,
-    told: [Option<usize>; 2],
+    compared: [Option<usize>; 2],
 ) -> Option<CostPosterior> {
-    let mut samples = samples(records, layout, space, told);
+    let mut samples = samples(records, layout, space, compared);
     weigh(&mut samples);
     let kinds = layout.kinds();
     CostPosterior::of(&samples, |a, b| {
@@ -209,13 +214,13 @@ fn posterior(
 
 /// The measurements of configurations, cleaned so that one absurd report does no harm. Measurements that
 /// others of the same configuration contradict are passed over or drawn in. A measurement far above all
-/// others and above the records at `told` is drawn in, because its exact cost does not matter. A single
+/// others and above the records at `compared` is drawn in, because its exact cost does not matter. A single
 /// measurement far below is drawn in likewise.
 pub(super) fn samples(
     records: &[&Record],
     layout: &Layout,
     space: &Space,
-    told: [Option<usize>; 2],
+    compared: [Option<usize>; 2],
 ) -> Vec<ConfigurationSample> {
     let costs = records.iter().flat_map(|record| record.evidence.values());
     let least = costs.filter(|cost| **cost > 0.0).copied().fold(f64::INFINITY, f64::min);
@@ -229,17 +234,17 @@ pub(super) fn samples(
     };
     let (low, high) = (middle - reach, middle + reach);
     assert!(low <= high, "from {low} to {high}");
-    let most_told = told.iter().flatten().map(|&place| logs[place] + reach).fold(high, f64::max);
+    let ceiling = compared.iter().flatten().map(|&place| logs[place] + reach).fold(high, f64::max);
     let one = |(place, record): (usize, &&Record)| {
         let mut x = space.encode(&record.configuration);
         let active = layout.canonical(&mut x);
         let mut one = sample(layout.features(&x, &active), &record.evidence, least, Some(libm::exp(middle)));
         let is_single = one.measurements.len() == 1;
         let least = if is_single { low } else { f64::NEG_INFINITY };
-        let most = match told.contains(&Some(place)) {
+        let most = match compared.contains(&Some(place)) {
             true if is_single => high,
             true => f64::INFINITY,
-            false => most_told,
+            false => ceiling,
         };
         one.measurements.iter_mut().for_each(|one| one.log_cost = one.log_cost.clamp(least, most));
         one

@@ -134,10 +134,10 @@ impl Tuner {
         let tables = body.results.iter_mut().all(|results| Arc::make_mut(results).settle(space));
         let metrics = self.spec.objective.auxiliary().len();
         let indicators = self.spec.indicators.indicators().len();
-        let heard = body.speeds.fits(space)
+        let corrections = body.speeds.fits(space)
             && body.rechecks.fits(space)
             && body.auxiliaries.fits(space, metrics, indicators);
-        if !(tables && heard && body.screening.settle(space) && body.predictors.settle(space)) {
+        if !(tables && corrections && body.screening.settle(space) && body.predictors.settle(space)) {
             return Err("it does not fit its study".into());
         }
         let current =

@@ -158,8 +158,8 @@ impl Confirming {
         let (of, over) = (place(of)?, place(default).unwrap_or(0));
         let gain = self.race.gain(of, over).filter(|_| of != over)?;
         let share = |log_ratio: f64| -libm::expm1(-log_ratio);
-        let told = |log_ratio: f64| Some(share(log_ratio)).filter(|_| log_ratio.is_finite());
-        let (low, high) = (told(gain.low), told(gain.high));
+        let finite = |log_ratio: f64| Some(share(log_ratio)).filter(|_| log_ratio.is_finite());
+        let (low, high) = (finite(gain.low), finite(gain.high));
         Some(Gain {
             share: share(gain.log_ratio),
             low,

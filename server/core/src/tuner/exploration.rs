@@ -79,7 +79,7 @@ impl Exploration {
     }
 
     /// Replaces the search by a new one. Lost leases are remembered.
-    pub(super) fn begin_anew(&mut self, search: AnySearch) {
+    pub(super) fn restart(&mut self, search: AnySearch) {
         let lost = std::mem::take(&mut self.lost);
         let (confirming, confirmed) = (self.confirming.take(), self.confirmed.take());
         *self = Exploration { lost, confirming, confirmed, ..Exploration::new(search) };

@@ -18,7 +18,7 @@ use crate::tuner::states::place;
 use crate::tuner::{Exploration, Tuner, few, searches};
 
 /// The most of the best configurations that a search receives if it goes on where another one ended.
-const TOLD_MAX: usize = 128;
+const OBSERVATIONS_MAX: usize = 128;
 
 /// Where another configuration beats an incumbent of other states, the incumbent is measured again after
 /// every `DOUBTED_EVERY` tried configurations, until it has `DOUBTED_UNTIL` measurements.
@@ -313,7 +313,7 @@ impl Tuner {
         let mut incumbent = None;
         let results = self.states.results(state);
         let from_others = !self.states.siblings(state).is_empty() || results.is_carried_over();
-        for record in results.ranked().take(TOLD_MAX) {
+        for record in results.ranked().take(OBSERVATIONS_MAX) {
             let point = || space.encode(&record.configuration);
             match (was_dropped, from_others) {
                 (true, _) => search.know(point(), Verdict::Cost(record.mean_cost)),
@@ -463,8 +463,8 @@ impl Tuner {
         let decided = match point.step {
             Step::Default => decision::ExploredPoint::Baseline(search),
             step => {
-                let told = step == Step::Elsewhere;
-                let neighbours = if told { self.transfer().neighbours(state) } else { Vec::new() };
+                let transferred = step == Step::Elsewhere;
+                let neighbours = if transferred { self.transfer().neighbours(state) } else { Vec::new() };
                 decision::ExploredPoint::Search { search, step, measurements, neighbours }
             }
         };

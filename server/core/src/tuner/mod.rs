@@ -368,8 +368,8 @@ impl Tuner {
     pub fn best_cost(&self, state: impl Into<StateId>) -> Option<f64> {
         let state = state.into();
         let known = self.states.contains(state).then(|| self.states.results(state))?;
-        let told = self.assessments.of(state).map(|made| made.cost);
-        known.best().map(|best| told.unwrap_or(best.mean_cost))
+        let assessed = self.assessments.of(state).map(|made| made.cost);
+        known.best().map(|best| assessed.unwrap_or(best.mean_cost))
     }
 
     // The study.

@@ -192,8 +192,8 @@ fn clients_are_forgotten_alike_after_a_restart() {
         let question = ask(client, 0.1 * (round % 7) as f64, 0.5);
         let (trial, change) = tuner.suggest(&question, round as i64).expect("there is room");
         rows.write(&change);
-        let told = tuner.report(&trial, measured(cost(&trial)), Outcome::Ok, round as i64).expect("ours");
-        rows.write(&told.1);
+        let reported = tuner.report(&trial, measured(cost(&trial)), Outcome::Ok, round as i64).expect("ours");
+        rows.write(&reported.1);
         assert!(rows.visits.len() <= CLIENTS_MAX);
         trial
     };
@@ -219,8 +219,8 @@ fn clients_that_hold_trials_are_not_forgotten() {
         held.push(tuner.suggest(&ask(&format!("{number}"), 0.5, 0.5), 0).expect("there is room").0);
     }
     assert_eq!(tuner.suggest(&ask("late", 0.5, 0.5), 0).unwrap_err(), TunerError::TooManyClients);
-    let (_, told) = tuner.report(&held[7], measured(1.0), Outcome::Ok, 1).expect("it holds the trial");
-    drop(told);
+    let (_, reported) = tuner.report(&held[7], measured(1.0), Outcome::Ok, 1).expect("it holds the trial");
+    drop(reported);
     let (_, change) = tuner.suggest(&ask("late", 0.5, 0.5), 1).expect("there is room again");
     assert_eq!(change.forgotten, ["7"]);
 }

@@ -255,8 +255,9 @@ mod tests {
         for frame in 0..frames {
             let place = 0.3 * (frame / 5 % 3) as f64;
             let (trial, handed) = tuner.suggest(&ask("a", place, 0.5), 0).expect("valid");
-            let (trial, told) = tuner.report(&trial, measured(cost(&trial)), Outcome::Ok, 1).expect("valid");
-            let rows = handed.states.into_iter().chain(told.states);
+            let (trial, reported) =
+                tuner.report(&trial, measured(cost(&trial)), Outcome::Ok, 1).expect("valid");
+            let rows = handed.states.into_iter().chain(reported.states);
             states.extend(rows.map(|state| (state.id, state)));
             completed.push(trial);
         }

@@ -108,7 +108,7 @@ impl Searches {
     pub(super) fn begin(&mut self, state: StateId, search: AnySearch, incumbent: Option<Configuration>) {
         let own = &mut self.of_states[place(state)];
         let exploration = own.exploration.get_or_insert_with(Exploration::unbegun);
-        exploration.begin_anew(search);
+        exploration.restart(search);
         assert!(exploration.is_begun() && exploration.search.is_some(), "a search begins");
         exploration.confirmed = exploration.confirmed.take().or(incumbent.map(Stored));
         own.changes += 1;

@@ -77,11 +77,11 @@ impl MeasuredElsewhere {
             for (place, other) in nearest.iter().enumerate() {
                 let share = room.div_ceil(nearest.len() - place);
                 let alike = other.results.records().iter().filter(|record| record.fails() == failed);
-                let untold = alike.filter(|record| {
+                let unseen = alike.filter(|record| {
                     let before = &nearest[..place];
                     before.iter().all(|nearer| nearer.results.record(&record.configuration).is_none())
                 });
-                let own = untold.take(share).map(|record| space.encode(&record.configuration));
+                let own = unseen.take(share).map(|record| space.encode(&record.configuration));
                 let before = runs.len();
                 runs.extend(own.map(|x| SourceRun { x, failed }));
                 assert!(runs.len() - before <= room, "{} are more than {room}", runs.len() - before);

@@ -71,12 +71,14 @@ impl Basis {
     fn state_2(&self, state: &[f64]) -> Vec<f64> {
         let state: Vec<f64> = state.iter().map(|&x| draw_in(x)).collect();
         let all = |centre: &Vec<f64>| distance_2(&state, centre);
-        let heard = |centre: &Vec<f64>| {
+        let partial = |centre: &Vec<f64>| {
             let terms = state.iter().zip(centre).enumerate().filter(|(axis, _)| !self.omitted.contains(axis));
             terms.map(|(_, (a, b))| (a - b) * (a - b)).sum()
         };
         let centres = self.centres.iter();
-        centres.map(|(centre, _)| if self.omitted.is_empty() { all(centre) } else { heard(centre) }).collect()
+        centres
+            .map(|(centre, _)| if self.omitted.is_empty() { all(centre) } else { partial(centre) })
+            .collect()
     }
 
     /// The action's part of the squared distance to each centre.

@@ -58,7 +58,7 @@ fn searched(
 
 /// Over 20 searches: the estimated gain, the true one, that of the lowest mean, and the share of intervals
 /// that held.
-fn told(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize) -> (f64, f64, f64, usize) {
+fn averages(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize) -> (f64, f64, f64, usize) {
     let (mut sums, mut held) = ([0.0; 3], 0);
     for seed in 0..20 {
         let samples = searched(&truth, dimension, trials, seed);
@@ -81,8 +81,11 @@ fn told(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize) -> (f64,
 #[test]
 fn nothing_is_told_to_be_gained_where_everything_costs_the_same() {
     for dimension in [6, 28] {
-        let (told, _, lucky, held) = told(|_| 1.0, dimension, 40);
-        assert!(told <= 0.015 && held >= 19, "{dimension}: told {told}, interval held {held} times");
+        let (estimated, _, lucky, held) = averages(|_| 1.0, dimension, 40);
+        assert!(
+            estimated <= 0.015 && held >= 19,
+            "{dimension}: estimated {estimated}, interval held {held} times"
+        );
         assert!(lucky > 0.08, "the lowest of many would tell {lucky}");
     }
 }
@@ -91,8 +94,8 @@ fn nothing_is_told_to_be_gained_where_everything_costs_the_same() {
 fn what_a_bowl_gains_is_told_as_it_is() {
     let bowl = |x: &[f64]| x.iter().map(|x| (x - 0.3) * (x - 0.3)).sum::<f64>();
     for dimension in [2, 6] {
-        let (told, truth, lucky, held) = told(bowl, dimension, 40);
-        assert!((told - truth).abs() <= 0.015, "{dimension}: told {told}, is {truth}");
+        let (estimated, truth, lucky, held) = averages(bowl, dimension, 40);
+        assert!((estimated - truth).abs() <= 0.015, "{dimension}: estimated {estimated}, is {truth}");
         assert!(held >= 18, "{dimension}: the interval held {held} times");
         assert!(lucky - truth > 0.02, "the lowest of many would tell {lucky} instead of {truth}");
     }

@@ -215,13 +215,13 @@ fn what_is_predicted_while_a_study_is_tuned_can_mostly_be_run() {
         for frame in 0..150 {
             let state = (frame / 3) % 5;
             let ran = world.ran.clone();
-            let told = std::cell::Cell::new(None);
+            let prediction = std::cell::Cell::new(None);
             world.frame("a", state, SessionPolicy::default(), |world, trial| {
                 let is_new = ran.get(&trial.state_id).is_none_or(|ran| !ran.contains(&trial.configuration));
                 let is_prediction = trial.mode() == Mode::Exploit && is_new;
-                told.set(is_prediction.then(|| (world.truth(trial).is_none(), trial.reason().summary)));
+                prediction.set(is_prediction.then(|| (world.truth(trial).is_none(), trial.reason().summary)));
             });
-            if let Some((fails, summary)) = told.into_inner() {
+            if let Some((fails, summary)) = prediction.into_inner() {
                 assert!(summary.contains("Predicted") || summary.contains("known states"), "{summary}");
                 let counts = if summary.contains("Predicted") { &mut predicted } else { &mut taken_over };
                 counts.0 += 1;

@@ -16,9 +16,12 @@ fn exploring_begins_with_the_default_and_never_samples_a_pair_twice() {
         let best = trials.iter().min_by(|a, b| a.cost.partial_cmp(&b.cost).expect("finite")).expect("some");
         let next = suggest(&mut tuner, "a", 0.5, 0.5);
         // As far as single measurements show, some of which may be wrong by some percent.
-        let (least, told) = (best.cost.expect("measured"), next.predicted_cost.expect("measured"));
+        let (least, predicted) = (best.cost.expect("measured"), next.predicted_cost.expect("measured"));
         assert_eq!(next.mode(), Mode::Exploit);
-        assert!(cost(&next) <= 1.1 * least && (told / least - 1.0).abs() < 0.1, "{told} and {least}");
+        assert!(
+            cost(&next) <= 1.1 * least && (predicted / least - 1.0).abs() < 0.1,
+            "{predicted} and {least}"
+        );
     }
 }
 
@@ -241,11 +244,11 @@ fn a_new_state_begins_with_what_did_best_in_others_and_then_with_the_default() {
         let best = first.iter().min_by(|a, b| a.cost.partial_cmp(&b.cost).expect("finite")).expect("some");
         let second = run(&mut tuner, "a", 0.7, 0.5, 30);
         let begins = second.iter().position(|trial| trial.mode() == Mode::Default).expect("the default");
-        let told = |trial: &&Trial| trial.reason().step == "elsewhere";
-        let told: Vec<&Trial> = second.iter().filter(told).collect();
+        let is_transferred = |trial: &&Trial| trial.reason().step == "elsewhere";
+        let transferred: Vec<&Trial> = second.iter().filter(is_transferred).collect();
         assert_eq!(begins, usize::from(follows), "{search:?}: the default is the first or the second");
-        assert_eq!(!told.is_empty(), follows, "{search:?}");
-        for trial in &told {
+        assert_eq!(!transferred.is_empty(), follows, "{search:?}");
+        for trial in &transferred {
             assert_eq!(trial.mode(), Mode::Explore);
             assert!(trial.reason().summary.contains("other states"), "{}", trial.reason().summary);
             assert_eq!(trial.reason().neighbours[0].state_id, 1);

@@ -184,13 +184,13 @@ fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
     }
     let near = tuner.best(None, None).expect("valid").expect("measured");
     // Each gets its own state; a newcomer gets the one with the most frames, the first among equals.
-    let told = |cpu: &str| {
+    let states_for = |cpu: &str| {
         let Ask { indicators, fingerprint, .. } = ask_as(cpu, 8, "anybody");
         let best = tuner.best(Some(&indicators), fingerprint.as_ref()).expect("valid").expect("measured");
         let predicted = tuner.predict(&indicators, fingerprint.as_ref()).expect("valid");
         (best.state_id, predicted.insight.expect("a known state").state_id)
     };
-    assert_eq!((told("far"), told("near"), told("nobody")), ((1, 1), (2, 2), (1, 1)));
+    assert_eq!((states_for("far"), states_for("near"), states_for("nobody")), ((1, 1), (2, 2), (1, 1)));
     let policy = Policy { epsilon: 0.0, ..tuner.spec().policy.clone() };
     assert_eq!(tuner.set_policy(policy), Ok(false));
     let answer = tuner.suggest(&ask_as("near", 2, "new"), 0).expect("valid").0;

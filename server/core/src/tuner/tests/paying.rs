@@ -50,27 +50,27 @@ fn where_nothing_can_be_gained_exploring_ends_after_few_frames() {
 #[test]
 fn who_wants_a_longer_search_is_told_what_that_is_expected_to_gain() {
     let mut tuner = tuner(Policy { trials_per_state: 16, epsilon: 1.0, ..unconfirmed() });
-    let told = |tuner: &Tuner| {
+    let prospect_of = |tuner: &Tuner| {
         let prediction = tuner.predict(&[("x".to_owned(), 0.5), ("y".to_owned(), 0.5)].into(), None);
         prediction.expect("an answer").insight.expect("a known state").prospect
     };
     run(&mut tuner, "a", 0.5, 0.5, 16);
-    assert_eq!(told(&tuner), None, "the study's search is over");
+    assert_eq!(prospect_of(&tuner), None, "the study's search is over");
     let wishes = SessionPolicy { trials_per_state: Some(64), ..SessionPolicy::default() };
     let asked = Ask { session_policy: wishes, ..ask("b", 0.5, 0.5) };
     let (trial, _) = tuner.suggest(&asked, 1).expect("a trial");
     assert_eq!(trial.mode(), Mode::Explore);
-    let prospect = told(&tuner).expect("the longer search has an outlook");
+    let prospect = prospect_of(&tuner).expect("the longer search has an outlook");
     assert!(prospect.gain > 0.0, "{prospect:?}");
     // Its wish ends with it: the session that ends its search, and whoever comes without wishes, is told of
     // none.
     let ends = SessionPolicy { trials_per_state: Some(1), ..wishes };
     let _ = tuner.suggest(&Ask { session_policy: ends, ..ask("b", 0.5, 0.5) }, 2).expect("a trial");
-    assert_eq!(told(&tuner), None);
+    assert_eq!(prospect_of(&tuner), None);
     let _ = tuner.suggest(&asked, 3).expect("a trial");
-    assert!(told(&tuner).is_some());
+    assert!(prospect_of(&tuner).is_some());
     run(&mut tuner, "c", 0.5, 0.5, 1);
-    assert_eq!(told(&tuner), None);
+    assert_eq!(prospect_of(&tuner), None);
 }
 
 #[test]
@@ -157,21 +157,21 @@ fn a_state_that_nobody_met_is_answered_with_what_serves_the_others_best() {
     }
     let asked = ask("z", 0.95, 0.9).indicators;
     let predicted = tuner.predict(&asked, None).expect("valid");
-    let told = tuner.measured_answer(&[0.95, 0.9], None, &Planned::AtOnce).asked();
-    assert_eq!((told.reason().source.as_str(), told.mode()), ("portfolio", Mode::Exploit));
-    assert!(!told.reason().neighbours.is_empty());
+    let answer = tuner.measured_answer(&[0.95, 0.9], None, &Planned::AtOnce).asked();
+    assert_eq!((answer.reason().source.as_str(), answer.mode()), ("portfolio", Mode::Exploit));
+    assert!(!answer.reason().neighbours.is_empty());
     // A client that explores begins with it, and then runs the default.
     let first = suggest(&mut tuner, "b", 0.95, 0.9);
-    assert_eq!((&first.configuration, first.reason().step.as_str()), (&told.configuration, "elsewhere"));
+    assert_eq!((&first.configuration, first.reason().step.as_str()), (&answer.configuration, "elsewhere"));
     finish(&mut tuner, &first, Outcome::Ok);
     assert_eq!(suggest(&mut tuner, "b", 0.95, 0.9).mode(), Mode::Default);
     // And it is better there than the default is.
     let at = |configuration: &Configuration| {
         cost(&Trial { configuration: configuration.clone(), ..first.clone() })
     };
-    assert!(at(&told.configuration) < at(&tuner.spec().space.default_configuration()));
+    assert!(at(&answer.configuration) < at(&tuner.spec().space.default_configuration()));
     // A prediction takes its place only where it is better still.
-    assert!(at(&predicted.configuration) <= at(&told.configuration), "{}", predicted.reason().summary);
+    assert!(at(&predicted.configuration) <= at(&answer.configuration), "{}", predicted.reason().summary);
 }
 
 #[test]
@@ -194,8 +194,8 @@ fn what_clients_brought_along_serves_the_next_state() {
             let _ = tuner.report(&trial, measured(render_ms), Outcome::Ok, 1).expect("valid");
         }
     }
-    let told = tuner.predict(&ask("z", 0.95, 0.9).indicators, None).expect("valid");
-    assert_eq!((told.reason().source.as_str(), told.configuration.to_raw()), ("portfolio", best.clone()));
+    let answer = tuner.predict(&ask("z", 0.95, 0.9).indicators, None).expect("valid");
+    assert_eq!((answer.reason().source.as_str(), answer.configuration.to_raw()), ("portfolio", best.clone()));
     let first = suggest(&mut tuner, "b", 0.95, 0.9);
     assert_eq!(first.configuration.get("min_leaf_size"), Some(&Value::Integer(5)));
     assert_eq!(*tuner.incumbent(StateId(first.state_id)), first.configuration, "proven elsewhere");

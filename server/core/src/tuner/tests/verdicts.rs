@@ -92,10 +92,10 @@ fn what_is_told_in_disturbed_sessions_is_true() {
         let truth = world.truth(&best.configuration);
         let default = world.truth(tuner.spec().space.default_ref());
         let (gain, standing) = (1.0 - truth / default, best.standing);
-        let told = standing.gain.expect("the default was measured");
+        let reported = standing.gain.expect("the default was measured");
         // An end lies at the truth where both are exactly nothing.
-        let low = told.low.is_none_or(|low| low <= gain + 1e-9);
-        let high = told.high.is_none_or(|high| gain <= high + 1e-9);
+        let low = reported.low.is_none_or(|low| low <= gain + 1e-9);
+        let high = reported.high.is_none_or(|high| gain <= high + 1e-9);
         holds += u64::from(low && high);
         // On a machine that is hardly ever quiet, the cost at rest cannot be known.
         if quiet >= QUIET_LEAST {
@@ -111,7 +111,7 @@ fn what_is_told_in_disturbed_sessions_is_true() {
             }
             StandingVerdict::Likely => {
                 likely += 1;
-                assert!(told.probability_better >= Some(LIKELY), "{standing:?}");
+                assert!(reported.probability_better >= Some(LIKELY), "{standing:?}");
             }
             StandingVerdict::Open => panic!("seed {seed}: it is over: {standing:?}"),
             StandingVerdict::NothingBetter | StandingVerdict::NothingToWin => {}
