@@ -483,10 +483,12 @@ mod tests {
             both.beyond(&measured.map(|(name, value)| (name.to_owned(), value)).into())
         };
         assert_eq!(beyond(2000.0, 30.0), Ok(None));
-        let told = beyond(2300.0, 31.0).expect("it is there").expect("too much");
-        assert_eq!(told, "memory_mb is 2300, and the study asks for memory_mb <= 2000");
+        let message = beyond(2300.0, 31.0).expect("it is there").expect("too much");
+        assert_eq!(message, "memory_mb is 2300, and the study asks for memory_mb <= 2000");
         assert!(
-            beyond(1.0, 91.0).expect("it is there").is_some_and(|told| told.contains("30 <= psnr_db <= 90"))
+            beyond(1.0, 91.0)
+                .expect("it is there")
+                .is_some_and(|message| message.contains("30 <= psnr_db <= 90"))
         );
         let missing = both.beyond(&BTreeMap::from([("memory_mb".to_owned(), 1.0)])).expect_err("no psnr");
         assert!(missing.to_string().contains("\"psnr_db\" is missing"), "{missing}");

@@ -95,8 +95,8 @@ impl Gain {
     /// An end at which the cost would be nothing says nothing of a rate.
     #[must_use]
     pub fn by(self, view: &CostView) -> Self {
-        let told = |end| Some(view.share(end)).filter(|share| share.is_finite());
-        let [low, high] = [self.low, self.high].map(|end| end.and_then(told));
+        let finite = |end| Some(view.share(end)).filter(|share| share.is_finite());
+        let [low, high] = [self.low, self.high].map(|end| end.and_then(finite));
         Self { share: view.share(self.share), low, high, ..self }
     }
 }
@@ -213,11 +213,11 @@ impl Standing {
         let Confirmation { rounds, rounds_max, measurements, gain, .. } = self.confirmation;
         let verdict = self.verdict();
         let mut text = verdict.in_words().to_owned();
-        let told = match verdict {
+        let shown = match verdict {
             StandingVerdict::Proven => gain,
             _ => self.gain,
         };
-        let probability = told.and_then(|gain| gain.probability_better);
+        let probability = shown.and_then(|gain| gain.probability_better);
         match (verdict, probability) {
             (StandingVerdict::Proven, _) => text += &format!(" in {rounds} paired rounds"),
             (StandingVerdict::Likely, Some(probability)) => {
@@ -225,7 +225,7 @@ impl Standing {
             }
             _ => {}
         }
-        match (verdict, told, self.gain_at_most) {
+        match (verdict, shown, self.gain_at_most) {
             (StandingVerdict::Proven | StandingVerdict::Likely, Some(gain), _) => {
                 text += &format!(", by {}", gain.by(view));
             }
@@ -292,12 +292,12 @@ mod tests {
     #[test]
     fn a_rate_whose_cost_would_be_nothing_has_no_end() {
         let rate = CostView::maximising("fps", 1.0);
-        let told = |share, low, high| {
+        let printed = |share, low, high| {
             let gain = Gain { share, low: Some(low), high: Some(high), probability_better: None };
             gain.by(&rate).to_string()
         };
-        assert_eq!(told(0.75, 0.5, 1.0), "300.0 % [100.0, ?]");
-        assert_eq!(told(1.0, 0.5, 1.0), "? % [100.0, ?]");
+        assert_eq!(printed(0.75, 0.5, 1.0), "300.0 % [100.0, ?]");
+        assert_eq!(printed(1.0, 0.5, 1.0), "? % [100.0, ?]");
     }
 
     #[test]

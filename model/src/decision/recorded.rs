@@ -171,7 +171,7 @@ mod tests {
 
     #[test]
     fn what_earlier_versions_stored_says_the_same_and_means_the_same() {
-        let told = Explanation {
+        let stored = Explanation {
             rule: Some(Rule::Explore),
             abort_above: Some(8.0),
             budget_left: Some(1.0),
@@ -189,8 +189,8 @@ mod tests {
             (Mode::Exploit, "nearest_neighbour", "", Rule::Exploit),
             (Mode::Default, "default", "", Rule::Budget),
         ] {
-            let abort_above = told.abort_above.filter(|_| mode == Mode::Explore);
-            let explanation = Explanation { rule: Some(rule), abort_above, ..told.clone() };
+            let abort_above = stored.abort_above.filter(|_| mode == Mode::Explore);
+            let explanation = Explanation { rule: Some(rule), abort_above, ..stored.clone() };
             let text = serde_json::to_string(&old(source, step, explanation)).expect("plain data");
             let recorded: Recorded = serde_json::from_str(&text).expect("an old row");
             let decision = recorded.decision(mode);

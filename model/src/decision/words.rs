@@ -88,17 +88,18 @@ fn neighbours(choice: &Choice) -> Vec<Neighbour> {
 
 /// The figures that the policy weighed.
 fn explanation(decision: &Decision) -> Explanation {
-    let mut told = Explanation { rule: decision.rule(), silent: decision.silent, ..Explanation::default() };
+    let mut explanation =
+        Explanation { rule: decision.rule(), silent: decision.silent, ..Explanation::default() };
     let (estimate, budget) = match &decision.choice {
-        Choice::Pinned | Choice::Wanted => return told,
+        Choice::Pinned | Choice::Wanted => return explanation,
         Choice::Shadow { instead_of, expected_gain } => {
-            told.instead_of = Some(instead_of.clone());
-            told.expected_gain = *expected_gain;
-            return told;
+            explanation.instead_of = Some(instead_of.clone());
+            explanation.expected_gain = *expected_gain;
+            return explanation;
         }
         Choice::Explore(explore) => {
-            told.abort_above = explore.abort_above;
-            told.held.clone_from(&explore.held);
+            explanation.abort_above = explore.abort_above;
+            explanation.held.clone_from(&explore.held);
             (explore.estimate, explore.budget)
         }
         Choice::Exploit(exploit) => (exploit.estimate, exploit.budget),
@@ -111,7 +112,7 @@ fn explanation(decision: &Decision) -> Explanation {
         budget_left: budget.budget_left,
         set_aside: budget.set_aside,
         reference_cost: budget.reference_cost,
-        ..told
+        ..explanation
     }
 }
 

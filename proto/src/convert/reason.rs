@@ -52,7 +52,7 @@ mod tests {
         let wire = reason_to_wire(&reason);
         assert_eq!((wire.explanation, wire.neighbours[0].state_id), (None, i64::MAX));
         reason.explanation = Explanation { epsilon: Some(0.2), ..Explanation::of(Rule::Exploit) };
-        let told = reason_to_wire(&reason).explanation.expect("something was weighed");
-        assert_eq!((told.rule, told.epsilon), (v1::Rule::Exploit as i32, Some(0.2)));
+        let explanation = reason_to_wire(&reason).explanation.expect("something was weighed");
+        assert_eq!((explanation.rule, explanation.epsilon), (v1::Rule::Exploit as i32, Some(0.2)));
     }
 }
