@@ -240,7 +240,7 @@ async fn a_metric_called_gain_hides_no_map() {
     let measurements = BTreeMap::from([("gain".to_owned(), 50.0)]);
     let measured = wire::ReportRequest { trial, measurements, outcome: common::ok() };
     caller.report(measured).await.expect("taken");
-    for (asked, selected, told) in [
+    for (asked, selected, shown) in [
         ("", "value=\"gain\" selected>gain over the default<", "coloured by its gain over the default"),
         ("gain", "value=\"gain\" selected>", "coloured by its gain over the default"),
         ("cost", "value=\"cost\" selected>gain<", "state 1: gain (higher is better) "),
@@ -249,7 +249,7 @@ async fn a_metric_called_gain_hides_no_map() {
     ] {
         let (status, answer) = guarded.get(&format!("/studies/hall/map?show={asked}")).await;
         assert_eq!(status, 200, "{asked}: {answer}");
-        assert!(answer.contains(selected) && answer.contains(told), "{asked}: {answer}");
+        assert!(answer.contains(selected) && answer.contains(shown), "{asked}: {answer}");
         let colours = answer.split("<select name=\"show\"").nth(1).expect("a list to choose from");
         assert_eq!(colours.matches(" selected").count(), 1, "{asked}: {answer}");
     }

@@ -64,8 +64,8 @@ async fn a_new_machine_starts_from_its_group_and_new_software_from_the_fleet() {
     for (fingerprint, factor) in [(own, 4.0), (None, 1.0)] {
         let (study, indicators) = ("studies/hall".to_owned(), ask("second", 10.0).indicators);
         let question = wire::GetBestRequest { study, indicators, fingerprint };
-        let told = client.get_best(question).await.expect("measured").into_inner();
-        assert!((told.cost - factor * best).abs() < 1e-9, "{told:?}");
+        let answer = client.get_best(question).await.expect("measured").into_inner();
+        assert!((answer.cost - factor * best).abs() < 1e-9, "{answer:?}");
     }
 
     // A restart changes nothing, and a machine of the same hardware with other software is no group any more.

@@ -241,34 +241,34 @@ async fn a_study_that_is_created_again_is_told_from_the_one_before_by_its_identi
     let after = create(&mut client, "hall").await;
     assert_ne!(before.uid, after.uid);
 
-    let told = "was deleted and created again";
+    let message = "was deleted and created again";
     let trial = || stale.name.clone();
-    assert_refused(client.report(common::report(&stale.name, 0.001)).await, Code::NotFound, told);
+    assert_refused(client.report(common::report(&stale.name, 0.001)).await, Code::NotFound, message);
     let abandon = wire::AbandonTrialRequest { trial: trial() };
-    assert_refused(client.abandon_trial(abandon).await, Code::NotFound, told);
+    assert_refused(client.abandon_trial(abandon).await, Code::NotFound, message);
     assert_refused(
         client.extend_lease(wire::ExtendLeaseRequest { trial: trial() }).await,
         Code::NotFound,
-        told,
+        message,
     );
-    assert_refused(client.get_trial(wire::GetTrialRequest { name: trial() }).await, Code::NotFound, told);
+    assert_refused(client.get_trial(wire::GetTrialRequest { name: trial() }).await, Code::NotFound, message);
     let study = || identified(&before);
-    assert_refused(client.suggest(ask(&study())).await, Code::NotFound, told);
-    assert_refused(client.get_study(wire::GetStudyRequest { name: study() }).await, Code::NotFound, told);
+    assert_refused(client.suggest(ask(&study())).await, Code::NotFound, message);
+    assert_refused(client.get_study(wire::GetStudyRequest { name: study() }).await, Code::NotFound, message);
     let best = wire::GetBestRequest { study: study(), ..Default::default() };
-    assert_refused(client.get_best(best).await, Code::NotFound, told);
+    assert_refused(client.get_best(best).await, Code::NotFound, message);
     let query = wire::QueryTrialsRequest { study: study(), ..Default::default() };
-    assert_refused(client.query_trials(query).await, Code::NotFound, told);
+    assert_refused(client.query_trials(query).await, Code::NotFound, message);
     let predict = wire::PredictRequest {
         study: study(),
         indicators: [("triangles".into(), 1.0)].into(),
         ..Default::default()
     };
-    assert_refused(client.predict(predict).await, Code::NotFound, told);
+    assert_refused(client.predict(predict).await, Code::NotFound, message);
     assert_refused(
         client.delete_study(wire::DeleteStudyRequest { name: study() }).await,
         Code::NotFound,
-        told,
+        message,
     );
 
     // The new one's own frames go on, with and without its identity.

@@ -109,7 +109,7 @@ pub(crate) struct ConnectionSlot {
 /// Dismisses a connection, and notes when it is used.
 #[derive(Debug, Default)]
 pub(super) struct Notice {
-    told: Mutex<(bool, Option<Waker>)>,
+    state: Mutex<(bool, Option<Waker>)>,
     /// The number of the last use; [`BUSY`] while a request is under way.
     last_use: AtomicU64,
 }
@@ -283,8 +283,8 @@ impl ConnectionSlot {
 
     /// Ends when the connection has to make room for others.
     pub(super) async fn dismissed(&self) {
-        let told = |context: &mut Context<'_>| self.notice.is_given(context);
-        poll_fn(|context| if told(context) { Poll::Ready(()) } else { Poll::Pending }).await;
+        let given = |context: &mut Context<'_>| self.notice.is_given(context);
+        poll_fn(|context| if given(context) { Poll::Ready(()) } else { Poll::Pending }).await;
     }
 }
 
@@ -312,17 +312,17 @@ impl Drop for ConnectionSlot {
 
 impl Notice {
     pub(super) fn give(&self) {
-        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-        told.0 = true;
-        if let Some(waker) = told.1.take() {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.0 = true;
+        if let Some(waker) = state.1.take() {
             waker.wake();
         }
     }
 
     /// Whether the connection has to go; otherwise its task is woken as soon as it has to.
     pub(super) fn is_given(&self, context: &Context<'_>) -> bool {
-        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-        let (is_given, waker) = &mut *told;
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let (is_given, waker) = &mut *state;
         if !waker.as_ref().is_some_and(|waker| waker.will_wake(context.waker())) {
             *waker = Some(context.waker().clone());
         }

@@ -369,7 +369,7 @@ impl Metrics {
     }
 
     /// A client with an answered question has given the number of its waiting reports.
-    pub(crate) fn outbox_told(&self, reports: u32) {
+    pub(crate) fn outbox_reported(&self, reports: u32) {
         self.client_outbox.observe(f64::from(reports));
     }
 

@@ -27,7 +27,7 @@ pub(super) async fn suggest(
     let spent = caller.spend_trial()?;
     let study = suggest.study.clone();
     let trial = tuning.suggest(suggest).await?;
-    tuning.metrics().outbox_told(reports_waiting);
+    tuning.metrics().outbox_reported(reports_waiting);
     spent.keep();
     Ok(to_proto::trial(&study, &trial))
 }

@@ -180,7 +180,7 @@ impl Attempt for TuneStream {
         let redirect = done.redirect();
         if let (Some(Ok(_)), Some(spent)) = (&done.suggested, spent) {
             spent.keep();
-            self.refusals.metrics().outbox_told(reports_waiting.unwrap_or(0));
+            self.refusals.metrics().outbox_reported(reports_waiting.unwrap_or(0));
         }
         let (reported, taking_error) = self.split(done.reported);
         let (trial, suggesting_error) = self.split(done.suggested);

@@ -153,7 +153,7 @@ mod tests {
 
     /// The final states of trials whose clients never come back, by whether the daemon was there when their
     /// leases ended.
-    async fn lost_leases(is_away: impl Fn(u64) -> bool, starts_anew: bool) -> Vec<TrialState> {
+    async fn lost_leases(is_away: impl Fn(u64) -> bool, restarts: bool) -> Vec<TrialState> {
         let (store, clock) = (Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
         let start = || Tuning::new(Arc::clone(&store) as _, Arc::clone(&clock) as _);
         let mut tuning = start();
@@ -172,7 +172,7 @@ mod tests {
             trials.push(handed_out);
             if is_away(number) {
                 clock.advance_ms(60_001);
-                if starts_anew {
+                if restarts {
                     tuning = start();
                 }
             } else {
@@ -193,10 +193,10 @@ mod tests {
     #[tokio::test]
     async fn leases_that_end_while_the_daemon_is_away_do_not_count_against_their_configurations() {
         use TrialState::{Completed, Expired};
-        for starts_anew in [true, false] {
-            assert_eq!(lost_leases(|_| true, starts_anew).await, [Expired; 4], "never given up");
+        for restarts in [true, false] {
+            assert_eq!(lost_leases(|_| true, restarts).await, [Expired; 4], "never given up");
             assert_eq!(
-                lost_leases(|number| number == 1, starts_anew).await,
+                lost_leases(|number| number == 1, restarts).await,
                 [Expired, Expired, Completed, Expired],
                 "the second lease that was lost while it was there is the last"
             );

@@ -80,7 +80,7 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
     let (x, y) = (named("x", first), named("y", second));
     let view = &head.view;
     let shown = Shown::read(&query.text("show"), parameters, view);
-    let told = |of: &StateStands| match shown {
+    let label = |of: &StateStands| match shown {
         Shown::Parameter(index) => {
             let parameter = &parameters[index];
             let values = &of.best.as_ref()?.configuration.as_ref()?.values;
@@ -102,7 +102,7 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
     let places: Vec<Place> = states
         .iter()
         .filter_map(|of| {
-            let (rank, words) = told(of)?;
+            let (rank, words) = label(of)?;
             let link = format!("/studies/{id}?state={}#curve", of.state);
             Some(Place { state: of.state, x: at(of, x), y: at(of, y), rank, words, link })
         })

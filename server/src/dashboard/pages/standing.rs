@@ -74,8 +74,8 @@ pub(super) async fn roofline(visitor: &Visitor<'_>, id: &str, of: &StateStands) 
         indicators: of.trial.indicators.clone(),
         fingerprint: of.trial.fingerprint.clone(),
     };
-    let told = rpc::trials::predict(visitor.tuning, visitor.caller, request).await.ok()?;
-    let expected = told.state.and_then(|state| state.expected_gain).unwrap_or(0.0);
+    let prediction = rpc::trials::predict(visitor.tuning, visitor.caller, request).await.ok()?;
+    let expected = prediction.state.and_then(|state| state.expected_gain).unwrap_or(0.0);
     Some(of.standing?.cost * (1.0 - expected.clamp(0.0, 1.0)))
 }
 

@@ -36,7 +36,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
     let reason = trial.reason.clone().unwrap_or_default();
     let row = row(&trial, &head);
     let view = head.view.clone();
-    let told = |cost: Option<f64>| cost.map(|cost| figure(view.value(cost))).unwrap_or_default();
+    let shown = |cost: Option<f64>| cost.map(|cost| figure(view.value(cost))).unwrap_or_default();
     let (name, stop) = (view.name(), if view.is_maximised() { "below" } else { "above" });
     let given = |name: &str, value: String| (!value.is_empty()).then(|| (name.to_owned(), value));
     let facts = [
@@ -45,8 +45,8 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
         given("Outcome", row.outcome.clone()),
         given("Reason for the outcome", row.reason.clone()),
         given(&view.heading(), row.cost.clone()),
-        given(&format!("Predicted {name}"), told(trial.predicted_cost)),
-        given(&format!("Stop {stop} {name}"), told(trial.abort_above)),
+        given(&format!("Predicted {name}"), shown(trial.predicted_cost)),
+        given(&format!("Stop {stop} {name}"), shown(trial.abort_above)),
         given("Client", row.client.clone()),
         given("Machine", machine(trial.fingerprint.as_ref())),
         given("Started", row.begun.clone()),
@@ -56,7 +56,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
     ];
     let neighbours = reason.neighbours.iter();
     let neighbours =
-        neighbours.map(|near| (near.state_id, figure(near.distance), told(Some(near.best_cost))));
+        neighbours.map(|near| (near.state_id, figure(near.distance), shown(Some(near.best_cost))));
     let sorted = |values: Vec<(String, f64)>| {
         let mut values: Pairs = values.into_iter().map(|(name, value)| (name, figure(value))).collect();
         values.sort_unstable();
@@ -82,25 +82,26 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
 
 /// The figures that the policy weighed.
 fn reasons(reason: &v1::Reason, view: &CostView) -> Pairs {
-    let told = reason.explanation.clone().unwrap_or_default();
+    let explanation = reason.explanation.clone().unwrap_or_default();
     let given = |name: &str, value: Option<f64>| value.map(|value| (name.to_owned(), figure(value)));
     let text = |name: &str, value: &str| (!value.is_empty()).then(|| (name.to_owned(), value.to_owned()));
-    let rule = if told.rule == 0 { String::new() } else { word(told.rule().as_str_name(), "RULE_") };
+    let rule =
+        if explanation.rule == 0 { String::new() } else { word(explanation.rule().as_str_name(), "RULE_") };
     [
         text("Chosen by", &reason.source),
         text("Step", &reason.step),
         text("Rule", &rule),
-        given("Probability of exploring", told.epsilon),
-        given("Budget left", told.budget_left),
-        given("Budget reserved", told.set_aside),
-        given(&format!("Reference {}", view.name()), told.reference_cost.map(|cost| view.value(cost))),
+        given("Probability of exploring", explanation.epsilon),
+        given("Budget left", explanation.budget_left),
+        given("Budget reserved", explanation.set_aside),
+        given(&format!("Reference {}", view.name()), explanation.reference_cost.map(|cost| view.value(cost))),
         given(
             "Expected gain (share)",
-            told.expected_gain.map(|share| view.share(share)).filter(|share| share.is_finite()),
+            explanation.expected_gain.map(|share| view.share(share)).filter(|share| share.is_finite()),
         ),
-        given("Expected frames", told.expected_frames),
-        given("Cost of exploring (frames)", told.exploring_cost),
-        text("Held parameters", &told.held.join(", ")),
+        given("Expected frames", explanation.expected_frames),
+        given("Cost of exploring (frames)", explanation.exploring_cost),
+        text("Held parameters", &explanation.held.join(", ")),
     ]
     .into_iter()
     .flatten()
