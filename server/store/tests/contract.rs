@@ -351,11 +351,11 @@ async fn deleting_takes_everything_along(store: &dyn Store) {
     store.delete_study("hall").await.unwrap();
     assert!(!held.holds());
     assert!(matches!(store.delete_study("hall").await, Err(StoreError::StudyNotFound { .. })));
-    let anew = fence(store, "hall").await;
+    let new_fence = fence(store, "hall").await;
     // A change to the deleted study does not reach its namesake.
     assert!(commit(store, &held, &[change(vec![open(1)])]).await.is_err());
     assert_eq!(numbers(store, "").await, [0; 0]);
-    assert_eq!(commit(store, &anew, &[change(vec![open(1)])]).await, Ok(()));
+    assert_eq!(commit(store, &new_fence, &[change(vec![open(1)])]).await, Ok(()));
 }
 
 /// Hands out and completes trials up to a number.

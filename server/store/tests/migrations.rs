@@ -89,8 +89,8 @@ fn rows(version: usize, truth: &str, bytes: impl Fn(&[u8]) -> String) -> Vec<Str
     let mut weighed = ("", String::new());
     if version >= 2 {
         let explanation = open(1).reason().explanation;
-        let told = serde_json::to_value(&explanation).expect("plain");
-        reason.as_object_mut().expect("an object").insert("explanation".to_owned(), told);
+        let explanation = serde_json::to_value(&explanation).expect("plain");
+        reason.as_object_mut().expect("an object").insert("explanation".to_owned(), explanation);
         let of_visit = Explanation { epsilon: Some(0.1), ..Explanation::of(Rule::Explore) };
         weighed = (", weighed", format!(", {}", quote(&serde_json::to_value(of_visit).expect("plain"))));
     }
@@ -106,7 +106,7 @@ fn rows(version: usize, truth: &str, bytes: impl Fn(&[u8]) -> String) -> Vec<Str
         "cpu_model": "a \"fast\" one", "isa": "avx512", "threads": 2, "software": {"embree": "4.4.0"}
     });
     let reason = quote(&reason);
-    let told = |number, state, rest: &str, measurements| {
+    let trial_row = |number, state, rest: &str, measurements| {
         format!(
             "INSERT INTO trials (study, number, client_id, state_id, mode, state, predicted_cost, late, create_ms, \
              lease_expire_ms, configuration, indicators, measurements, reason, fingerprint, outcome, cost, \
@@ -132,8 +132,8 @@ fn rows(version: usize, truth: &str, bytes: impl Fn(&[u8]) -> String) -> Vec<Str
             quote(&kept),
             weighed.1
         ),
-        told(1, "COMPLETED", "'OK', 1.5, 2000, 1", r#"{"render_ms":1.5}"#),
-        told(2, "OPEN", "NULL, NULL, NULL, NULL", "{}"),
+        trial_row(1, "COMPLETED", "'OK', 1.5, 2000, 1", r#"{"render_ms":1.5}"#),
+        trial_row(2, "OPEN", "NULL, NULL, NULL, NULL", "{}"),
     ]
 }
 

@@ -58,7 +58,7 @@ impl Image {
         let _ = std::fs::remove_file(database.with_extension("db-shm"));
     }
 
-    fn begins_log_anew(&self, before: &Self) -> bool {
+    fn restarts_log(&self, before: &Self) -> bool {
         self.log.get(..HEADER) != before.log.get(..HEADER)
     }
 }
@@ -67,7 +67,7 @@ impl Image {
 fn torn(before: &Image, after: &Image, dice: &mut Dice) -> Image {
     let mut image = before.clone();
     let mut begin = 0;
-    if after.begins_log_anew(before) {
+    if after.restarts_log(before) {
         // SQLite syncs the header before it writes more.
         let written = dice.below(2 * HEADER).min(HEADER);
         overlay(&mut image.log, &after.log, 0, written);
@@ -170,8 +170,8 @@ async fn cuts(seed: u64) -> u32 {
     let (database, after_cut) = (folder.path().join("studies.db"), folder.path().join("cut.db"));
     let mut writer = Writer::create(&database).await;
     let mut before = Image::read(&database);
-    let (mut round, mut begun_anew, mut lost) = (0, 0, 0);
-    while begun_anew < 2 {
+    let (mut round, mut restarts, mut lost) = (0, 0, 0);
+    while restarts < 2 {
         round += 1;
         assert!(round < 2000, "the log is never begun anew");
         let acknowledged = writer.last_trial;
@@ -179,9 +179,9 @@ async fn cuts(seed: u64) -> u32 {
         let after = Image::read(&database);
         // Where the log was merged into the file meanwhile, its former contents are gone.
         let is_seen = after.file == before.file;
-        let is_anew = is_seen && after.begins_log_anew(&before);
-        begun_anew += u32::from(is_anew);
-        let cuts = if is_anew { 6 } else { usize::from(is_seen && dice.one_in(3)) };
+        let is_restart = is_seen && after.restarts_log(&before);
+        restarts += u32::from(is_restart);
+        let cuts = if is_restart { 6 } else { usize::from(is_seen && dice.one_in(3)) };
         for _ in 0..cuts {
             torn(&before, &after, &mut dice).write(&after_cut);
             let there = trials_of(&after_cut).await;

@@ -90,10 +90,10 @@ async fn beat(shared: &SharedState, session: Option<PgConnection>) -> Result<PgC
         // The row was removed because the replica seemed dead, or an old connection still holds the lock at
         // the server.
         sqlx::query(sql::REPLICA_DELETE).bind(me).execute(&mut connection).await?;
-        let anew = register(&mut connection, &shared.advertised).await?;
-        debug_assert_ne!(anew, me, "who holds the earlier id would hold its studies");
-        tracing::warn!(replica = anew, earlier = me, "registered anew; every study is loaded again");
-        shared.become_replica(anew);
+        let new_id = register(&mut connection, &shared.advertised).await?;
+        debug_assert_ne!(new_id, me, "who holds the earlier id would hold its studies");
+        tracing::warn!(replica = new_id, earlier = me, "registered anew; every study is loaded again");
+        shared.become_replica(new_id);
     }
     sqlx::query(sql::REPLICAS_REAP)
         .bind(shared.me())
