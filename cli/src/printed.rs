@@ -14,7 +14,7 @@ use treewright_client::{MeasurementLimit, Measurements, ObjectiveTerm};
 /// Longest piece of an output that a reason quotes, in characters.
 const QUOTED_CHARACTERS: usize = 60;
 /// Most printed names that are shown where a metric is missing.
-const NAMES_TOLD: usize = 8;
+const NAMES_SHOWN: usize = 8;
 
 /// The measurements in the last JSON object of an output.
 #[derive(Clone, Debug, PartialEq)]
@@ -166,7 +166,7 @@ fn missing(metric: &str, found: &Map<String, Value>, is_missing: bool) -> String
             "{metric} is missing: it printed no JSON object, which should say it, like {{\"{metric}\": 1.5}}"
         );
     }
-    let names: Vec<_> = found.keys().take(NAMES_TOLD).map(|name| short(name)).collect();
+    let names: Vec<_> = found.keys().take(NAMES_SHOWN).map(|name| short(name)).collect();
     let holds = if names.is_empty() { "nothing".to_owned() } else { names.join(", ") };
     format!("{metric} is missing in the last JSON object that it printed, which holds {holds}")
 }

@@ -106,8 +106,8 @@ pub(super) fn narrow(table: &Table, metric: &Measured) -> Narrowed {
             runs.push(run);
         }
     }
-    let told: Vec<(usize, f64)> = measured(1).collect();
-    let inside = told.iter().filter(|(trial, _)| runs.iter().all(|run| run.has(*trial)));
+    let judged_on: Vec<(usize, f64)> = measured(1).collect();
+    let inside = judged_on.iter().filter(|(trial, _)| runs.iter().all(|run| run.has(*trial)));
     let words = narrowed
         .iter()
         .map(|held: &Held| format!("{} {}", if held.fixed { "--fix" } else { "--range" }, held.argument));
@@ -115,7 +115,7 @@ pub(super) fn narrow(table: &Table, metric: &Measured) -> Narrowed {
         metric: metric.name.clone(),
         higher_is_better,
         arguments: words.collect::<Vec<_>>().join(" "),
-        whole: Spread::of(told.iter().map(|(_, value)| *value).collect(), higher_is_better),
+        whole: Spread::of(judged_on.iter().map(|(_, value)| *value).collect(), higher_is_better),
         part: Spread::of(inside.map(|(_, value)| *value).collect(), higher_is_better),
         narrowed,
     }

@@ -79,11 +79,11 @@ pub(crate) fn headline(analysis: &Analysis) -> String {
         let name = &metric.name;
         Some(format!("{} explains {:.0} % of {name}'s variance", first.parameter, share * 100.0))
     });
-    let told: Vec<String> = strongest.collect();
-    if told.is_empty() {
+    let statements: Vec<String> = strongest.collect();
+    if statements.is_empty() {
         "No single parameter explains 1 % or more of any measurement.".into()
     } else {
-        told.join("; ") + "."
+        statements.join("; ") + "."
     }
 }
 

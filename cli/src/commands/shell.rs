@@ -82,11 +82,11 @@ pub(super) fn report(client: &Client, report: &Report, json: bool) -> Result<Str
     either(json, &trial, || {
         // A token that may only report reads no study.
         let study = trial.name.split('/').nth(1).and_then(|study| client.get_study(study).ok());
-        let told = trial.cost.zip(study).map(|(cost, study)| {
+        let shown = trial.cost.zip(study).map(|(cost, study)| {
             let view = show::view(&study);
             format!(", {} {}", view.name(), show::figure(view.value(cost)))
         });
-        let cost = told.unwrap_or_default();
+        let cost = shown.unwrap_or_default();
         let known = if duplicate { " (already reported before; unchanged)" } else { "" };
         format!("reported {}{known}{cost}", trial.name)
     })

@@ -107,12 +107,12 @@ impl Session<'_> {
     pub(super) fn learn(&mut self, trial: &TrialRecord) -> Result<Option<String>, Failure> {
         let Some(history) = &mut self.front else { return Ok(None) };
         let stored = self.job.daemon.ask(|client| client.trial(&trial.name))?;
-        let told =
+        let shown =
             |metric| format!("{metric} {}", figure(stored.measurements.get(metric).unwrap_or(f64::NAN)));
-        let told = history.front().metrics().map(told).collect::<Vec<_>>().join(", ");
+        let words = history.front().metrics().map(shown).collect::<Vec<_>>().join(", ");
         history.push(stored);
         self.carry_over()?;
-        Ok(Some(told))
+        Ok(Some(words))
     }
 
     /// Reports runs for the directions that do not know of them. None of these trials is a run.

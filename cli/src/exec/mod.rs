@@ -48,7 +48,7 @@ const FAILURES_MAX: u32 = 2;
 /// Number of failures in a row, without a run that worked, after which the session ends.
 const FAILURES_IN_VAIN_MAX: u32 = 10;
 /// Most different numbers whose leaving out is shown.
-const LEFT_OUT_TOLD_MAX: usize = 64;
+const LEFT_OUT_SHOWN_MAX: usize = 64;
 /// The exit code of a program that is interrupted by SIGINT, as shells have it.
 const INTERRUPTED: i32 = 130;
 
@@ -261,8 +261,8 @@ impl Job<'_> {
         measured: &Measurements,
         outcome: &Outcome,
     ) -> Result<TrialRecord, Failure> {
-        let told = self.daemon.ask(|client| client.tell(&trial.name, measured, outcome));
-        if matches!(&told, Err(Failure::Client(problem)) if problem.may_pass()) {
+        let reported = self.daemon.ask(|client| client.tell(&trial.name, measured, outcome));
+        if matches!(&reported, Err(Failure::Client(problem)) if problem.may_pass()) {
             let numbers: Vec<_> = measured.iter().map(|(name, value)| format!("{name}={value}")).collect();
             let what = match outcome {
                 Outcome::Ok => numbers.join(" "),
@@ -275,7 +275,7 @@ impl Job<'_> {
                 trial.name
             ));
         }
-        Ok(told?.0)
+        Ok(reported?.0)
     }
 
     /// Gives a trial back. Where that fails, its lease runs out.
@@ -331,20 +331,20 @@ impl Session<'_> {
                 Err(problem) => return Err(problem),
             };
             let step = self.step(&trial)?;
-            let told = match step {
+            let learnt = match step {
                 Step::Stopped => Ok(None),
                 _ => self.learn(&trial),
             };
-            let told = match told {
+            let learnt = match learnt {
                 Err(_) if self.is_stopped() => None,
-                told => told?,
+                learnt => learnt?,
             };
             let result = match &step {
                 Step::Stopped => {
                     summary.end = "interrupted";
                     break;
                 }
-                Step::Measured(cost) => told.map_or(Ok(*cost), Err),
+                Step::Measured(cost) => learnt.map_or(Ok(*cost), Err),
                 Step::Aborted => Err("stopped early".to_owned()),
                 Step::Infeasible(reason) => Err(format!("not usable: {reason}")),
                 Step::Failed(reason) => Err(format!("failed: {reason}")),
@@ -454,10 +454,10 @@ impl Session<'_> {
     /// Says, once of each, which numbers are not reported.
     fn tell_left_out(&mut self, left_out: Vec<LeftOut>) {
         let new: Vec<_> = left_out.into_iter().filter(|one| !self.left_out.contains(one)).collect();
-        if new.is_empty() || self.left_out.len() >= LEFT_OUT_TOLD_MAX {
+        if new.is_empty() || self.left_out.len() >= LEFT_OUT_SHOWN_MAX {
             return;
         }
-        let room = LEFT_OUT_TOLD_MAX - self.left_out.len();
+        let room = LEFT_OUT_SHOWN_MAX - self.left_out.len();
         let more = if new.len() > room { format!(" and {} more", new.len() - room) } else { String::new() };
         let names: Vec<_> = new.iter().take(room).map(ToString::to_string).collect();
         progress::note(&format!("left out of what the program prints: {}{more}", names.join(", ")));
@@ -575,12 +575,12 @@ fn default_client() -> String {
 fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let set = Arc::clone(&stop);
-    let told = move || {
+    let handler = move || {
         if set.swap(true, Ordering::Relaxed) {
             std::process::exit(INTERRUPTED);
         }
     };
-    ctrlc::set_handler(told)
+    ctrlc::set_handler(handler)
         .map_err(|error| Failure::Program(format!("signals cannot be caught: {error}")))?;
     Ok(stop)
 }

@@ -106,7 +106,7 @@ impl Runner<'_> {
             out: started.stdout.take().map(Tail::of),
             err: started.stderr.take().map(Tail::of),
             socket,
-            told: Vec::new(),
+            received: Vec::new(),
             is_over: false,
             show_output: self.show_output,
         };
@@ -224,7 +224,7 @@ struct Supervised {
     err: Option<Tail<ChildStderr>>,
     socket: UnixStream,
     /// The supervisor's output so far.
-    told: Vec<u8>,
+    received: Vec<u8>,
     /// It says no more.
     is_over: bool,
     show_output: bool,
@@ -248,7 +248,7 @@ impl Supervised {
         if ready[2] {
             let mut some = [0; 256];
             match self.socket.read(&mut some) {
-                Ok(bytes) if bytes > 0 => self.told.extend(&some[..bytes]),
+                Ok(bytes) if bytes > 0 => self.received.extend(&some[..bytes]),
                 Err(problem) if problem.kind() == std::io::ErrorKind::Interrupted => {}
                 _ => self.is_over = true,
             }
@@ -258,7 +258,7 @@ impl Supervised {
 
     /// The program's end; `None` where the supervisor died before it could report one.
     fn fate(&self) -> Option<Fate> {
-        serde_json::from_slice(&self.told).ok()
+        serde_json::from_slice(&self.received).ok()
     }
 
     /// Reads what the program wrote before it ended.

@@ -165,10 +165,10 @@ pub(super) fn objective(spec: &StudySpec) -> String {
         [term] if term.weight == 1.0 || !maximised.is_empty() => term.metric.clone(),
         _ => {
             let sign = |metric: &String| if maximised.contains(metric) { "/ " } else { "" };
-            let told = |term: &ObjectiveTerm| {
+            let shown = |term: &ObjectiveTerm| {
                 format!("{} {}{}", figure(term.weight), sign(&term.metric), term.metric)
             };
-            terms.iter().map(told).collect::<Vec<_>>().join(" + ")
+            terms.iter().map(shown).collect::<Vec<_>>().join(" + ")
         }
     }
 }

@@ -88,7 +88,7 @@ fn supervise(mut command: Command) -> Result<(), std::io::Error> {
     let cut = Arc::new(AtomicBool::new(false));
     let (hears, is_cut) = (socket.try_clone()?, Arc::clone(&cut));
     // Ends with the process.
-    std::thread::spawn(move || end_when_told(hears, group, &is_cut));
+    std::thread::spawn(move || end_when_closed(hears, group, &is_cut));
     until_ended(&mut child);
     let wall_ms = begin.elapsed().as_secs_f64() * 1e3;
     // Processes that it left running in its group would disturb the next run.
@@ -102,7 +102,7 @@ fn supervise(mut command: Command) -> Result<(), std::io::Error> {
 }
 
 /// Waits until nothing can be read from `exec` any more, and ends the program then.
-fn end_when_told(mut socket: UnixStream, group: Pid, is_cut: &AtomicBool) {
+fn end_when_closed(mut socket: UnixStream, group: Pid, is_cut: &AtomicBool) {
     // Nothing is ever sent: the read returns when the other side closes.
     let _ = socket.read(&mut [0]);
     is_cut.store(true, Ordering::Relaxed);

@@ -231,7 +231,7 @@ mod tests {
             assert!((1..=20).contains(&ticks.len()), "{values:?}: {ticks:?}");
             assert!(ticks.iter().chain(values).all(|tick| (0.0..=1.0).contains(&axis.share(*tick))));
         }
-        let told: Vec<_> = [0.25, 1200.0, 2e7, 5e-5].into_iter().map(short).collect();
-        assert_eq!(told, ["0.25", "1200", "2e7", "5e-5"]);
+        let labels: Vec<_> = [0.25, 1200.0, 2e7, 5e-5].into_iter().map(short).collect();
+        assert_eq!(labels, ["0.25", "1200", "2e7", "5e-5"]);
     }
 }

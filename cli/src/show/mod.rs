@@ -204,10 +204,10 @@ pub(crate) fn trial(trial: &TrialRecord, view: &CostView) -> String {
         line(&mut text, &format!("{} {}", outcome(ended, view), pairs(measured.collect())));
     }
     if let Some(cost) = trial.cost {
-        let told = |cost: f64| figure(view.value(cost));
+        let shown = |cost: f64| figure(view.value(cost));
         let predicted =
-            trial.predicted_cost.map(|cost| format!(", predicted {}", told(cost))).unwrap_or_default();
-        line(&mut text, &format!("{} {}{predicted}", view.name(), told(cost)));
+            trial.predicted_cost.map(|cost| format!(", predicted {}", shown(cost))).unwrap_or_default();
+        line(&mut text, &format!("{} {}{predicted}", view.name(), shown(cost)));
     }
     let reason = &trial.reason;
     let step = if reason.step.is_empty() { String::new() } else { format!(" ({})", reason.step) };
@@ -310,8 +310,8 @@ fn means(best: &Best, view: &CostView) -> String {
 pub(crate) fn prediction(prediction: &Prediction, spec: &StudySpec) -> String {
     let mut text = String::new();
     let view = spec.objective.view();
-    let told = |cost: f64| figure(view.value(cost));
-    let cost = prediction.predicted_cost.map_or_else(|| "unknown".to_owned(), told);
+    let shown = |cost: f64| figure(view.value(cost));
+    let cost = prediction.predicted_cost.map_or_else(|| "unknown".to_owned(), shown);
     line(&mut text, &format!("mode {}, predicted {} {cost}", prediction.mode, view.title()));
     if !prediction.reason.summary.is_empty() {
         line(&mut text, &prediction.reason.summary);
@@ -320,7 +320,7 @@ pub(crate) fn prediction(prediction: &Prediction, spec: &StudySpec) -> String {
         let header = ["near state", "distance", &format!("best {} there", view.name())];
         let mut neighbours = table(&header, &[0, 1, 2]);
         for near in &prediction.reason.neighbours {
-            neighbours.add_row([near.state_id.to_string(), figure(near.distance), told(near.best_cost)]);
+            neighbours.add_row([near.state_id.to_string(), figure(near.distance), shown(near.best_cost)]);
         }
         line(&mut text, &neighbours.trim_fmt());
     }
@@ -482,15 +482,15 @@ mod tests {
     #[test]
     fn what_is_maximised_is_told_by_its_value_and_direction() {
         let (spec, known) = best_rate();
-        let told = best(&known, &spec);
+        let printed = best(&known, &spec);
         assert!(
-            told.starts_with("fps (higher is better) 50 [40, 80] in state 1, 4 measurement(s)"),
-            "{told}"
+            printed.starts_with("fps (higher is better) 50 [40, 80] in state 1, 4 measurement(s)"),
+            "{printed}"
         );
-        assert!(told.contains("25.0 % [0.0, 100.0] above the default (95 % interval)"), "{told}");
-        let told = best(&Best { standing: None, ..known.clone() }, &spec);
-        assert!(told.contains("fps (higher is better) 50 over 4"), "{told}");
-        assert!(told.contains("default 40, so the best is 25.0 % above it"), "{told}");
+        assert!(printed.contains("25.0 % [0.0, 100.0] above the default (95 % interval)"), "{printed}");
+        let printed = best(&Best { standing: None, ..known.clone() }, &spec);
+        assert!(printed.contains("fps (higher is better) 50 over 4"), "{printed}");
+        assert!(printed.contains("default 40, so the best is 25.0 % above it"), "{printed}");
         let rows = live::rows(&[known], Some(&spec));
         for word in ["fps (higher is better)", "above the default", " 50 ", "25.0 % [0.0, 100.0]"] {
             assert!(rows.contains(word), "{word} is not in {rows}");

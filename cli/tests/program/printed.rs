@@ -163,9 +163,9 @@ fn what_cannot_be_reported_is_left_out() {
     let names: Vec<_> = measurements.iter().map(|(name, _)| name).collect();
     assert_eq!(names, ["cpu_ms", "latency_ms", "loss", "wall_ms"]);
     left_out.sort();
-    let told: Vec<_> = left_out.iter().map(ToString::to_string).collect();
-    let all = told.join("; ");
-    assert_eq!(told.len(), 6, "{all}");
+    let words: Vec<_> = left_out.iter().map(ToString::to_string).collect();
+    let all = words.join("; ");
+    assert_eq!(words.len(), 6, "{all}");
     for said in
         ["Throughput (names", "cpu.user", "p99-ms", "temperature (below 0)", "ratio (not a finite", "best ("]
     {
@@ -192,7 +192,7 @@ fn what_the_program_says_of_a_time_counts_in_place_of_what_was_taken() {
     };
     assert_eq!(wall_ms("{\"loss\": 1}"), Ok(9.0));
     assert_eq!(wall_ms("{\"wall_ms\": 1}"), Ok(1.0));
-    assert!(wall_ms("{\"wall_ms\": NaN}").is_err_and(|told| told.contains("NaN")));
+    assert!(wall_ms("{\"wall_ms\": NaN}").is_err_and(|message| message.contains("NaN")));
     let (measurements, left_out) = measured("{\"loss\": 1, \"wall_ms\": NaN, \"cpu_ms\": 2}");
     assert_eq!((measurements.get("wall_ms"), measurements.get("cpu_ms")), (Some(9.0), Some(2.0)));
     assert_eq!(left_out.len(), 1);

@@ -13,8 +13,8 @@ fn a_trial_is_asked_for_and_told() {
     assert!(lines.contains(&"export TREEWRIGHT_PARAM_COMPACT=false"), "{asked}");
     let again = answer(&fake, &["suggest", "sponza", "--indicator", "triangles=1000", "--format", "args"]);
     assert!(again.contains("--compact=false --max-depth="), "{again}");
-    let told = answer(&fake, &["report", "studies/sponza/trials/6", "render_ms=3.5"]);
-    assert_eq!(told, "reported studies/sponza/trials/6, cost 3.5000\n");
+    let reported = answer(&fake, &["report", "studies/sponza/trials/6", "render_ms=3.5"]);
+    assert_eq!(reported, "reported studies/sponza/trials/6, cost 3.5000\n");
     let twice = answer(&fake, &["report", "studies/sponza/trials/6", "render_ms=9"]);
     assert!(twice.contains("already") && twice.contains("3.5000"), "{twice}");
     let wrong = run(&fake, &["report", "studies/sponza/trials/7", "render_ms=9"]);
@@ -82,8 +82,8 @@ fn a_report_waits_for_a_daemon_that_comes_back() {
     std::thread::sleep(std::time::Duration::from_secs(1));
     assert!(!report.is_finished(), "it waits");
     fake.come_back();
-    let told = report.join().expect("it ends");
-    assert_eq!(String::from_utf8_lossy(&told.stdout), "reported studies/sponza/trials/6, cost 3.5000\n");
+    let output = report.join().expect("it ends");
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "reported studies/sponza/trials/6, cost 3.5000\n");
 }
 
 #[test]

@@ -64,8 +64,8 @@ fn mistakes_in_files_are_named() {
 #[test]
 fn a_copy_has_the_trials_and_the_rest_of_what_was_learnt() {
     let fake = with_trials();
-    let told = answer(&fake, &["study", "clone", "sponza", "copy"]);
-    assert_eq!(told, "copy: 5 trial(s) added, 0 already known\n");
+    let cloned = answer(&fake, &["study", "clone", "sponza", "copy"]);
+    assert_eq!(cloned, "copy: 5 trial(s) added, 0 already known\n");
     assert_eq!(fake.book().studies.len(), 2);
     let there = run(&fake, &["study", "clone", "sponza", "copy"]);
     assert!(String::from_utf8_lossy(&there.stderr).contains("already exists"));
