@@ -26,7 +26,7 @@ pub(crate) fn default_client_id() -> String {
     if let Some(slot) = ours.as_ref().filter(|slot| slot.process == std::process::id()) {
         return slot.id.clone();
     }
-    ours.insert(DefaultId::take(&whoever())).id.clone()
+    ours.insert(DefaultId::take(&identity())).id.clone()
 }
 
 impl DefaultId {
@@ -46,7 +46,7 @@ impl DefaultId {
 }
 
 /// `PROGRAM@MACHINE/USER`, of what can be found out.
-fn whoever() -> String {
+fn identity() -> String {
     let program = std::env::current_exe()
         .ok()
         .and_then(|path| path.file_stem().map(|stem| stem.to_string_lossy().into_owned()))

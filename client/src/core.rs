@@ -328,13 +328,13 @@ mod tests {
 
     #[test]
     fn who_forgot_the_scheme_is_told() {
-        let told = |url: &str| {
+        let suggests_scheme = |url: &str| {
             let refused = endpoint(url, &Credentials::new()).err();
             refused.is_some_and(|error| error.to_string().contains(&format!("http://{url} is it")))
         };
-        assert!(told("render-farm:50611"));
+        assert!(suggests_scheme("render-farm:50611"));
         for other in ["render-farm", "render-farm:port", ":50611", "a/b:50611"] {
-            assert!(!told(other), "{other}");
+            assert!(!suggests_scheme(other), "{other}");
         }
     }
 

@@ -181,13 +181,13 @@ impl Outbox {
     }
 
     /// Waits until nothing about the worker's trials of the study is queued or being sent.
-    pub(crate) async fn wait_until_told(&self, study: &str, worker: &str) {
-        let told = |state: &OutboxState| {
+    pub(crate) async fn wait_until_sent(&self, study: &str, worker: &str) {
+        let is_sent = |state: &OutboxState| {
             let is_other = |of: &str, by: &str| of != study || by != worker;
             state.queue.iter().all(|item| is_other(&item.study, &item.worker))
                 && state.sending.as_ref().is_none_or(|sent| is_other(&sent.study, &sent.worker))
         };
-        let _ = self.state.subscribe().wait_for(told).await;
+        let _ = self.state.subscribe().wait_for(is_sent).await;
     }
 
     /// Waits until nothing is queued or on its way and no answer is due.
@@ -378,16 +378,16 @@ mod tests {
         outbox.report(report("a"));
         outbox.release(&name("s"), &name("w"), &name("a"));
         assert!(!outbox.hold(&name("a")), "queued");
-        outbox.wait_until_told("s", "another").await;
+        outbox.wait_until_sent("s", "another").await;
         let item = outbox.next().await.unwrap();
         assert!(!outbox.hold(&name("a")), "being sent");
-        outbox.wait_until_told("s", "another").await;
+        outbox.wait_until_sent("s", "another").await;
         assert_eq!(outbox.waiting(), 1);
         outbox.put_back(item);
         assert_eq!(queued(&outbox), ["a"]);
         outbox.next().await.unwrap();
         outbox.done();
-        outbox.wait_until_told("s", "w").await;
+        outbox.wait_until_sent("s", "w").await;
         outbox.wait_until_quiet().await;
         assert!(outbox.hold(&name("a")));
     }

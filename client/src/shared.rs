@@ -198,9 +198,11 @@ impl Shared {
         };
         let due = self.context.core.outbox.expect_answer(false);
         tokio::spawn(async move {
-            let result =
-                tokio::time::timeout(limits::LATE_ANSWER, shared.ask_once_told(&worker, &indicators, None))
-                    .await;
+            let result = tokio::time::timeout(
+                limits::LATE_ANSWER,
+                shared.ask_after_reports(&worker, &indicators, None),
+            )
+            .await;
             let result =
                 result.unwrap_or_else(|_| Err(shared.context.core.late("Suggest", limits::LATE_ANSWER)));
             // A caller with its answer may be done with the trial at once, and ask again.
@@ -212,7 +214,7 @@ impl Shared {
         answer
     }
 
-    pub(crate) async fn ask_once_told(
+    pub(crate) async fn ask_after_reports(
         self: &Arc<Self>,
         worker: &Arc<Worker>,
         indicators: &Indicators,
@@ -220,7 +222,7 @@ impl Shared {
     ) -> SuggestAnswer {
         let mut result = Err(ClientError::Busy { what: "attempts to get a trial", limit: ASK_AGAIN });
         for _ in 0..ASK_AGAIN {
-            self.context.core.outbox.wait_until_told(&self.context.name, worker.name()).await;
+            self.context.core.outbox.wait_until_sent(&self.context.name, worker.name()).await;
             let mut rpc = self.context.core.rpc();
             let wanted = wanted.map(|wanted| configuration_to_wire(wanted.as_raw()));
             let request = self.suggest_request(worker, indicators);

@@ -101,9 +101,9 @@ impl Stream<'_> {
         requests: &mpsc::Sender<v1::TuneRequest>,
     ) -> Result<(), ClientError> {
         let core = &self.shared.context.core;
-        let told = core.outbox.wait_until_told(&self.shared.context.name, frame.worker.name());
-        let told = timeout(core.options.deadline, told).await;
-        if told.is_err() {
+        let sent = core.outbox.wait_until_sent(&self.shared.context.name, frame.worker.name());
+        let sent = timeout(core.options.deadline, sent).await;
+        if sent.is_err() {
             self.turn_away(frame, core.late("Report", core.options.deadline));
             return Ok(());
         }

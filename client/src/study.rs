@@ -123,7 +123,7 @@ impl Study {
         checks::state(&self.shared.context.spec, indicators)?;
         let core = &self.shared.context.core;
         let worker = self.shared.worker(indicators, None)?;
-        let ask = || self.shared.ask_once_told(&worker, indicators, Some(configuration));
+        let ask = || self.shared.ask_after_reports(&worker, indicators, Some(configuration));
         let suggestion = core.until_ready("Suggest", core.options.deadline, ask).await?;
         Ok(self.shared.deliver(suggestion))
     }

@@ -172,10 +172,10 @@ fn a_program_that_is_started_again_goes_on_with_the_same_numbers() {
         carry(&mut again, owed, usize::MAX);
         go_on(&mut again, 40, false);
         let sorted = |history: &FrontHistory| {
-            let told = |trial: &TrialRecord| {
+            let printed = |trial: &TrialRecord| {
                 format!("{:?} {} {:?}", trial.indicators, trial.configuration, trial.measurements)
             };
-            let mut all: Vec<_> = history.trials.iter().map(told).collect();
+            let mut all: Vec<_> = history.trials.iter().map(printed).collect();
             all.sort();
             all
         };
