@@ -65,7 +65,7 @@ impl Findings {
     }
 
     /// A table and the advice.
-    pub(crate) fn told(&self) -> String {
+    pub(crate) fn report(&self) -> String {
         let mut text = String::new();
         let mut line = |words: String| {
             let _ = writeln!(text, "{words}");
@@ -158,8 +158,8 @@ mod tests {
 
     #[test]
     fn nothing_measured_is_no_division_by_nothing() {
-        let told = Findings::default().told();
-        assert!(told.contains("1.00 x") && !told.contains("NaN"), "{told}");
-        assert!(found(1000.0, 0.0, 0).told().contains(" 99.0%"), "more than all is nearly all");
+        let report = Findings::default().report();
+        assert!(report.contains("1.00 x") && !report.contains("NaN"), "{report}");
+        assert!(found(1000.0, 0.0, 0).report().contains(" 99.0%"), "more than all is nearly all");
     }
 }

@@ -79,7 +79,7 @@ fn probe(arguments: &Arguments) -> Result<i32, Box<dyn std::error::Error>> {
         if arguments.json {
             println!("{}", serde_json::to_string(found)?);
         } else {
-            print!("{}", found.told());
+            print!("{}", found.report());
         }
     }
     Ok(status.code().unwrap_or(1))

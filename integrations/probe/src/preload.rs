@@ -2,23 +2,23 @@
 //! times calls, hands each on unchanged, and writes its findings when a device is released and when the
 //! program ends.
 //!
-//! It never ends its host, and changes a result only by the settings that it was given ([`told`]). Calls that
-//! cannot be found or timed are left out. A query costs a nanosecond or two more, and a thread of the library
-//! samples the work of the others ([`counts`]). `TREEWRIGHT_PROBE` names the file, to which the process's
-//! number is added, since programs start others.
+//! It never ends its host, and changes a result only by the settings that it was given ([`settings`]). Calls
+//! that cannot be found or timed are left out. A query costs a nanosecond or two more, and a thread of the
+//! library samples the work of the others ([`counts`]). `TREEWRIGHT_PROBE` names the file, to which the
+//! process's number is added, since programs start others.
 //!
 //! Embree 3 and 4 have these entry points with as many arguments of the same sizes; Mitsuba's own copy of
 //! Embree 3 has them in its namespace, hence the long names.
 
 mod counts;
 mod real;
-mod told;
+mod settings;
 
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 
 use counts::{Kind, ROOM, count, note_device, note_flags, note_quality, note_triangles, timed, weight};
 use real::{Address, real};
-use told::TOLD;
+use settings::SETTINGS;
 
 /// A handle or pointer that is handed on.
 type Handle = *mut c_void;
@@ -148,7 +148,7 @@ macro_rules! devices {
             note_device(config);
             // SAFETY: Embree asks for text that ends in a zero, or none.
             let own = (!config.is_null()).then(|| unsafe { CStr::from_ptr(config) });
-            let text = TOLD.device(own);
+            let text = SETTINGS.device(own);
             let config = text.as_ref().map_or(config, |text| text.as_ptr());
             entry!(concat!($export, "\0"), extern "C" fn(*const c_char) -> Handle)
                 .map_or(std::ptr::null_mut(), |entry| entry(config))
@@ -167,16 +167,16 @@ macro_rules! builds {
         #[unsafe(export_name = $export)]
         extern "C" fn $name(scene: Handle) {
             let Some(entry) = entry!(concat!($export, "\0"), extern "C" fn(Handle)) else { return };
-            if let Some(quality) = TOLD.quality()
+            if let Some(quality) = SETTINGS.quality()
                 && let Some(set) = entry!(concat!($set_quality, "\0"), extern "C" fn(Handle, c_int))
             {
                 set(scene, quality);
             }
-            if TOLD.has_flags()
+            if SETTINGS.has_flags()
                 && let Some(get) = entry!(concat!($get_flags, "\0"), extern "C" fn(Handle) -> c_int)
                 && let Some(set) = entry!(concat!($set_flags, "\0"), extern "C" fn(Handle, c_int))
             {
-                set(scene, TOLD.flags(get(scene)));
+                set(scene, SETTINGS.flags(get(scene)));
             }
             timed($export.contains("Join"), || entry(scene));
         }
@@ -200,7 +200,7 @@ macro_rules! geometries {
     ($($export:literal $name:ident, $set_quality:literal;)+) => {$(
         #[unsafe(export_name = $export)]
         extern "C" fn $name(geometry: Handle) {
-            if let Some(quality) = TOLD.quality()
+            if let Some(quality) = SETTINGS.quality()
                 && let Some(set) = entry!(concat!($set_quality, "\0"), extern "C" fn(Handle, c_int))
             {
                 set(geometry, quality);
@@ -225,7 +225,7 @@ geometries! {
 extern "C" fn set(words: *const c_char) -> bool {
     // SAFETY: the caller hands over text that ends in a zero, or none.
     let words = if words.is_null() { c"" } else { unsafe { CStr::from_ptr(words) } };
-    words.to_str().is_ok_and(|words| TOLD.tell(words))
+    words.to_str().is_ok_and(|words| SETTINGS.apply(words))
 }
 
 extern "C" fn at_the_end() {
@@ -238,7 +238,7 @@ extern "C" fn begin() {
     // Reads the environment while nobody changes it.
     ROOM.begin();
     if let Ok(words) = std::env::var("TREEWRIGHT_PROBE_SET") {
-        TOLD.tell(&words);
+        SETTINGS.apply(&words);
     }
 }
 

@@ -11,7 +11,7 @@ const ROBUST: c_int = 1 << 2;
 const NOTHING: c_int = -1;
 
 /// The settings; none at first.
-pub(crate) struct Told {
+pub(crate) struct Settings {
     quality: AtomicI32,
     set: AtomicI32,
     cleared: AtomicI32,
@@ -19,9 +19,9 @@ pub(crate) struct Told {
     device: Mutex<Option<String>>,
 }
 
-pub(crate) static TOLD: Told = Told::new();
+pub(crate) static SETTINGS: Settings = Settings::new();
 
-impl Told {
+impl Settings {
     const fn new() -> Self {
         Self {
             quality: AtomicI32::new(NOTHING),
@@ -33,7 +33,7 @@ impl Told {
     }
 
     /// Takes words in place of earlier ones. False, and nothing changes, where one is unknown.
-    pub(crate) fn tell(&self, words: &str) -> bool {
+    pub(crate) fn apply(&self, words: &str) -> bool {
         let (mut quality, mut set, mut cleared, mut device) = (NOTHING, 0, 0, None);
         for word in words.split(';').filter(|word| !word.is_empty()) {
             match word.split_once('=') {
@@ -76,8 +76,8 @@ impl Told {
         if !self.has_device.load(Relaxed) {
             return None;
         }
-        let told = self.device.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()?;
+        let added = self.device.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()?;
         let own = own.map(CStr::to_string_lossy).filter(|own| !own.is_empty());
-        CString::new(own.map_or_else(|| told.clone(), |own| format!("{own},{told}"))).ok()
+        CString::new(own.map_or_else(|| added.clone(), |own| format!("{own},{added}"))).ok()
     }
 }
