@@ -215,8 +215,8 @@ fn scenes(folder: &Path, url: &str) {
             let leaf = trial["configuration"]["max_leaf_size"].as_f64().expect("a number");
             let cost = 20.0 + (leaf - best).powi(2) / 20.0 + 0.1 * f64::from(step % 3);
             let name = trial["name"].as_str().expect("a name");
-            let told = run("treewright", &["--server", url, "report", name, &format!("render_ms={cost}")]);
-            assert!(told.status.success(), "{}", stderr(&told));
+            let output = run("treewright", &["--server", url, "report", name, &format!("render_ms={cost}")]);
+            assert!(output.status.success(), "{}", stderr(&output));
         }
     }
 }

@@ -301,8 +301,8 @@ fn a_row_that_the_service_does_not_take_does_not_hold_up_the_others() {
     let table = "config.level,indicator.megabytes,measurement.loss,measurement.Rays\n\
                  1,10,3.5,\n2,10,3.25,7\n3,10,NaN,\n4,10,-1,\n5,10,3,\n";
     std::fs::write(&rows, table).expect("room");
-    let told = ask(&daemon, &["import", rows.to_str().expect("text"), "--study", "toy"]);
-    assert_eq!((&told["imported"], &told["misfits"]), (&Value::from(2), &Value::from(3)), "{told}");
+    let answer = ask(&daemon, &["import", rows.to_str().expect("text"), "--study", "toy"]);
+    assert_eq!((&answer["imported"], &answer["misfits"]), (&Value::from(2), &Value::from(3)), "{answer}");
     let open = ask(&daemon, &["trials", "toy", "--filter", "state = OPEN"]);
     assert_eq!(open, Value::Array(Vec::new()), "what was refused is given back");
 }

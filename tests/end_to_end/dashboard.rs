@@ -48,8 +48,8 @@ pub(crate) fn measure(url: &str, reports: &[&str]) {
         let name = trial["name"].as_str().expect("a name");
         let mut all = vec!["--server", url, "report", name];
         all.extend(report.split('|'));
-        let told = run("treewright", &all);
-        assert!(told.status.success(), "{}", stderr(&told));
+        let output = run("treewright", &all);
+        assert!(output.status.success(), "{}", stderr(&output));
     }
 }
 
@@ -179,15 +179,18 @@ fn what_is_maximised_is_shown_in_its_own_unit() {
         }
         assert!(!answer.body.contains("0.0125"), "{path} tells a cost: {}", answer.body);
     }
-    let told =
+    let printed =
         |command: &[&str]| stdout(&run("treewright", &[&["--server", daemon.url()][..], command].concat()));
-    assert!(told(&["trials", "toy"]).contains("fps (higher is better)"));
+    assert!(printed(&["trials", "toy"]).contains("fps (higher is better)"));
     assert!(
-        told(&["trials", "toy", "--format", "csv"]).lines().next().is_some_and(|head| head.contains("value"))
+        printed(&["trials", "toy", "--format", "csv"])
+            .lines()
+            .next()
+            .is_some_and(|head| head.contains("value"))
     );
-    assert!(told(&["best", "toy"]).starts_with("fps (higher is better)"));
-    assert!(told(&["explain", "toy/trials/2"]).contains("fps 80"));
-    let best: serde_json::Value = serde_json::from_str(&told(&["--json", "best", "toy"])).expect("JSON");
+    assert!(printed(&["best", "toy"]).starts_with("fps (higher is better)"));
+    assert!(printed(&["explain", "toy/trials/2"]).contains("fps 80"));
+    let best: serde_json::Value = serde_json::from_str(&printed(&["--json", "best", "toy"])).expect("JSON");
     assert_eq!(best["default_value"], 50.0, "{best}");
 }
 

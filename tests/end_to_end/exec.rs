@@ -80,12 +80,15 @@ fn a_front_holds_the_ends_and_what_lies_between() {
 /// `docs/exec.md` describes every field of the JSON.
 fn all_fields_are_documented(done: &Value) {
     let page = std::fs::read_to_string(workspace().join("docs/exec.md")).expect("the page");
-    let told =
+    let assert_documented =
         |field: &str| assert!(page.contains(&format!("`{field}`")), "docs/exec.md does not tell of {field}");
     for (name, value) in done.as_object().expect("an object") {
-        told(name);
+        assert_documented(name);
         let inner = value.as_object().filter(|_| ["best", "confirmation", "front"].contains(&name.as_str()));
-        inner.into_iter().flat_map(serde_json::Map::keys).for_each(|inner| told(&format!("{name}.{inner}")));
+        inner
+            .into_iter()
+            .flat_map(serde_json::Map::keys)
+            .for_each(|inner| assert_documented(&format!("{name}.{inner}")));
     }
     assert_eq!(done["format"], 1);
 }
@@ -121,8 +124,8 @@ fn what_is_maximised_is_found_and_told_in_its_own_unit() {
         "{done}"
     );
     assert_eq!(done["best"]["default_value"].as_f64(), Some(66.0), "{done}");
-    let told = call(&["--trials", "1"]);
-    assert!(stdout(&told).contains("rate 90, default 66"), "{}", stdout(&told));
+    let output = call(&["--trials", "1"]);
+    assert!(stdout(&output).contains("rate 90, default 66"), "{}", stdout(&output));
     let file = run("treewright", &["--server", daemon.url(), "study", "show", "rates", "--format", "toml"]);
     assert!(stdout(&file).contains("maximise = true"), "{}", stdout(&file));
 }

@@ -114,7 +114,7 @@ fn values_without_a_number_do_not_end_the_search() {
 fn numbers_that_cannot_be_reported_are_left_out_and_told_once() {
     let bench = Bench::new();
     let many: Vec<_> = (0..100).map(|number| format!("\\\"n{number}\\\": 1")).collect();
-    for (study, further, told) in [
+    for (study, further, shown) in [
         ("capitals", "\\\"Throughput\\\": 3", "Throughput"),
         ("dots", "\\\"cpu.user\\\": 3", "cpu.user"),
         ("dashes", "\\\"p99-ms\\\": 3", "p99-ms"),
@@ -127,7 +127,7 @@ fn numbers_that_cannot_be_reported_are_left_out_and_told_once() {
         assert_eq!(json(&output)["trials"], 4, "{study}");
         assert_eq!(bench.count(study, "outcome = OK"), 4, "{study}");
         assert_eq!(stderr(&output).matches("left out").count(), 1, "{study}: {}", stderr(&output));
-        assert!(stderr(&output).contains(told), "{study}: {}", stderr(&output));
+        assert!(stderr(&output).contains(shown), "{study}: {}", stderr(&output));
     }
 }
 
@@ -320,13 +320,16 @@ fn a_daemon_that_stays_away_takes_nothing_with_it() {
     );
     assert!(found["error"].as_str().is_some_and(|error| error.contains(&address)), "{found}");
     // The finished run is shown, and can be handed in.
-    let told = stderr(&output);
-    let command = told.split("treewright report ").nth(1).and_then(|rest| rest.lines().next());
+    let message = stderr(&output);
+    let command = message.split("treewright report ").nth(1).and_then(|rest| rest.lines().next());
     let words: Vec<_> = command.expect("it says how").split(' ').collect();
     let daemon = Daemon::start_at(&database, &address);
     let all = [&["--server", daemon.url(), "report"][..], &words].concat();
-    let told = stdout(&run("treewright", &all));
-    assert!(told.starts_with("reported studies/left") && told.contains("/trials/4"), "{words:?}: {told}");
+    let printed = stdout(&run("treewright", &all));
+    assert!(
+        printed.starts_with("reported studies/left") && printed.contains("/trials/4"),
+        "{words:?}: {printed}"
+    );
 }
 
 #[test]

@@ -367,8 +367,8 @@ async fn a_clock_that_jumps_ends_no_lease_early_and_lets_none_live_for_ever() {
     clock.set("+1d");
     for (number, trial) in held.iter().enumerate() {
         assert_eq!(self::trial(&mut book, &format!("client-{number}")).await.name, trial.name);
-        let told = book.client.report(wire::report(trial)).await.expect("taken").into_inner();
-        assert!(!told.trial.expect("the trial").late, "nothing is late because of the clock");
+        let reported = book.client.report(wire::report(trial)).await.expect("taken").into_inner();
+        assert!(!reported.trial.expect("the trial").late, "nothing is late because of the clock");
     }
 
     // The clock goes back by two days. Leases of two seconds end anyway, in this daemon and in the next.

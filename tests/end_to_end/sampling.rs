@@ -93,8 +93,8 @@ fn a_killed_renderer_goes_on_and_a_killed_daemon_is_waited_for() {
     wait_for(&url, before + 15);
     daemon.kill();
     let daemon = Daemon::start_at(&database, &address);
-    let told = ends_well(second);
-    assert!(told.contains("of them there already"), "{told}");
+    let output = ends_well(second);
+    assert!(output.contains("of them there already"), "{output}");
     assert_each_once(&url, CAMERAS * SAMPLES);
     // Once more there is nothing to do; further samples are added to those that are there.
     assert!(ends_well(sampler(&url, "a", &[])).contains("0 by this run"));

@@ -194,11 +194,11 @@ async fn by_stream(storm: Arc<Storm>, number: u32) {
     let mut connections = Connections::to(&storm, number);
     let (mut step, mut asked) = (0u32, Instant::now());
     // A report that no daemon has acknowledged yet.
-    let mut unheard: Option<pb::Trial> = None;
-    while !storm.is_over() || unheard.is_some() {
+    let mut unacknowledged: Option<pb::Trial> = None;
+    while !storm.is_over() || unacknowledged.is_some() {
         let (say, frames) = mpsc::channel(1);
         // There is room for one, and its receiver is still here.
-        say.send(frame(&storm, number, step, unheard.as_ref())).await.expect("room for one");
+        say.send(frame(&storm, number, step, unacknowledged.as_ref())).await.expect("room for one");
         let opened = timeout(DEADLINE, connections.current().tune(ReceiverStream::new(frames))).await;
         let Ok(Ok(opened)) = opened else {
             connections.failed(&storm).await;
@@ -207,21 +207,21 @@ async fn by_stream(storm: Arc<Storm>, number: u32) {
         let mut answers = opened.into_inner();
         while let Ok(Ok(Some(answer))) = timeout(DEADLINE, answers.message()).await {
             let is_refused = answer.report_error.is_some() || answer.suggest_error.is_some();
-            hear(&storm, &mut unheard, &answer);
+            hear(&storm, &mut unacknowledged, &answer);
             if let Some(trial) = answer.trial {
                 storm.handed(&trial, &format!("client-{number}"));
                 storm.answered(asked);
                 (step, asked) = (step + 1, Instant::now());
-                unheard = Some(trial);
+                unacknowledged = Some(trial);
             }
             if is_refused {
                 storm.failed_calls.fetch_add(1, Ordering::Relaxed);
                 tokio::time::sleep(Duration::from_millis(5)).await;
             }
-            if storm.is_over() && unheard.is_none() {
+            if storm.is_over() && unacknowledged.is_none() {
                 return;
             }
-            if say.send(frame(&storm, number, step, unheard.as_ref())).await.is_err() {
+            if say.send(frame(&storm, number, step, unacknowledged.as_ref())).await.is_err() {
                 break;
             }
         }
@@ -230,21 +230,21 @@ async fn by_stream(storm: Arc<Storm>, number: u32) {
 }
 
 /// The last result, and, as long as the storm lasts, the next question.
-fn frame(storm: &Storm, number: u32, step: u32, unheard: Option<&pb::Trial>) -> pb::TuneRequest {
+fn frame(storm: &Storm, number: u32, step: u32, unacknowledged: Option<&pb::Trial>) -> pb::TuneRequest {
     let suggest =
         (!storm.is_over()).then(|| pb::SuggestRequest { session: 1, ..question(storm, number, step) });
-    pb::TuneRequest { report: unheard.map(wire::report), suggest }
+    pb::TuneRequest { report: unacknowledged.map(wire::report), suggest }
 }
 
 /// Takes an answer's word about the result that was sent along.
-fn hear(storm: &Storm, unheard: &mut Option<pb::Trial>, answer: &pb::TuneResponse) {
+fn hear(storm: &Storm, unacknowledged: &mut Option<pb::Trial>, answer: &pb::TuneResponse) {
     if let Some(reported) = &answer.reported {
         storm.acknowledged(reported.trial.as_ref().expect("the stored trial"));
-        *unheard = None;
+        *unacknowledged = None;
     }
     if let Some(error) = &answer.report_error
         && is_wrong(error.code.into())
-        && let Some(trial) = unheard.take()
+        && let Some(trial) = unacknowledged.take()
     {
         storm.refused(&trial, error.code.into(), &error.message);
     }

@@ -261,8 +261,8 @@ fn a_tuning_that_is_stopped_keeps_its_trials_and_tells_no_figures() {
         assert!(std::time::Instant::now() < patience, "no three trials in three minutes");
         std::thread::sleep(Duration::from_millis(50));
     }
-    let told = Command::new("kill").args(["-INT", &stopped.id().to_string()]).status();
-    assert!(told.expect("kill starts").success());
+    let killed = Command::new("kill").args(["-INT", &stopped.id().to_string()]).status();
+    assert!(killed.expect("kill starts").success());
     let output = stopped.wait_with_output().expect("it can be waited for");
     assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
     let text = stdout(&output);

@@ -97,7 +97,7 @@ async fn passer(
             ..wire::SuggestRequest::default()
         };
         let kind = Some(wire::outcome::Kind::Ok(wire::Ok {}));
-        let told = match client.suggest(ask).await {
+        let reported = match client.suggest(ask).await {
             Ok(trial) => {
                 let report = wire::ReportRequest {
                     trial: trial.into_inner().name,
@@ -109,7 +109,7 @@ async fn passer(
             Err(_) => false,
         };
         times_ms.push(begin.elapsed().as_secs_f64() * 1e3);
-        failed += usize::from(!told);
+        failed += usize::from(!reported);
         tokio::time::sleep(every.saturating_sub(begin.elapsed())).await;
     }
     (times_ms, failed)

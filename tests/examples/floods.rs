@@ -160,7 +160,7 @@ async fn newcomer(url: String, token: String, time: Duration) -> (Vec<f64>, usiz
     (times_ms, failed)
 }
 
-fn told((mut times_ms, failed): (Vec<f64>, usize)) -> String {
+fn figures((mut times_ms, failed): (Vec<f64>, usize)) -> String {
     times_ms.sort_by(f64::total_cmp);
     let served = times_ms.len();
     let at = |share: f64| {
@@ -200,7 +200,7 @@ async fn row(name: &str, kind: Flood, connections: usize, time: Duration) {
     let cpu = (daemon.processor_s() - cpu_s) / time.as_secs_f64();
     let memory_mb = daemon.memory_bytes() as f64 / 1e6;
     flooding.abort();
-    println!("| {name} | {} | {} | {cpu:.2} | {memory_mb:.0} |", told(known), told(new));
+    println!("| {name} | {} | {} | {cpu:.2} | {memory_mb:.0} |", figures(known), figures(new));
 }
 
 #[tokio::main]

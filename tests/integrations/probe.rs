@@ -44,9 +44,9 @@ fn a_renderer_is_measured_and_left_as_it_is() {
     assert_eq!(found["builds"], 15, "{found}");
     assert!(found["occluded"]["calls"].as_u64() > Some(0), "{found}");
     assert!(found["embree"].as_str().is_some_and(|path| path.contains("libembree4")), "{found}");
-    let told =
+    let printed =
         succeed(Command::new(program("treewright-probe")).arg("--").args(arguments(&example, daemon.url())));
-    assert!(told.contains("closest hit") && told.contains("advice: "), "{told}");
+    assert!(printed.contains("closest hit") && printed.contains("advice: "), "{printed}");
     let preload = built().join("libtreewright_probe.so");
     let mut unwritable = Command::new(asked[0]);
     unwritable.args(&asked[1..]).env("LD_PRELOAD", preload).env("TREEWRIGHT_PROBE", "/nowhere/at/all");
@@ -57,7 +57,7 @@ fn a_renderer_is_measured_and_left_as_it_is() {
             .args(["--set", "quality=low", "--set", "device=verbose=0", "--"])
             .args(arguments(&example, daemon.url())),
     );
-    for other in [&said, &told, &unwritable, &set] {
+    for other in [&said, &printed, &unwritable, &set] {
         assert!(are_alike(&pictures(&plain), &pictures(other)), "{plain}{other}");
     }
 }
