@@ -32,7 +32,7 @@ pub struct Disturbance {
 
 impl Disturbance {
     /// In words, where there was one.
-    pub fn told(&self) -> Option<String> {
+    pub fn description(&self) -> Option<String> {
         let others = self.other_cores.map_or_else(String::new, |cores| {
             format!("other programs kept {cores:.1} processors busy, and ")
         });
@@ -158,8 +158,11 @@ mod tests {
         assert!(judge(Some(2.0), 1.0, &even).disturbed);
         assert!(!judge(None, 0.0, &even).disturbed);
         let uneven = judge(None, 0.0, &[10.0, 10.0, 20.0, 20.0]);
-        assert!(uneven.disturbed && uneven.told().is_some_and(|told| told.contains("factor of")));
-        assert!(judge(None, 0.0, &[]).told().is_none());
+        assert!(
+            uneven.disturbed
+                && uneven.description().is_some_and(|description| description.contains("factor of"))
+        );
+        assert!(judge(None, 0.0, &[]).description().is_none());
     }
 
     #[test]

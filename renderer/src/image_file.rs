@@ -250,9 +250,10 @@ mod tests {
     #[test]
     fn wrong_names_are_told_before_rendering() {
         let folder = tempfile::tempdir().expect("a scratch folder");
-        let told = |name: &str| check_path(&folder.path().join(name)).expect_err("it is refused").to_string();
-        assert!(told("a.gif").contains(".png or .exr"));
-        assert!(told("nowhere/a.png").contains("nowhere does not exist"));
+        let refusal =
+            |name: &str| check_path(&folder.path().join(name)).expect_err("it is refused").to_string();
+        assert!(refusal("a.gif").contains(".png or .exr"));
+        assert!(refusal("nowhere/a.png").contains("nowhere does not exist"));
         assert!(check_path(Path::new("a.png")).is_ok());
     }
 }

@@ -19,7 +19,7 @@ use crate::tuning::objective::frame_cost;
 use crate::tuning::who::{NativeUse, Who};
 
 /// Share of the time from which on a note says that frames waited for processors.
-const DELAY_TOLD: f64 = 0.02;
+const DELAY_NOTE_MIN: f64 = 0.02;
 
 /// A structure to be measured.
 #[derive(Clone, Debug)]
@@ -297,11 +297,11 @@ fn frame(
 
 /// In words, where it is worth a word: which share of their time frames only waited for processors. Ratios
 /// leave that out.
-pub fn delay_told(standings: &[Standing]) -> Option<String> {
+pub fn delay_note(standings: &[Standing]) -> Option<String> {
     let sum = |of: fn(&Standing) -> &Vec<f64>| -> f64 { standings.iter().flat_map(of).sum() };
     let (all_ms, undelayed_ms) = (sum(|one| &one.rounds_ms), sum(|one| &one.undelayed_ms));
     let share = if all_ms > 0.0 { 1.0 - undelayed_ms / all_ms } else { 0.0 };
-    (share > DELAY_TOLD).then(|| {
+    (share > DELAY_NOTE_MIN).then(|| {
         format!("frames waited for processors that other programs held {:.0} % of their time; ratios leave that out", 1e2 * share)
     })
 }
@@ -382,9 +382,9 @@ mod tests {
         assert_eq!((&all[0].rounds_ms, &all[0].undelayed_ms), (&vec![40.0, 70.0], &vec![40.0, 40.0]));
         assert_eq!(all[0].gain_over(&all[1]).median, 1.25);
         assert_eq!(all[1].speedup.median, 0.8);
-        let told = delay_told(&all).expect("30 of 210 ms");
-        assert!(told.contains("14 %"), "{told}");
-        assert_eq!(delay_told(&all[1..]), None);
+        let note = delay_note(&all).expect("30 of 210 ms");
+        assert!(note.contains("14 %"), "{note}");
+        assert_eq!(delay_note(&all[1..]), None);
     }
 
     #[test]

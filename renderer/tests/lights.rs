@@ -117,11 +117,11 @@ fn a_point_of_forty_candela_at_two_metres_is_a_sun_of_ten() {
         (down(0.002), json!({"type": "point", "intensity": 4e-5})),
     ];
     for (node, light) in kinds {
-        let told = light.to_string();
+        let description = light.to_string();
         let near = node["translation"][1].as_f64().expect("a height") * 0.5;
         let file = ground(above(near.min(1.0)), 0.05, vec![(node, light)]);
         let middle = middle(&file.picture(8, 16));
-        assert!((middle.x - 1.5).abs() < 0.03, "{told}: {middle}");
+        assert!((middle.x - 1.5).abs() < 0.03, "{description}: {middle}");
     }
     // Fifty lights of a fiftieth each, of which only a few are looked at at once.
     let lights = (0..50).map(|_| (down(2.0), json!({"type": "point", "intensity": 0.8}))).collect();

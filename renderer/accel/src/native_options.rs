@@ -248,25 +248,28 @@ mod tests {
         let high = NativeOptions { quality: NativeQuality::High, ..options };
         assert_eq!(options.device_options(), "");
         assert_eq!(high.device_options(), "");
-        let told = |options: NativeOptions| options.device_options();
-        assert_eq!(told(NativeOptions { split_budget: 2.0, presplit: true, ..options }), "");
+        let option_text = |options: NativeOptions| options.device_options();
+        assert_eq!(option_text(NativeOptions { split_budget: 2.0, presplit: true, ..options }), "");
         assert_eq!(
-            told(NativeOptions { split_budget: 2.04, presplit: true, ..high }),
+            option_text(NativeOptions { split_budget: 2.04, presplit: true, ..high }),
             "max_spatial_split_replications=2.0,presplits=1"
         );
         let named = NativeOptions { acceleration: NativeAcceleration::Bvh4Triangle4v, ..high };
-        assert_eq!(told(named), "tri_accel=bvh4.triangle4v,tri_builder=sah_fast_spatial");
+        assert_eq!(option_text(named), "tri_accel=bvh4.triangle4v,tri_builder=sah_fast_spatial");
         let low = NativeOptions {
             acceleration: NativeAcceleration::Bvh8Triangle4v,
             quality: NativeQuality::Low,
             ..named
         };
         assert_eq!(
-            (low.effective_quality(), told(low)),
+            (low.effective_quality(), option_text(low)),
             (NativeQuality::Medium, "tri_accel=bvh8.triangle4v".into())
         );
         let flagged = NativeOptions { robust: true, split_budget: 2.0, ..high };
-        assert_eq!((flagged.effective_quality(), told(flagged)), (NativeQuality::Medium, String::new()));
+        assert_eq!(
+            (flagged.effective_quality(), option_text(flagged)),
+            (NativeQuality::Medium, String::new())
+        );
     }
 
     #[test]

@@ -529,7 +529,7 @@ mod tests {
         assert_eq!("640x480".parse(), Ok(Size { width: 640, height: 480 }));
         assert_eq!("1X16384".parse(), Ok(Size { width: 1, height: 16_384 }));
         for wrong in ["", "640", "640x", "x480", "0x4", "4x0", "-4x4", "640x480x2", "99999x4", "4.5x4"] {
-            assert!(wrong.parse::<Size>().is_err_and(|told| told.contains("WIDTHxHEIGHT")), "{wrong}");
+            assert!(wrong.parse::<Size>().is_err_and(|message| message.contains("WIDTHxHEIGHT")), "{wrong}");
         }
     }
 
@@ -543,7 +543,9 @@ mod tests {
         assert_eq!("tuned=full:a/b:c.json".parse(), Ok(named("tuned", Preset::Full, "a/b:c.json")));
         assert_eq!("paper render=paper:x".parse(), Ok(named("paper render", Preset::Paper, "x")));
         for wrong in ["", "tuned", "tuned=best.json", "tuned=half:best.json"] {
-            assert!(wrong.parse::<NamedConfiguration>().is_err_and(|told| told.contains("NAME=SPACE:FILE")));
+            assert!(
+                wrong.parse::<NamedConfiguration>().is_err_and(|message| message.contains("NAME=SPACE:FILE"))
+            );
         }
     }
 

@@ -281,8 +281,8 @@ fn an_older_instruction_set_gives_the_same_picture() {
 fn the_rays_of_a_frame_are_recorded() {
     let folder = folder();
     let path = folder.path();
-    let told = succeeds(path, "rays --scene builtin:quick --detail 0.1 --size 24x16 --out quick.rays");
-    assert!(told.contains("384 primary") && told.contains("quick.rays"), "{told}");
+    let printed = succeeds(path, "rays --scene builtin:quick --detail 0.1 --size 24x16 --out quick.rays");
+    assert!(printed.contains("384 primary") && printed.contains("quick.rays"), "{printed}");
     let file = std::fs::File::open(path.join("quick.rays")).expect("it was written");
     let recording = Recording::read(std::io::BufReader::new(file)).expect("it can be read");
     let rays = |class| recording.sets.iter().find(|set| set.class == class).map_or(0, |set| set.rays.len());

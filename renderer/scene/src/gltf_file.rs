@@ -54,7 +54,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
             json.accessors.len()
         )));
     }
-    let document = Document::from_json(json).map_err(|error| malformed(told(&error)))?;
+    let document = Document::from_json(json).map_err(|error| malformed(parse_message(&error)))?;
     let base = path.parent();
     let buffers = gltf_geometry::buffers(&document, base, prepared.blob).map_err(malformed)?;
     let mut assembler = Assembler::of_file(path, up);
@@ -79,7 +79,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
 }
 
 /// The parser's error in one line, with the places of a failed validation.
-fn told(error: &gltf::Error) -> String {
+fn parse_message(error: &gltf::Error) -> String {
     match error {
         gltf::Error::Validation(faults) => {
             let shown: Vec<String> =

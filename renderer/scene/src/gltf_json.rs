@@ -46,7 +46,7 @@ const READ: [&str; 6] = [
 
 /// Extensions that change nothing in the picture, or whose traces get a note: compression beside plain data,
 /// other pictures of a texture, other materials, copies of a mesh, metadata.
-const TOLD_ELSEWHERE: [&str; 9] = [
+const NOTED_ELSEWHERE: [&str; 9] = [
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
     "KHR_texture_basisu",
@@ -157,7 +157,7 @@ impl Document {
         if let Some(name) = required.iter().find(|name| GEOMETRY.contains(&name.as_str())) {
             return Err(Refusal::Unsupported(format!("the required extension {name}")));
         }
-        let known = |name: &String| READ.contains(&name.as_str()) || TOLD_ELSEWHERE.contains(&name.as_str());
+        let known = |name: &String| READ.contains(&name.as_str()) || NOTED_ELSEWHERE.contains(&name.as_str());
         for name in required.into_iter().filter(|name| !known(name)) {
             self.notes.push(format!("The file requires the extension {name}, which is not read."));
         }
@@ -183,8 +183,8 @@ impl Document {
         }
         let mut uses = BTreeMap::new();
         count(&self.json, &mut uses);
-        let untold = |name: &str| !READ.contains(&name) && !TOLD_ELSEWHERE.contains(&name);
-        for (name, count) in uses.into_iter().filter(|(name, _)| untold(name)) {
+        let is_ignored = |name: &str| !READ.contains(&name) && !NOTED_ELSEWHERE.contains(&name);
+        for (name, count) in uses.into_iter().filter(|(name, _)| is_ignored(name)) {
             self.notes.push(format!("Ignored {count} uses of the extension {name}."));
         }
     }

@@ -51,15 +51,15 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, String> {
 }
 
 fn read_within(path: &Path, bytes_max: u64) -> Result<Vec<u8>, String> {
-    let told = |error: std::io::Error| error.to_string();
-    let metadata = std::fs::metadata(path).map_err(told)?;
+    let message = |error: std::io::Error| error.to_string();
+    let metadata = std::fs::metadata(path).map_err(message)?;
     if !metadata.is_file() {
         return Err("it is no file".to_owned());
     }
     if metadata.len() > bytes_max {
         return Err(format!("it has {} bytes, more than the limit of {bytes_max}", metadata.len()));
     }
-    std::fs::read(path).map_err(told)
+    std::fs::read(path).map_err(message)
 }
 
 /// The bytes behind an address: data in the address itself, or a file beside the scene. Some write a file's

@@ -73,7 +73,7 @@ fn scenes_may_be_empty_and_further_ones_are_told() {
 #[test]
 fn textures_without_a_picture_are_left_out_and_told() {
     for extension in ["EXT_texture_webp", "KHR_texture_basisu", "MSFT_texture_dds"] {
-        let told = notes(&[
+        let noted = notes(&[
             (
                 "/textures",
                 json!([{"extensions": {extension: {"source": 0}}}, {"extensions": {extension: {"source": 0}}}]),
@@ -89,16 +89,16 @@ fn textures_without_a_picture_are_left_out_and_told() {
             ("/extensionsUsed", json!([extension])),
             ("/extensionsRequired", json!([extension])),
         ]);
-        assert!(told.contains(&format!("Left out 2 textures with {extension} alone.")), "{told}");
+        assert!(noted.contains(&format!("Left out 2 textures with {extension} alone.")), "{noted}");
     }
-    let told =
+    let noted =
         notes(&[("/textures", json!([{}])), ("/materials", json!([{"occlusionTexture": {"index": 0}}]))]);
-    assert!(told.contains("Left out 1 textures with no picture alone."), "{told}");
+    assert!(noted.contains("Left out 1 textures with no picture alone."), "{noted}");
 }
 
 #[test]
 fn animations_skins_and_targets_are_told_and_never_refused() {
-    let told = notes(&[
+    let noted = notes(&[
         (
             "/animations",
             json!([{
@@ -113,7 +113,7 @@ fn animations_skins_and_targets_are_told_and_never_refused() {
     for expected in
         ["Ignored 1 animations", "Took 1 skinned meshes", "Took 1 meshes without their morph targets"]
     {
-        assert!(told.contains(expected), "{told}");
+        assert!(noted.contains(expected), "{noted}");
     }
 }
 
@@ -141,7 +141,7 @@ fn accessors_without_a_view_hold_zeros() {
 #[test]
 fn what_is_not_honoured_is_told_once_with_its_count() {
     let unlit = json!({"extensions": {"KHR_materials_unlit": {}}});
-    let told = notes(&[
+    let noted = notes(&[
         (
             "/materials",
             json!([unlit, unlit, {"extensions": {"KHR_materials_clearcoat": {}, "KHR_materials_ior": {}}}]),
@@ -166,9 +166,9 @@ fn what_is_not_honoured_is_told_once_with_its_count() {
         "The file requires the extension EXT_new, which is not read.",
         "Ignored 1 orthographic cameras.",
     ] {
-        assert!(told.contains(expected), "{expected}: {told}");
+        assert!(noted.contains(expected), "{expected}: {noted}");
     }
-    assert!(!told.contains("EXT_own") && !told.contains("KHR_materials_ior"), "{told}");
+    assert!(!noted.contains("EXT_own") && !noted.contains("KHR_materials_ior"), "{noted}");
 }
 
 #[test]
@@ -324,11 +324,12 @@ fn of_size(size: f32, copies: usize) -> Scene {
 #[test]
 fn scenes_out_of_the_range_of_single_precision_are_drawn_within_it() {
     let usual = of_size(1.0, 3);
-    let told = |scene: &Scene| scene.notes.iter().any(|note| note.contains("all lengths are multiplied by"));
-    assert!(!told(&usual) && !told(&of_size(1e-6, 3)) && !told(&of_size(1e6, 3)));
+    let is_noted =
+        |scene: &Scene| scene.notes.iter().any(|note| note.contains("all lengths are multiplied by"));
+    assert!(!is_noted(&usual) && !is_noted(&of_size(1e-6, 3)) && !is_noted(&of_size(1e6, 3)));
     for size in [1e-10, 1e-15, 1e9, 3e11_f32] {
         let scene = of_size(size, 3);
-        assert!(told(&scene), "{size}: {:?}", scene.notes);
+        assert!(is_noted(&scene), "{size}: {:?}", scene.notes);
         let unit = scene.bounds().size().y;
         assert!((0.1..=1e7).contains(&unit), "{size}: {unit}");
         let close = |found: f32, expected: f32| (found / expected - 1.0).abs() < 1e-4;
@@ -392,8 +393,8 @@ fn a_file_on_another_axis_is_turned_as_a_whole() {
 
 #[test]
 fn elements_that_overlap_are_refused() {
-    let told = refused("close.glb", &glb(&changed(&[("/bufferViews/0/byteStride", json!(11))]), &[0; 64]));
-    assert!(told.contains("accessor 0 has elements that lie closer together"), "{told}");
+    let message = refused("close.glb", &glb(&changed(&[("/bufferViews/0/byteStride", json!(11))]), &[0; 64]));
+    assert!(message.contains("accessor 0 has elements that lie closer together"), "{message}");
     let mut document = changed(&[
         (
             "/accessors/0/sparse",
@@ -405,8 +406,8 @@ fn elements_that_overlap_are_refused() {
         json!({"buffer": 0, "byteOffset": 42, "byteLength": 2}),
         json!({"buffer": 0, "byteOffset": 44, "byteLength": 12, "byteStride": 4}),
     ]);
-    let told = refused("close.glb", &glb(&document, &[0; 64]));
-    assert!(told.contains("sparse elements that lie closer together"), "{told}");
+    let message = refused("close.glb", &glb(&document, &[0; 64]));
+    assert!(message.contains("sparse elements that lie closer together"), "{message}");
 }
 
 #[test]
@@ -426,8 +427,8 @@ fn a_corner_that_there_is_not_is_refused_beside_normals_without_length() {
     let normals = json!({"bufferView": 2, "componentType": 5126, "count": 3, "type": "VEC3"});
     document["accessors"].as_array_mut().unwrap().push(normals);
     document["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(2);
-    let told = refused("wild.glb", &glb(&document, &data));
-    assert!(told.contains("700"), "{told}");
+    let message = refused("wild.glb", &glb(&document, &data));
+    assert!(message.contains("700"), "{message}");
 }
 
 #[test]
@@ -437,19 +438,19 @@ fn refusals_name_what_is_missing() {
             ("/extensionsRequired", json!([extension])),
             ("/accessors", json!([{"componentType": 5126, "count": 3, "type": "VEC3"}])),
         ]);
-        let told = refused("packed.glb", &glb(&document, &[]));
-        assert!(told.contains(extension) && told.contains("without mesh compression"), "{told}");
+        let message = refused("packed.glb", &glb(&document, &[]));
+        assert!(message.contains(extension) && message.contains("without mesh compression"), "{message}");
     }
     let document =
         changed(&[("/accessors/0/componentType", json!(5120)), ("/accessors/0/normalized", json!(true))]);
-    let told = refused("quantised.glb", &glb(&document, &[0; 64]));
-    assert!(told.contains("KHR_mesh_quantization is not read"), "{told}");
+    let message = refused("quantised.glb", &glb(&document, &[0; 64]));
+    assert!(message.contains("KHR_mesh_quantization is not read"), "{message}");
     let with = |uri: &str| {
         let document = changed(&[("/buffers", json!([{"byteLength": 42, "uri": uri}]))]);
         refused("a.gltf", document.to_string().as_bytes())
     };
-    let told = with("gone.bin");
-    assert!(told.contains("buffer 0, gone.bin: No such file"), "{told}");
+    let message = with("gone.bin");
+    assert!(message.contains("buffer 0, gone.bin: No such file"), "{message}");
     assert!(with("data:application/octet-stream;base64,AAMA==").contains("base64"));
     assert!(with("data:application/octet-stream,AAAA").contains("base64"));
     assert!(

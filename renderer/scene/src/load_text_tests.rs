@@ -267,8 +267,8 @@ fn what_is_left_out_is_told_once_with_its_count() {
         ("s.obj", format!("mtllib m.mtl\nusemtl lamp\n{coloured}{FACES}l 1 2\n").as_bytes()),
         ("m.mtl", library.as_bytes()),
     ]);
-    for told in ["Ignored 8 colours of vertices", "Ignored 1 points, lines", "Tf (2), map_bump (1)"] {
-        assert!(has_note(&scene, told), "{told}: {:?}", scene.notes);
+    for note in ["Ignored 8 colours of vertices", "Ignored 1 points, lines", "Tf (2), map_bump (1)"] {
+        assert!(has_note(&scene, note), "{note}: {:?}", scene.notes);
     }
     let text = ply("\n", "\n")
         .replace("float z\n", "float z\nproperty uchar red\n")
@@ -282,8 +282,8 @@ fn what_is_left_out_is_told_once_with_its_count() {
         })
         .collect();
     let scene = load_bytes("coloured.ply", format!("{text}7\n").as_bytes()).unwrap();
-    for told in ["Ignored 8 colours of vertices", "Ignored 1 elements \"edge\""] {
-        assert!(has_note(&scene, told), "{told}: {:?}", scene.notes);
+    for note in ["Ignored 8 colours of vertices", "Ignored 1 elements \"edge\""] {
+        assert!(has_note(&scene, note), "{note}: {:?}", scene.notes);
     }
     assert!(is_the_cube(&scene));
 }

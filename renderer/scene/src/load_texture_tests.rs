@@ -159,8 +159,8 @@ fn pictures_that_cannot_be_read_are_told() {
     ] {
         let scene = textured(|document| document["images"][0] = image.clone());
         assert_eq!(material(&scene).base_color_texture, None);
-        let told = scene.notes.iter().any(|note| note.contains("left out") && note.contains(cause));
-        assert!(told, "{image}: {:?}", scene.notes);
+        let is_noted = scene.notes.iter().any(|note| note.contains("left out") && note.contains(cause));
+        assert!(is_noted, "{image}: {:?}", scene.notes);
     }
 }
 

@@ -111,9 +111,9 @@ fn note_what_is_left_out(checked: &Checked, libraries: &Libraries, assembler: &m
         assembler.note(format!("{count} materials, such as {name}, stand in no material file: light grey."));
     }
     if !libraries.ignored.is_empty() {
-        let told: Vec<String> =
+        let statements: Vec<String> =
             libraries.ignored.iter().map(|(keyword, count)| format!("{keyword} ({count})")).collect();
-        assembler.note(format!("Ignored statements of material files: {}.", told.join(", ")));
+        assembler.note(format!("Ignored statements of material files: {}.", statements.join(", ")));
     }
     for (count, what) in [
         (checked.ignored, "points, lines, curves and faces with fewer than three corners"),

@@ -25,9 +25,10 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
         cause,
         remedy: "export it again, complete and in PLY 1.0",
     };
-    let told = |error: ParseError| malformed(one_line(&error.to_string()));
+    let parse_error = |error: ParseError| malformed(one_line(&error.to_string()));
     let (bytes, body) = ply_text::with_plain_header(bytes);
-    let header = Parser::<Vertex>::new().read_header(&mut Reader::new(Cursor::new(&bytes))).map_err(told)?;
+    let header =
+        Parser::<Vertex>::new().read_header(&mut Reader::new(Cursor::new(&bytes))).map_err(parse_error)?;
     // Every element takes at least a byte, whether a digit or an empty list's length.
     if let Some(element) = header.elements.values().find(|element| element.count > bytes.len()) {
         return Err(malformed(format!(
@@ -44,9 +45,9 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
         _ => bytes,
     };
     let mut reader = Reader::new(Cursor::new(&bytes[..]));
-    Parser::<Vertex>::new().read_header(&mut reader).map_err(told)?;
+    Parser::<Vertex>::new().read_header(&mut reader).map_err(parse_error)?;
     let mut assembler = Assembler::of_file(path, up);
-    let content = Content::read(&mut reader, &header).map_err(told)?;
+    let content = Content::read(&mut reader, &header).map_err(parse_error)?;
     for note in &content.notes {
         assembler.note(note.clone());
     }

@@ -82,9 +82,9 @@ impl Textures {
 
     /// Notes the omitted pictures.
     pub(super) fn finish(&mut self, notes: &mut Vec<String>) {
-        const TOLD_MAX: usize = 5;
-        let more = self.lost.len().saturating_sub(TOLD_MAX);
-        notes.extend(self.lost.drain(..).take(TOLD_MAX));
+        const NOTES_MAX: usize = 5;
+        let more = self.lost.len().saturating_sub(NOTES_MAX);
+        notes.extend(self.lost.drain(..).take(NOTES_MAX));
         if more > 0 {
             notes.push(format!("{more} further textures are left out."));
         }

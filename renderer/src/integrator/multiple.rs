@@ -98,11 +98,11 @@ mod tests {
     fn the_mean_loss_is_that_of_the_polynomial() {
         for step in 1..=32 {
             let roughness = step as f32 / 32.0;
-            let (losses, told) = losses(roughness);
+            let (losses, mean_loss) = losses(roughness);
             let cosines = (0..1000).map(|place| (place as f32 + 0.5) / 1000.0);
             let of_direction = |cosine| 2.0 * cosine * losses.of_direction(cosine, roughness * roughness);
             let mean = cosines.map(of_direction).sum::<f32>() / 1000.0;
-            assert!((mean - told).abs() < 0.004, "step {step}: {mean} and {told}");
+            assert!((mean - mean_loss).abs() < 0.004, "step {step}: {mean} and {mean_loss}");
         }
     }
 }

@@ -448,10 +448,10 @@ mod tests {
             ("max_leaf_size=40..50", "no value"),
             ("compact=1..2", "no value"),
         ] {
-            let told = paper.narrowed(&narrowings(&[text])).expect_err(text).to_string();
+            let message = paper.narrowed(&narrowings(&[text])).expect_err(text).to_string();
             assert!(
-                told.contains(words) && told.contains(text.split('=').next().unwrap_or_default()),
-                "{told}"
+                message.contains(words) && message.contains(text.split('=').next().unwrap_or_default()),
+                "{message}"
             );
         }
         for text in ["quality", "quality=", "=3", "quality=3..", "quality=5..2", "quality=a..b"] {

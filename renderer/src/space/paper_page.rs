@@ -91,14 +91,14 @@ fn the_page_on_the_paper_tells_what_the_code_has() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/paper.md");
     let page = std::fs::read_to_string(path).expect("the page");
     let (before, rest) = page.split_once(BEGIN).expect("the begin of the tables");
-    let (told, after) = rest.split_once(END).expect("the end of the tables");
+    let (on_page, after) = rest.split_once(END).expect("the end of the tables");
     let tables = tables();
     if std::env::var_os("TREEWRIGHT_WRITE_DOCS").is_some() {
         std::fs::write(path, format!("{before}{BEGIN}{tables}{END}{after}")).expect("written");
         return;
     }
     assert!(
-        told == tables,
+        on_page == tables,
         "docs/paper.md is old: TREEWRIGHT_WRITE_DOCS=1 cargo test --workspace --lib page_on_the_paper writes it"
     );
 }

@@ -31,13 +31,13 @@ pub struct Reuse {
     /// Frames since the geometry changed last.
     still: f64,
     /// Binary logarithm of the number in the state.
-    told: i32,
+    state_exponent: i32,
 }
 
 impl Default for Reuse {
     fn default() -> Self {
-        let mut reuse = Self { frames: 0.0, changes: 0.0, still: 0.0, told: 0 };
-        reuse.told = reuse.exponent().round() as i32;
+        let mut reuse = Self { frames: 0.0, changes: 0.0, still: 0.0, state_exponent: 0 };
+        reuse.state_exponent = reuse.exponent().round() as i32;
         reuse
     }
 }
@@ -49,8 +49,8 @@ impl Reuse {
         self.changes = self.changes * MEMORY + f64::from(u8::from(geometry_changed));
         self.still = if geometry_changed { 0.0 } else { self.still + 1.0 };
         let exponent = self.exponent();
-        if (exponent - f64::from(self.told)).abs() > HYSTERESIS {
-            self.told = exponent.round() as i32;
+        if (exponent - f64::from(self.state_exponent)).abs() > HYSTERESIS {
+            self.state_exponent = exponent.round() as i32;
         }
     }
 
@@ -64,7 +64,7 @@ impl Reuse {
 
     /// That number in the state: a power of two.
     pub fn frames_per_build(&self) -> u32 {
-        1 << self.told.clamp(0, FRAMES_PER_BUILD_MAX.ilog2() as i32)
+        1 << self.state_exponent.clamp(0, FRAMES_PER_BUILD_MAX.ilog2() as i32)
     }
 
     fn exponent(&self) -> f64 {
@@ -107,12 +107,12 @@ mod tests {
     fn what_is_told_does_not_flutter() {
         // One change in 11 or 12 frames lies between the powers 8 and 16.
         let mut reuse = after(&Reuse::default(), 3000, |frame| frame % 11 == 0);
-        let mut told = 0;
+        let mut changes = 0;
         for frame in 0..3000 {
             let before = reuse.frames_per_build();
             reuse.frame(frame % 12 == 0);
-            told += usize::from(reuse.frames_per_build() != before);
+            changes += usize::from(reuse.frames_per_build() != before);
         }
-        assert!(told <= 1, "{told} changes of what is told");
+        assert!(changes <= 1, "{changes} changes of what is told");
     }
 }

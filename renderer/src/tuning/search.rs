@@ -170,15 +170,15 @@ const REUSE_FROM_FRAMES_PER_BUILD: u32 = 16;
 /// Frames that follow a slow build may take this share of it.
 const FRAMES_SHARE_OF_BUILD: f64 = 0.1;
 
-/// Runs `iterations` iterations, fewer if `told` says no after one of them. The last report is on its way
-/// when this returns, not necessarily acknowledged.
+/// Runs `iterations` iterations, fewer if `on_iteration` says no after one of them. The last report is on its
+/// way when this returns, not necessarily acknowledged.
 pub fn run(
     renderer: &mut Renderer,
     tuner: &mut dyn NextTrial,
     setting: &SearchSetting,
     iterations: u32,
     drift: Option<&Drift>,
-    told: impl FnMut(&Iteration) -> bool,
+    on_iteration: impl FnMut(&Iteration) -> bool,
 ) -> Result<SearchOutcome, ClientError> {
     let mut film = Film::new(setting.width, setting.height);
     // The first frame of a process is slower than all others: memory is touched for the first time, threads
@@ -186,7 +186,7 @@ pub fn run(
     reference(renderer, setting, &mut film);
     let watch = Watch::begin();
     let mut references = reference(renderer, setting, &mut film);
-    let all = trials(renderer, tuner, setting, iterations, drift, told)?;
+    let all = trials(renderer, tuner, setting, iterations, drift, on_iteration)?;
     references.extend(reference(renderer, setting, &mut film));
     let disturbance = watch.end(renderer.threads(), &references);
     Ok(SearchOutcome { trials: all, reference_ms: Summary::of(&references).median, disturbance })
@@ -199,7 +199,7 @@ pub(super) fn trials(
     setting: &SearchSetting,
     iterations: u32,
     drift: Option<&Drift>,
-    mut told: impl FnMut(&Iteration) -> bool,
+    mut on_iteration: impl FnMut(&Iteration) -> bool,
 ) -> Result<Vec<Iteration>, ClientError> {
     let mut film = Film::new(setting.width, setting.height);
     let mut all = Vec::new();
@@ -224,7 +224,7 @@ pub(super) fn trials(
             milliseconds(begin),
         );
         previous = Some(suggestion.finished(setting.measurements(times), outcome)?);
-        let go_on = told(&iteration);
+        let go_on = on_iteration(&iteration);
         all.push(iteration);
         if !go_on {
             break;

@@ -165,7 +165,7 @@ fn files(places: &OsStr) -> Result<Vec<PathBuf>, Box<dyn Error>> {
 }
 
 fn read(path: &Path) -> Result<Recording, Box<dyn Error>> {
-    let told = |cause: &dyn std::fmt::Display| format!("{}: {cause}", path.display());
-    let file = File::open(path).map_err(|error| told(&error))?;
-    Ok(Recording::read(BufReader::new(file)).map_err(|error| told(&error))?)
+    let with_path = |cause: &dyn std::fmt::Display| format!("{}: {cause}", path.display());
+    let file = File::open(path).map_err(|error| with_path(&error))?;
+    Ok(Recording::read(BufReader::new(file)).map_err(|error| with_path(&error))?)
 }

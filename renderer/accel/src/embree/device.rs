@@ -76,7 +76,7 @@ struct Inner {
     handle: ffi::RTCDevice,
     threads: usize,
     /// Shared with the devices below. Embree keeps its address, so this comes after the handle.
-    heard: Arc<Heard>,
+    memory: Arc<MemoryMonitor>,
     /// Devices with further options, the latest used last.
     suited: Mutex<Vec<(String, Device)>>,
 }
@@ -88,14 +88,14 @@ thread_local! {
 
 /// The state that the callbacks read and write.
 #[derive(Debug)]
-struct Heard {
+struct MemoryMonitor {
     /// Bytes Embree holds for its structures.
     bytes: AtomicIsize,
     /// Bytes it may hold.
     budget: isize,
 }
 
-// SAFETY: Embree's device functions may be called from any thread; `Heard` is synchronised.
+// SAFETY: Embree's device functions may be called from any thread; `MemoryMonitor` is synchronised.
 unsafe impl Send for Inner {}
 // SAFETY: as above.
 unsafe impl Sync for Inner {}
@@ -118,7 +118,7 @@ impl Device {
             Some(device) if device.inner.threads == threads => Ok(device.clone()),
             Some(device) => Err(DeviceError::OtherThreads { open: device.inner.threads, asked: threads }),
             None => {
-                let device = Self::new(threads, "", Heard::new(isize::MAX))?;
+                let device = Self::new(threads, "", MemoryMonitor::new(isize::MAX))?;
                 *open = Some(device.clone());
                 Ok(device)
             }
@@ -129,7 +129,7 @@ impl Device {
     /// that need more fail with [`BuildError::OutOfMemory`](crate::BuildError::OutOfMemory). Memory that is
     /// not Embree's, such as a list of references, is not counted.
     pub fn with_memory_budget(&self, bytes: usize) -> Result<Self, DeviceError> {
-        Self::new(self.inner.threads, "", Heard::new(isize::try_from(bytes).unwrap_or(isize::MAX)))
+        Self::new(self.inner.threads, "", MemoryMonitor::new(isize::try_from(bytes).unwrap_or(isize::MAX)))
     }
 
     /// The device for native scenes of these options: this one, or one beside it with further options. Of the
@@ -144,8 +144,8 @@ impl Device {
         let device = match suited.iter().position(|(options, _)| *options == further) {
             Some(place) => suited.remove(place).1,
             None => {
-                let heard = Arc::clone(&self.inner.heard);
-                Self::new(self.inner.threads, &further, heard).map_err(|error| BuildError::Embree {
+                let memory = Arc::clone(&self.inner.memory);
+                Self::new(self.inner.threads, &further, memory).map_err(|error| BuildError::Embree {
                     code: ffi::ERROR_UNKNOWN,
                     message: format!("no device for {further}: {error}"),
                 })?
@@ -159,7 +159,7 @@ impl Device {
     }
 
     /// A device with `further` options.
-    fn new(threads: usize, further: &str, heard: Arc<Heard>) -> Result<Self, DeviceError> {
+    fn new(threads: usize, further: &str, memory: Arc<MemoryMonitor>) -> Result<Self, DeviceError> {
         // Configuration files in the home or working folder must not change measurements.
         let widest = Isa::widest().map_or_else(String::new, |isa| format!("max_isa={},", isa.name()));
         let options = CString::new(format!("ignore_config_files=1,threads={threads},{widest}{further}"))
@@ -171,18 +171,18 @@ impl Device {
             let code = unsafe { ffi::rtc_get_device_error(handle) };
             return Err(DeviceError::Refused { code });
         }
-        let inner = Inner { handle, threads, heard, suited: Mutex::default() };
+        let inner = Inner { handle, threads, memory, suited: Mutex::default() };
         // SAFETY: the handle is valid.
         let version = unsafe { ffi::rtcGetDeviceProperty(handle, ffi::RTCDeviceProperty::VERSION) };
         let (major, minor, patch) = (version / 10_000, version / 100 % 100, version % 100);
         if (major, minor) != EMBREE_SERIES {
             return Err(DeviceError::WrongVersion { found: format!("{major}.{minor}.{patch}") });
         }
-        let user = Arc::as_ptr(&inner.heard).cast_mut().cast::<c_void>();
-        // SAFETY: the callbacks take `user` as `&Heard`, which the device holds for as long as it lives.
+        let user = Arc::as_ptr(&inner.memory).cast_mut().cast::<c_void>();
+        // SAFETY: the callbacks take `user` as `&MemoryMonitor`, which the device holds while it lives.
         unsafe {
-            ffi::rtc_set_device_error_function(handle, Some(hear_error), user);
-            ffi::rtcSetDeviceMemoryMonitorFunction(handle, Some(hear_memory), user);
+            ffi::rtc_set_device_error_function(handle, Some(on_error), user);
+            ffi::rtcSetDeviceMemoryMonitorFunction(handle, Some(on_memory_change), user);
         }
         Ok(Self { inner: Arc::new(inner) })
     }
@@ -202,7 +202,7 @@ impl Device {
 
     /// Bytes Embree holds for its structures now, as its memory monitor counts them.
     pub fn bytes_held(&self) -> usize {
-        usize::try_from(self.inner.heard.bytes.load(Ordering::Relaxed)).unwrap_or(0)
+        usize::try_from(self.inner.memory.bytes.load(Ordering::Relaxed)).unwrap_or(0)
     }
 
     pub(crate) fn handle(&self) -> ffi::RTCDevice {
@@ -221,7 +221,7 @@ impl Device {
     }
 }
 
-impl Heard {
+impl MemoryMonitor {
     fn new(budget: isize) -> Arc<Self> {
         Arc::new(Self { bytes: AtomicIsize::new(0), budget })
     }
@@ -229,13 +229,13 @@ impl Heard {
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        // SAFETY: the handle is valid and ours; `heard` is dropped after it; structures hold a `Device` and
+        // SAFETY: the handle is valid and ours; `memory` is dropped after it; structures hold a `Device` and
         // so outlive none of this.
         unsafe { ffi::rtcReleaseDevice(self.handle) };
     }
 }
 
-unsafe extern "C" fn hear_error(_user: *mut c_void, _code: c_uint, text: *const c_char) {
+unsafe extern "C" fn on_error(_user: *mut c_void, _code: c_uint, text: *const c_char) {
     // Nothing may unwind into Embree; a message that cannot be kept is the lesser loss.
     let _ = catch_unwind(|| {
         if !text.is_null() {
@@ -248,16 +248,16 @@ unsafe extern "C" fn hear_error(_user: *mut c_void, _code: c_uint, text: *const 
 
 /// `RTCMemoryMonitorFunction`: called before memory is taken (`after` false) or once it is taken or given
 /// back. Answering no makes the call that wanted it fail with "out of memory".
-unsafe extern "C" fn hear_memory(user: *mut c_void, bytes: isize, after: bool) -> bool {
-    // SAFETY: `user` is the device's `Heard`.
-    let heard = unsafe { &*user.cast::<Heard>() };
-    let held = heard.bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
-    if bytes <= 0 || held <= heard.budget {
+unsafe extern "C" fn on_memory_change(user: *mut c_void, bytes: isize, after: bool) -> bool {
+    // SAFETY: `user` is the device's `MemoryMonitor`.
+    let memory = unsafe { &*user.cast::<MemoryMonitor>() };
+    let held = memory.bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
+    if bytes <= 0 || held <= memory.budget {
         return true;
     }
     if !after {
         // It will not be taken, so it will not be given back either.
-        heard.bytes.fetch_sub(bytes, Ordering::Relaxed);
+        memory.bytes.fetch_sub(bytes, Ordering::Relaxed);
     }
     false
 }

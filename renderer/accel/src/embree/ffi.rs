@@ -141,7 +141,7 @@ unsafe extern "C" {
     #[link_name = "rtcSetDeviceErrorFunction"]
     pub(crate) fn rtc_set_device_error_function(
         device: RTCDevice,
-        heard: Option<unsafe extern "C" fn(user: *mut c_void, code: c_uint, text: *const c_char)>,
+        callback: Option<unsafe extern "C" fn(user: *mut c_void, code: c_uint, text: *const c_char)>,
         user: *mut c_void,
     );
 

@@ -399,8 +399,8 @@ pub(super) mod tests {
         let hit = triangle().closest(&ray()).expect("hits");
         assert_eq!(hit.triangle, 0);
         // Embree divides by way of an approximate reciprocal, whose last bit differs between processors.
-        for (told, exact) in [(hit.t, 1.0), (hit.u, 0.25), (hit.v, 0.25)] {
-            assert!((told - exact).abs() <= 4.0 * f32::EPSILON * exact, "{told} in place of {exact}");
+        for (found, exact) in [(hit.t, 1.0), (hit.u, 0.25), (hit.v, 0.25)] {
+            assert!((found - exact).abs() <= 4.0 * f32::EPSILON * exact, "{found} in place of {exact}");
         }
     }
 }

@@ -151,7 +151,7 @@ impl Tree {
         let pairs = motion.subtrees.par_iter_mut().zip(&mut fitted);
         pairs.filter(|(subtree, fitted)| decayed(subtree, fitted)).for_each(|(subtree, fitted)| {
             match subtree.build::<N, B>(device, triangles, &parameters, isa) {
-                Ok(anew) => *fitted = anew,
+                Ok(rebuilt) => *fitted = rebuilt,
                 // It was denied a depth that the whole tree has, and would be again: it stays as it is.
                 Err(_) => subtree.cost = fitted.cost(),
             }

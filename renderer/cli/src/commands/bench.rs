@@ -18,7 +18,7 @@ use crate::output;
 use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::limits::{CONTENDERS_MAX, ROUNDS_MAX};
 use treewright_renderer::measure::{
-    Conditions, Contender, Measured, Standing, Yardstick, delay_told, interleaved, standings,
+    Conditions, Contender, Measured, Standing, Yardstick, delay_note, interleaved, standings,
 };
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
@@ -143,8 +143,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     println!("A frame with a whole build:\n{}", output::standings(&total, "build + render ms"));
     let disturbance =
         watch.end(renderer.threads(), &total.first().map_or_else(Vec::new, |one| one.rounds_ms.clone()));
-    for told in disturbance.told().into_iter().chain(delay_told(&total)) {
-        println!("note: {told}");
+    for note in disturbance.description().into_iter().chain(delay_note(&total)) {
+        println!("note: {note}");
     }
     if let Some(path) = &arguments.json {
         let choices = contenders.iter().map(|one| NamedChoice { name: &one.who, choice: one.choice });

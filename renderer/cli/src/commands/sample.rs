@@ -195,7 +195,7 @@ struct Sampler<'a> {
 struct Progress {
     bar: indicatif::ProgressBar,
     begin: Instant,
-    told: Instant,
+    shown: Instant,
     /// Samples of this run, and how many of them cannot be run.
     own: u64,
     failed: u64,
@@ -209,8 +209,8 @@ impl Progress {
         let left = self.begin.elapsed().as_secs_f64() / self.own as f64 * (self.all - done) as f64;
         self.bar.set_position(done);
         self.bar.set_message(format!("about {} left", duration(left)));
-        if self.bar.is_hidden() && self.told.elapsed() >= TELL_EVERY {
-            self.told = Instant::now();
+        if self.bar.is_hidden() && self.shown.elapsed() >= TELL_EVERY {
+            self.shown = Instant::now();
             eprintln!("{done} of {} samples, about {} left", self.all, duration(left));
         }
     }
@@ -232,7 +232,7 @@ impl Sampler<'_> {
         );
         let now = Instant::now();
         let mut progress =
-            Progress { bar: output::bar(all, "samples"), begin: now, told: now, own: 0, failed: 0, all };
+            Progress { bar: output::bar(all, "samples"), begin: now, shown: now, own: 0, failed: 0, all };
         let mut films: Vec<Film> =
             places.iter().map(|place| Film::new(place.setting.width, place.setting.height)).collect();
         // Ready once a first frame, which is slower than all others, was rendered.
@@ -331,12 +331,12 @@ impl Sampler<'_> {
                 self.study
             )));
         }
-        let told = place
+        let measurements = place
             .setting
             .measurements(times)
             .with(SAMPLE, f64::from(number))
             .with(SEQUENCE, f64::from(place.sequence.identity()));
-        self.patiently(|| self.client.tell(&open.name, &told, &outcome))?;
+        self.patiently(|| self.client.tell(&open.name, &measurements, &outcome))?;
         Ok(outcome == Outcome::Ok)
     }
 

@@ -17,7 +17,7 @@ use crate::server::machine;
 use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::frame::{Renderer, milliseconds};
 use treewright_renderer::limits::ITERATIONS_MAX;
-use treewright_renderer::measure::{Conditions, Contender, Standing, delay_told, interleaved, standings};
+use treewright_renderer::measure::{Conditions, Contender, Standing, delay_note, interleaved, standings};
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::confirmation;
 use treewright_renderer::tuning::ending::{Ending, Progress};
@@ -140,7 +140,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         .collect();
     let confirmed =
         confirmation::confirm(&mut renderer, &client, &study, patience, &setting, searched, &known);
-    let (winner, told) = match confirmed {
+    let (winner, proof) = match confirmed {
         Ok(confirmed) => {
             found.append(confirmed.trials);
             (confirmed.configuration, confirmed.standing)
@@ -160,7 +160,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let (mut standings, disturbance) =
         judge.standings(&winner, &rivals, paper.as_ref(), &milestones, &baseline.who, &conditions)?;
     let milestones = judge.milestones(milestones, &mut standings, &winner, &start_name);
-    let is_proven = told.as_ref().is_some_and(|told| told.confirmation.stage == ConfirmationStage::Better);
+    let is_proven = proof.as_ref().is_some_and(|proof| proof.confirmation.stage == ConfirmationStage::Better);
     let may_win = |who: &Who| verdict::is_had(who, &start);
     let best = verdict::crown(&mut standings, &start_name, is_proven, may_win);
     // This run recommends the contender that is shown to be the fastest, also where the search did not find
@@ -192,10 +192,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let break_even =
         verdict::break_even(&found, arguments.objective, frames, &standings, &best, &baseline.who);
     let whiles = [("searched", found.disturbance), ("measured again", disturbance)];
-    for (when, told) in whiles.into_iter().filter_map(|(when, seen)| Some((when, seen.told()?))) {
-        notes.push(format!("while it was {when}, {told}"));
+    for (when, note) in whiles.into_iter().filter_map(|(when, seen)| Some((when, seen.description()?))) {
+        notes.push(format!("while it was {when}, {note}"));
     }
-    notes.extend(delay_told(&standings));
+    notes.extend(delay_note(&standings));
     let confirming = found.trials.len() - searched;
     notes.push(format!("{searched} trials searched, and {confirming} more ran the best few in turns"));
     let results = TuningResults {
@@ -214,7 +214,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         indicators: setting.indicators.clone(),
         overhead: Overhead::of(&found.trials),
         trials: found.trials,
-        confirmation: told,
+        confirmation: proof,
         reference_ms: found.reference_ms,
         found: space.with_held(&winner),
         tuned: space.with_held(&tuned),

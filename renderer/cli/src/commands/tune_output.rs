@@ -139,19 +139,19 @@ fn gains(results: &TuningResults) -> String {
             ("; over the best fixed configuration", gains.over_best_fixed),
         ],
     };
-    let told = parts.iter().filter_map(|(name, ratio)| Some(format!("{name} {}", (*ratio)?)));
-    let told = told.collect::<Vec<_>>().join(" ").replace(" ;", ";");
-    format!("gain, with intervals of 95 %: {told}")
+    let words = parts.iter().filter_map(|(name, ratio)| Some(format!("{name} {}", (*ratio)?)));
+    let words = words.collect::<Vec<_>>().join(" ").replace(" ;", ";");
+    format!("gain, with intervals of 95 %: {words}")
 }
 
 /// The answers on the way, each once.
 fn on_the_way(results: &TuningResults) -> Option<String> {
-    let mut told: Vec<String> = Vec::new();
+    let mut steps: Vec<String> = Vec::new();
     let mut last = None;
     for milestone in &results.milestones {
         if last != Some(&milestone.configuration) {
             last = Some(&milestone.configuration);
-            told.push(format!("after {} trials {}", milestone.trials, milestone.over_start?));
+            steps.push(format!("after {} trials {}", milestone.trials, milestone.over_start?));
         }
     }
     let until = FACTORS.iter().filter_map(|factor| {
@@ -160,7 +160,7 @@ fn on_the_way(results: &TuningResults) -> Option<String> {
     let until: Vec<String> = until.collect();
     let shown = if until.is_empty() { String::new() } else { format!("; shown: {}", until.join(", ")) };
     let start = &results.began_at;
-    (!told.is_empty()).then(|| format!("on the way, over the {start}: {}{shown}", told.join(", ")))
+    (!steps.is_empty()).then(|| format!("on the way, over the {start}: {}{shown}", steps.join(", ")))
 }
 
 /// The result of the service's own race of the best few against the start.
@@ -189,12 +189,13 @@ mod tests {
                 gain_at_most: None,
             })
         };
-        let told = confirmation_of(ConfirmationStage::Better, Some(gain));
+        let printed = confirmation_of(ConfirmationStage::Better, Some(gain));
         assert!(
-            told.ends_with("proven to be better than the default in 7 paired rounds, by 8.0 % [5.0, 11.0]"),
-            "{told}"
+            printed
+                .ends_with("proven to be better than the default in 7 paired rounds, by 8.0 % [5.0, 11.0]"),
+            "{printed}"
         );
-        let told = confirmation_of(ConfirmationStage::NothingBetter, None);
-        assert!(told.contains("nothing was shown to be better than the default"), "{told}");
+        let printed = confirmation_of(ConfirmationStage::NothingBetter, None);
+        assert!(printed.contains("nothing was shown to be better than the default"), "{printed}");
     }
 }

@@ -97,12 +97,12 @@ pub(super) fn gains(results: &TuningResults) -> String {
             ("over the best fixed configuration, which the search did not know", gains.over_best_fixed),
         ],
     };
-    let told = parts.iter().filter_map(|(name, ratio)| Some(format!("{name}: {}", (*ratio)?)));
-    let told = told.collect::<Vec<_>>().join("; ");
-    if told.is_empty() {
-        told
+    let words = parts.iter().filter_map(|(name, ratio)| Some(format!("{name}: {}", (*ratio)?)));
+    let words = words.collect::<Vec<_>>().join("; ");
+    if words.is_empty() {
+        words
     } else {
-        format!("{told}. In brackets stands where the true ratio lies with 95 % confidence.")
+        format!("{words}. In brackets stands where the true ratio lies with 95 % confidence.")
     }
 }
 

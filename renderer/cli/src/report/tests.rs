@@ -129,10 +129,10 @@ fn a_gain_whose_interval_holds_none_is_not_told_as_one() {
     results.baseline = NATIVE_DEFAULT;
     let over = |low| Some(Ratio { median: 2.0, interval: Some([low, 2.2]), count: 21 });
     results.gains.over_native_default = over(0.9);
-    let told = |results: &TuningResults| page(results, &grey(), &grey()).expect("the page is made");
-    assert!(told(&results).contains("Too noisy to tell whether the tuned structure is faster"));
+    let page_of = |results: &TuningResults| page(results, &grey(), &grey()).expect("the page is made");
+    assert!(page_of(&results).contains("Too noisy to tell whether the tuned structure is faster"));
     results.gains.over_native_default = over(1.1);
-    assert!(told(&results).contains("faster than native Embree"));
+    assert!(page_of(&results).contains("faster than native Embree"));
 }
 
 #[test]
