@@ -72,12 +72,12 @@ fn errors_are_compared_over_time() {
     let ratio = |field: &str| speedup[field]["estimate"].as_f64().expect("there is a ratio");
     assert!(ratio("ratio_with_setup") < ratio("ratio") * 0.1, "an hour of tuning does not pay off at once");
 
-    let told = succeeds(
+    let printed = succeeds(
         path,
         &format!("{arguments} --json c.json --csv c.csv --plot c.svg --report c.html --config quality=1"),
     );
     for words in ["slope", "sooner than native", "quality=1", "wrote c.html"] {
-        assert!(told.contains(words), "{words:?} is missing: {told}");
+        assert!(printed.contains(words), "{words:?} is missing: {printed}");
     }
     let file = |name: &str| std::fs::read_to_string(path.join(name)).expect("it was written");
     let again: serde_json::Value = serde_json::from_str(&file("c.json")).expect("it is JSON");
@@ -134,9 +134,9 @@ fn a_fleet_is_reported_from_its_record() {
         ran("Node after 0", 4)
     );
     std::fs::write(path.join("f.jsonl"), format!("{conditions}\n{answers}\n")).expect("it can be written");
-    let told = succeeds(path, "fleet --report f.jsonl");
+    let printed = succeeds(path, "fleet --report f.jsonl");
     for words in ["1 measurements beside", "group sse2", "over own search", "2.000"] {
-        assert!(told.contains(words), "{words:?} is missing: {told}");
+        assert!(printed.contains(words), "{words:?} is missing: {printed}");
     }
     let json: serde_json::Value =
         serde_json::from_str(&succeeds(path, "fleet --report f.jsonl --json")).expect("it is JSON");

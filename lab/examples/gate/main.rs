@@ -27,7 +27,7 @@ mod problem;
 mod run;
 #[path = "../search_quality/trees.rs"]
 mod trees;
-#[path = "../told_gain/world.rs"]
+#[path = "../reported_gain/world.rs"]
 #[allow(dead_code)]
 mod world;
 
@@ -90,7 +90,7 @@ fn gained(world: World, machine: Machine, seed: u64) -> Figures {
     let auxiliary = matches!(machine, Machine::Wander);
     let run = Search { world, machine, trials: 80, confirms: true, auxiliary }.run(seed);
     match world {
-        World::Flat => vec![("told".to_owned(), -run.told.abs())],
+        World::Flat => vec![("told".to_owned(), -run.reported.abs())],
         World::Bowl => vec![("true gain".to_owned(), run.truth)],
     }
 }

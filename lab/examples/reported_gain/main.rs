@@ -14,7 +14,7 @@
 //! search of the same seed exploits on a quiet machine.
 //!
 //! ```text
-//! cargo run --release -p treewright-lab --example told_gain [SEEDS [TRIALS]]
+//! cargo run --release -p treewright-lab --example reported_gain [SEEDS [TRIALS]]
 //! ```
 
 mod world;
@@ -37,21 +37,21 @@ fn gains(name: &str, world: World, machine: Machine, seeds: u64, trials: usize) 
         let runs: Vec<_> =
             (0..seeds).map(|seed| Search { world, machine, trials, confirms, auxiliary }.run(seed)).collect();
         let all = |of: &dyn Fn(&world::Run) -> f64| -> Vec<f64> { runs.iter().map(of).collect() };
-        let off = |told: f64, truth: f64| told - truth;
+        let off = |reported: f64, truth: f64| reported - truth;
         let covered = runs.iter().filter(|run| run.low <= run.truth + 1e-9 && run.truth <= run.high + 1e-9);
         println!(
             "{name:14} {:>9} | told {:6.2} % true {:6.2} % off by {:5.2} | covered {:2} of {} | width {:5.2} | before: told \
              {:6.2} % true {:6.2} % off by {:5.2} | start kept {:2} | frames {:5.1}",
             if confirms { "confirmed" } else { "searched" },
-            100.0 * mean(&all(&|run| run.told)),
+            100.0 * mean(&all(&|run| run.reported)),
             100.0 * mean(&all(&|run| run.truth)),
-            100.0 * mean(&all(&|run| off(run.told, run.truth))),
+            100.0 * mean(&all(&|run| off(run.reported, run.truth))),
             covered.count(),
             runs.len(),
             100.0 * mean(&all(&|run| run.high - run.low)),
-            100.0 * mean(&all(&|run| run.naive_told)),
+            100.0 * mean(&all(&|run| run.naive_reported)),
             100.0 * mean(&all(&|run| run.naive_truth)),
-            100.0 * mean(&all(&|run| off(run.naive_told, run.naive_truth))),
+            100.0 * mean(&all(&|run| off(run.naive_reported, run.naive_truth))),
             runs.iter().filter(|run| run.is_start).count(),
             mean(&all(&|run| run.frames as f64)),
         );

@@ -64,14 +64,14 @@ pub(crate) struct Search {
 /// The result of a run. Gains are over the default, as shares.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Run {
-    pub told: f64,
+    pub reported: f64,
     pub low: f64,
     pub high: f64,
     pub truth: f64,
     /// The default is exploited.
     pub is_start: bool,
     /// The gain by the lowest mean of the measurements.
-    pub naive_told: f64,
+    pub naive_reported: f64,
     pub naive_truth: f64,
     pub disturbances: u64,
     pub frames: usize,
@@ -191,17 +191,17 @@ impl Search {
         let gain =
             |configuration: &Configuration| 1.0 - self.world.cost(configuration) / self.world.cost(&default);
         let best = tuner.best(None, None).expect("valid").expect("measured");
-        let told = best.standing.gain.expect("the default was measured");
+        let reported = best.standing.gain.expect("the default was measured");
         let (naive, naive_cost) = lowest(&measured);
         let naive_default =
             lowest(&measured.iter().filter(|one| one.0 == default).cloned().collect::<Vec<_>>()).1;
         Run {
-            told: told.share,
-            low: told.low.unwrap_or(f64::NEG_INFINITY),
-            high: told.high.unwrap_or(1.0),
+            reported: reported.share,
+            low: reported.low.unwrap_or(f64::NEG_INFINITY),
+            high: reported.high.unwrap_or(1.0),
             truth: gain(&best.configuration),
             is_start: best.configuration == default,
-            naive_told: 1.0 - naive_cost / naive_default,
+            naive_reported: 1.0 - naive_cost / naive_default,
             naive_truth: gain(&naive),
             disturbances: best.standing.disturbances,
             frames,

@@ -110,7 +110,7 @@ impl Arguments {
 /// Compares the configurations and prints the results.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     arguments.check_files()?;
-    let told = arguments.entrants.read(arguments.view.frame.threads)?;
+    let given = arguments.entrants.read(arguments.view.frame.threads)?;
     let scene = arguments.view.scene.load()?;
     let camera = arguments.view.camera.find(&scene)?;
     let view = arguments.view.frame.view(camera);
@@ -124,7 +124,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let mut renderer = arguments.view.frame.renderer(&scene)?;
     let interrupt = Interrupt::listen();
     let mut notes = Vec::new();
-    let mut chosen = told;
+    let mut chosen = given;
     if arguments.entrants.server.is_some() {
         let setting =
             EntrantSetting { view, size: arguments.view.size, threads: arguments.view.frame.threads };

@@ -122,7 +122,7 @@ pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
             Task::Pair(versus) => bench.compare(name, scene, versus, go_on)?,
         };
         bench.open.add(line.ok_or(CliError::Interrupted)?)?;
-        progress.step(&format!("{name}: {}", told(task)));
+        progress.step(&format!("{name}: {}", describe(task)));
     }
     let Some(folder) = &arguments.pictures else { return Ok(()) };
     std::fs::create_dir_all(folder)
@@ -155,7 +155,7 @@ fn tasks(arguments: &ParametersArguments) -> Vec<Task> {
     all
 }
 
-fn told(task: Task) -> String {
+fn describe(task: Task) -> String {
     match task {
         Task::Part(part, run) => format!("{}, run {}", part.name, run + 1),
         Task::Parts => "what the searches over parts came to, in the same rounds".to_owned(),

@@ -20,7 +20,7 @@ use crate::evaluation::answers::{Answers, School};
 use crate::evaluation::folds::{Fold, folds};
 use crate::evaluation::judge::{Verdict, best_fixed, judge as judged};
 use crate::evaluation::measure::{MILESTONES, Stage};
-use crate::evaluation::page::{Told, html, markdown, tables};
+use crate::evaluation::page::{Report, html, markdown, tables};
 use crate::evaluation::part_page::Strips;
 use crate::evaluation::record::{Clock, GroupKind, Line, OpenRecord, Place, Record, Search};
 use crate::evaluation::summary::standings;
@@ -234,7 +234,7 @@ pub(super) fn judge(arguments: &JudgeArguments, page: bool) -> Result<(), CliErr
         let searches = searches.map(|search| (search.place.clone(), search)).collect();
         verdicts.push(judged(&examined.record, *objective, clock, &searches, answered)?);
     }
-    let told = Told {
+    let report = Report {
         record: &examined.record,
         space: &examined.space,
         strips: arguments.strips(&examined.record),
@@ -244,15 +244,15 @@ pub(super) fn judge(arguments: &JudgeArguments, page: bool) -> Result<(), CliErr
     };
     let failed = |error: std::io::Error| CliError::Failed(format!("{}: {error}", arguments.out.display()));
     std::fs::create_dir_all(&arguments.out).map_err(failed)?;
-    for (name, text) in tables(&told) {
+    for (name, text) in tables(&report) {
         write_file(&arguments.out.join(name), text.as_bytes())?;
     }
     let all: Vec<_> = verdicts.iter().flat_map(standings).collect();
     write_file(&arguments.out.join("evaluation.json"), output::to_json(&all)?.as_bytes())?;
-    let text = markdown(&told);
+    let text = markdown(&report);
     write_file(&arguments.out.join("evaluation.md"), text.as_bytes())?;
     if page {
-        write_file(&arguments.out.join("report.html"), html(&told).as_bytes())?;
+        write_file(&arguments.out.join("report.html"), html(&report).as_bytes())?;
     }
     print!("{text}");
     Ok(())

@@ -159,14 +159,16 @@ mod tests {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let path = folder.path().join("reference.exr");
         write(&reference(), &path).expect("it is written");
-        let told = |key: &ReferenceKey| read_if_there(&path, key).expect_err("it is refused").to_string();
-        let other_size = told(&ReferenceKey { size: [6, 3], ..key([5, 3]) });
+        let refusal = |key: &ReferenceKey| read_if_there(&path, key).expect_err("it is refused").to_string();
+        let other_size = refusal(&ReferenceKey { size: [6, 3], ..key([5, 3]) });
         assert!(other_size.contains("reference.exr") && other_size.contains("it has 5x3 pixels"));
-        assert!(told(&ReferenceKey { scene_hash: "11".to_owned(), ..key([5, 3]) }).contains("the scene box"));
-        assert!(told(&ReferenceKey { bounces: 4, ..key([5, 3]) }).contains("up to 3 bounces"));
+        assert!(
+            refusal(&ReferenceKey { scene_hash: "11".to_owned(), ..key([5, 3]) }).contains("the scene box")
+        );
+        assert!(refusal(&ReferenceKey { bounces: 4, ..key([5, 3]) }).contains("up to 3 bounces"));
 
         std::fs::write(&path, "no picture").expect("it can be written");
-        assert!(told(&key([5, 3])).contains("cannot be read"));
+        assert!(refusal(&key([5, 3])).contains("cannot be read"));
         let picture = Picture { width: 5, height: 3, pixels: vec![Vec3::ONE; 15] };
         treewright_renderer::image_file::write(
             &picture,
@@ -174,7 +176,7 @@ mod tests {
             &path,
         )
         .expect("it is written");
-        assert!(told(&key([5, 3])).contains("no reference of this program"));
+        assert!(refusal(&key([5, 3])).contains("no reference of this program"));
         let nowhere = folder.path().join("nowhere/reference.exr");
         assert!(write(&reference(), &nowhere).is_err_and(|error| error.to_string().contains("nowhere")));
     }

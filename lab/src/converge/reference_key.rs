@@ -146,20 +146,20 @@ mod tests {
         let view = View { camera: scene.cameras[0], seed: 1, bounces: 3 };
         let key = ReferenceKey::new(&scene, &view, 32, 24);
         assert_eq!(key.difference(&ReferenceKey::new(&scene, &View { seed: 9, ..view }, 32, 24)), None);
-        let told = |scene: &Scene, view: View, width: u32| {
+        let difference = |scene: &Scene, view: View, width: u32| {
             key.difference(&ReferenceKey::new(scene, &view, width, 24)).expect("they differ")
         };
-        assert!(told(&scene, view, 33).contains("33x24 pixels, 32x24 pixels are asked for"));
-        assert!(told(&scene, View { bounces: 4, ..view }, 32).contains("up to 4 bounces"));
+        assert!(difference(&scene, view, 33).contains("33x24 pixels, 32x24 pixels are asked for"));
+        assert!(difference(&scene, View { bounces: 4, ..view }, 32).contains("up to 4 bounces"));
         let camera = Camera { vertical_fov_deg: 10.0, ..view.camera };
-        assert!(told(&scene, View { camera, ..view }, 32).contains("another camera"));
+        assert!(difference(&scene, View { camera, ..view }, 32).contains("another camera"));
         let mut other = scene.clone();
         other.materials[0].roughness *= 0.5;
-        assert!(told(&other, view, 32).contains("whose contents were others"));
+        assert!(difference(&other, view, 32).contains("whose contents were others"));
         let mut other = scene.clone();
         other.sky.zenith.x += 1.0;
-        assert!(told(&other, view, 32).contains("the scene"));
+        assert!(difference(&other, view, 32).contains("the scene"));
         let old = ReferenceKey { revision: 0, ..key.clone() };
-        assert!(key.difference(&old).is_some_and(|told| told.contains("another version")));
+        assert!(key.difference(&old).is_some_and(|message| message.contains("another version")));
     }
 }

@@ -40,7 +40,7 @@ tr:first-child{display:none}td{border:0;text-align:left;padding:.05rem 0}td:firs
 
 /// The predictors on the first page: the paper's two and the service's own choice. They were fixed before
 /// anything was measured; the best one is in the tables.
-const TOLD: [(&str, &str); 4] = [
+const FIRST_PAGE: [(&str, &str); 4] = [
     ("nearest_neighbour", "the paper's nearest neighbour"),
     ("rbf_greedy_gq", "the paper's RBF model"),
     ("auto", "the predictor that the service chooses by itself"),
@@ -49,7 +49,7 @@ const TOLD: [(&str, &str); 4] = [
 
 /// The parts of the report beside its verdicts.
 #[derive(Clone, Debug)]
-pub(crate) struct Told<'a> {
+pub(crate) struct Report<'a> {
     pub(crate) record: &'a Record,
     pub(crate) space: &'a TuningSpace,
     /// The needles that turn, by scene.
@@ -60,7 +60,7 @@ pub(crate) struct Told<'a> {
     pub(crate) verdicts: &'a [Verdict],
 }
 
-impl Told<'_> {
+impl Report<'_> {
     fn scenes(&self) -> Vec<&str> {
         let mut all: Vec<&str> = self.record.searches.iter().map(|one| one.place.scene.as_str()).collect();
         all.sort_unstable();
@@ -120,8 +120,9 @@ impl Told<'_> {
                  {over_fixed} times as fast as the best fixed configuration of the other scenes.",
                 self.record.conditions.iterations
             ));
-            for (split, (entrant, who)) in
-                [Split::Random, Split::Scene].into_iter().flat_map(|split| TOLD.map(|told| (split, told)))
+            for (split, (entrant, who)) in [Split::Random, Split::Scene]
+                .into_iter()
+                .flat_map(|split| FIRST_PAGE.map(|predictor| (split, predictor)))
             {
                 let Some(one) = overall(&all_standings, split, entrant) else { continue };
                 all.push(format!(
@@ -158,18 +159,18 @@ fn percent(mean: Mean) -> String {
 }
 
 /// The page.
-pub(crate) fn html(told: &Told<'_>) -> String {
-    let conditions = &told.record.conditions;
+pub(crate) fn html(report: &Report<'_>) -> String {
+    let conditions = &report.record.conditions;
     let [width, height] = conditions.size;
     let mut page = format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
          <title>What tuning gains</title><style>{STYLE}</style></head><body><main>\n<h1>What tuning gains, and what predicting saves</h1>\n"
     );
-    for warning in told.warnings() {
+    for warning in report.warnings() {
         let _ = write!(page, "<p class=\"warn\">{}</p>", escaped(&warning));
     }
     page += "<ul>";
-    for sentence in told.words() {
+    for sentence in report.words() {
         let _ = write!(page, "<li>{}</li>", escaped(&sentence));
     }
     let software: Vec<String> =
@@ -178,8 +179,8 @@ pub(crate) fn html(told: &Told<'_>) -> String {
         page,
         "</ul><p class=\"soft\">{} scenes ({}), {} cameras of each at most, searches of {} iterations in the {} space; {width}×{height} pixels, \
          {} bounces, {} threads; {}, {}; {}. Means are geometric; intervals of 95 % are drawn by resampling cameras.</p>",
-        told.scenes().len(),
-        escaped(&told.scenes().join(", ")),
+        report.scenes().len(),
+        escaped(&report.scenes().join(", ")),
         conditions.cameras,
         conditions.iterations,
         conditions.space,
@@ -189,12 +190,12 @@ pub(crate) fn html(told: &Told<'_>) -> String {
         escaped(&conditions.machine.isa),
         escaped(&software.join(", "))
     );
-    for verdict in told.verdicts {
+    for verdict in report.verdicts {
         objective(&mut page, verdict);
-        page += &progress_figures::progress(told.record, verdict, told.clock);
+        page += &progress_figures::progress(report.record, verdict, report.clock);
     }
-    page += &progress_figures::two_objectives(told.record, told.clock).unwrap_or_default();
-    page += &part_page::html(told.record, told.space, told.clock, &told.strips);
+    page += &progress_figures::two_objectives(report.record, report.clock).unwrap_or_default();
+    page += &part_page::html(report.record, report.space, report.clock, &report.strips);
     // A figure and its unit stay on one line.
     page = page.replace(" %", "\u{a0}%");
     page + "<h2>How to read this</h2><p>The roofline is the best configuration that the search found at a camera, measured again in the \
@@ -315,15 +316,15 @@ fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
 }
 
 /// The table for a README, as Markdown: a line an entrant.
-pub(crate) fn markdown(told: &Told<'_>) -> String {
+pub(crate) fn markdown(report: &Report<'_>) -> String {
     let mut text = String::new();
-    for warning in told.warnings() {
+    for warning in report.warnings() {
         let _ = writeln!(text, "> {warning}\n");
     }
-    for sentence in told.words() {
+    for sentence in report.words() {
         let _ = writeln!(text, "- {sentence}");
     }
-    for verdict in told.verdicts {
+    for verdict in report.verdicts {
         for split in [Split::Random, Split::Scene] {
             let _ = writeln!(
                 text,
@@ -351,13 +352,13 @@ pub(crate) fn markdown(told: &Told<'_>) -> String {
 }
 
 /// The numbers behind the figures: file names and contents.
-pub(crate) fn tables(told: &Told<'_>) -> BTreeMap<String, String> {
-    let mut files = part_page::tables(told.record, told.clock);
-    for verdict in told.verdicts {
+pub(crate) fn tables(report: &Report<'_>) -> BTreeMap<String, String> {
+    let mut files = part_page::tables(report.record, report.clock);
+    for verdict in report.verdicts {
         let name = verdict.objective.name();
         files.insert(
             format!("progress-{name}.csv"),
-            progress_figures::table(told.record, verdict, told.clock),
+            progress_figures::table(report.record, verdict, report.clock),
         );
         let mut rows = String::from(
             "split,fold,entrant,scene,camera,predicted_ms,over_search,of_roofline,of_roofline_once,over_default,over_fixed,break_even,\

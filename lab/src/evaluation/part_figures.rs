@@ -255,23 +255,23 @@ pub(super) fn angles(record: &Record, scene: &str, share: Share, clock: Clock) -
 
 /// Mean time by angle without and with splitting, each with its band.
 pub(super) fn needles(angles: &[(f64, [Vec<f64>; 2])], share: Share) -> String {
-    let told: Vec<_> = angles
+    let points: Vec<_> = angles
         .iter()
         .map(|(angle, [without, with])| (*angle, [mean_and_band(without), mean_and_band(with)]))
         .collect();
-    let means = || told.iter().flat_map(|(_, both)| both).map(|(mean, _)| *mean);
+    let means = || points.iter().flat_map(|(_, both)| both).map(|(mean, _)| *mean);
     // Bands of few rounds may be wide; they end at the edge.
     let most = means().fold(0.0_f64, f64::max) * 1.25;
     let least = means().fold(f64::INFINITY, f64::min) * 0.8;
     let mut plot = Plot::new(
-        Axis::linear(told.iter().map(|(angle, _)| *angle)),
+        Axis::linear(points.iter().map(|(angle, _)| *angle)),
         Axis::linear([least, most]),
         "angle of the cylinder, degrees",
         &format!("{} time, ms", share.name()),
         260.0,
     );
     for (which, colour, name) in [(0, "c3", "without splitting"), (1, "c4", "with splitting")] {
-        let band: Vec<[f64; 3]> = told
+        let band: Vec<[f64; 3]> = points
             .iter()
             .filter_map(|(angle, both)| {
                 let (mean, band) = both[which];
@@ -279,7 +279,7 @@ pub(super) fn needles(angles: &[(f64, [Vec<f64>; 2])], share: Share) -> String {
             })
             .collect();
         plot.band(&band, colour);
-        let line: Vec<[f64; 2]> = told.iter().map(|(angle, both)| [*angle, both[which].0]).collect();
+        let line: Vec<[f64; 2]> = points.iter().map(|(angle, both)| [*angle, both[which].0]).collect();
         plot.line(&line, colour, false, name);
     }
     plot.finish()

@@ -79,7 +79,7 @@ fn splitting_section(record: &Record, clock: Clock) -> String {
     }
     text += "</table></div><ul>";
     for (scene, heights) in &scenes {
-        let told = match turning_height(heights) {
+        let finding = match turning_height(heights) {
             Some(height) => format!("it begins to pay at {height:.0} pixels down"),
             None if heights.iter().all(|(_, _, ratio)| ratio.median >= 1.0) => {
                 "it pays at every height".to_owned()
@@ -89,7 +89,7 @@ fn splitting_section(record: &Record, clock: Clock) -> String {
             }
             None => "it does not pay from one height on".to_owned(),
         };
-        let _ = write!(text, "<li>{}: {told}.</li>", escaped(scene));
+        let _ = write!(text, "<li>{}: {finding}.</li>", escaped(scene));
     }
     text + "</ul>"
 }

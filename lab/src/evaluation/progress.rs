@@ -209,7 +209,7 @@ mod tests {
         judge(record, Objective::Render, clock, &searches, &folds).expect("it is judged")
     }
 
-    fn told(moments: &[Moment]) -> Vec<(String, usize, Option<f64>)> {
+    fn rounded(moments: &[Moment]) -> Vec<(String, usize, Option<f64>)> {
         let cost = |moment: &Moment| moment.cost.map(|cost| (cost.mean * 1e6).round() / 1e6);
         moments.iter().map(|moment| (moment.who.clone(), moment.trials, cost(moment))).collect()
     }
@@ -220,13 +220,13 @@ mod tests {
         let verdict = verdict(&record, &[("nearest_neighbour", numbered(5))]);
         let searched = of_searches(&record, &verdict, Clock::Wall);
         let search = |trials, cost| (SEARCH.to_owned(), trials, Some(cost));
-        assert_eq!(told(&searched), [search(5, 1.2), search(10, 1.1), search(12, 1.0)]);
+        assert_eq!(rounded(&searched), [search(5, 1.2), search(10, 1.1), search(12, 1.0)]);
         // Four of the first five could be built: half a second each, and 280, 260, 220 and 200 ms.
         assert!((searched[0].seconds - 2.96).abs() < 1e-9 && searched[0].cameras == 3, "{searched:?}");
         let beside = without_search(&verdict, &["nearest_neighbour", "auto"]);
         let at_once = |who: &str, cost| (who.to_owned(), 0, Some(cost));
         assert_eq!(
-            told(&beside),
+            rounded(&beside),
             [
                 at_once(DEFAULT, 1.5),
                 at_once("best fixed configuration", 1.3),
@@ -259,7 +259,7 @@ mod tests {
             let verdict = judged(&record, clock, &answers);
             assert!(verdict.is_whole(), "{verdict:?}");
             [of_searches(&record, &verdict, clock), without_search(&verdict, &["nearest_neighbour"])]
-                .map(|moments| told(&moments))
+                .map(|moments| rounded(&moments))
         });
         assert_eq!(cpu, wall);
         let verdict = judged(&record, Clock::Cpu, &answers);

@@ -491,9 +491,9 @@ mod tests {
         for hash in [None, Some("aaaaaaaaaaaaaaaa"), Some("aaaaaaaaaaaaaaaa")] {
             open.add(of(open.record.groups.len() as u32, hash)).expect("it is the same scene");
         }
-        let told = open.add(of(3, Some("bbbbbbbbbbbbbbbb"))).expect_err("another scene").to_string();
+        let message = open.add(of(3, Some("bbbbbbbbbbbbbbbb"))).expect_err("another scene").to_string();
         for word in ["hall", "aaaaaaaaaaaa,", "bbbbbbbbbbbb)", "another name"] {
-            assert!(told.contains(word), "{word} in {told}");
+            assert!(message.contains(word), "{word} in {message}");
         }
         let read = Record::read(&path).expect("nothing of another scene was written");
         assert_eq!((read.groups.len(), &read.programs), (3, &BTreeSet::from(["7.8.9".to_owned()])));
@@ -504,8 +504,8 @@ mod tests {
         text +=
             &format!("{}\n", serde_json::to_string(&of(4, Some("cccccccccccccccc"))).expect("it is text"));
         std::fs::write(&path, text).expect("it can be written");
-        let told = Record::read(&path).expect_err("two scenes").to_string();
-        assert!(told.contains("line 5") && told.contains("under the name hall"), "{told}");
+        let message = Record::read(&path).expect_err("two scenes").to_string();
+        assert!(message.contains("line 5") && message.contains("under the name hall"), "{message}");
     }
 
     #[test]
@@ -524,8 +524,8 @@ mod tests {
         assert_eq!(std::fs::read(&path).expect("it is there"), whole);
         open.add(group(1)).expect("it is written");
         assert_eq!(Record::read(&path).expect("it is read").groups.len(), 2);
-        let told = OpenRecord::open(&path, &conditions(40)).expect_err("other conditions").to_string();
-        assert!(told.contains("80 iterations") && told.contains("40 iterations"), "{told}");
+        let message = OpenRecord::open(&path, &conditions(40)).expect_err("other conditions").to_string();
+        assert!(message.contains("80 iterations") && message.contains("40 iterations"), "{message}");
     }
 
     #[test]
@@ -555,10 +555,10 @@ mod tests {
         let text = serde_json::to_string(&Line::Conditions(old.clone())).expect("it is text") + "\n";
         std::fs::write(&path, &text).expect("it can be written");
         for asked in [&conditions(80), &old] {
-            let told = OpenRecord::open(&path, asked).expect_err("another version").to_string();
+            let message = OpenRecord::open(&path, asked).expect_err("another version").to_string();
             let [found, known] = [VERSION - 1, VERSION].map(|version| format!("version {version}"));
             for word in [found.as_str(), &known, "another file"] {
-                assert!(told.contains(word), "{word} in {told}");
+                assert!(message.contains(word), "{word} in {message}");
             }
         }
         assert_eq!(std::fs::read_to_string(&path).expect("it is there"), text);

@@ -92,7 +92,7 @@ fn last_row<'a>(results: &'a ComparisonResults, who: &Who) -> Option<(&'a EqualE
 }
 
 pub(super) fn headline(results: &ComparisonResults) -> String {
-    let told = hero(results).and_then(|found| {
+    let sentence = hero(results).and_then(|found| {
         let (_, row) = last_row(results, &found.curve.who)?;
         let speedup = row.speedups.first()?;
         let ratio = speedup.ratio.estimate;
@@ -118,7 +118,7 @@ pub(super) fn headline(results: &ComparisonResults) -> String {
             )
         })
     });
-    told.unwrap_or_else(|| "How soon each configuration's picture is good enough.".to_owned())
+    sentence.unwrap_or_else(|| "How soon each configuration's picture is good enough.".to_owned())
 }
 
 pub(super) fn explanation(results: &ComparisonResults) -> String {

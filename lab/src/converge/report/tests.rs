@@ -134,7 +134,7 @@ fn the_plot_has_all_curves() {
     // Five runs: 14 marks on each of three contenders.
     assert_eq!(plot.matches("<circle").count(), 3 * 14);
     let nothing = ComparisonResults { contenders: Vec::new(), ..results };
-    assert!(svg(&nothing, Ground::Page).is_err_and(|told| told.to_string().contains("rendered")));
+    assert!(svg(&nothing, Ground::Page).is_err_and(|error| error.to_string().contains("rendered")));
 }
 
 #[test]
