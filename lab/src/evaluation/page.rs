@@ -47,7 +47,7 @@ const FIRST_PAGE: [(&str, &str); 4] = [
     (SERVICE, "the service as it answers"),
 ];
 
-/// The parts of the report beside its verdicts.
+/// The contents of the report.
 #[derive(Clone, Debug)]
 pub(crate) struct Report<'a> {
     pub(crate) record: &'a Record,
