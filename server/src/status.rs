@@ -49,9 +49,10 @@ fn tuner_code(error: &TunerError) -> Code {
         TunerError::TooManyStates | TunerError::TooManyClients | TunerError::TooManyOpenTrials { .. } => {
             Code::ResourceExhausted
         }
-        TunerError::AlreadyCompleted { .. } | TunerError::Abandoned { .. } | TunerError::NotOpen { .. } => {
-            Code::FailedPrecondition
-        }
+        TunerError::AlreadyCompleted { .. }
+        | TunerError::GivenUp { .. }
+        | TunerError::Abandoned { .. }
+        | TunerError::NotOpen { .. } => Code::FailedPrecondition,
         TunerError::UnknownTrial { .. } => Code::NotFound,
     }
 }

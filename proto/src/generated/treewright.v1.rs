@@ -1634,7 +1634,7 @@ pub mod tuning_service_client {
         /// completed, further reports change nothing and return it as it is stored, `duplicate` set.
         /// A report after the lease expired is taken and flagged `late`.
         /// Errors: NOT_FOUND; INVALID_ARGUMENT (a measurement is not finite or negative, a metric of the
-        /// objective is missing, no outcome); FAILED_PRECONDITION when the client abandoned the trial.
+        /// objective is missing, no outcome); FAILED_PRECONDITION when the client or the daemon gave the trial up.
         pub async fn report(
             &mut self,
             request: impl tonic::IntoRequest<super::ReportRequest>,
@@ -1892,7 +1892,7 @@ pub mod tuning_service_server {
         /// completed, further reports change nothing and return it as it is stored, `duplicate` set.
         /// A report after the lease expired is taken and flagged `late`.
         /// Errors: NOT_FOUND; INVALID_ARGUMENT (a measurement is not finite or negative, a metric of the
-        /// objective is missing, no outcome); FAILED_PRECONDITION when the client abandoned the trial.
+        /// objective is missing, no outcome); FAILED_PRECONDITION when the client or the daemon gave the trial up.
         async fn report(
             &self,
             request: tonic::Request<super::ReportRequest>,

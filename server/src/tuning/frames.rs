@@ -1,7 +1,7 @@
 //! Suggest and report, as two requests or as one: the requests of a client's frame.
 
 use treewright_core::trial::{RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, TunerError};
+use treewright_core::tuner::{Change, Tuner, TunerError};
 use treewright_store::{Fence, Receipt, Store};
 
 use super::planning::{Preparation, Prepared};
@@ -167,6 +167,10 @@ impl Tuning {
                 Queued::Refused(error) => return Err(error),
                 Queued::Closed(mark) => {
                     let stored = self.closed_trial(&report.trial, mark.receipt).await?;
+                    // Whoever reports must not believe that it is stored.
+                    if Tuner::gave_up(&stored) {
+                        return Err(TunerError::GivenUp { number: stored.number }.into());
+                    }
                     if stored.state == TrialState::Completed {
                         return Ok(Reported::Duplicate(Box::new(stored)));
                     }
@@ -334,11 +338,13 @@ fn note(suggest: &Suggest, trial: &Trial, change: &Change) {
 mod tests {
     use std::sync::Arc;
 
+    use treewright_core::policy::Policy;
+    use treewright_core::study::StudySpec;
     use treewright_core::trial::Outcome;
     use treewright_core::tuner::Ask;
     use treewright_store::MemoryStore;
 
-    use super::super::checkpoints::tests::spec;
+    use super::super::checkpoints::tests::{frame, spec, suggested};
     use super::*;
     use crate::clock::ManualClock;
     use crate::convert::names::TrialName;
@@ -371,5 +377,43 @@ mod tests {
         let refused = tuning.reported(report, Queued::Closed(mark)).await.expect_err("it is another's");
         assert!(matches!(refused, Error::EarlierTrial { number: 1, .. }), "{refused}");
         assert_eq!(tuning.get_trial(&trial).await.expect("there").state, TrialState::Expired);
+    }
+
+    #[tokio::test]
+    async fn a_report_of_a_trial_that_the_daemon_gave_up_is_refused_and_called_no_duplicate() {
+        let (store, clock) = (Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
+        let start = || Tuning::new(Arc::clone(&store) as _, Arc::clone(&clock) as _);
+        let mut tuning = start();
+        let policy = Policy { epsilon: 1.0, ..spec().policy };
+        tuning.create_study("hall", &StudySpec { policy, ..spec() }).await.expect("created");
+        for _ in 0..4 {
+            frame(&tuning, "one", 0.5).await;
+        }
+        tuning.sweep_leases().await.expect("swept");
+        let mut trials = Vec::new();
+        for client in ["one", "two"] {
+            let number = suggested(&tuning, client, 0.5).await.number;
+            let trial = TrialName { study: "hall".into(), number };
+            // The client shows that it lives, and is cut off.
+            tuning.extend_lease(&trial).await.expect("it is open");
+            for _ in 0..61 {
+                clock.advance_ms(1_000);
+                tuning.sweep_leases().await.expect("swept");
+            }
+            trials.push(trial);
+        }
+        let report = |trial: &TrialName| {
+            let measurements = [("render_ms".to_owned(), 2.0)].into();
+            Report { trial: trial.clone(), measurements, outcome: Outcome::Ok }
+        };
+        assert!(matches!(tuning.report(report(&trials[0])).await, Ok(Reported::Taken(_))), "late");
+        assert!(matches!(tuning.report(report(&trials[0])).await, Ok(Reported::Duplicate(_))));
+        for _ in 0..2 {
+            let refused = tuning.report(report(&trials[1])).await.expect_err("it is given up");
+            assert_eq!(refused, Error::from(TunerError::GivenUp { number: trials[1].number }));
+            let stored = tuning.get_trial(&trials[1]).await.expect("there");
+            assert!(matches!(stored.outcome, Some(Outcome::Infeasible { .. })), "{stored:?}");
+            tuning = start();
+        }
     }
 }

@@ -10,10 +10,16 @@
 
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::LEASES_LOST_MAX;
-use crate::trial::{Outcome, TrialState};
+use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::{Ask, Change, Tuner};
 
 impl Tuner {
+    /// Whether a trial was completed by [lost leases](LEASES_LOST_MAX), and by no report of its client.
+    pub fn gave_up<C>(trial: &Trial<C>) -> bool {
+        let is_infeasible = matches!(trial.outcome, Some(Outcome::Infeasible { .. }));
+        is_infeasible && trial.measurements.is_empty() && trial.decision.lost_leases >= LEASES_LOST_MAX
+    }
+
     /// Ends an open trial whose lease was lost. The change has no states: they are the caller's to add.
     pub(super) fn lose(&mut self, number: TrialNumber, now_ms: i64) -> Change {
         let ended_ms = self.trials.get(number).map_or(i64::MAX, |trial| trial.lease_expire_ms);

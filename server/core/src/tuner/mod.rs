@@ -227,6 +227,9 @@ impl Tuner {
         let number = trial.number;
         let trial = match (self.trials.get(TrialNumber(number)), trial.state) {
             (Some(open), _) => open,
+            (None, TrialState::Completed) if Tuner::gave_up(trial) => {
+                return Err(TunerError::GivenUp { number });
+            }
             (None, TrialState::Completed) => return Err(TunerError::AlreadyCompleted { number }),
             (None, TrialState::Abandoned) => return Err(TunerError::Abandoned { number }),
             (None, TrialState::Expired) if self.is_ours(trial) => trial,

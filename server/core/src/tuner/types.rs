@@ -11,8 +11,8 @@ use crate::decision::{Decision, Exploit, ExplorationEstimate, ExploreRule};
 use crate::indicator::IndicatorError;
 use crate::limits::{
     CLIENT_ID_CHARACTERS_MAX, CLIENTS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX,
-    MEASUREMENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, ORIGIN_CHARACTERS_MAX, OUTCOME_REASON_CHARACTERS_MAX,
-    STATES_MAX,
+    LEASES_LOST_MAX, MEASUREMENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, ORIGIN_CHARACTERS_MAX,
+    OUTCOME_REASON_CHARACTERS_MAX, STATES_MAX,
 };
 use crate::names::NAME_RULE;
 use crate::objective::ObjectiveError;
@@ -308,6 +308,15 @@ pub enum TunerError {
     /// The trial is complete: answer a repeated report with the stored trial.
     #[error("trial {number} is already completed")]
     AlreadyCompleted {
+        /// The trial.
+        number: u64,
+    },
+    /// The trial is complete, but by no report: its leases were lost.
+    #[error(
+        "trial {number} was given up as infeasible after {LEASES_LOST_MAX} lost leases, and this report is not \
+         stored; measure the configuration again as a wanted one"
+    )]
+    GivenUp {
         /// The trial.
         number: u64,
     },

@@ -196,6 +196,8 @@ fn a_configuration_whose_lease_is_lost_twice_counts_as_infeasible_and_says_why()
             panic!("{:?}", given_up.outcome)
         };
         assert!(reason.contains("2 leases"), "{reason}");
+        let real = tuner.report(given_up, measured(5.0), Outcome::Ok, now_ms);
+        assert_eq!(real, Err(TunerError::GivenUp { number: second.number }), "nobody takes it for stored");
         assert_eq!(change.states.len(), 1, "the search was told");
         let results = tuner.states.results(StateId(1));
         assert!(results.is_infeasible(&first.configuration));
