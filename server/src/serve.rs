@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::net::TcpListener;
+use tokio::sync::oneshot;
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
 use tonic::codec::CompressionEncoding;
@@ -192,14 +193,24 @@ pub async fn run(
     if let Some(keep) = keep_trials {
         steady.spawn(thin_trials(Arc::clone(&tuning), keep));
     }
+    // It is not cut off, since it may be storing what tokens used.
+    let mut following = JoinSet::new();
+    let (end_following, ends) = oneshot::channel::<()>();
     if let Some(access) = access.clone() {
-        steady.spawn(async move { access.follow().await });
+        let ends = async move {
+            let _ = ends.await;
+        };
+        following.spawn(async move { access.follow(ends).await });
     }
     let mut has_failed = false;
     let served = tokio::select! {
         served = &mut server => Some(served),
         () = shutdown => None,
         Some(_) = steady.join_next() => {
+            has_failed = true;
+            None
+        }
+        Some(_) = following.join_next() => {
             has_failed = true;
             None
         }
@@ -252,6 +263,8 @@ pub async fn run(
         task.abort();
     }
     steady.shutdown().await;
+    drop(end_following);
+    while following.join_next().await.is_some() {}
     if let Some(access) = access {
         access.close().await;
     }

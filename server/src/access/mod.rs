@@ -17,6 +17,7 @@ pub mod rules;
 pub mod token;
 
 use std::collections::{BTreeMap, HashMap};
+use std::pin::pin;
 use std::sync::{Arc, PoisonError, RwLock};
 
 use tokio::time::{MissedTickBehavior, interval};
@@ -93,28 +94,40 @@ impl Access {
         Ok(())
     }
 
-    /// Follows the database, and stores usage, until it is dropped.
-    pub async fn follow(&self) {
+    /// Follows the database, and stores usage, until `ends`. Dropped before, it may lose the usage that it is
+    /// storing, or leave it to be stored again.
+    pub async fn follow(&self, ends: impl Future<Output = ()>) {
+        let mut ends = pin!(ends);
         let mut looks = interval(limits::TOKENS_PERIOD);
         let mut saves = interval(limits::USAGE_PERIOD);
         looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         saves.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut failing = false;
         loop {
-            tokio::select! {
-                _ = looks.tick() => match self.refresh().await {
-                    Ok(()) => failing = false,
-                    Err(error) if !failing => {
-                        failing = true;
-                        tracing::warn!(
-                            %error,
-                            for_s = limits::TOKENS_STALE.as_secs(),
-                            "the tokens cannot be read; those known stay good for a while"
-                        );
-                    }
-                    Err(_) => {}
-                },
-                _ = saves.tick() => self.save().await,
+            let is_look = tokio::select! {
+                () = &mut ends => return,
+                _ = looks.tick() => true,
+                _ = saves.tick() => false,
+            };
+            if !is_look {
+                self.save().await;
+                continue;
+            }
+            let looked = tokio::select! {
+                () = &mut ends => return,
+                looked = self.refresh() => looked,
+            };
+            match looked {
+                Ok(()) => failing = false,
+                Err(error) if !failing => {
+                    failing = true;
+                    tracing::warn!(
+                        %error,
+                        for_s = limits::TOKENS_STALE.as_secs(),
+                        "the tokens cannot be read; those known stay good for a while"
+                    );
+                }
+                Err(_) => {}
             }
         }
     }
@@ -236,6 +249,11 @@ impl<'a> Authorization<'a> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
+    use async_trait::async_trait;
+    use tokio::sync::Notify;
+    use tokio::time::sleep;
     use treewright_store::MemoryTokens;
     use treewright_store::tokens::{Quota, Scope, Studies};
 
@@ -297,5 +315,59 @@ mod tests {
         caller.spend_request(10).unwrap();
         access.save().await;
         assert!(matches!(caller.spend_trial(), Err(Error::Quota { limit: 2, .. })));
+    }
+
+    /// Tokens in a database that takes long to store usage, and as long to say that it has.
+    struct Slow(Arc<MemoryTokens>);
+
+    const SLOW: Duration = Duration::from_secs(1);
+
+    #[async_trait]
+    impl TokenStore for Slow {
+        async fn create(&self, token: &TokenRecord) -> Result<(), TokenError> {
+            self.0.create(token).await
+        }
+        async fn list(&self) -> Result<Vec<TokenRecord>, TokenError> {
+            self.0.list().await
+        }
+        async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError> {
+            self.0.revoke(id, now_ms).await
+        }
+        async fn forget(&self, id: &str) -> Result<(), TokenError> {
+            self.0.forget(id).await
+        }
+        async fn revision(&self) -> Result<i64, TokenError> {
+            self.0.revision().await
+        }
+        async fn usage(&self, id: &str, day: i64) -> Result<(Usage, Usage), TokenError> {
+            self.0.usage(id, day).await
+        }
+        async fn add_usage(&self, day: i64, used: &[(String, Usage)]) -> Result<(), TokenError> {
+            sleep(SLOW).await;
+            let added = self.0.add_usage(day, used).await;
+            sleep(SLOW).await;
+            added
+        }
+        async fn close(&self) {}
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_is_used_until_the_stop_is_stored_once() {
+        let (tokens, access, text) = access(Quota::default()).await;
+        let access = Access { store: Arc::new(Slow(Arc::clone(&tokens))), ..access };
+        let caller = access.authorize(TUNE, Authorization::Bearer(&text)).await.unwrap();
+        let ends = Notify::new();
+        let follow = access.follow(ends.notified());
+        let stop = async {
+            sleep(limits::USAGE_PERIOD / 2).await;
+            caller.spend_trial().unwrap().keep();
+            // It is being stored.
+            sleep(limits::USAGE_PERIOD / 2 + SLOW / 2).await;
+            caller.spend_trial().unwrap().keep();
+            ends.notify_one();
+        };
+        let ((), ()) = tokio::join!(follow, stop);
+        access.close().await;
+        assert_eq!(tokens.usage(caller.id(), 0).await.unwrap().0.trials, 2);
     }
 }
