@@ -142,6 +142,8 @@ pub async fn run(
     let middleware = MiddlewareLayer::new(access.clone(), replica_key, refusals.clone())
         .map_err(|error| ServeError::Server(error.to_string()))?;
     let stop = Admission::draining(&admission);
+    // None of them ends by itself: one that does has met a defect, and the daemon ends with it.
+    let mut steady = JoinSet::new();
     let server = Server::builder()
         .layer(middleware)
         .max_concurrent_streams(limits::CALLS_PER_CONNECTION)
@@ -158,6 +160,7 @@ pub async fn run(
         .add_service(service)
         .serve_with_incoming_shutdown(
             connections::accept(
+                &mut steady,
                 listeners,
                 tls.clone(),
                 connection_slots.clone(),
@@ -168,7 +171,7 @@ pub async fn run(
         );
     tokio::pin!(server);
 
-    let watching = watch_listener.map(|listener| {
+    if let Some(listener) = watch_listener {
         let watched = Watched {
             tuning: Arc::clone(&tuning),
             store: Arc::clone(&store),
@@ -180,14 +183,12 @@ pub async fn run(
             metrics,
             studies_shown: studies_shown.into(),
         };
-        tokio::spawn(connections::pages::serve(listener, watched, pages))
-    });
-    let showing = dashboard_listener.map(|listener| {
+        steady.spawn(connections::pages::serve(listener, watched, pages));
+    }
+    if let Some(listener) = dashboard_listener {
         let dashboard = Dashboard { tuning: Arc::clone(&tuning), access: access.clone(), refusals };
-        tokio::spawn(connections::pages::serve(listener, dashboard, pages))
-    });
-    // None of them ends by itself: one that does has met a defect, and the daemon ends with it.
-    let mut steady = JoinSet::new();
+        steady.spawn(connections::pages::serve(listener, dashboard, pages));
+    }
     steady.spawn(sweep(Arc::clone(&tuning), Arc::clone(&store)));
     steady.spawn(save_checkpoints(Arc::clone(&tuning)));
     if let Some(keep) = keep_trials {
@@ -259,9 +260,6 @@ pub async fn run(
             })
         }
     };
-    for task in [watching, showing].into_iter().flatten() {
-        task.abort();
-    }
     steady.shutdown().await;
     drop(end_following);
     while following.join_next().await.is_some() {}

@@ -23,6 +23,7 @@ use std::task::{Context, Poll, ready};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpStream, UnixStream};
 use tokio::sync::mpsc;
+use tokio::task::JoinSet;
 use tokio::time::{Instant, Sleep, sleep_until, timeout};
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
@@ -67,25 +68,27 @@ struct Acceptor {
 }
 
 /// The connections of all listeners. One without room is closed at once, which its client sees as
-/// UNAVAILABLE. Handshakes run side by side, so that a slow one does not delay others.
+/// UNAVAILABLE. Handshakes run side by side, so that a slow one does not delay others. Each listener has a
+/// task in `accepting`, which ends before the stream of connections only by a defect.
 pub(crate) fn accept(
+    accepting: &mut JoinSet<()>,
     listeners: Listeners,
     tls: Option<Arc<Tls>>,
     slots: ConnectionSlots,
     unfinished: Unfinished,
     metrics: Arc<Metrics>,
-) -> impl Stream<Item = io::Result<Connection>> {
+) -> impl Stream<Item = io::Result<Connection>> + use<> {
     let (ready, connections) = mpsc::channel(limits::CONNECTIONS_READY);
     let acceptor = Acceptor { ready, tls, slots, unfinished, metrics };
     for listener in listeners.tcp {
-        tokio::spawn(acceptor.clone().run(async move |acceptor| {
+        accepting.spawn(acceptor.clone().run(async move |acceptor| {
             let (stream, address) = listener.accept().await?;
             acceptor.take_tcp(stream, address).await;
             Ok(())
         }));
     }
     for listener in listeners.unix {
-        tokio::spawn(acceptor.clone().run(async move |acceptor| {
+        accepting.spawn(acceptor.clone().run(async move |acceptor| {
             let (stream, _) = listener.accept().await?;
             acceptor.take_local(stream).await;
             Ok(())
@@ -290,5 +293,34 @@ impl AsyncWrite for Connection {
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let shut = Pin::new(&mut self.transport).poll_shutdown(context);
         self.written(context, shut)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tokio::net::{TcpListener, UnixListener};
+
+    use super::*;
+
+    /// Whoever holds the set learns of each task that ends.
+    #[tokio::test]
+    async fn every_listener_has_a_task_in_the_set() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut listeners = Listeners::default();
+        for _ in 0..2 {
+            listeners.tcp.push(TcpListener::bind("127.0.0.1:0").await.expect("a port"));
+        }
+        listeners.unix.push(UnixListener::bind(folder.path().join("daemon.sock")).expect("a socket"));
+        let (slots, unfinished) =
+            (ConnectionSlots::new(ConnectionLimits::default()), Unfinished::new(limits::UNFINISHED_BYTES));
+        let mut accepting = JoinSet::new();
+        let connections = accept(&mut accepting, listeners, None, slots, unfinished, Arc::default());
+        tokio::task::yield_now().await;
+        assert_eq!(accepting.len(), 3);
+        assert!(accepting.try_join_next().is_none(), "they go on");
+        drop(connections);
+        for _ in 0..3 {
+            assert!(accepting.join_next().await.is_some_and(|ended| ended.is_ok()));
+        }
     }
 }
