@@ -78,7 +78,7 @@ async fn malformed_specifications_name_the_field() {
     let server = Server::in_memory().await;
     let mut client = server.client().await;
     type Change = fn(&mut wire::Study);
-    let cases: [(Change, &str); 14] = [
+    let cases: [(Change, &str); 15] = [
         (|s| s.space = None, "study.space: is required"),
         (|s| s.objective = None, "study.objective: is required"),
         (|s| space(s)[0].domain = None, "study.space.parameters[0].domain: is required"),
@@ -89,6 +89,13 @@ async fn malformed_specifications_name_the_field() {
         ),
         (|s| space(s)[1].default_value = Some(integer(99)), "\"max_leaf\": the default 99"),
         (|s| space(s)[0].name = "leaf size".to_owned(), "\"leaf size\" is not a name"),
+        (
+            |s| match &mut space(s)[2].domain {
+                Some(parameter::Domain::Categorical(domain)) => domain.values.push(text("no\0text")),
+                other => panic!("{other:?}"),
+            },
+            "study.space: parameter \"quality\": the value \"no\\0text\" has a control character",
+        ),
         (|s| s.indicators[0].scale = 77, "study.indicators.scale: 77 is not a known value"),
         (|s| s.indicators[0].max = f64::NAN, "study.indicators: "),
         (|s| s.objective.as_mut().unwrap().terms.clear(), "study.objective: "),

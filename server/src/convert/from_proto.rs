@@ -4,9 +4,11 @@ use std::collections::BTreeMap;
 
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::session::SessionPolicy;
+use treewright_core::space::{Domain, Space};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::Outcome;
 use treewright_core::tuner::Ask;
+use treewright_core::value::Value;
 use treewright_proto::convert::{
     configuration_from_wire, fingerprint_from_wire, outcome_from_wire, session_policy_from_wire,
     spec_from_wire,
@@ -49,7 +51,26 @@ pub fn study(study: v1::Study) -> Result<StudySpec, Error> {
         said.policy.clone().decide().and_then(|policy| policy.check(&said.space)).map_err(invalid)?;
     let spec = said.with_policy(policy);
     spec.validate().map_err(|error| Error::invalid("study", error))?;
+    printable(&spec.space)?;
     Ok(spec)
+}
+
+/// Refuses text values that a database, a table or a terminal cannot hold. Names have no such characters.
+/// A stored study may have some, from before this rule.
+fn printable(space: &Space) -> Result<(), Error> {
+    for parameter in space.parameters() {
+        let Domain::Categorical { values } = &parameter.domain else { continue };
+        for value in values {
+            if let Value::Text(text) = value
+                && text.chars().any(char::is_control)
+            {
+                let name = &parameter.name;
+                let problem = format!("parameter {name:?}: the value {text:?} has a control character");
+                return Err(Error::invalid("study.space", problem));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Reads a question for the next trial.
