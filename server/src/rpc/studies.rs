@@ -125,7 +125,7 @@ pub(crate) async fn update(
     let study = request.study.ok_or_else(|| required("study"))?;
     let name = reach::study(tuning, caller, "study.name", &study.name).await?;
     let update = PolicyUpdate::read(study.policy.unwrap_or_default(), request.update_mask)?;
-    let record = tuning.update_policy(&name.id, &update).await?;
+    let record = tuning.update_policy(&name, &update).await?;
     Ok(to_proto::study(&record))
 }
 
@@ -137,7 +137,7 @@ pub(super) async fn rename(
     let name = reach::study(tuning, caller, "name", &request.name).await?;
     let to = names::study_id("study_id", &request.study_id)?;
     caller.reach(&to)?;
-    Ok(to_proto::study(&tuning.rename_study(&name.id, &to).await?))
+    Ok(to_proto::study(&tuning.rename_study(&name, &to).await?))
 }
 
 pub(super) async fn delete(
@@ -146,5 +146,5 @@ pub(super) async fn delete(
     request: wire::DeleteStudyRequest,
 ) -> Result<(), Error> {
     let name = reach::study(tuning, caller, "name", &request.name).await?;
-    tuning.delete_study(&name.id).await
+    tuning.delete_study(&name).await
 }

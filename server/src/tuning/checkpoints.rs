@@ -154,7 +154,7 @@ pub(super) mod tests {
         let policy = v1::Policy { predictor: predictor.into(), ..v1::Policy::default() };
         let mask = FieldMask { paths: vec!["policy.predictor".to_owned()] };
         let update = PolicyUpdate::read(policy, Some(mask)).expect("valid");
-        tuning.update_policy("hall", &update).await.expect("changed");
+        tuning.update_policy(&"hall".into(), &update).await.expect("changed");
     }
 
     #[tokio::test]

@@ -364,8 +364,8 @@ mod tests {
         clock.advance_ms(3_600_000);
         tuning.sweep_leases().await.expect("swept");
         let mark = tuning.with_tuner("hall", |live, store, _| live.mark(store)).await.expect("in memory");
-        tuning.delete_study("hall").await.expect("deleted");
-        tuning.rename_study("attic", "hall").await.expect("renamed");
+        tuning.delete_study(&"hall".into()).await.expect("deleted");
+        tuning.rename_study(&"attic".into(), "hall").await.expect("renamed");
         (tuning, TrialName { study: "hall".into(), number: 1 }, mark)
     }
 

@@ -22,7 +22,7 @@ use super::Environment;
 use super::loading::{self, Identity, Read, Saved};
 use super::planned_searches::PlannedSearches;
 use super::presence::back_since;
-use crate::convert::names::TrialName;
+use crate::convert::names::{StudyName, TrialName};
 use crate::error::Error;
 use crate::limits::LOADING_WAIT;
 use crate::metrics::{FrameCounts, Metrics};
@@ -158,11 +158,17 @@ impl Live {
     /// may come from a client of an earlier study of that name.
     pub(super) fn knows(&self, name: &TrialName) -> Result<(), Error> {
         let study = &name.study;
+        self.is_meant(study)?;
+        if study.uid.is_none() && name.number <= self.identity.named_after {
+            return Err(Error::EarlierTrial { study: study.id.clone(), number: name.number });
+        }
+        Ok(())
+    }
+
+    /// Checks that a request that gives an identity means this study.
+    pub(super) fn is_meant(&self, study: &StudyName) -> Result<(), Error> {
         match study.uid {
             Some(uid) if uid != self.identity.uid => Err(Error::Replaced { study: study.id.clone() }),
-            None if name.number <= self.identity.named_after => {
-                Err(Error::EarlierTrial { study: study.id.clone(), number: name.number })
-            }
             _ => Ok(()),
         }
     }

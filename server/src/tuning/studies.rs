@@ -53,11 +53,11 @@ impl Tuning {
     ///
     /// # Errors
     /// As the wire contract names them.
-    pub async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, Error> {
-        let renamed = self.store().rename_study(study, to).await?;
-        assert_eq!(renamed.id, to, "study {study} has got another name");
-        self.forget(study);
-        tracing::info!(study, to, "study renamed");
+    pub async fn rename_study(&self, study: &StudyName, to: &str) -> Result<StudyRecord, Error> {
+        let renamed = self.store().rename_study(&study.id, study.uid, to).await?;
+        assert_eq!(renamed.id, to, "{study} has got another name");
+        self.forget(&study.id);
+        tracing::info!(study = study.id, to, "study renamed");
         Ok(renamed)
     }
 
@@ -83,9 +83,15 @@ impl Tuning {
     ///
     /// # Errors
     /// As the wire contract names them.
-    pub async fn update_policy(&self, study: &str, update: &PolicyUpdate) -> Result<StudyRecord, Error> {
+    pub async fn update_policy(
+        &self,
+        study: &StudyName,
+        update: &PolicyUpdate,
+    ) -> Result<StudyRecord, Error> {
         let receipt = self
-            .with_tuner(study, |live, store, _| {
+            .with_tuner(&study.id, |live, store, _| {
+                // The name may have gone to another study meanwhile.
+                live.is_meant(study)?;
                 let spec = live.tuner.spec();
                 let policy = update.apply(&spec.policy, &spec.space)?;
                 let policy_set = live.tuner.set_policy(policy.clone());
@@ -99,18 +105,19 @@ impl Tuning {
             })
             .await??;
         self.metrics().durable(receipt).await?;
-        tracing::info!(study, "policy changed");
-        self.get_study(study).await
+        tracing::info!(study = study.id, "policy changed");
+        let study = self.find(study.clone()).await?;
+        self.get_study(&study.id).await
     }
 
     /// Deletes a study with all its data.
     ///
     /// # Errors
     /// When there is none, or the store cannot be written.
-    pub async fn delete_study(&self, study: &str) -> Result<(), Error> {
-        self.store().delete_study(study).await?;
-        self.forget(study);
-        tracing::info!(study, "study deleted");
+    pub async fn delete_study(&self, study: &StudyName) -> Result<(), Error> {
+        self.store().delete_study(&study.id, study.uid).await?;
+        self.forget(&study.id);
+        tracing::info!(study = study.id, "study deleted");
         Ok(())
     }
 
@@ -152,7 +159,29 @@ fn passes(error: &Error) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use treewright_proto::v1;
+    use treewright_store::MemoryStore;
+
+    use super::super::checkpoints::tests::spec;
     use super::*;
+    use crate::clock::ManualClock;
+
+    #[tokio::test]
+    async fn who_names_an_identity_changes_no_study_that_got_the_name_meanwhile() {
+        let tuning = Tuning::new(Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
+        let uid = tuning.create_study("hall", &spec()).await.expect("created").study.uid;
+        tuning.rename_study(&"hall".into(), "attic").await.expect("renamed");
+        let namesake = tuning.create_study("hall", &spec()).await.expect("created").study;
+        let meant = StudyName { id: "hall".to_owned(), uid: Some(uid) };
+        let update = PolicyUpdate::read(v1::Policy::default(), None).expect("valid");
+        let refused = tuning.update_policy(&meant, &update).await.expect_err("it is another's");
+        assert_eq!(refused, Error::Replaced { study: "hall".to_owned() });
+        tuning.rename_study(&meant, "loft").await.expect_err("it is another's");
+        tuning.delete_study(&meant).await.expect_err("it is another's");
+        assert_eq!(tuning.get_study("hall").await.expect("there"), namesake);
+    }
 
     #[test]
     fn a_sweep_fails_only_where_somebody_has_to_act() {

@@ -70,6 +70,12 @@ impl MemoryTables {
         self.studies.get(id).ok_or_else(|| not_found(id))
     }
 
+    /// Checks that a study has the identity, where one is given.
+    fn identified(&self, id: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
+        let found = self.study(id)?.uid;
+        if uid.is_none_or(|uid| uid == found) { Ok(()) } else { Err(not_found(id)) }
+    }
+
     /// The highest trial number that earlier studies have handed out under a name.
     fn former(&self, id: &str) -> u64 {
         let of = |name: &str| self.former_names.get(name).copied().unwrap_or(0);
@@ -237,8 +243,10 @@ impl Store for MemoryStore {
             .collect())
     }
 
-    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
-        self.lock()?.take(study).map(drop)
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
+        let mut inner = self.lock()?;
+        inner.identified(study, uid)?;
+        inner.take(study).map(drop)
     }
 
     async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
@@ -246,9 +254,14 @@ impl Store for MemoryStore {
         Ok(inner.studies.iter().find(|(_, study)| study.uid == uid).map(|(id, _)| id.clone()))
     }
 
-    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
+    async fn rename_study(
+        &self,
+        study: &str,
+        uid: Option<StudyUid>,
+        to: &str,
+    ) -> Result<StudyRecord, StoreError> {
         let mut inner = self.lock()?;
-        inner.study(study)?;
+        inner.identified(study, uid)?;
         if study != to {
             if inner.studies.contains_key(to) {
                 return Err(StoreError::NameTaken { study: to.to_owned() });

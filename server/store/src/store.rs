@@ -118,11 +118,18 @@ pub trait Store: Send + Sync + 'static {
     async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError>;
 
     /// Gives a study another id, and breaks its fence. Its trial numbers go on after its own and those of
-    /// earlier studies of the new id. [`StoreError::NameTaken`] when a study has the id.
-    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError>;
+    /// earlier studies of the new id. [`StoreError::NameTaken`] when a study has the id. Where a `uid` is
+    /// given, a study of the old id with another identity counts as none.
+    async fn rename_study(
+        &self,
+        study: &str,
+        uid: Option<StudyUid>,
+        to: &str,
+    ) -> Result<StudyRecord, StoreError>;
 
-    /// Deletes a study with its states, trials and visits, and breaks its fence.
-    async fn delete_study(&self, study: &str) -> Result<(), StoreError>;
+    /// Deletes a study with its states, trials and visits, and breaks its fence. Where a `uid` is given, a
+    /// study of the id with another identity counts as none.
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError>;
 
     /// Waits for all writes queued so far, breaks earlier fences of the study and reads all of it but its
     /// closed trials. Where several replicas share the store, it fails with [`StoreError::Elsewhere`] while

@@ -51,6 +51,7 @@ contract!(
     deleting_takes_everything_along,
     a_study_that_is_created_again_is_another,
     a_renamed_study_stays_the_same_one,
+    who_names_an_identity_never_reaches_a_namesake,
     pages_follow_each_other_in_every_order,
     due_leases_are_found,
     unknown_names_are_named,
@@ -202,7 +203,7 @@ async fn the_latest_checkpoint_comes_back_whole(store: &dyn Store) {
         held = other.fence;
     }
     // It goes with its study.
-    store.delete_study("hall").await.unwrap();
+    store.delete_study("hall", None).await.unwrap();
     fence(store, "hall").await;
     assert_eq!(store.load("hall").await.unwrap().checkpoint, None);
 }
@@ -348,9 +349,9 @@ async fn policies_change_and_stay(store: &dyn Store) {
 async fn deleting_takes_everything_along(store: &dyn Store) {
     let held = fence(store, "hall").await;
     commit(store, &held, &[change(vec![completed(1, 1, Outcome::Ok)])]).await.unwrap();
-    store.delete_study("hall").await.unwrap();
+    store.delete_study("hall", None).await.unwrap();
     assert!(!held.holds());
-    assert!(matches!(store.delete_study("hall").await, Err(StoreError::StudyNotFound { .. })));
+    assert!(matches!(store.delete_study("hall", None).await, Err(StoreError::StudyNotFound { .. })));
     let new_fence = fence(store, "hall").await;
     // A change to the deleted study does not reach its namesake.
     assert!(commit(store, &held, &[change(vec![open(1)])]).await.is_err());
@@ -375,7 +376,7 @@ async fn a_study_that_is_created_again_is_another(store: &dyn Store) {
     assert_eq!((before.named_after, before.last_trial, before.statistics.trials), (0, 3, 3));
     assert_eq!(store.create_study("hall", &spec(), 9).await.unwrap().study.uid, before.uid);
     assert_eq!(store.find_study(before.uid).await.unwrap().as_deref(), Some("hall"));
-    store.delete_study("hall").await.unwrap();
+    store.delete_study("hall", None).await.unwrap();
     assert_eq!(store.find_study(before.uid).await.unwrap(), None);
     assert!(!old.holds());
 
@@ -387,26 +388,26 @@ async fn a_study_that_is_created_again_is_another(store: &dyn Store) {
     assert_eq!(store.get_study("hall").await.unwrap().statistics.trials, 2);
     assert_eq!(numbers(store, "").await, [4, 5]);
     // A second deletion changes nothing, and neither do other names.
-    store.delete_study("hall").await.unwrap();
+    store.delete_study("hall", None).await.unwrap();
     assert_eq!(store.create_study("hall", &spec(), 9).await.unwrap().study.last_trial, 5);
     assert_eq!(store.create_study("attic", &spec(), 9).await.unwrap().study.last_trial, 0);
 }
 
 async fn a_renamed_study_stays_the_same_one(store: &dyn Store) {
     trials_up_to(store, "hall", 5).await;
-    store.delete_study("hall").await.unwrap();
+    store.delete_study("hall", None).await.unwrap();
     let old = trials_up_to(store, "attic", 2).await;
     let before = store.get_study("attic").await.unwrap();
-    let missing = store.rename_study("none", "other").await;
+    let missing = store.rename_study("none", None, "other").await;
     assert_eq!(missing, Err(StoreError::StudyNotFound { study: "none".to_owned() }));
     let taken = |study: &str| Err(StoreError::NameTaken { study: study.to_owned() });
     store.create_study("cellar", &spec(), 5).await.unwrap();
-    assert_eq!(store.rename_study("attic", "cellar").await, taken("cellar"));
+    assert_eq!(store.rename_study("attic", None, "cellar").await, taken("cellar"));
     assert!(old.holds(), "nothing happened to it");
-    assert_eq!(store.rename_study("attic", "attic").await.unwrap(), before);
+    assert_eq!(store.rename_study("attic", None, "attic").await.unwrap(), before);
 
     // The name was another study's, which has handed out five trials.
-    let renamed = store.rename_study("attic", "hall").await.unwrap();
+    let renamed = store.rename_study("attic", None, "hall").await.unwrap();
     assert_eq!((renamed.id.as_str(), renamed.uid), ("hall", before.uid));
     assert_eq!((renamed.named_after, renamed.last_trial, renamed.statistics), (5, 5, before.statistics));
     assert_eq!(store.find_study(before.uid).await.unwrap().as_deref(), Some("hall"));
@@ -419,9 +420,28 @@ async fn a_renamed_study_stays_the_same_one(store: &dyn Store) {
     assert_eq!(store.get_study("hall").await.unwrap().statistics.trials, 3);
     // A new study under its old name begins after it, and so does one under the new name.
     assert_eq!(store.create_study("attic", &spec(), 9).await.unwrap().study.last_trial, 2);
-    let back = store.rename_study("hall", "loft").await.unwrap();
+    let back = store.rename_study("hall", None, "loft").await.unwrap();
     assert_eq!((back.named_after, back.last_trial, back.statistics.trials), (6, 6, 3));
     assert_eq!(store.create_study("hall", &spec(), 9).await.unwrap().study.last_trial, 6);
+}
+
+/// The study was found under a name, and lost it before the act.
+async fn who_names_an_identity_never_reaches_a_namesake(store: &dyn Store) {
+    let meant = store.create_study("hall", &spec(), 5).await.unwrap().study.uid;
+    store.rename_study("hall", Some(meant), "attic").await.unwrap();
+    let namesake = store.create_study("hall", &spec(), 5).await.unwrap().study;
+    let held = fence(store, "hall").await;
+    let missing = StoreError::StudyNotFound { study: "hall".to_owned() };
+    assert_eq!(store.delete_study("hall", Some(meant)).await, Err(missing.clone()));
+    for to in ["loft", "hall"] {
+        assert_eq!(store.rename_study("hall", Some(meant), to).await, Err(missing.clone()));
+    }
+    assert!(held.holds(), "nothing happened to it");
+    assert_eq!(store.get_study("hall").await.unwrap(), namesake);
+    store.delete_study("attic", Some(meant)).await.unwrap();
+    store.delete_study("hall", Some(namesake.uid)).await.unwrap();
+    assert!(!held.holds());
+    assert!(store.list_studies(None, 9).await.unwrap().is_empty());
 }
 
 async fn pages_follow_each_other_in_every_order(store: &dyn Store) {

@@ -229,7 +229,7 @@ async fn trials_of_a_deleted_study_count_no_more() {
     let place = Place::new();
     // More than is removed at once.
     let running = store(&place.database, 1200).await;
-    running.delete_study("hall").await.unwrap();
+    running.delete_study("hall", None).await.unwrap();
     running.close().await;
     let inventory = maintenance::check(&place.database).await.unwrap();
     assert_eq!((inventory.studies, inventory.trials), (0, 0));

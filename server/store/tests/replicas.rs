@@ -160,7 +160,7 @@ async fn a_deleted_study_is_gone_for_every_replica_and_its_rows_follow() {
     let states = "INSERT INTO states (study, id, indicators) \
                   SELECT s.id, n, '[0.1]'::json FROM studies s, generate_series(2, 25000) n";
     assert_eq!(execute(&mut connection, states).await, 24_999);
-    second.delete_study("hall").await.unwrap();
+    second.delete_study("hall", None).await.unwrap();
     until(|| !held.holds()).await;
     assert!(first.commit(&held, &[change(vec![open(50)])]).durable().await.is_err());
     assert!(first.get_study("hall").await.is_err());

@@ -452,7 +452,7 @@ async fn nothing_of_a_deleted_study_stays_in_the_file() {
     let (store, fence) = hall(&path).await;
     let trials = (1..=200).map(|number| completed(number, number, Outcome::Ok)).collect();
     store.commit(&fence, &[change(trials)]).durable().await.unwrap();
-    store.delete_study("hall").await.unwrap();
+    store.delete_study("hall", None).await.unwrap();
     let mut other = foreign(&path).await;
     let sql = "SELECT (SELECT count(*) FROM trials) + (SELECT count(*) FROM states) + (SELECT count(*) FROM visits) \
                + (SELECT count(*) FROM checkpoints) + (SELECT count(*) FROM studies)";

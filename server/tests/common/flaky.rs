@@ -37,14 +37,19 @@ impl Store for Flaky {
     async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
         self.inner.list_studies(after, size).await
     }
-    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
-        self.inner.delete_study(study).await
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
+        self.inner.delete_study(study, uid).await
     }
     async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
         self.inner.find_study(uid).await
     }
-    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
-        self.inner.rename_study(study, to).await
+    async fn rename_study(
+        &self,
+        study: &str,
+        uid: Option<StudyUid>,
+        to: &str,
+    ) -> Result<StudyRecord, StoreError> {
+        self.inner.rename_study(study, uid, to).await
     }
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
         tokio::time::sleep(self.load_takes).await;

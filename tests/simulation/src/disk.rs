@@ -313,9 +313,9 @@ impl Store for SimulatedDisk {
         self.durable.store.list_studies(after, size).await
     }
 
-    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
         self.barrier().await?;
-        self.durable.store.delete_study(study).await
+        self.durable.store.delete_study(study, uid).await
     }
 
     async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
@@ -323,9 +323,14 @@ impl Store for SimulatedDisk {
         self.durable.store.find_study(uid).await
     }
 
-    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
+    async fn rename_study(
+        &self,
+        study: &str,
+        uid: Option<StudyUid>,
+        to: &str,
+    ) -> Result<StudyRecord, StoreError> {
         self.barrier().await?;
-        self.durable.store.rename_study(study, to).await
+        self.durable.store.rename_study(study, uid, to).await
     }
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {

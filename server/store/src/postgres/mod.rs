@@ -175,8 +175,8 @@ impl Store for PostgresStore {
         read::studies(&mut *self.reader().await?, after, size).await
     }
 
-    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
-        let key = studies::delete(&mut *self.reader().await?, study).await?;
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
+        let key = studies::delete(&mut *self.reader().await?, study, uid).await?;
         self.shared.deleted(key);
         Ok(())
     }
@@ -185,8 +185,13 @@ impl Store for PostgresStore {
         read::study_of_uid(&mut *self.reader().await?, uid).await
     }
 
-    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
-        let key = studies::rename(&mut *self.reader().await?, study, to).await?;
+    async fn rename_study(
+        &self,
+        study: &str,
+        uid: Option<StudyUid>,
+        to: &str,
+    ) -> Result<StudyRecord, StoreError> {
+        let key = studies::rename(&mut *self.reader().await?, study, uid, to).await?;
         self.shared.deleted(key);
         self.get_study(to).await
     }

@@ -103,7 +103,8 @@ pub(super) const STUDY_INSERT: &str = concat!(
 );
 
 /// Keeps other replicas from storing rows of the study until the end of the transaction.
-pub(super) const STUDY_LOCK: &str = "SELECT id FROM studies WHERE name = $1 FOR UPDATE";
+pub(super) const STUDY_LOCK: &str =
+    "SELECT id FROM studies WHERE name = $1 AND ($2::text IS NULL OR uid = $2) FOR UPDATE";
 
 /// Notes the last trial number of a study under the name that it is about to lose.
 pub(super) const NAME_LEFT: &str = concat!(

@@ -1,6 +1,7 @@
 //! Operations on whole studies: creating and deleting one, and sweeping due leases in all of them.
 
 use sqlx::postgres::PgConnection;
+use treewright_core::ids::StudyUid;
 use treewright_core::study::StudySpec;
 
 use super::{failed, read, statements as sql};
@@ -54,10 +55,14 @@ fn one_at_most(rows: u64) {
 }
 
 /// Makes a study unfindable, and returns its key. [`reap`] removes its rows.
-pub(super) async fn delete(connection: &mut PgConnection, study: &str) -> Result<i64, StoreError> {
+pub(super) async fn delete(
+    connection: &mut PgConnection,
+    study: &str,
+    uid: Option<StudyUid>,
+) -> Result<i64, StoreError> {
     let mut transaction = sqlx::Connection::begin(connection).await.map_err(failed)?;
-    let key =
-        leave_name(&mut transaction, study).await.map_err(failed)?.ok_or_else(|| study_not_found(study))?;
+    let key = lock(&mut transaction, study, uid).await?;
+    leave_name(&mut transaction, key).await.map_err(failed)?;
     let done = sqlx::query(sql::STUDY_DELETE).bind(key).execute(&mut *transaction).await.map_err(failed)?;
     one_at_most(done.rows_affected());
     transaction.commit().await.map_err(failed)?;
@@ -65,13 +70,18 @@ pub(super) async fn delete(connection: &mut PgConnection, study: &str) -> Result
 }
 
 /// Gives a study another name, and returns its key.
-pub(super) async fn rename(connection: &mut PgConnection, study: &str, to: &str) -> Result<i64, StoreError> {
+pub(super) async fn rename(
+    connection: &mut PgConnection,
+    study: &str,
+    uid: Option<StudyUid>,
+    to: &str,
+) -> Result<i64, StoreError> {
     if study == to {
-        return read::study_key(connection, study).await;
+        return lock(connection, study, uid).await;
     }
     let mut transaction = sqlx::Connection::begin(connection).await.map_err(failed)?;
-    let key =
-        leave_name(&mut transaction, study).await.map_err(failed)?.ok_or_else(|| study_not_found(study))?;
+    let key = lock(&mut transaction, study, uid).await?;
+    leave_name(&mut transaction, key).await.map_err(failed)?;
     let renamed = sqlx::query(sql::STUDY_RENAME).bind(key).bind(to).execute(&mut *transaction).await;
     let renamed = renamed.map_err(|error| match error.as_database_error() {
         Some(database) if database.is_unique_violation() => StoreError::NameTaken { study: to.to_owned() },
@@ -82,20 +92,22 @@ pub(super) async fn rename(connection: &mut PgConnection, study: &str, to: &str)
     Ok(key)
 }
 
-/// Notes the last trial number of a study under the name that it is about to lose, and returns its key; none
-/// where no study has the name. Until the end of the transaction no replica stores its rows.
-async fn leave_name(connection: &mut PgConnection, study: &str) -> Result<Option<i64>, sqlx::Error> {
-    let found: Option<i64> =
-        sqlx::query_scalar(sql::STUDY_LOCK).bind(study).fetch_optional(&mut *connection).await?;
-    let Some(key) = found else {
-        return Ok(None);
-    };
+/// The key of a study that has the identity, where one is given. Until the end of the transaction no replica
+/// stores its rows.
+async fn lock(connection: &mut PgConnection, study: &str, uid: Option<StudyUid>) -> Result<i64, StoreError> {
+    let question = sqlx::query_scalar(sql::STUDY_LOCK).bind(study).bind(uid.map(|uid| uid.to_string()));
+    let key: Option<i64> = question.fetch_optional(connection).await.map_err(failed)?;
+    key.ok_or_else(|| study_not_found(study))
+}
+
+/// Notes the last trial number of a study under the name that it is about to lose.
+async fn leave_name(connection: &mut PgConnection, key: i64) -> Result<(), sqlx::Error> {
     let noted = sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await?;
     one_at_most(noted.rows_affected());
     let folding = sqlx::query(sql::NAMES_FOLDED).bind(i64::from(limits::FORMER_NAMES));
     one_at_most(folding.execute(&mut *connection).await?.rows_affected());
     sqlx::query(sql::FOLDED_NAMES_DELETE).execute(connection).await?;
-    Ok(Some(key))
+    Ok(())
 }
 
 /// Removes closed trials of a study, if its epoch still holds.

@@ -4,11 +4,13 @@ use std::collections::HashMap;
 
 use sqlx::AssertSqlSafe;
 use sqlx::sqlite::SqliteConnection;
+use treewright_core::ids::StudyUid;
 use treewright_core::study::StudySpec;
 use treewright_core::tuner::StudyCounts;
 
 use super::statements as sql;
 use super::{read, script};
+use crate::assembly::study_not_found;
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
@@ -24,9 +26,11 @@ pub(super) enum WriteCommand {
     },
     Delete {
         study: String,
+        uid: Option<StudyUid>,
     },
     Rename {
         study: String,
+        uid: Option<StudyUid>,
         to: String,
     },
     /// Breaks the study's fence and sets up a new one.
@@ -76,8 +80,8 @@ pub(super) async fn apply(
         WriteCommand::Create { id, spec, now_ms } => {
             create(connection, id, spec, *now_ms).await.map(|created| WriteResult::Created(Box::new(created)))
         }
-        WriteCommand::Delete { study } => {
-            let key = read::study_key(&mut *connection, study).await?;
+        WriteCommand::Delete { study, uid } => {
+            let key = key_of(&mut *connection, study, *uid).await?;
             if let Some(fence) = fences.remove(&key) {
                 fence.break_up();
             }
@@ -86,8 +90,8 @@ pub(super) async fn apply(
             one_at_most(done.rows_affected());
             Ok(WriteResult::Nothing)
         }
-        WriteCommand::Rename { study, to } => {
-            let key = rename(connection, study, to).await?;
+        WriteCommand::Rename { study, uid, to } => {
+            let key = rename(connection, (study.as_str(), *uid), to).await?;
             if let Some(fence) = key.and_then(|key| fences.remove(&key)) {
                 fence.break_up();
             }
@@ -159,9 +163,24 @@ async fn fold_names(connection: &mut SqliteConnection, listed: u32) -> Result<()
     sqlx::query(sql::FOLDED_NAMES_DELETE).execute(connection).await.map(|_| ())
 }
 
+/// The key of a study that has the identity, where one is given.
+async fn key_of(
+    connection: &mut SqliteConnection,
+    study: &str,
+    uid: Option<StudyUid>,
+) -> Result<i64, StoreError> {
+    let question = sqlx::query_scalar(sql::STUDY_KEY_OF_UID).bind(study).bind(uid.map(|uid| uid.to_string()));
+    let key: Option<i64> = question.fetch_optional(connection).await.map_err(refused)?;
+    key.ok_or_else(|| study_not_found(study))
+}
+
 /// Gives a study another name, and returns its key; none where it has that name.
-async fn rename(connection: &mut SqliteConnection, study: &str, to: &str) -> Result<Option<i64>, StoreError> {
-    let key = read::study_key(&mut *connection, study).await?;
+async fn rename(
+    connection: &mut SqliteConnection,
+    (study, uid): (&str, Option<StudyUid>),
+    to: &str,
+) -> Result<Option<i64>, StoreError> {
+    let key = key_of(&mut *connection, study, uid).await?;
     if study == to {
         return Ok(None);
     }

@@ -167,17 +167,22 @@ impl Store for SqliteStore {
         read::studies(&mut *self.reader().await?, after, size).await
     }
 
-    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
+    async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
         let study = study.to_owned();
-        self.write(WriteCommand::Delete { study }).await.map(|_| ())
+        self.write(WriteCommand::Delete { study, uid }).await.map(|_| ())
     }
 
     async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
         read::study_of_uid(&mut *self.reader().await?, uid).await
     }
 
-    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
-        let command = WriteCommand::Rename { study: study.to_owned(), to: to.to_owned() };
+    async fn rename_study(
+        &self,
+        study: &str,
+        uid: Option<StudyUid>,
+        to: &str,
+    ) -> Result<StudyRecord, StoreError> {
+        let command = WriteCommand::Rename { study: study.to_owned(), uid, to: to.to_owned() };
         self.write(command).await?;
         self.get_study(to).await
     }
