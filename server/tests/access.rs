@@ -5,6 +5,7 @@ mod common;
 use std::sync::Arc;
 use std::time::Duration;
 
+use common::flaky::Flaky;
 use common::{Server, ask, assert_refused, create, report, study};
 use tonic::metadata::MetadataValue;
 use tonic::service::interceptor::InterceptedService;
@@ -18,7 +19,7 @@ use treewright_server::access::token::Token;
 use treewright_server::clock::ManualClock;
 use treewright_server::serve::Options;
 use treewright_store::tokens::{Quota, Scope, Studies, TokenRecord};
-use treewright_store::{MemoryStore, MemoryTokens, TokenStore};
+use treewright_store::{MemoryStore, MemoryTokens, Store, TokenStore};
 
 type Caller = TuningServiceClient<InterceptedService<Channel, Show>>;
 
@@ -44,6 +45,10 @@ struct Guarded {
 
 impl Guarded {
     async fn start() -> Self {
+        Self::on(Arc::new(MemoryStore::new())).await
+    }
+
+    async fn on(store: Arc<dyn Store>) -> Self {
         let tokens = Arc::new(MemoryTokens::new());
         let clock = Arc::new(ManualClock::at(common::START_MS));
         let access = Access::open(Arc::clone(&tokens) as _, Arc::clone(&clock) as _).await.expect("opened");
@@ -53,7 +58,7 @@ impl Guarded {
             access: Some(Arc::clone(&access)),
             ..Options::default()
         };
-        let server = Server::with_options(Arc::new(MemoryStore::new()), clock, options).await;
+        let server = Server::with_options(store, clock, options).await;
         Self { server, tokens, access }
     }
 
@@ -245,6 +250,19 @@ async fn other_studies_are_out_of_reach_and_out_of_sight() {
 }
 
 #[tokio::test]
+async fn who_may_create_no_more_does_not_create_a_study_that_was_just_deleted() {
+    let store = Arc::new(Flaky { fleeting: true, ..Flaky::default() });
+    let guarded = Guarded::on(Arc::clone(&store) as _).await;
+    let quota = Quota { studies: Some(1), ..Quota::default() };
+    let token = guarded.token(Scope::Tune, &[], quota).await;
+    let mut caller = guarded.with(&token).await;
+    caller.create_study(named("hall")).await.expect("created");
+    caller.create_study(named("hall")).await.expect("found again");
+    let gone = store.inner.get_study("hall").await;
+    assert!(gone.is_err(), "it was deleted behind the look, and is not created again: {gone:?}");
+}
+
+#[tokio::test]
 async fn quotas_end_and_say_when_to_try_again() {
     let guarded = Guarded::start().await;
     let quota =
@@ -254,6 +272,9 @@ async fn quotas_end_and_say_when_to_try_again() {
     caller.create_study(named("hall")).await.expect("created");
     caller.create_study(named("hall")).await.expect("found again");
     assert_refused(caller.create_study(named("attic")).await, Code::ResourceExhausted, "1 studies");
+    let study = Some(wire::Study { seed: 12, ..study() });
+    let other = wire::CreateStudyRequest { study, ..named("hall") };
+    assert_refused(caller.create_study(other).await, Code::AlreadyExists, "seed");
 
     let bad = wire::SuggestRequest { indicators: Default::default(), ..ask("one", 1.0) };
     assert_refused(caller.suggest(bad).await, Code::InvalidArgument, "triangles");

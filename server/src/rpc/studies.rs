@@ -3,7 +3,7 @@
 use prost::Message as _;
 use treewright_proto::v1 as wire;
 use treewright_store::limits::PAGE_SIZE_DEFAULT;
-use treewright_store::{StudyRecord, cursor};
+use treewright_store::{StoreError, StudyRecord, cursor};
 
 use super::reach;
 use crate::access::caller::Caller;
@@ -34,11 +34,13 @@ pub(super) async fn create(
     };
     let spent = match caller.spend_study() {
         Ok(spent) => spent,
-        // A caller that may create no more may still find an existing study.
+        // A caller that may create no more may still find an existing study. Nothing is created here, not even
+        // where the study vanishes meanwhile.
         Err(over) => {
-            return match tuning.get_study(&id).await {
-                Ok(_) => Ok(answer(&tuning.create_study(&id, &spec).await?.study)),
-                Err(_) => Err(over),
+            let Ok(stored) = tuning.get_study(&id).await else { return Err(over) };
+            return match stored.spec.first_difference(&spec) {
+                None => Ok(answer(&stored)),
+                Some(difference) => Err(StoreError::StudyExists { study: id, difference }.into()),
             };
         }
     };

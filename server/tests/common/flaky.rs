@@ -20,6 +20,8 @@ pub(crate) struct Flaky {
     pub(crate) inner: MemoryStore,
     /// Nothing can be written.
     pub(crate) broken: AtomicBool,
+    /// Somebody deletes each study as soon as it was read.
+    pub(crate) fleeting: bool,
     /// Its writer met a defect.
     pub(crate) failed: bool,
     /// How long it takes to read a study into memory.
@@ -32,7 +34,11 @@ impl Store for Flaky {
         self.inner.create_study(id, spec, now_ms).await
     }
     async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
-        self.inner.get_study(study).await
+        let found = self.inner.get_study(study).await?;
+        if self.fleeting {
+            self.inner.delete_study(study, None).await?;
+        }
+        Ok(found)
     }
     async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
         self.inner.list_studies(after, size).await
