@@ -1,5 +1,6 @@
 //! The life of the server: serve until a signal to stop, drain, close.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -282,8 +283,9 @@ async fn set_health(health: &HealthReporter, status: ServingStatus) {
 }
 
 /// Ends leases that have run out, also in studies without requests. It ends where the store can write no
-/// more.
+/// more. A study that fails again and again is logged once.
 async fn sweep(tuning: Arc<Tuning>, store: Arc<dyn Store>) {
+    let mut told = BTreeSet::new();
     let mut ticks = interval(limits::SWEEP_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -291,9 +293,17 @@ async fn sweep(tuning: Arc<Tuning>, store: Arc<dyn Store>) {
         if store.has_failed() {
             return;
         }
-        match tuning.sweep_leases().await {
-            // The daemon is ending and has closed the store.
-            Ok(()) | Err(Error::Store(StoreError::Closed)) => {}
+        // Where the store is closed, the daemon is ending.
+        match tuning.sweep().await {
+            Ok(failed) => {
+                for (study, error) in &failed {
+                    if *error != Error::Store(StoreError::Closed) && !told.contains(study) {
+                        tracing::warn!(study, %error, "leases of the study could not be swept; trying again");
+                    }
+                }
+                told = failed.into_keys().collect();
+            }
+            Err(Error::Store(StoreError::Closed)) => {}
             Err(error) => tracing::warn!(%error, "leases could not be swept; trying again"),
         }
     }

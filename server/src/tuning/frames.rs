@@ -280,6 +280,7 @@ impl Live {
         }
         trial.check(&self.tuner.spec().space).map_err(|error| {
             Error::Store(treewright_store::StoreError::Inconsistent {
+                study: Some(self.fence().study().to_owned()),
                 problem: format!("a configuration does not fit its study: {error}"),
             })
         })

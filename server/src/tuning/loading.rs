@@ -95,7 +95,7 @@ async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Er
         if trials.is_empty() {
             break;
         }
-        let trials = check(trials, &spec.space)?;
+        let trials = check(&study, trials, &spec.space)?;
         restoring = compute(move || learn(restoring, &trials)).await?.map_err(failed)?;
     }
     let tuner = compute(move || restoring.finish(open_trials)).await?.map_err(failed)?;
@@ -113,11 +113,11 @@ fn learn(mut restoring: Restoring, trials: &[Trial]) -> Result<Restoring, Restor
     Ok(restoring)
 }
 
-fn check(trials: Vec<RawTrial>, space: &Space) -> Result<Vec<Trial>, Error> {
+fn check(study: &str, trials: Vec<RawTrial>, space: &Space) -> Result<Vec<Trial>, Error> {
     let checked = trials.into_iter().map(|trial| trial.check(space));
     checked.collect::<Result<_, _>>().map_err(|error| {
         let problem = format!("a configuration does not fit its study: {error}");
-        Error::Store(StoreError::Inconsistent { problem })
+        Error::Store(StoreError::Inconsistent { study: Some(study.to_owned()), problem })
     })
 }
 

@@ -1,5 +1,7 @@
 //! Use cases of a study: create, read, list, change its policy, delete, and end leases everywhere.
 
+use std::collections::BTreeMap;
+
 use treewright_core::study::StudySpec;
 use treewright_store::{Created, StoreError, StudyRecord};
 
@@ -127,10 +129,18 @@ impl Tuning {
     /// # Errors
     /// The first error that does not pass by itself; the other studies are still swept.
     pub async fn sweep_leases(&self) -> Result<(), Error> {
+        self.sweep().await?.into_values().next().map_or(Ok(()), Err)
+    }
+
+    /// [Sweeps](Self::sweep_leases), and returns the errors that do not pass by themselves, by study.
+    ///
+    /// # Errors
+    /// When the store does not tell which leases have run out.
+    pub async fn sweep(&self) -> Result<BTreeMap<String, Error>, Error> {
         let now_ms = self.now_ms();
         let due = self.store().studies_with_due_leases(now_ms).await?;
         self.environment.presence.swept(now_ms);
-        let mut result = Ok(());
+        let mut failed = BTreeMap::new();
         for study in due {
             let swept = self.with_tuner(&study, |live, store, _| live.commit(store, &[])).await;
             let swept = match swept {
@@ -139,10 +149,11 @@ impl Tuning {
             };
             match swept {
                 Err(error) if passes(&error) => tracing::debug!(study, %error, "swept by another or later"),
-                swept => result = result.and(swept),
+                Err(error) => drop(failed.insert(study, error)),
+                Ok(()) => {}
             }
         }
-        result
+        Ok(failed)
     }
 }
 
@@ -161,12 +172,15 @@ fn passes(error: &Error) -> bool {
 mod tests {
     use std::sync::Arc;
 
+    use treewright_core::trial::{Trial, TrialState};
+    use treewright_core::tuner::Change;
     use treewright_proto::v1;
-    use treewright_store::MemoryStore;
+    use treewright_store::{MemoryStore, Store as _};
 
-    use super::super::checkpoints::tests::spec;
+    use super::super::checkpoints::tests::{spec, suggested};
     use super::*;
     use crate::clock::ManualClock;
+    use crate::convert::names::TrialName;
 
     #[tokio::test]
     async fn who_names_an_identity_changes_no_study_that_got_the_name_meanwhile() {
@@ -181,6 +195,27 @@ mod tests {
         tuning.rename_study(&meant, "loft").await.expect_err("it is another's");
         tuning.delete_study(&meant).await.expect_err("it is another's");
         assert_eq!(tuning.get_study("hall").await.expect("there"), namesake);
+    }
+
+    /// A study of which the database holds a trial in a state that does not exist.
+    #[tokio::test]
+    async fn a_sweep_names_the_study_that_fails_and_goes_on_with_the_others() {
+        let (store, clock) = (Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
+        let tuning = Tuning::new(Arc::clone(&store) as _, Arc::clone(&clock) as _);
+        tuning.create_study("attic", &spec()).await.expect("created");
+        tuning.create_study("hall", &spec()).await.expect("created");
+        let trial = suggested(&tuning, "one", 0.5).await;
+        let fence = store.load("attic").await.expect("loaded").fence;
+        let misplaced = Change { trials: vec![Trial { state_id: 99, ..trial }], ..Change::default() };
+        store.commit(&fence, &[misplaced]).durable().await.expect("stored");
+        clock.advance_ms(3_600_000);
+        let failed = tuning.sweep().await.expect("swept");
+        assert_eq!(failed.keys().collect::<Vec<_>>(), ["attic"]);
+        assert!(failed["attic"].to_string().contains("attic"), "{failed:?}");
+        let number = 1;
+        let swept = tuning.get_trial(&TrialName { study: "hall".into(), number }).await.expect("there");
+        assert_eq!(swept.state, TrialState::Expired);
+        tuning.sweep_leases().await.expect_err("the same");
     }
 
     #[test]
@@ -198,7 +233,7 @@ mod tests {
         }
         for error in [
             StoreError::Unavailable { problem: String::new() }.into(),
-            StoreError::Inconsistent { problem: String::new() }.into(),
+            StoreError::Inconsistent { study: None, problem: String::new() }.into(),
             StoreError::Closed.into(),
             Error::Defect("loading a study panicked"),
         ] {

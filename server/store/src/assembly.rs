@@ -36,6 +36,11 @@ impl StudyRow {
     }
 
     pub(crate) fn into_record(self) -> Result<StudyRecord, StoreError> {
+        let id = self.name.clone();
+        self.into_checked().map_err(|error| error.in_study(&id))
+    }
+
+    fn into_checked(self) -> Result<StudyRecord, StoreError> {
         let last_trial = unsigned(self.last_trial.max(self.named_after))?;
         let record = StudyRecord {
             id: self.name,

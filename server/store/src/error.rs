@@ -71,11 +71,27 @@ pub enum StoreError {
     #[error("the database is closed; the daemon is shutting down")]
     Closed,
     /// A stored row is invalid, or a change breaks a rule of the tables.
-    #[error("the database is inconsistent: {problem}; restore it from a backup and report this as a defect")]
+    #[error(
+        "the database is inconsistent{}: {problem}; restore it from a backup and report this as a defect",
+        study.as_ref().map(|study| format!(" in study {study:?}")).unwrap_or_default()
+    )]
     Inconsistent {
+        /// The study, where it is known.
+        study: Option<String>,
         /// The damage.
         problem: String,
     },
+}
+
+impl StoreError {
+    /// Names the study in an error that names none, where its words need one.
+    #[must_use]
+    pub fn in_study(mut self, id: &str) -> Self {
+        if let Self::Inconsistent { study, .. } = &mut self {
+            study.get_or_insert_with(|| id.to_owned());
+        }
+        self
+    }
 }
 
 /// Why a database cannot be opened.
@@ -231,4 +247,19 @@ pub enum OpenError {
         /// Its error.
         problem: String,
     },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn damage_names_its_study_where_it_is_known() {
+        let damage = crate::rows::inconsistent("a number is negative");
+        assert!(damage.to_string().starts_with("the database is inconsistent: a number is negative; "));
+        let placed = damage.in_study("hall").in_study("attic");
+        let words = "the database is inconsistent in study \"hall\": a number is negative; ";
+        assert!(placed.to_string().starts_with(words), "{placed}");
+        assert_eq!(StoreError::Closed.in_study("hall"), StoreError::Closed);
+    }
 }

@@ -87,7 +87,7 @@ impl Receipt {
     /// A receipt for a change that was refused at once; the fence breaks. For stores outside this crate.
     pub fn refused(fence: &Fence, error: StoreError) -> Self {
         fence.break_up();
-        Self::settled(Err(error))
+        Self::settled(Err(error.in_study(fence.study())))
     }
 
     /// A receipt for a waiting change, and the sender of its result. For stores outside this crate.

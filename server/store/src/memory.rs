@@ -15,6 +15,7 @@ use crate::error::StoreError;
 use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::raw::raw_trial;
+use crate::rows::inconsistent;
 use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
 
 /// Keeps everything in memory and forgets it when dropped.
@@ -165,9 +166,7 @@ impl MemoryStudy {
         for trial in changes.iter().flat_map(|change| &change.trials) {
             let stored = self.trials.get(&trial.number);
             if stored.is_some_and(|stored| stored.state == TrialState::Completed) {
-                return Err(StoreError::Inconsistent {
-                    problem: "a completed trial is never changed".to_owned(),
-                });
+                return Err(inconsistent("a completed trial is never changed"));
             }
         }
         for change in changes {
@@ -302,6 +301,7 @@ impl Store for MemoryStore {
 
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
         let result = self.lock().and_then(|mut inner| inner.fenced(fence)?.apply(changes));
+        let result = result.map_err(|error| error.in_study(fence.study()));
         if result.is_err() {
             fence.break_up();
         }

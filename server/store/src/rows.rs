@@ -385,5 +385,5 @@ pub(crate) fn unsigned(number: i64) -> Result<u64, StoreError> {
 }
 
 pub(crate) fn inconsistent(problem: impl Into<String>) -> StoreError {
-    StoreError::Inconsistent { problem: problem.into() }
+    StoreError::Inconsistent { study: None, problem: problem.into() }
 }

@@ -291,6 +291,7 @@ async fn a_completed_trial_is_never_changed(store: &dyn Store) {
     let error = commit(store, &held, &[change(vec![forged])]).await.unwrap_err();
     assert!(matches!(error, StoreError::Inconsistent { .. }), "{error}");
     assert!(error.to_string().contains("never changed"), "{error}");
+    assert!(error.to_string().contains("in study \"hall\""), "{error}");
     let raw = store.get_trial("hall", 1).await.unwrap();
     assert_eq!(raw.check(&spec().space).unwrap(), original);
     // The holder's later changes rest on one that was refused.

@@ -149,7 +149,7 @@ fn failed(error: sqlx::Error) -> StoreError {
     let problem = match &error {
         sqlx::Error::PoolClosed => return StoreError::Closed,
         sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => {
-            return StoreError::Inconsistent { problem: error.to_string() };
+            return rows::inconsistent(error.to_string());
         }
         sqlx::Error::PoolTimedOut => {
             let waited_s = limits::POSTGRES_READER_TIMEOUT.as_secs();
@@ -203,7 +203,8 @@ impl Store for PostgresStore {
         let (answer, claimed) = oneshot::channel();
         self.enqueue(study, StudyJob::Claim { study: study.to_owned(), answer });
         let fence = claimed.await.unwrap_or(Err(StoreError::Closed))?;
-        read::load(&mut *self.reader().await?, fence).await
+        let read = read::load(&mut *self.reader().await?, fence).await;
+        read.map_err(|error| error.in_study(study))
     }
 
     fn replica_key(&self) -> Option<[u8; 32]> {
@@ -261,7 +262,8 @@ impl Store for PostgresStore {
         after: u64,
         size: u32,
     ) -> Result<Vec<RawTrial>, StoreError> {
-        read::completed(&mut *self.reader().await?, fence, after, size).await
+        let read = read::completed(&mut *self.reader().await?, fence, after, size).await;
+        read.map_err(|error| error.in_study(fence.study()))
     }
 
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
@@ -284,7 +286,8 @@ impl Store for PostgresStore {
         up_to: u64,
         size: u32,
     ) -> Result<Vec<ClosedTrial>, StoreError> {
-        read::closed(&mut *self.reader().await?, fence, after, up_to, size).await
+        let read = read::closed(&mut *self.reader().await?, fence, after, up_to, size).await;
+        read.map_err(|error| error.in_study(fence.study()))
     }
 
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
@@ -292,11 +295,13 @@ impl Store for PostgresStore {
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
-        read::trial(&mut *self.reader().await?, study, number).await
+        let read = read::trial(&mut *self.reader().await?, study, number).await;
+        read.map_err(|error| error.in_study(study))
     }
 
     async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
-        read::trials(&mut *self.reader().await?, study, query).await
+        let read = read::trials(&mut *self.reader().await?, study, query).await;
+        read.map_err(|error| error.in_study(study))
     }
 
     async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {

@@ -152,7 +152,9 @@ impl Writer {
             }
             BatchResult::Broken(error) if jobs.len() == 1 => {
                 for job in jobs {
-                    job.refuse(error.clone());
+                    let StudyJob::Commit { fence, .. } = &job else { continue };
+                    let error = error.clone().in_study(fence.study());
+                    job.refuse(error);
                 }
             }
             BatchResult::Broken(_) => {

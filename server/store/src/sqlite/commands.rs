@@ -133,7 +133,8 @@ pub(super) async fn apply(
         WriteCommand::Commit { fence, rows } => {
             fence.check()?;
             debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
-            script::rows(fence.key(), rows).execute(connection).await.map_err(refused)?;
+            let stored = script::rows(fence.key(), rows).execute(connection).await;
+            stored.map_err(|error| refused(error).in_study(fence.study()))?;
             Ok(WriteResult::Nothing)
         }
     }

@@ -137,16 +137,14 @@ fn store_error(error: &sqlx::Error) -> StoreError {
     match error {
         sqlx::Error::PoolClosed => StoreError::Closed,
         sqlx::Error::Database(database) => StoreError::Unavailable { problem: database.message().to_owned() },
-        sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => {
-            StoreError::Inconsistent { problem: error.to_string() }
-        }
+        sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => rows::inconsistent(error.to_string()),
         other => StoreError::Unavailable { problem: other.to_string() },
     }
 }
 
 /// An answer of another kind than the command asks for.
 fn mismatch() -> StoreError {
-    StoreError::Inconsistent { problem: "the writer answered another question".to_owned() }
+    rows::inconsistent("the writer answered another question")
 }
 
 #[async_trait]
@@ -188,9 +186,11 @@ impl Store for SqliteStore {
     }
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
-        let study = study.to_owned();
-        match self.write(WriteCommand::Fence { study }).await? {
-            WriteResult::Fenced(fence) => read::load(&mut *self.reader().await?, fence).await,
+        match self.write(WriteCommand::Fence { study: study.to_owned() }).await? {
+            WriteResult::Fenced(fence) => {
+                let read = read::load(&mut *self.reader().await?, fence).await;
+                read.map_err(|error| error.in_study(study))
+            }
             _ => Err(mismatch()),
         }
     }
@@ -226,7 +226,8 @@ impl Store for SqliteStore {
         after: u64,
         size: u32,
     ) -> Result<Vec<RawTrial>, StoreError> {
-        read::completed(&mut *self.reader().await?, fence, after, size).await
+        let read = read::completed(&mut *self.reader().await?, fence, after, size).await;
+        read.map_err(|error| error.in_study(fence.study()))
     }
 
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
@@ -247,7 +248,8 @@ impl Store for SqliteStore {
         up_to: u64,
         size: u32,
     ) -> Result<Vec<ClosedTrial>, StoreError> {
-        read::closed(&mut *self.reader().await?, fence, after, up_to, size).await
+        let read = read::closed(&mut *self.reader().await?, fence, after, up_to, size).await;
+        read.map_err(|error| error.in_study(fence.study()))
     }
 
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
@@ -263,11 +265,13 @@ impl Store for SqliteStore {
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
-        read::trial(&mut *self.reader().await?, study, number).await
+        let read = read::trial(&mut *self.reader().await?, study, number).await;
+        read.map_err(|error| error.in_study(study))
     }
 
     async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
-        read::trials(&mut *self.reader().await?, study, query).await
+        let read = read::trials(&mut *self.reader().await?, study, query).await;
+        read.map_err(|error| error.in_study(study))
     }
 
     async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {

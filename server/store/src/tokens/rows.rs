@@ -112,5 +112,5 @@ pub(crate) fn texts(studies: &Studies, quota: &Quota) -> Result<(String, String)
 }
 
 fn inconsistent(problem: String) -> TokenError {
-    TokenError::Store(StoreError::Inconsistent { problem })
+    TokenError::Store(StoreError::Inconsistent { study: None, problem })
 }
