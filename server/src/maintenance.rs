@@ -15,6 +15,7 @@ pub fn exit_code(error: &MaintenanceError) -> u8 {
         MaintenanceError::Open(_) | MaintenanceError::Damaged { .. } | MaintenanceError::Unfit { .. } => 4,
         MaintenanceError::Missing { .. }
         | MaintenanceError::Exists { .. }
+        | MaintenanceError::Log { .. }
         | MaintenanceError::Same { .. }
         | MaintenanceError::System { .. } => 1,
     }

@@ -287,6 +287,29 @@ async fn an_empty_log_beside_a_backup_is_no_daemon() {
     assert!(error.to_string().contains("database in use"), "{error}");
 }
 
+/// SQLite would play the log back over the new copy.
+#[tokio::test]
+async fn a_backup_is_not_put_beside_the_log_of_another_database() {
+    let place = Place::new();
+    store(&place.database, 4).await.close().await;
+    let log = place.backup.with_file_name("backup.db-wal");
+    for (replace, was) in [(false, None), (true, Some("a letter"))] {
+        if let Some(was) = was {
+            std::fs::write(&place.backup, was).unwrap();
+        }
+        std::fs::write(&log, "something").unwrap();
+        let names = place.names().len();
+        let error = maintenance::back_up(&place.database, &place.backup, replace).await.unwrap_err();
+        assert!(matches!(error, MaintenanceError::Log { .. }), "{error}");
+        assert!(error.to_string().contains("backup.db-wal"), "{error}");
+        assert_eq!(place.names().len(), names);
+        assert_eq!(std::fs::read_to_string(&place.backup).ok().as_deref(), was);
+    }
+    std::fs::write(&log, "").unwrap();
+    maintenance::back_up(&place.database, &place.backup, true).await.expect("an empty log holds nothing");
+    assert_eq!(trials(&place.backup).await, 5);
+}
+
 /// A log that stays would be taken for the new file's own, and a database of two names for damaged.
 #[tokio::test]
 async fn a_file_that_cannot_be_put_aside_ends_a_restore_and_nothing_was_changed() {

@@ -32,6 +32,9 @@ pub async fn back_up(database: &Path, to: &Path, replace: bool) -> Result<Invent
     if to.exists() && !replace {
         return Err(MaintenanceError::Exists { path: to.to_owned() });
     }
+    if files::has_log(to) {
+        return Err(MaintenanceError::Log { path: to.to_owned(), log: files::beside(to, "-wal") });
+    }
     let mut source = connect(database).await?;
     schema_version(&mut source, database).await?;
     let draft = PartialFile::beside(to, database)?;

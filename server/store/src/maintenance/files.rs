@@ -17,6 +17,11 @@ pub(super) fn beside(path: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
+/// Whether a write-ahead log that holds something lies beside a file. SQLite leaves empty ones behind.
+pub(super) fn has_log(path: &Path) -> bool {
+    fs::metadata(beside(path, "-wal")).is_ok_and(|log| log.len() > 0)
+}
+
 /// Refuses a path that is not a file.
 pub(super) fn need(path: &Path) -> Result<(), MaintenanceError> {
     if path.is_dir() {

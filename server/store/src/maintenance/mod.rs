@@ -36,6 +36,19 @@ pub enum MaintenanceError {
         /// The path.
         path: PathBuf,
     },
+    /// A log lies where that of the copy would.
+    #[error(
+        "a write-ahead log lies at {}, which SQLite would take for the copy's own: some program has {} open, or \
+         was killed; end it, or choose another name",
+        log.display(),
+        path.display()
+    )]
+    Log {
+        /// The path of the copy.
+        path: PathBuf,
+        /// The log.
+        log: PathBuf,
+    },
     /// Source and destination are one file.
     #[error("{} is the database itself; choose another file", path.display())]
     Same {

@@ -39,7 +39,7 @@ pub async fn restore(from: &Path, database: &Path) -> Result<Restored, Maintenan
     let lock = file::DatabaseLock::take(database)?;
     // The log of a link lies beside the file that it names.
     let original = from.canonicalize().unwrap_or_else(|_| from.to_owned());
-    if fs::metadata(files::beside(&original, "-wal")).is_ok_and(|log| log.len() > 0) {
+    if files::has_log(&original) {
         return Err(MaintenanceError::Unfit {
             path: from.to_owned(),
             problem:
