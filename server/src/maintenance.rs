@@ -41,10 +41,11 @@ pub async fn back_up(config: &BackupConfig) -> Result<CommandOutput, Maintenance
     Ok(CommandOutput { note, ..copied })
 }
 
-/// The file beside a database whose date is that of the last backup.
+/// The file beside a database whose date is that of the last backup. A link to a database stands for the file
+/// that it names.
 #[must_use]
 pub fn backup_mark(database: &Path) -> PathBuf {
-    let mut name = database.as_os_str().to_owned();
+    let mut name = database.canonicalize().unwrap_or_else(|_| database.to_owned()).into_os_string();
     name.push("-last-backup");
     name.into()
 }
@@ -87,4 +88,20 @@ fn said(out: String) -> CommandOutput {
 fn shown(inventory: Inventory) -> String {
     let Inventory { studies, trials, bytes } = inventory;
     format!("{studies} studies, {trials} trials, {:.1} MB", bytes as f64 / 1e6)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_link_and_its_database_have_one_mark() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (database, link) = (folder.path().join("tuning.db"), folder.path().join("link.db"));
+        std::fs::write(&database, "").expect("a file");
+        std::os::unix::fs::symlink(&database, &link).expect("a link");
+        assert_eq!(backup_mark(&link), backup_mark(&database));
+        std::fs::write(backup_mark(&database), "").expect("a mark");
+        assert!(last_backup_s(&backup_mark(&link)).is_some_and(|date_s| date_s > 1_700_000_000));
+    }
 }
