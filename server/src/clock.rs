@@ -10,17 +10,30 @@ pub trait Clock: Send + Sync + 'static {
     fn now_ms(&self) -> i64;
 }
 
-/// The system's clock, for calendar times such as the end of a token. Its time never decreases: after a step
-/// backwards, as by a correction over the network, it waits.
+/// The system's clock, for calendar times such as the end of a token. After a small step backwards, as by a
+/// correction over the network, it waits. A large one shows that the time before was wrong, and is followed:
+/// a token that seemed to have expired by it has not.
 #[derive(Debug, Default)]
 pub struct SystemClock {
-    latest_ms: AtomicI64,
+    latest_ms: Mutex<i64>,
+}
+
+impl SystemClock {
+    /// The largest step backwards for which it waits.
+    const WAIT_MS: i64 = 60_000;
+
+    fn show(&self, system_ms: i64) -> i64 {
+        // A poisoned lock is usable: it holds one number.
+        let mut latest_ms = self.latest_ms.lock().unwrap_or_else(PoisonError::into_inner);
+        let was_wrong = latest_ms.saturating_sub(system_ms) > Self::WAIT_MS;
+        *latest_ms = if was_wrong { system_ms } else { system_ms.max(*latest_ms) };
+        *latest_ms
+    }
 }
 
 impl Clock for SystemClock {
     fn now_ms(&self) -> i64 {
-        let now_ms = i64::try_from(since_1970().as_millis()).unwrap_or(i64::MAX);
-        self.latest_ms.fetch_max(now_ms, Ordering::Relaxed).max(now_ms)
+        self.show(i64::try_from(since_1970().as_millis()).unwrap_or(i64::MAX))
     }
 }
 
@@ -124,11 +137,26 @@ mod tests {
         let wall_ms = SystemClock::default().now_ms();
         assert!((steady.now_ms() - wall_ms).abs() < 60_000);
 
-        let clock = SystemClock::default();
-        let first_ms = clock.now_ms();
-        assert!(first_ms > 1_700_000_000_000);
-        clock.latest_ms.store(i64::MAX - 1, Ordering::Relaxed);
-        assert_eq!(clock.now_ms(), i64::MAX - 1);
+        assert!(SystemClock::default().now_ms() > 1_700_000_000_000);
+    }
+
+    #[test]
+    fn the_calendar_waits_for_a_small_step_back_and_follows_a_large_one() {
+        const YEAR_MS: i64 = 365 * 86_400_000;
+        let (clock, start_ms) = (SystemClock::default(), 1_750_000_000_000);
+        for (system_ms, shown_ms) in [
+            (start_ms, start_ms),
+            (start_ms - SystemClock::WAIT_MS, start_ms),
+            (start_ms + 5, start_ms + 5),
+            // It jumps ahead, and is corrected.
+            (start_ms + YEAR_MS, start_ms + YEAR_MS),
+            (start_ms + 10, start_ms + 10),
+            (start_ms + 9, start_ms + 10),
+            (i64::MAX, i64::MAX),
+            (0, 0),
+        ] {
+            assert_eq!(clock.show(system_ms), shown_ms, "at {system_ms}");
+        }
     }
 
     /// Jumps by a day and by forty years, either way: a minute stays a minute to within a tenth, and in the
