@@ -14,7 +14,7 @@ use hyper::body::{Frame, SizeHint};
 use tonic::Status;
 use tonic::body::Body;
 
-use super::activity::{Activity, HeldBytes};
+use super::activity::{Activity, HeldBytes, UnderWay};
 use crate::limits;
 
 /// The flag and the length before each message.
@@ -136,6 +136,8 @@ impl hyper::body::Body for RequestBody {
 struct AnswerBody {
     inner: Body,
     activity: Arc<Activity>,
+    /// The request, where it is under way until the answer ends.
+    _under_way: Option<Arc<UnderWay>>,
 }
 
 /// A piece of an answer that counts until its last owner has dropped it: until it is written.
@@ -150,9 +152,10 @@ impl AsRef<[u8]> for Piece {
     }
 }
 
-/// An answer whose bytes count on its connection until they are written.
-pub(crate) fn answer_body(activity: &Arc<Activity>, inner: Body) -> Body {
-    Body::new(AnswerBody { inner, activity: Arc::clone(activity) })
+/// An answer whose bytes count on its connection until they are written. Its request, where it is given, is
+/// under way until the answer has ended.
+pub(crate) fn answer_body(activity: &Arc<Activity>, inner: Body, under_way: Option<Arc<UnderWay>>) -> Body {
+    Body::new(AnswerBody { inner, activity: Arc::clone(activity), _under_way: under_way })
 }
 
 impl hyper::body::Body for AnswerBody {
@@ -182,7 +185,24 @@ impl hyper::body::Body for AnswerBody {
 
 #[cfg(test)]
 mod tests {
+    use tokio::time::{Instant, advance};
+
+    use super::super::slots::{ConnectionLimits, ConnectionSlots};
+    use super::super::unfinished::Unfinished;
     use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_connection_with_a_stream_alone_lives_as_long_as_the_stream() {
+        let slots = ConnectionSlots::new(ConnectionLimits::default());
+        let slot = slots.take(None.into()).await.expect("room");
+        let activity = Arc::new(Activity::new(Instant::now(), slot, Unfinished::new(100)));
+        activity.read(100);
+        let stream = answer_body(&activity, Body::empty(), Some(Arc::new(activity.begin())));
+        advance(3 * limits::FIRST_REQUEST).await;
+        assert!(activity.deadline() > Instant::now(), "it watches");
+        drop(stream);
+        assert!(activity.deadline() <= Instant::now(), "it never sent a request that was authorised");
+    }
 
     fn message(flag: u8, length: u32) -> Vec<u8> {
         [&[flag][..], &length.to_be_bytes(), &vec![7; length as usize]].concat()
