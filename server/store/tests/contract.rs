@@ -53,6 +53,7 @@ contract!(
     a_renamed_study_stays_the_same_one,
     who_names_an_identity_never_reaches_a_namesake,
     pages_follow_each_other_in_every_order,
+    both_zeros_are_one_place_in_an_order,
     due_leases_are_found,
     unknown_names_are_named,
     a_closed_store_says_so,
@@ -477,6 +478,30 @@ async fn pages_follow_each_other_in_every_order(store: &dyn Store) {
             }
             assert_eq!(found, expected, "{order}, {size} to a page");
         }
+    }
+}
+
+async fn both_zeros_are_one_place_in_an_order(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let mut trials = Vec::new();
+    for (number, measured) in [(1, 0.0), (2, -0.0), (3, 0.0)] {
+        let mut trial = completed(number, number, Outcome::Ok);
+        trial.measurements.insert("render_ms".to_owned(), measured);
+        trials.push(trial);
+    }
+    commit(store, &held, &[change(trials)]).await.unwrap();
+    for order in ["measurement.render_ms", "measurement.render_ms desc"] {
+        let mut query = ask("", order, 1);
+        let mut found = Vec::new();
+        loop {
+            let page = store.query_trials("hall", &query).await.unwrap();
+            found.extend(page.trials.iter().map(|trial| trial.number));
+            query.after = page.next;
+            if query.after.is_none() {
+                break;
+            }
+        }
+        assert_eq!(found, [1, 2, 3], "{order}");
     }
 }
 

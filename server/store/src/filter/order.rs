@@ -73,15 +73,18 @@ impl Order {
         Ok(Self { key, descending })
     }
 
-    /// The value by which `trial` is ordered; without one it comes last.
+    /// The value by which `trial` is ordered; without one it comes last. Both zeros are one value, as they are
+    /// to databases.
     #[must_use]
     #[allow(clippy::cast_precision_loss)] // Numbers are far below 2^53.
     pub fn value<C>(&self, trial: &Trial<C>) -> Option<f64> {
-        match &self.key {
+        let value = match &self.key {
             OrderKey::Number => Some(trial.number as f64),
             OrderKey::Cost => trial.cost,
             OrderKey::Measurement(name) => trial.measurements.get(name).copied(),
-        }
+        };
+        // Turns -0.0 into 0.0.
+        value.map(|value| value + 0.0)
     }
 
     /// The place of `trial` in this order: a page can go on behind it.
