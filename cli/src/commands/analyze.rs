@@ -10,16 +10,16 @@ use crate::output::either;
 
 pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<String, Failure> {
     let study = client.get_study(&wanted.study)?;
-    let spec = study.spec()?.clone();
+    let (name, spec) = (study.identified_name(), study.spec()?.clone());
     let trials = |further: &str| -> Result<Vec<_>, Failure> {
         let parts = ["state = COMPLETED", &wanted.filter, further];
         let filter: Vec<&str> = parts.into_iter().filter(|part| !part.trim().is_empty()).collect();
         let query = TrialQuery::all().filter(filter.join(" AND "));
-        Ok(client.trials(&wanted.study, query).collect::<Result<_, _>>()?)
+        Ok(client.trials(&name, query).collect::<Result<_, _>>()?)
     };
     // Each by itself first, so that an error points into the user's own words and not into the joined ones.
-    check(client, wanted, "--filter", &wanted.filter)?;
-    wanted.conditions.iter().try_for_each(|one| check(client, wanted, "--condition", one))?;
+    check(client, &name, "--filter", &wanted.filter)?;
+    wanted.conditions.iter().try_for_each(|one| check(client, &name, "--condition", one))?;
     let all = trials("")?;
     if all.len() < TRIALS_MIN {
         return Err(Failure::Data(format!(
@@ -51,9 +51,9 @@ pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<Strin
 }
 
 /// Whether the daemon understands a filter.
-fn check(client: &Client, wanted: &Analyze, option: &str, filter: &str) -> Result<(), Failure> {
+fn check(client: &Client, study: &str, option: &str, filter: &str) -> Result<(), Failure> {
     let query = TrialQuery::all().filter(filter);
-    match client.trials(&wanted.study, query).next() {
+    match client.trials(study, query).next() {
         Some(Err(problem)) if problem.is_invalid_argument() => {
             let ClientError::Refused { message, .. } = &problem else { return Err(problem.into()) };
             Err(Failure::Usage(format!("{option} '{filter}': {message}")))

@@ -9,21 +9,23 @@ use crate::output::either;
 use crate::show;
 
 pub(super) fn policy(client: &Client, change: &study::Policy, json: bool) -> Result<String, Failure> {
-    let mut set = change.settings.0.clone();
+    let (mut name, mut set) = (change.study.clone(), change.settings.0.clone());
     if !change.pin.is_empty() {
-        set.pinned = Some(whole(client, &change.study, change.pin.iter().cloned().collect())?);
+        let study = client.get_study(&change.study)?;
+        set.pinned = Some(whole(&study, &change.pin.iter().cloned().collect())?);
+        name = study.identified_name();
     }
     let mut clear = change.clear.clone();
     clear.extend(change.unpin.then(|| "pinned".to_owned()));
     if set == Policy::new() && clear.is_empty() {
         return show_policy(&client.get_study(&change.study)?, json);
     }
-    show_policy(&client.update_policy(&change.study, &PolicyChange { set, clear })?, json)
+    show_policy(&client.update_policy(&name, &PolicyChange { set, clear })?, json)
 }
 
 /// A configuration of all parameters.
-fn whole(client: &Client, study: &str, some: Configuration) -> Result<Configuration, Failure> {
-    Ok(client.get_study(study)?.spec()?.space.complete(&some)?.into())
+fn whole(study: &StudyRecord, some: &Configuration) -> Result<Configuration, Failure> {
+    Ok(study.spec()?.space.complete(some)?.into())
 }
 
 fn show_policy(study: &StudyRecord, json: bool) -> Result<String, Failure> {
@@ -31,10 +33,12 @@ fn show_policy(study: &StudyRecord, json: bool) -> Result<String, Failure> {
 }
 
 pub(super) fn pin(client: &Client, pin: &Pin, json: bool) -> Result<String, Failure> {
+    let study = client.get_study(&pin.study)?;
+    let name = study.identified_name();
     let configuration = if !pin.values.is_empty() {
-        whole(client, &pin.study, pin.values.iter().cloned().collect())?
+        whole(&study, &pin.values.iter().cloned().collect())?
     } else {
-        let states = client.get_study(&pin.study)?.statistics.states;
+        let states = study.statistics.states;
         let best = match pin.state {
             None if states > 1 => {
                 return Err(Failure::Usage(format!(
@@ -43,12 +47,12 @@ pub(super) fn pin(client: &Client, pin: &Pin, json: bool) -> Result<String, Fail
                     pin.study
                 )));
             }
-            state => client.best_of_state(&pin.study, state.unwrap_or(1))?,
+            state => client.best_of_state(&name, state.unwrap_or(1))?,
         };
         best.ok_or_else(|| Failure::Data(format!("nothing measured there in {}", pin.study)))?.configuration
     };
     let change = PolicyChange::set(Policy::new().pinned(configuration.clone()));
-    let study = client.update_policy(&pin.study, &change)?;
+    let study = client.update_policy(&name, &change)?;
     either(json, &study.policy, || {
         format!(
             "every client of {} gets {configuration}; undo this with `treewright unpin {}`",

@@ -37,9 +37,9 @@ pub(super) fn standings(client: &Client, json: bool) -> Result<String, Failure> 
 
 /// The best of each of the first states in which something was measured.
 pub(super) fn best_of_states(client: &Client, study: &StudyRecord, most: i64) -> Result<Vec<Best>, Failure> {
-    let mut found = Vec::new();
+    let (name, mut found) = (study.identified_name(), Vec::new());
     for state in 1..=study.statistics.states.min(most) {
-        found.extend(client.best_of_state(study.id(), state)?);
+        found.extend(client.best_of_state(&name, state)?);
     }
     Ok(found)
 }

@@ -17,9 +17,11 @@ const ROWS: i64 = 12;
 
 pub(super) fn run(client: &Client, watch: &Watch, json: bool) -> Result<String, Failure> {
     let Some(study) = &watch.study else { return all(client, watch, json) };
-    let mut last: Option<(Instant, i64)> = None;
+    let (mut name, mut last) = (study.clone(), None);
     repeat(watch, || {
-        let glance = look(client, study, &mut last)?;
+        let glance = look(client, &name, &mut last)?;
+        // From now on no study that is created under that id counts as this one.
+        name = glance.study.identified_name();
         either(json, &glance, || show::glance(&glance, SystemTime::now()))
     })
 }
@@ -58,7 +60,7 @@ fn look(client: &Client, study: &str, last: &mut Option<(Instant, i64)>) -> Resu
         .map(|(then, before)| (completed - before) as f64 / now.duration_since(then).as_secs_f64().max(1e-3));
     let best = super::studies::best_of_states(client, &study, ROWS)?;
     let open = TrialQuery::all().filter("state = OPEN");
-    let open = client.trials(study.id(), open).take(ROWS as usize).collect::<Result<_, _>>()?;
+    let open = client.trials(&study.identified_name(), open).take(ROWS as usize).collect::<Result<_, _>>()?;
     Ok(Glance { study, best, open, trials_per_s })
 }
 

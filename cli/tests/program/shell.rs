@@ -1,6 +1,7 @@
 //! Ask and tell in a shell, and other needs of scripts: exports, completions, manual pages.
 
 use serde_json::Value;
+use treewright_proto::v1;
 
 use super::{answer, run, with_trials};
 
@@ -67,6 +68,38 @@ fn another_study_that_takes_the_name_does_not_answer() {
     let name = format!("studies/sponza@{uid}");
     assert!(asked.len() > 2 && asked.iter().all(|study| *study == name), "{asked:?}\n{best}");
     assert!(fake.book().count("GetBest") > 0, "{best}");
+
+    let statistics = Some(v1::StudyStatistics { states: 1, ..Default::default() });
+    fake.book().studies.get_mut("studies/sponza").expect("it is there").statistics = statistics;
+    fake.book().asked.clear();
+    answer(&fake, &["watch", "sponza", "--once"]);
+    let few = run(&fake, &["analyze", "sponza"]);
+    assert!(String::from_utf8_lossy(&few.stderr).contains("the analysis needs"), "{few:?}");
+    answer(&fake, &["pin", "sponza", "--state", "1"]);
+    let asked = fake.book().asked.clone();
+    assert!(asked.len() > 5 && asked.iter().all(|study| *study == name), "{asked:?}");
+}
+
+#[test]
+fn a_study_that_is_created_again_ends_a_watch() {
+    let fake = with_trials();
+    let identify = |uid: &str| {
+        fake.book().studies.get_mut("studies/sponza").expect("it is there").uid = uid.to_owned();
+    };
+    identify("0123456789abcdef");
+    let url = fake.url();
+    let watch = std::thread::spawn(move || {
+        let arguments = ["--server", &url, "watch", "sponza", "--every", "100ms"];
+        super::treewright().args(arguments).output().expect("the program starts")
+    });
+    while fake.book().count("GetStudy") == 0 {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    identify("fedcba9876543210");
+    let ended = watch.join().expect("it ends");
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(1), "{said}");
+    assert!(said.contains("studies/sponza@0123456789abcdef does not exist"), "{said}");
 }
 
 #[test]

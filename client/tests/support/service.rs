@@ -91,7 +91,8 @@ impl TuningService for Service {
         let name = change.name;
         let wanted = change.policy.unwrap_or_default();
         book.study(&name)?;
-        let study = book.studies.get_mut(&name).expect("it was just there");
+        let plain = name.split('@').next().unwrap_or_default();
+        let study = book.studies.get_mut(plain).expect("it was just there");
         let policy = study.policy.get_or_insert_default();
         for path in mask.paths {
             match path.as_str() {
