@@ -28,6 +28,8 @@ pub(super) struct KdTree {
 #[derive(Clone, Debug, PartialEq)]
 struct TreeNode {
     count: u32,
+    /// The number of its points when it was built.
+    built: u32,
     kind: NodeKind,
 }
 
@@ -53,7 +55,7 @@ impl IndexEntry {
 impl KdTree {
     /// An empty tree for points of `width` coordinates.
     pub(super) fn new(width: usize) -> Self {
-        let root = TreeNode { count: 0, kind: NodeKind::Leaf(Vec::new()) };
+        let root = TreeNode { count: 0, built: 0, kind: NodeKind::Leaf(Vec::new()) };
         let mut tree =
             KdTree { width, points: vec![], names: vec![], nodes: vec![root], boxes: vec![], free: vec![] };
         tree.boxes.extend(tree.empty_box());
@@ -72,15 +74,18 @@ impl KdTree {
             self.nodes[node].count += 1;
             let NodeKind::Branch { axis, cut, below, above } = self.nodes[node].kind else { break };
             let next = if point[axis as usize] < cut { below } else { above } as usize;
-            let most = SHARE_MAX * f64::from(self.nodes[node].count) + LEAF_MAX as f64;
-            if lopsided.is_none() && f64::from(self.nodes[next].count) > most {
+            let TreeNode { count, built, .. } = self.nodes[node];
+            let most = SHARE_MAX * f64::from(count) + LEAF_MAX as f64;
+            // Points that coincide stay together, so another build may part them no better than the last one.
+            let has_grown = count >= built + built / 2;
+            if lopsided.is_none() && has_grown && f64::from(self.nodes[next].count) > most {
                 lopsided = Some(node);
             }
             node = next;
         }
         let NodeKind::Leaf(slots) = &mut self.nodes[node].kind else { return };
         slots.push(slot);
-        let full = slots.len() > LEAF_MAX;
+        let full = slots.len() > LEAF_MAX && self.has_extent(node);
         if let Some(root) = lopsided.or(full.then_some(node)) {
             let slots = self.dissolve(root);
             self.build(root, slots);
@@ -194,6 +199,12 @@ impl KdTree {
         }
     }
 
+    /// Whether the points of a node differ. Those that all coincide cannot be split.
+    fn has_extent(&self, node: usize) -> bool {
+        let (low, high) = self.bounds(node as u32).split_at(self.width);
+        low.iter().zip(high).any(|(low, high)| low < high)
+    }
+
     /// The square of the weighted distance from `state` to a node's box.
     fn gap_2(&self, node: u32, state: &[f64], weights: &[f64]) -> f64 {
         let (low, high) = self.bounds(node).split_at(self.width);
@@ -229,7 +240,7 @@ impl KdTree {
             let empty = self.empty_box();
             self.boxes[from..from + empty.len()].copy_from_slice(&empty);
             slots.iter().for_each(|&slot| self.widen(node, slot));
-            self.nodes[node].count = slots.len() as u32;
+            (self.nodes[node].count, self.nodes[node].built) = (slots.len() as u32, slots.len() as u32);
             let spread = |axis: usize| self.boxes[from + self.width + axis] - self.boxes[from + axis];
             let widest = (0..self.width).max_by(|&a, &b| spread(a).total_cmp(&spread(b)).then(b.cmp(&a)));
             let axis = match widest {
@@ -259,7 +270,7 @@ impl KdTree {
 
     fn allocate(&mut self) -> u32 {
         self.free.pop().unwrap_or_else(|| {
-            self.nodes.push(TreeNode { count: 0, kind: NodeKind::Leaf(Vec::new()) });
+            self.nodes.push(TreeNode { count: 0, built: 0, kind: NodeKind::Leaf(Vec::new()) });
             let empty = self.empty_box();
             self.boxes.extend(empty);
             assert_eq!(self.boxes.len(), 2 * self.width * self.nodes.len(), "a box for every node");
@@ -345,6 +356,26 @@ mod tests {
         assert!(depth(&tree, 0) < 30, "{}", depth(&tree, 0));
         assert_eq!(tree.names.len(), 20_000);
         assert_eq!(tree.nearest(&[777.2], &[1.0], 1, &mut |_| Some(0.0))[0].name, 777);
+    }
+
+    #[test]
+    fn points_that_coincide_are_not_taken_apart_again_and_again() {
+        // Taken apart for each point they would take minutes.
+        let many = 200_000;
+        for width in [0, 1] {
+            let mut tree = KdTree::new(width);
+            (0..many).for_each(|index| tree.insert(index, &vec![0.5; width]));
+            assert_eq!(tree.nodes.len(), 1);
+            assert_eq!(tree.within(&vec![0.5; width], 0.0), Some(IndexEntry { name: 0, distance_2: 0.0 }));
+        }
+        // Beside others on both sides, which are still found.
+        let mut tree = KdTree::new(1);
+        (0..100).for_each(|index| tree.insert(index, &[f64::from(index)]));
+        (100..many).for_each(|index| tree.insert(index, &[49.5]));
+        (0..100).for_each(|index| tree.insert(many + index, &[f64::from(index) + 0.25]));
+        assert!(depth(&tree, 0) < 30, "{}", depth(&tree, 0));
+        assert_eq!(tree.nearest(&[70.2], &[1.0], 1, &mut |_| Some(0.0))[0].name, many + 70);
+        assert_eq!(tree.within(&[49.5], 0.1).map(|found| found.name), Some(100));
     }
 
     #[test]
