@@ -214,7 +214,7 @@ impl Tuner {
     /// Whether the client holds a trial of the state that it will get again.
     fn holds(&self, ask: &Ask, here: Option<StateId>) -> bool {
         let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
-        held.is_some_and(|trial| self.still_fits(trial, None))
+        held.is_some_and(|trial| self.still_fits(ask, trial, None))
     }
 
     /// A copy of the state's search, if its next point takes a fit and will be asked for, and the number of

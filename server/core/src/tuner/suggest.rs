@@ -4,7 +4,7 @@ use crate::decision::{BudgetStatus, Choice, Decision, ExploitRule, ExplorationEs
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX, STATES_OF_NEW_MACHINES_MAX};
 use crate::policy::Operation;
-use crate::trial::{Mode, Trial, TrialState};
+use crate::trial::{Mode, Rule, Trial, TrialState};
 use crate::tuner::decide::Ground;
 use crate::tuner::plan::Planned;
 use crate::tuner::{Ask, Change, Prediction, Question, Tuner, TunerError, Visit, VisitDecision};
@@ -36,7 +36,7 @@ impl Tuner {
             self.visits.keep_account(ask, &self.spec.policy, state, self.trials.last());
         }
         let held = self.trials.of_client(&ask.client_id, state);
-        let held = held.map(|trial| (TrialNumber(trial.number), self.still_fits(trial, fixed.as_ref())));
+        let held = held.map(|trial| (TrialNumber(trial.number), self.still_fits(ask, trial, fixed.as_ref())));
         let trial = match held {
             Some((number, true)) => self.hand_out_again(ask, number, now_ms),
             stale => {
@@ -109,7 +109,7 @@ impl Tuner {
     }
 
     /// Whether the policy still wants the client to run a trial that it holds.
-    pub(super) fn still_fits(&self, trial: &Trial, fixed: Option<&Prediction>) -> bool {
+    pub(super) fn still_fits(&self, ask: &Ask, trial: &Trial, fixed: Option<&Prediction>) -> bool {
         let policy = &self.spec.policy;
         match fixed {
             Some(fixed) => {
@@ -122,7 +122,12 @@ impl Tuner {
                 let account = self.visits.account(&trial.client_id);
                 let covers =
                     |budget| account.is_some_and(|account| account.covers_again(trial.number, budget));
-                policy.operation == Operation::Tune && policy.regret_budget.is_none_or(covers)
+                // A session that explores no more runs it to its end only if it has shown that it runs it, or
+                // if nothing else was known.
+                let is_wanted = trial.decision.heartbeat
+                    || !self.never_explores(&ask.session_policy)
+                    || trial.decision.rule() == Some(Rule::NothingKnown);
+                policy.operation == Operation::Tune && is_wanted && policy.regret_budget.is_none_or(covers)
             }
             None => !matches!(trial.decision.choice, Choice::Shadow { .. }),
         }

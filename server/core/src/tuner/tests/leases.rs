@@ -14,6 +14,37 @@ fn a_lost_answer_is_given_again_with_a_fresh_lease() {
 }
 
 #[test]
+fn a_lost_answer_is_given_again_only_while_its_session_explores() {
+    use crate::session::SessionPolicy;
+    let ends = SessionPolicy { explore_until_ms: Some(2_000), ..SessionPolicy::default() };
+    for (is_by_policy, is_run) in [(true, false), (true, true), (false, false), (false, true)] {
+        let mut tuner = tuner(explore_always());
+        let asked = Ask {
+            session_policy: if is_by_policy { Default::default() } else { ends },
+            ..ask("a", 0.5, 0.5)
+        };
+        for _ in 0..3 {
+            let trial = tuner.suggest(&asked, 1_000).expect("valid").0;
+            finish(&mut tuner, &trial, Outcome::Ok);
+        }
+        let held = tuner.suggest(&asked, 1_000).expect("valid").0;
+        assert_eq!(held.mode(), Mode::Explore);
+        assert_eq!(tuner.suggest(&asked, 1_000).expect("valid").0.number, held.number);
+        if is_run {
+            assert!(tuner.extend_lease(&held, 1_000).is_ok());
+        }
+        if is_by_policy {
+            tuner.set_policy(exploit_always()).expect("valid");
+        }
+        let (next, change) = tuner.suggest(&asked.at(2_000), 2_000).expect("valid");
+        let is_given_back =
+            |trial: &Trial| (trial.number, trial.state) == (held.number, TrialState::Abandoned);
+        assert_eq!(change.trials.iter().any(is_given_back), !is_run, "{is_by_policy}");
+        assert_eq!((next.number == held.number, next.mode() == Mode::Explore), (is_run, is_run));
+    }
+}
+
+#[test]
 fn points_of_abandoned_and_expired_trials_are_handed_out_again() {
     let mut tuner = tuner(explore_always());
     let first = suggest(&mut tuner, "a", 0.5, 0.5);
