@@ -445,7 +445,11 @@ impl Tuner {
         for id in waiting {
             search.withdraw(id);
         }
-        walk
+        match walk {
+            // A configuration that is drawn at random would be one more than the budget allows.
+            NextPoint::OnlyKnown if spent => NextPoint::Wait,
+            walk => walk,
+        }
     }
 
     fn measure(

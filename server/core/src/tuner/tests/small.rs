@@ -155,6 +155,36 @@ fn a_budget_counts_runs() {
 }
 
 #[test]
+fn a_search_that_meets_only_what_is_known_keeps_to_its_budget() {
+    let policy =
+        Policy { search: SearchMethod::Random, epsilon: 1.0, track_speed: false, ..Policy::default() };
+    let mut tuner = levels(1_000, 3, 0, policy);
+    let report = |tuner: &mut Tuner, trial: &Trial| {
+        assert!(tuner.report(trial, measured(10.0 + level(trial)), Outcome::Ok, 1).is_ok());
+    };
+    // The program has measured all but four itself, and wants a single trial of the search.
+    let session_policy = crate::session::SessionPolicy { trials_per_state: Some(1), ..Default::default() };
+    let ask = Ask { client_id: "exec".into(), session_policy, ..Ask::default() };
+    for known in 1..=996 {
+        let mut wanted = tuner.spec().space.default_configuration().to_raw();
+        wanted.insert("level".into(), Value::Integer(known));
+        let trial = tuner.suggest_wanted(&ask, wanted, 0).expect("valid").0;
+        report(&mut tuner, &trial);
+    }
+    let first = tuner.suggest(&ask, 0).expect("valid").0;
+    assert!(level(&first) > 996.0, "{first:?}");
+    report(&mut tuner, &first);
+    let mut confirms = false;
+    for _ in 0..12 {
+        let trial = tuner.suggest(&ask, 0).expect("valid").0;
+        assert!(level(&trial) <= 996.0 || trial.configuration == first.configuration, "{trial:?}");
+        confirms |= trial.reason().explanation.rule == Some(Rule::Confirming);
+        report(&mut tuner, &trial);
+    }
+    assert!(confirms, "what the budget ended is confirmed");
+}
+
+#[test]
 fn several_programs_share_a_small_space() {
     let mut tuner = levels(6, 2, 3, Policy::default());
     let mut random = ChaCha8Rng::seed_from_u64(3);
