@@ -99,8 +99,12 @@ impl Tuner {
                 // Where nothing else is known, exploring goes on.
                 let may_end = *rule == ExploreRule::Dice || results.best().is_some();
                 let tried = results.tried() as u64;
-                may_end && self.never_explores(&ask.session_policy)
-                    || policy.weigh_gain && estimate.until.is_some_and(|until| tried >= until)
+                let is_weighed_again = match estimate.until {
+                    Some(until) => tried >= until,
+                    // A search to be confirmed may have been given a larger budget since.
+                    None => *rule == ExploreRule::Dice && !self.is_spent_for(&ask.session_policy, state),
+                };
+                may_end && self.never_explores(&ask.session_policy) || policy.weigh_gain && is_weighed_again
             }
             VisitDecision::Exploit { configuration, exploit, .. } => {
                 let doubled = stay > 1 && stay.is_power_of_two();
@@ -191,8 +195,10 @@ impl Tuner {
             estimate.expected_gain = Some(gain);
             estimate.expected_frames = Some(frames);
             estimate.exploring_cost = Some(exploring_cost);
-            if trials > 0 {
-                estimate.until = Some((self.states.results(state).tried() + trials) as u64);
+            // A search that its budget ended is still to be confirmed.
+            if trials > 0 || self.is_spent_for(session, state) {
+                let until = (self.states.results(state).tried() + trials) as u64;
+                estimate.until = (trials > 0).then_some(until);
                 return VisitDecision::Explore { rule: ExploreRule::Dice, estimate };
             }
             let would = exploit();
@@ -222,7 +228,10 @@ impl Tuner {
             return false;
         }
         match policy.weigh_gain && session.epsilon.unwrap_or(policy.epsilon) > 0.0 {
-            true => self.gain().prospect(&ask.client_id, state, self.room_of(session)).trials > 0,
+            true => {
+                self.is_spent_for(session, state)
+                    || self.gain().prospect(&ask.client_id, state, self.room_of(session)).trials > 0
+            }
             false => self.draws(ask, number, Some(state)),
         }
     }

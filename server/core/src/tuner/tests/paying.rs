@@ -82,6 +82,20 @@ fn where_much_can_be_gained_it_goes_on() {
 }
 
 #[test]
+fn what_the_budget_ended_is_confirmed_where_gains_are_weighed() {
+    let policy = Policy { confirm_rounds: 10, ..explore_always() };
+    let mut tuner = tuner(policy.clone());
+    run(&mut tuner, "a", 0.5, 0.5, 30);
+    assert!(tuner.is_to_be_confirmed(StateId(1)), "the search is over");
+    tuner.set_policy(Policy { weigh_gain: true, ..policy }).expect("valid");
+    let trials = run(&mut tuner, "b", 0.5, 0.5, 80);
+    let confirms = |trial: &Trial| trial.decision.rule() == Some(Rule::Confirming);
+    assert!(trials.iter().any(confirms), "nobody would ever confirm it");
+    assert!(!tuner.is_to_be_confirmed(StateId(1)));
+    assert_eq!(trials[79].decision.rule(), Some(Rule::Finished));
+}
+
+#[test]
 fn who_stays_is_not_left_at_what_the_dice_gave_first() {
     let mut tuner = tuner(Policy { epsilon: 0.2, ..Policy::default() });
     run(&mut tuner, "first", 0.5, 0.5, 20);
