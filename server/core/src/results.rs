@@ -250,10 +250,10 @@ impl ResultTable {
         self.rank_all();
     }
 
-    /// Takes a measurement back that is not believed any more: the configuration may be measured again.
-    pub fn take_back(&mut self, configuration: &Configuration, cost: f64) {
+    /// Takes a trial's cost back that is not believed any more: the configuration may be measured again.
+    pub fn take_back(&mut self, configuration: &Configuration, trial: u64, cost: f64) {
         let change = |record: &mut Record| {
-            if record.evidence.take_back(cost) {
+            if record.evidence.take_back(trial, cost) {
                 record.measurements = (record.measurements.max(1) - 1).max(record.evidence.count() as u64);
             }
         };

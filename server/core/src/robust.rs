@@ -248,15 +248,19 @@ impl Evidence {
         }
     }
 
-    /// Takes a measurement back, the latest of this value. `false` where it is not kept.
-    pub fn take_back(&mut self, cost: f64) -> bool {
-        let place = self.recent.iter().rposition(|kept| *kept == cost);
-        if let Some(place) = place {
+    /// Takes the measurement of a trial back, whose cost may have been scaled since. Where it is not known
+    /// which trial measured, that is the latest of this cost. `false` where it is not kept.
+    pub fn take_back(&mut self, trial: u64, cost: f64) -> bool {
+        let is_known = |moment: &Option<Moment>| moment.is_some_and(|moment| moment.time == trial);
+        let is_alike = |place: &usize| self.moments[*place].is_none() && self.recent[*place] == cost;
+        let place = self.moments.iter().rposition(is_known);
+        if let Some(place) = place.or_else(|| (0..self.recent.len()).rev().find(is_alike)) {
             self.recent.remove(place);
             self.moments.remove(place);
+            self.check();
+            return true;
         }
-        self.check();
-        place.is_some()
+        false
     }
 
     /// Drops the latest measurement.

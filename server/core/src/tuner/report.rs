@@ -269,7 +269,7 @@ impl Tuner {
             for one in unheld {
                 match restated.iter().find(|(configuration, _)| configuration == one.configuration()) {
                     Some((configuration, costs)) => results.restate(configuration, costs),
-                    None => results.take_back(one.configuration(), one.cost),
+                    None => results.take_back(one.configuration(), one.trial, one.cost),
                 }
             }
         });

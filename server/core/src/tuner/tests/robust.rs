@@ -120,10 +120,27 @@ fn costs_of_a_configuration_that_was_forgotten_can_all_be_taken_back() {
     let configuration = run(&mut tuner, "a", 0.5, 0.5, 1)[0].configuration.clone();
     let mut results = tuner.states.results(StateId(1)).clone();
     results.restate(&configuration, &[(1, 5.0), (2, 6.0), (3, 7.0)]);
-    for (cost, left) in [(5.0, 2), (6.0, 1), (7.0, 0)] {
-        results.take_back(&configuration, cost);
+    for (trial, cost, left) in [(1, 5.0, 2), (2, 6.0, 1), (3, 7.0, 0)] {
+        results.take_back(&configuration, trial, cost);
         assert_eq!(results.record(&configuration).map(|record| record.measurements), Some(left));
         assert_eq!(results.best().is_some(), left > 0);
+    }
+    assert_eq!(results.tried(), 0);
+}
+
+#[test]
+fn a_cost_that_was_scaled_since_is_taken_back_by_its_trial() {
+    let mut tuner = tuner(explore_always());
+    let trials = run(&mut tuner, "a", 0.5, 0.5, 2);
+    let mut results = tuner.states.results(StateId(1)).clone();
+    for trial in &trials {
+        let before = trial.cost.expect("measured");
+        results.restate(&trial.configuration, &[(trial.number, 3.0 * before)]);
+        results.take_back(&trial.configuration, 99, 3.0 * before);
+        let measured = results.ran(&trial.configuration).map(|record| record.measurements);
+        assert_eq!(measured, Some(1), "another trial");
+        results.take_back(&trial.configuration, trial.number, before);
+        assert!(results.ran(&trial.configuration).is_none(), "as it was measured");
     }
     assert_eq!(results.tried(), 0);
 }
