@@ -81,6 +81,7 @@ impl Record {
 
     /// Judges whether it can be run: it cannot if it never ran, or if it crashes more often than it runs.
     fn judge(&mut self) {
+        self.crashes = self.crashes.max(u32::from(self.infeasible));
         let crashes = u64::from(self.crashes);
         let often = crashes >= u64::from(FAILURES_PER_CONFIGURATION_MAX) && crashes >= self.measurements;
         self.infeasible = crashes > 0 && (self.measurements == 0 || often);
@@ -166,7 +167,6 @@ impl ResultTable {
         match outcome {
             Outcome::Ok => {
                 if let Some(cost) = trial.cost {
-                    record.crashes = record.crashes.max(u32::from(record.infeasible));
                     record.measurements += 1;
                     record.judge();
                     match record.evidence.push(cost, moment(trial)) {
@@ -308,6 +308,7 @@ impl ResultTable {
         if record.evidence.count() == 0 {
             record.measurements = 0;
         }
+        record.judge();
         record.mean_cost = record.evidence.location(usual);
         let (new_rank, is_tried) = (record.rank(index), record.is_tried());
         self.tried = self.tried + usize::from(is_tried) - usize::from(was_tried);

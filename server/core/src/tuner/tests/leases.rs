@@ -210,6 +210,22 @@ fn a_crash_after_a_success_is_a_failure_and_many_are_not() {
 }
 
 #[test]
+fn a_crash_counts_once_no_measurement_is_left() {
+    let mut tuner = tuner(explore_always());
+    let (state, configuration) = (StateId(1), run(&mut tuner, "a", 0.5, 0.5, 2)[1].configuration.clone());
+    let wanted = |tuner: &mut Tuner, outcome: Outcome| {
+        let trial = tuner.suggest_wanted(&ask("w", 0.5, 0.5), configuration.to_raw(), 0).expect("valid").0;
+        finish(tuner, &trial, outcome);
+        tuner.states.results(state).is_infeasible(&configuration)
+    };
+    assert!(!wanted(&mut tuner, infeasible()), "it ran once");
+    tuner.states.amend(state, |results| results.restate(&configuration, &[]));
+    assert!(tuner.states.results(state).is_infeasible(&configuration), "it never ran, as far as is believed");
+    assert_eq!(tuner.states.results(state).tried(), 2);
+    assert!(!wanted(&mut tuner, Outcome::Ok), "it runs again");
+}
+
+#[test]
 fn a_configuration_whose_lease_is_lost_twice_counts_as_infeasible_and_says_why() {
     for search in [SearchMethod::Auto, SearchMethod::NelderMead] {
         let mut tuner = tuner(Policy { search, ..explore_always() });
