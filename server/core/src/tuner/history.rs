@@ -123,6 +123,13 @@ impl History {
         &self.states[place(state)].gained
     }
 
+    /// Forgets the progress of a state's search, because its costs have changed. Its visits still count.
+    pub(super) fn begin_again(&mut self, state: StateId) {
+        let history = Arc::make_mut(&mut self.states[place(state)]);
+        (history.gained, history.best) = (Vec::new(), None);
+        assert!(self.octave_is_over(state, 1), "nothing was noted");
+    }
+
     /// Notes the excess cost of an exploring trial, as a share of the best known cost; `None` when it cannot
     /// be run.
     pub(super) fn explored(&mut self, excess: Option<f64>) {
@@ -234,6 +241,11 @@ mod tests {
         assert!(gains.expected(1) > 0.05 && gains.expected(2) < nothing.expected(2));
         assert_eq!(history.gained(at(1)), [0.0, 0.1, 0.0]);
         assert_eq!(history.gains_elsewhere(at(9 - 8)).expected(3), nothing.expected(3));
+        // A state that costs something else begins again.
+        history.frame("a", at(1));
+        history.begin_again(at(1));
+        assert!(history.gained(at(1)).is_empty() && history.best_then(at(1)).is_none());
+        assert_eq!((history.gained(at(2)).len(), history.frames(at(1))), (3, 1));
     }
 
     #[test]

@@ -254,6 +254,8 @@ impl Tuner {
         if is_changed {
             self.states.begin_again(state);
             self.auxiliaries.begin_again(state);
+            self.history.begin_again(state);
+            self.screening.begin_again(place(state));
             self.speeds.reset(state);
         }
         is_changed

@@ -120,6 +120,11 @@ impl Screening {
         assert!(self.states.len() <= SCREENED_STATES_MAX, "{} states", self.states.len());
     }
 
+    /// Forgets all of a state, because its costs have changed.
+    pub(super) fn begin_again(&mut self, state: usize) {
+        self.states.remove(&state);
+    }
+
     /// Whether it is time to ask again which parameters to hold.
     pub(super) fn is_due(&self, held: Option<&HeldParameters>, tried: usize) -> bool {
         self.is_able() && held.is_none_or(|held| tried >= held.tried + EVERY)
@@ -267,6 +272,22 @@ mod tests {
         assert!(screening.judge(&space, 0, &best, 0.05, None, 0).axes.is_empty());
         learn(&mut screening, 0, 5, |_| 10.0);
         assert!(screening.judge(&space, 0, &best, 0.05, None, 5).axes.is_empty());
+    }
+
+    #[test]
+    fn a_state_that_begins_again_knows_what_the_others_do() {
+        let space = space();
+        let mut screening = Screening::new(&space);
+        for state in 0..6 {
+            learn(&mut screening, state, 120, |c| 10.0 * (0.5 * number(c, "a")).exp());
+        }
+        let best = space.decode(&[0.3, 0.5, 0.1]);
+        let judge = |screening: &Screening, state| screening.judge(&space, state, &best, 0.05, None, 0);
+        screening.begin_again(0);
+        assert_eq!(judge(&screening, 0), judge(&screening, 99), "as a state that nobody met");
+        assert_eq!(screening.states.len(), 5);
+        screening.begin_again(99);
+        assert_eq!(screening.states.len(), 5);
     }
 
     #[test]

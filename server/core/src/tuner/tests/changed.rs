@@ -64,12 +64,13 @@ fn a_state_that_is_to_be_searched_again_counts_as_unexplored_until_then() {
         let width = before.get("width").cloned();
         let dear = |trial: &Trial| if trial.configuration.get("width") == width.as_ref() { 2.0 } else { 1.0 };
         let state = StateId(1);
-        assert!(tuner.states[state].explored);
+        assert!(tuner.states[state].explored && tuner.history.gained(state).len() >= 3);
         let forgets = (0..150).any(|_| {
             frame(&mut tuner, seed, dear);
             tuner.searches.of(state).is_none()
         });
         assert!(forgets && !tuner.states[state].explored, "seed {seed}: as after a restart");
+        assert!(tuner.history.gained(state).is_empty(), "what was gained before");
         frame(&mut tuner, seed, dear);
         assert!(tuner.states[state].explored, "another search was begun");
     }
