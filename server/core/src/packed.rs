@@ -19,10 +19,12 @@ pub(crate) fn pack<T: Serialize>(value: &T) -> Vec<u8> {
     lz4_flex::compress_prepend_size(&bytes)
 }
 
-/// Packs plain data by the order of its fields: quicker, for data that need not outlive a version.
-pub(crate) fn pack_in_order<T: Serialize>(value: &T) -> Vec<u8> {
+/// Packs plain data by the order of its fields: quicker, for data that need not outlive a version. Data of
+/// more than `most` bytes are an error, which holds their number: beyond [`UNPACKED_BYTES_MAX`] nobody could
+/// read them.
+pub(crate) fn pack_in_order<T: Serialize>(value: &T, most: usize) -> Result<Vec<u8>, usize> {
     let bytes = rmp_serde::to_vec(value).expect("plain data in memory can always be written");
-    lz4_flex::compress_prepend_size(&bytes)
+    if bytes.len() > most { Err(bytes.len()) } else { Ok(lz4_flex::compress_prepend_size(&bytes)) }
 }
 
 /// Reads the bytes that [`pack`] or [`pack_in_order`] wrote.

@@ -59,18 +59,29 @@ impl Tuning {
                 continue;
             };
             match self.save(due, &runtime).await {
-                Ok(Saved { completion, bytes, .. }) => {
+                Ok(Some(Saved { completion, bytes, .. })) => {
                     tracing::debug!(study, completion, bytes, "checkpoint saved");
                 }
+                Ok(None) => {}
                 // A checkpoint only saves time.
                 Err(error) => tracing::warn!(study, %error, "a checkpoint was not saved"),
             }
         }
     }
 
-    async fn save(&self, due: DueCheckpoint, runtime: &Arc<Runtime>) -> Result<Saved, Error> {
+    /// Saves a checkpoint, unless it is too large to be read again: the last one that can be read then stays.
+    async fn save(&self, due: DueCheckpoint, runtime: &Arc<Runtime>) -> Result<Option<Saved>, Error> {
         let DueCheckpoint { learnt, fence, before } = due;
-        let checkpoint = compute_aside(move || learnt.checkpoint()).await?;
+        let checkpoint = match compute_aside(move || learnt.checkpoint()).await? {
+            Ok(checkpoint) => checkpoint,
+            Err(problem) => {
+                let study = fence.study();
+                tracing::warn!(study, %problem, "no checkpoint is saved, so a start takes longer");
+                // The next attempt waits for as many trials as after a checkpoint of this length.
+                runtime.peek(|live| live.saved.bytes = problem.bytes as u64);
+                return Ok(None);
+            }
+        };
         before.durable().await?;
         self.store().save_checkpoint(&fence, &checkpoint).await?;
         let (completion, bytes) = (checkpoint.completion, checkpoint.bytes.len() as u64);
@@ -81,7 +92,7 @@ impl Tuning {
                 live.saved = saved;
             }
         });
-        Ok(saved)
+        Ok(Some(saved))
     }
 }
 

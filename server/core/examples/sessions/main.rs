@@ -305,7 +305,8 @@ fn main() {
             let mut errors = session.tuner.predictor_errors();
             errors.sort_by_key(|(predictor, _)| predictor.name());
             println!("{:?} {errors:?}", session.tuner.statistics());
-            println!("learnt {:016x}", fnv::hash(session.tuner.learnt().checkpoint().bytes));
+            let learnt = session.tuner.learnt().checkpoint().map_or(0, |learnt| fnv::hash(learnt.bytes));
+            println!("learnt {learnt:016x}");
         }
     }
 }

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::fnv;
+use crate::limits::UNPACKED_BYTES_MAX;
 use crate::machines::PoolingStatistics;
 use crate::packed::{pack_in_order, unpack};
 use crate::policy::{Policy, PredictorMethod};
@@ -23,7 +24,7 @@ use crate::tuner::history::History;
 use crate::tuner::rechecks::Rechecks;
 use crate::tuner::screening::Screening;
 use crate::tuner::speeds::Speeds;
-use crate::tuner::{Checkpoint, Tuner};
+use crate::tuner::{Checkpoint, CheckpointTooLarge, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
 const VERSION: u64 = 14;
@@ -71,14 +72,19 @@ impl Learnt {
         records.map(|record| record.last_trial).filter(|number| *number > 0).collect()
     }
 
-    /// Packs it: some milliseconds for each megabyte.
-    pub fn checkpoint(&self) -> Checkpoint {
+    /// Packs it: some milliseconds for each megabyte. It is an error where it is too large to be read again.
+    pub fn checkpoint(&self) -> Result<Checkpoint, CheckpointTooLarge> {
+        self.checkpoint_within(UNPACKED_BYTES_MAX)
+    }
+
+    fn checkpoint_within(&self, most: usize) -> Result<Checkpoint, CheckpointTooLarge> {
         let mut body = self.body.clone();
         body.predictors.apply_all(&self.spec.space);
         assert_eq!(body.predictors.deferred_count(), 0, "deferred updates are not stored");
-        let packed = pack_in_order(&body);
+        let packed = pack_in_order(&body, most).map_err(|bytes| CheckpointTooLarge { bytes, most })?;
         let head = [self.mark, sum_of(&packed)].map(u64::to_le_bytes);
-        Checkpoint { completion: self.completion, bytes: [&head[0][..], &head[1][..], &packed[..]].concat() }
+        let bytes = [&head[0][..], &head[1][..], &packed[..]].concat();
+        Ok(Checkpoint { completion: self.completion, bytes })
     }
 }
 
@@ -202,7 +208,7 @@ mod tests {
         rows.states.dedup_by_key(|state| state.id);
         rows.states.reverse();
         let snapshot = Snapshot { states: rows.states, visits: vec![], last_trial: 60, models_since: 0 };
-        let checkpoint = tuner.learnt().checkpoint();
+        let checkpoint = tuner.learnt().checkpoint().expect("a small study");
         (tuner, snapshot, checkpoint)
     }
 
@@ -225,8 +231,16 @@ mod tests {
                 (tuner.statistics(), tuner.states.remembered())
             );
             // And it can be saved again, to the same bytes.
-            assert_eq!(back.learnt().checkpoint(), checkpoint);
+            assert_eq!(back.learnt().checkpoint(), Ok(checkpoint));
         }
+    }
+
+    #[test]
+    fn what_could_not_be_read_again_is_not_packed() {
+        let (tuner, _, checkpoint) = learnt(Policy::default());
+        let refused = tuner.learnt().checkpoint_within(1_000).expect_err("more than that");
+        assert!(refused.bytes > 1_000 && refused.to_string().contains("1000"), "{refused}");
+        assert_eq!(tuner.learnt().checkpoint_within(refused.bytes), Ok(checkpoint));
     }
 
     #[test]

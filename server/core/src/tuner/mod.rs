@@ -67,8 +67,8 @@ pub use plan::{PlanRequest, SuggestionPlan};
 pub use recorded::{RecordedVisitDecision, VisitDecisionBefore};
 pub use restore::Restoring;
 pub use types::{
-    Ask, Best, Change, Checkpoint, Prediction, RawVisit, RestoreError, Snapshot, StateRecord, StudyCounts,
-    TunerError, Visit, VisitDecision,
+    Ask, Best, Change, Checkpoint, CheckpointTooLarge, Prediction, RawVisit, RestoreError, Snapshot,
+    StateRecord, StudyCounts, TunerError, Visit, VisitDecision,
 };
 
 use crate::configuration::RawConfiguration;

@@ -280,7 +280,7 @@ mod tests {
     fn trials_that_were_removed_behind_a_checkpoint_are_not_missed() {
         for predictor in [PredictorMethod::NearestNeighbour, PredictorMethod::Auto] {
             let (early, _, _) = grown(Policy { predictor, ..Policy::default() }, 90);
-            let checkpoint = early.learnt().checkpoint();
+            let checkpoint = early.learnt().checkpoint().expect("a small study");
             let (tuner, snapshot, all) = grown(Policy { predictor, ..Policy::default() }, 120);
             let keep = early.learnt().measured_by();
             let kept: Vec<Trial> = all

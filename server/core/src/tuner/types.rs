@@ -186,6 +186,16 @@ pub struct Checkpoint {
     pub bytes: Vec<u8>,
 }
 
+/// Why there is no checkpoint: it could not be read again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("it has {bytes} bytes before it is packed, and at most {most} can be read")]
+pub struct CheckpointTooLarge {
+    /// Its length before it is packed.
+    pub bytes: usize,
+    /// The limit.
+    pub most: usize,
+}
+
 /// The exploitation for given indicators.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
