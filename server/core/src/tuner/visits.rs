@@ -15,13 +15,41 @@ use crate::tuner::{Account, Ask, Visit};
 #[derive(Clone, Debug, Default)]
 pub(super) struct Visits {
     by_client: BTreeMap<String, Visit>,
-    /// The clients by [`Visit::since`], the longest forgotten first.
-    by_age: BTreeSet<(u64, String)>,
+    ages: Ages,
+}
+
+/// The clients by [`Visit::since`], the one whose last decision is longest ago first.
+#[derive(Clone, Debug, Default)]
+struct Ages {
+    all: BTreeSet<(u64, String)>,
+    /// The same, with the state each is in before it.
+    of_states: BTreeSet<(u64, u64, String)>,
+}
+
+impl Ages {
+    fn insert(&mut self, visit: &Visit) {
+        self.all.insert((visit.since, visit.client_id.clone()));
+        self.of_states.insert((visit.state_id, visit.since, visit.client_id.clone()));
+    }
+
+    fn remove(&mut self, visit: &Visit) {
+        let had_age = self.all.remove(&(visit.since, visit.client_id.clone()));
+        let was_there = self.of_states.remove(&(visit.state_id, visit.since, visit.client_id.clone()));
+        assert!(had_age && was_there, "every visit has its age");
+    }
+
+    /// The client of a state whose last decision was taken last.
+    fn latest(&self, state_id: u64) -> Option<&str> {
+        let begin = |state_id| (state_id, 0, String::new());
+        let mut here = self.of_states.range(begin(state_id)..begin(state_id.saturating_add(1)));
+        here.next_back().map(|(_, _, client_id)| client_id.as_str())
+    }
 }
 
 impl Visits {
     fn check(&self) {
-        assert_eq!(self.by_age.len(), self.by_client.len(), "every client has one visit and one age");
+        assert_eq!(self.ages.all.len(), self.by_client.len(), "every client has one visit and one age");
+        assert_eq!(self.ages.of_states.len(), self.by_client.len(), "and one state");
     }
 
     /// The number of clients that the study remembers.
@@ -51,33 +79,30 @@ impl Visits {
 
     /// For how many trials the client that came to a state last wants it to be searched, if it says so.
     pub(super) fn room(&self, state: StateId) -> Option<usize> {
-        let here = self.by_client.values().filter(|visit| visit.state_id == state.0);
-        let last = here.max_by_key(|visit| visit.since)?;
+        let last = self.of(self.ages.latest(state.0)?)?;
         last.account.as_ref()?.policy().trials_per_state.map(|room| room as usize)
     }
 
     /// Begins a visit, which takes over the client's account.
     pub(super) fn begin(&mut self, visit: Visit) {
         let account = self.account(&visit.client_id).cloned().or_else(|| visit.account.clone());
-        let client_id = visit.client_id.clone();
-        self.by_age.insert((visit.since, client_id.clone()));
-        let since = visit.since;
-        let before = self.by_client.insert(client_id, Visit { account, ..visit });
-        if let Some(before) = before.filter(|before| before.since != since) {
-            let had_age = self.by_age.remove(&(before.since, before.client_id));
-            assert!(had_age, "every visit has its age");
+        if let Some(before) = self.by_client.remove(&visit.client_id) {
+            self.ages.remove(&before);
         }
+        self.ages.insert(&visit);
+        self.by_client.insert(visit.client_id.clone(), Visit { account, ..visit });
         self.check();
     }
 
     /// Forgets the client whose last decision is longest ago, of those for which `holds` is false.
     pub(super) fn forget_oldest(&mut self, holds: impl Fn(&str) -> bool) -> Option<String> {
-        let oldest = self.by_age.iter().find(|(_, client_id)| !holds(client_id))?.clone();
-        self.by_age.remove(&oldest);
-        let visit = self.by_client.remove(&oldest.1);
+        let (_, oldest) = self.ages.all.iter().find(|(_, client_id)| !holds(client_id))?;
+        let visit = self.by_client.remove(oldest);
         assert!(visit.is_some(), "every age is that of a visit");
+        let visit = visit?;
+        self.ages.remove(&visit);
         self.check();
-        Some(oldest.1)
+        Some(visit.client_id)
     }
 
     /// Opens a client's account if the policy keeps one or its session has its own policy, and notes the
@@ -94,9 +119,9 @@ impl Visits {
             account.set_policy(ask.session_policy);
             account.enter(state.0);
             // The visit is stored in any case, so its age may be updated.
-            self.by_age.remove(&(visit.since, visit.client_id.clone()));
+            self.ages.remove(visit);
             visit.since = last.0;
-            self.by_age.insert((visit.since, visit.client_id.clone()));
+            self.ages.insert(visit);
         }
         self.check();
     }
@@ -106,6 +131,7 @@ impl Visits {
 mod tests {
     use super::*;
     use crate::decision::{ExplorationEstimate, ExploreRule};
+    use crate::session::SessionPolicy;
     use crate::tuner::VisitDecision;
 
     #[test]
@@ -126,6 +152,26 @@ mod tests {
         assert_eq!(forget("").as_deref(), Some("b"));
         assert_eq!((forget("a"), forget("").as_deref(), forget("")), (None, Some("a"), None));
         assert_eq!(visits.len(), 0);
+    }
+
+    #[test]
+    fn the_client_that_came_to_a_state_last_says_how_long_it_is_searched() {
+        let mut visits = Visits::default();
+        let mut come = |client: &str, state_id, since, room| {
+            let session_policy = SessionPolicy { trials_per_state: room, ..SessionPolicy::default() };
+            let ask = Ask { client_id: client.into(), session_policy, ..Ask::default() };
+            let decision =
+                VisitDecision::Explore { rule: ExploreRule::Dice, estimate: ExplorationEstimate::default() };
+            let client_id = client.to_owned();
+            visits.begin(Visit { client_id, state_id, number: 1, since, decision, account: None });
+            visits.keep_account(&ask, &Policy::default(), StateId(state_id), TrialNumber(since));
+            [1, 2, 3].map(|state| visits.room(StateId(state)))
+        };
+        assert_eq!(come("b", 2, 1, Some(7)), [None, Some(7), None]);
+        assert_eq!(come("a", 2, 2, Some(9)), [None, Some(9), None]);
+        assert_eq!(come("c", 1, 2, Some(5)), [Some(5), Some(9), None]);
+        assert_eq!(come("a", 3, 3, None), [Some(5), Some(7), None], "it left, and wants nothing");
+        assert_eq!(come("c", 2, 4, None), [None, None, None], "who came last has no wish");
     }
 
     #[test]
