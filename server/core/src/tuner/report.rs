@@ -62,7 +62,7 @@ impl Tuner {
     pub(super) fn take(&mut self, completed: &Trial) -> Change {
         let (state, number) = (StateId(completed.state_id), TrialNumber(completed.number));
         let before = self.searches.changes(state);
-        self.trials.remove(number);
+        self.end(number);
         let learnt = self.complete(completed);
         if learnt.has_changed {
             self.searches.begin_again(state);
@@ -297,9 +297,16 @@ impl Tuner {
 
     /// Takes an open trial out unmeasured and gives its point back.
     pub(super) fn take_back(&mut self, number: TrialNumber, state: TrialState) -> Option<Trial> {
-        let mut trial = self.trials.remove(number)?;
+        let mut trial = self.end(number)?;
         trial.state = state;
         self.release(&trial, None);
+        Some(trial)
+    }
+
+    /// Takes a trial out of the open ones.
+    fn end(&mut self, number: TrialNumber) -> Option<Trial> {
+        let trial = self.trials.remove(number)?;
+        self.visits.note_held(&trial.client_id, self.trials.held_by(&trial.client_id) > 0);
         Some(trial)
     }
 

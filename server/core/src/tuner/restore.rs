@@ -134,6 +134,7 @@ impl Restoring {
         for trial in open {
             tuner.check_trial(&trial)?;
             if trial.state == TrialState::Open {
+                tuner.visits.note_held(&trial.client_id, true);
                 tuner.trials.enter(trial);
             }
         }

@@ -100,10 +100,8 @@ impl Tuner {
         let decision = self.decide(ask, number, normalised, state, planned);
         let client_id = ask.client_id.clone();
         let is_one_too_many = self.visits.of(&client_id).is_none() && self.visits.len() >= CLIENTS_MAX;
-        let trials = &self.trials;
-        let forgotten =
-            is_one_too_many.then(|| self.visits.forget_oldest(|client| trials.held_by(client) > 0)).flatten();
-        let since = trials.last().0;
+        let forgotten = is_one_too_many.then(|| self.visits.forget_oldest()).flatten();
+        let since = self.trials.last().0;
         self.visits.begin(Visit { client_id, state_id: state.0, number, since, decision, account: None });
         forgotten
     }
@@ -197,6 +195,7 @@ impl Tuner {
         };
         assert!(number > self.trials.last(), "{number:?} was handed out before");
         self.trials.enter(trial.clone());
+        self.visits.note_held(&ask.client_id, true);
         assert_eq!(self.trials.last(), number, "it is the last");
         trial
     }

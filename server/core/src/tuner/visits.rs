@@ -16,26 +16,31 @@ use crate::tuner::{Account, Ask, Visit};
 pub(super) struct Visits {
     by_client: BTreeMap<String, Visit>,
     ages: Ages,
+    /// The clients that hold open trials, some of them without a visit.
+    holders: BTreeSet<String>,
 }
 
 /// The clients by [`Visit::since`], the one whose last decision is longest ago first.
 #[derive(Clone, Debug, Default)]
 struct Ages {
-    all: BTreeSet<(u64, String)>,
-    /// The same, with the state each is in before it.
+    /// Those that hold no open trial.
+    idle: BTreeSet<(u64, String)>,
+    /// All of them, with the state each is in before it.
     of_states: BTreeSet<(u64, u64, String)>,
 }
 
 impl Ages {
-    fn insert(&mut self, visit: &Visit) {
-        self.all.insert((visit.since, visit.client_id.clone()));
+    fn insert(&mut self, visit: &Visit, is_idle: bool) {
+        if is_idle {
+            self.idle.insert((visit.since, visit.client_id.clone()));
+        }
         self.of_states.insert((visit.state_id, visit.since, visit.client_id.clone()));
     }
 
     fn remove(&mut self, visit: &Visit) {
-        let had_age = self.all.remove(&(visit.since, visit.client_id.clone()));
+        self.idle.remove(&(visit.since, visit.client_id.clone()));
         let was_there = self.of_states.remove(&(visit.state_id, visit.since, visit.client_id.clone()));
-        assert!(had_age && was_there, "every visit has its age");
+        assert!(was_there, "every visit has its age");
     }
 
     /// The client of a state whose last decision was taken last.
@@ -48,8 +53,20 @@ impl Ages {
 
 impl Visits {
     fn check(&self) {
-        assert_eq!(self.ages.all.len(), self.by_client.len(), "every client has one visit and one age");
-        assert_eq!(self.ages.of_states.len(), self.by_client.len(), "and one state");
+        assert_eq!(self.ages.of_states.len(), self.by_client.len(), "every client has one visit and one age");
+        let (idle, all) = (self.ages.idle.len(), self.by_client.len());
+        assert!(idle <= all && all <= idle + self.holders.len(), "{idle} of {all} clients hold nothing");
+    }
+
+    /// Notes whether a client holds open trials. It is not forgotten then.
+    pub(super) fn note_held(&mut self, client_id: &str, holds: bool) {
+        let is_new = holds && self.holders.insert(client_id.to_owned());
+        let is_over = !holds && self.holders.remove(client_id);
+        if let Some(visit) = self.by_client.get(client_id).filter(|_| is_new || is_over) {
+            self.ages.remove(visit);
+            self.ages.insert(visit, is_over);
+        }
+        self.check();
     }
 
     /// The number of clients that the study remembers.
@@ -89,14 +106,14 @@ impl Visits {
         if let Some(before) = self.by_client.remove(&visit.client_id) {
             self.ages.remove(&before);
         }
-        self.ages.insert(&visit);
+        self.ages.insert(&visit, !self.holders.contains(&visit.client_id));
         self.by_client.insert(visit.client_id.clone(), Visit { account, ..visit });
         self.check();
     }
 
-    /// Forgets the client whose last decision is longest ago, of those for which `holds` is false.
-    pub(super) fn forget_oldest(&mut self, holds: impl Fn(&str) -> bool) -> Option<String> {
-        let (_, oldest) = self.ages.all.iter().find(|(_, client_id)| !holds(client_id))?;
+    /// Forgets the client whose last decision is longest ago, of those that hold no open trial.
+    pub(super) fn forget_oldest(&mut self) -> Option<String> {
+        let (_, oldest) = self.ages.idle.first()?;
         let visit = self.by_client.remove(oldest);
         assert!(visit.is_some(), "every age is that of a visit");
         let visit = visit?;
@@ -121,7 +138,7 @@ impl Visits {
             // The visit is stored in any case, so its age may be updated.
             self.ages.remove(visit);
             visit.since = last.0;
-            self.ages.insert(visit);
+            self.ages.insert(visit, !self.holders.contains(&visit.client_id));
         }
         self.check();
     }
@@ -147,11 +164,22 @@ mod tests {
             begin(client, since);
         }
         assert_eq!(visits.len(), 3);
-        let mut forget = |holder: &str| visits.forget_oldest(|client| client == holder);
-        assert_eq!(forget("b").as_deref(), Some("c"), "b holds a trial");
-        assert_eq!(forget("").as_deref(), Some("b"));
-        assert_eq!((forget("a"), forget("").as_deref(), forget("")), (None, Some("a"), None));
+        visits.note_held("b", true);
+        visits.note_held("stranger", true);
+        assert_eq!(visits.forget_oldest().as_deref(), Some("c"), "b holds a trial");
+        visits.note_held("b", false);
+        visits.note_held("a", true);
+        assert_eq!(visits.forget_oldest().as_deref(), Some("b"));
+        assert_eq!(visits.forget_oldest(), None, "a holds one now");
+        visits.note_held("a", false);
+        assert_eq!((visits.forget_oldest().as_deref(), visits.forget_oldest()), (Some("a"), None));
         assert_eq!(visits.len(), 0);
+        // Who holds a trial already when it comes is not forgotten either.
+        let decision =
+            VisitDecision::Explore { rule: ExploreRule::Dice, estimate: ExplorationEstimate::default() };
+        let client_id = "stranger".to_owned();
+        visits.begin(Visit { client_id, state_id: 1, number: 1, since: 5, decision, account: None });
+        assert_eq!((visits.forget_oldest(), visits.len()), (None, 1));
     }
 
     #[test]
