@@ -13,6 +13,8 @@
 //!
 //! - A trial is handed out only if the budget left covers its whole cap, as if the reference cost nothing. A
 //!   client that cannot stop in time is assumed to cost `worst_factor` times the reference.
+//! - A run of an incumbent that does clearly worse than the best measured configuration counts as exploring,
+//!   though it is never stopped. Those of other incumbents are frames that did not explore.
 //! - A reported trial is charged its whole cost until the next frame of the reference in the same state. Then
 //!   the charge falls to its cost above [`GUARD`] times the cheapest of the last few frames of the reference,
 //!   before or after. So neither noise nor a change of the machine's speed hides regret.

@@ -5,6 +5,7 @@
 
 use crate::decision::{
     BudgetStatus, Choice, ExploitRule, ExploitSource, ExplorationEstimate, Explore, ExploreRule,
+    ExploredPoint,
 };
 use crate::ids::{StateId, TrialNumber};
 use crate::tuner::budget::{Denied, Terms};
@@ -44,13 +45,14 @@ impl Tuner {
                 assert!(leave.left >= leave.set_aside, "{} covers {}", leave.left, leave.set_aside);
                 let explored = self.explore((&ask.client_id, room), state, number, normalised, planned);
                 let explores = explored.explores();
+                let is_charged = explores || self.runs_dear_incumbent(&explored, state);
                 // Enough for the worst.
-                if explores && let Some(account) = self.visits.account_mut(&ask.client_id) {
+                if is_charged && let Some(account) = self.visits.account_mut(&ask.client_id) {
                     account.set_aside(number.0, leave.set_aside);
                 }
                 let budget = BudgetStatus {
                     budget_left: Some(leave.left),
-                    set_aside: explores.then_some(leave.set_aside),
+                    set_aside: is_charged.then_some(leave.set_aside),
                     reference_cost: Some(leave.reference),
                 };
                 answer(explored, decided, budget, explores.then_some(leave.abort_above))
@@ -79,6 +81,18 @@ impl Tuner {
                     }
                 }
             }
+        }
+    }
+
+    /// Whether an incumbent is measured again that does clearly worse than the best measured configuration.
+    /// Its cost above the reference then counts as that of exploring.
+    fn runs_dear_incumbent(&self, explored: &Explored, state: StateId) -> bool {
+        match explored {
+            Explored::Candidate { candidate, .. } => {
+                matches!(candidate.point, ExploredPoint::Incumbent { is_default: false, .. })
+                    && self.gain().does_clearly_worse(state, &candidate.configuration)
+            }
+            Explored::Nothing { .. } => false,
         }
     }
 

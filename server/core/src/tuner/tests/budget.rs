@@ -45,6 +45,42 @@ fn an_infeasible_default_leaves_nothing_but_exploring() {
 }
 
 #[test]
+fn runs_of_an_incumbent_that_does_clearly_worse_are_charged() {
+    use crate::tuner::confirmation::Stored;
+    let policy =
+        Policy { regret_budget: Some(0.5), abort_above: Some(2.0), confirm_rounds: 10, ..explore_always() };
+    let mut tuner = tuner(Policy { trials_per_state: 8, ..policy });
+    let question = Ask { can_abort: true, ..ask("a", 0.5, 0.5) };
+    let (mut incumbent, mut runs, mut charged) = (None, 0, 0);
+    for frame in 0..400 {
+        let trial = tuner.suggest(&question, 0).expect("valid").0;
+        let explanation = trial.reason().explanation;
+        let is_incumbent = incumbent.as_ref() == Some(&trial.configuration);
+        if is_incumbent && explanation.rule == Some(Rule::Confirming) {
+            runs += 1;
+            charged += u32::from(explanation.set_aside.is_some());
+            assert_eq!(explanation.abort_above, None, "a race runs it to its end");
+        }
+        if incumbent.is_none() && trial.mode() == Mode::Explore {
+            // As if it were the best of other states.
+            incumbent = Some(trial.configuration.clone());
+            let own = tuner.searches.change(StateId(1)).expect("a search was begun");
+            own.confirmed = incumbent.clone().map(Stored);
+            for _ in 0..2 {
+                let wanted = trial.configuration.to_raw();
+                let wanted = tuner.suggest_wanted(&ask("w", 0.5, 0.5), wanted, 0).expect("valid").0;
+                assert!(tuner.report(&wanted, measured(30.0), Outcome::Ok, 1).is_ok());
+            }
+        }
+        let is_dear = incumbent.as_ref() == Some(&trial.configuration);
+        let usual = if is_dear { 30.0 } else { 10.0 };
+        let render_ms = usual * (1.0 + 0.01 * f64::from(frame % 3));
+        assert!(tuner.report(&trial, measured(render_ms), Outcome::Ok, 1).is_ok());
+    }
+    assert!(runs > 0 && charged == runs, "{charged} of {runs}");
+}
+
+#[test]
 fn a_trial_that_is_handed_out_again_is_charged_again() {
     let policy = Policy { regret_budget: Some(0.1), abort_above: Some(1.5), ..exploit_always() };
     let mut tuner = tuner(policy);
