@@ -8,14 +8,15 @@
 //! (see [`crate::robust`]). Where the costs of one configuration have changed for good (the machine's clock,
 //! another program), those of the others are scaled likewise until they are measured again.
 
+mod forgotten;
+mod known;
+
 use std::collections::{BTreeSet, HashMap};
-use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
 use crate::fnv;
-use crate::ids::{MachineId, StateId};
 use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX, RECORDS_PER_STATE_MAX};
 use crate::pace::Pace;
 use crate::rank::Rank;
@@ -23,6 +24,8 @@ use crate::robust::{Deviation, Evidence, MAD_TO_DEVIATION, Moment, REACH_AFTER, 
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::{Mode, Outcome, Trial};
+use forgotten::Forgotten;
+pub use known::KnownState;
 
 /// A search of fewer configurations says little of a state.
 pub(crate) const SEARCHED_LEAST: usize = 6;
@@ -136,6 +139,9 @@ pub struct ResultTable {
     /// Some of its results were measured elsewhere and carried over.
     #[serde(default)]
     is_carried_over: bool,
+    /// Tried configurations that were forgotten, where the space has few.
+    #[serde(default)]
+    forgotten: Forgotten,
 }
 
 impl ResultTable {
@@ -144,7 +150,7 @@ impl ResultTable {
         self.learn_all(trial);
         if self.records.len() > RECORDS_PER_STATE_MAX {
             // By an eighth, so that it costs little on average.
-            self.forget(RECORDS_PER_STATE_MAX - RECORDS_PER_STATE_MAX / 8, default);
+            self.forget(RECORDS_PER_STATE_MAX - RECORDS_PER_STATE_MAX / 8, default, false);
         }
         assert!(self.records.len() <= RECORDS_PER_STATE_MAX, "{} are remembered", self.records.len());
     }
@@ -191,8 +197,11 @@ impl ResultTable {
         }
         let (new_rank, is_tried) = (record.rank(index), record.is_tried());
         assert!(is_tried || !was_tried, "a trial takes no verdict back");
-        self.tried += usize::from(is_tried && !was_tried);
+        let is_new = is_tried && !was_tried;
+        let again = if is_new { self.forgotten.take(&trial.configuration) } else { None };
+        self.tried += usize::from(is_new && again.is_none());
         let record = &mut self.records[index];
+        record.is_searched |= again == Some(true);
         if is_tried && !record.is_searched && trial.mode() != Mode::Pinned {
             record.is_searched = true;
             self.searched += 1;
@@ -370,8 +379,8 @@ impl ResultTable {
 
     /// Forgets all but about `most` configurations: half of those that stay are the best, the others those
     /// met last, and `default` is among them. A forgotten configuration may be sampled again; its verdict
-    /// still counts.
-    pub fn forget(&mut self, most: usize, default: &Configuration) {
+    /// still counts, and where the space has few configurations, once.
+    pub fn forget(&mut self, most: usize, default: &Configuration, is_few: bool) {
         if self.records.len() <= most {
             return;
         }
@@ -384,6 +393,11 @@ impl ResultTable {
                 break;
             }
             kept.insert(index);
+        }
+        for (index, record) in self.records.iter().enumerate() {
+            if is_few && record.is_tried() && !kept.contains(&index) {
+                self.forgotten.note(&record.configuration, record.is_searched);
+            }
         }
         let mut index = 0..;
         self.records.retain(|_| index.next().is_some_and(|index| kept.contains(&index)));
@@ -582,19 +596,4 @@ impl ResultTable {
             None => None,
         }
     }
-}
-
-/// A known state of the study with its measurements.
-#[derive(Clone, Debug, PartialEq)]
-pub struct KnownState {
-    /// Rises by one from 1 within the study.
-    pub id: StateId,
-    /// The normalised indicators that founded it.
-    pub anchor: Vec<f64>,
-    /// The machine of these measurements: its place in the study's [`Machines`](crate::machines::Machines).
-    pub machine: MachineId,
-    /// A search was begun in it, or clients brought along the measurements of one.
-    pub explored: bool,
-    /// The table of its configurations.
-    pub results: Arc<ResultTable>,
 }

@@ -163,7 +163,7 @@ impl Tuner {
             self.teach(trial, normalised);
         }
         self.models.catch_up(&self.spec.space);
-        self.states.forget_somewhere();
+        self.states.forget_somewhere(self.searches.few().are_few());
         learnt
     }
 

@@ -287,8 +287,9 @@ impl States {
     }
 
     /// Where more configurations are remembered than a study may, forgets most configurations of the states
-    /// whose last report is oldest.
-    pub(super) fn forget_somewhere(&mut self) {
+    /// whose last report is oldest. `is_few` says whether the space has so few configurations that all can be
+    /// tried.
+    pub(super) fn forget_somewhere(&mut self, is_few: bool) {
         if self.remembered <= self.forget_above {
             return;
         }
@@ -304,7 +305,7 @@ impl States {
             }
             if before > each {
                 let results = Arc::make_mut(results);
-                results.forget(each, &self.default);
+                results.forget(each, &self.default, is_few);
                 assert!(results.remembered() <= before, "{} after {before}", results.remembered());
                 self.remembered = self.remembered + results.remembered() - before;
             }

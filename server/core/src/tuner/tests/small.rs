@@ -185,6 +185,27 @@ fn a_search_that_meets_only_what_is_known_keeps_to_its_budget() {
 }
 
 #[test]
+fn what_was_forgotten_and_is_met_again_is_not_counted_twice() {
+    let mut tuner = levels(10, 2, 0, Policy::default());
+    let (ask, state) = (Ask { client_id: "exec".into(), ..Ask::default() }, StateId(1));
+    let default = tuner.spec().space.default_configuration();
+    for round in 0..4 {
+        for level in 1..=6 {
+            let mut wanted = default.to_raw();
+            wanted.insert("level".into(), Value::Integer(level));
+            let trial = tuner.suggest_wanted(&ask, wanted, 0).expect("valid").0;
+            assert!(tuner.report(&trial, measured(10.0), Outcome::Ok, 1).is_ok());
+        }
+        let results = tuner.states.results(state);
+        assert_eq!((results.tried(), results.searched(), results.remembered()), (6, 0, 6), "round {round}");
+        assert!(!tuner.searches.few().is_exhausted(results), "four were never tried");
+        tuner.states.amend(state, |results| results.forget(2, &default, true));
+        assert_eq!(tuner.states.results(state).remembered(), 2);
+        assert_eq!(tuner.states.results(state).tried(), 6, "they have been tried");
+    }
+}
+
+#[test]
 fn several_programs_share_a_small_space() {
     let mut tuner = levels(6, 2, 3, Policy::default());
     let mut random = ChaCha8Rng::seed_from_u64(3);
