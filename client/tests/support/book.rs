@@ -64,7 +64,7 @@ impl Book {
         let mut study = request.study.ok_or_else(|| Status::invalid_argument("study: missing"))?;
         study.name.clone_from(&name);
         if self.older {
-            for objective in &mut study.objective {
+            if let Some(objective) = &mut study.objective {
                 objective.maximised.clear();
                 objective.limits.clear();
             }
