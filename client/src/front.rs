@@ -214,8 +214,8 @@ impl Front {
         trial.indicators.get(Self::DIRECTION).is_some() && carried_from(trial).is_some()
     }
 
-    /// The front of trials of one machine, of which those count that measured every metric. The hypervolume is
-    /// told beside `reference`, a value of each metric in its own unit, or else beside the default.
+    /// The front of trials of one machine, of which those count that measured every metric. The hypervolume
+    /// is told beside `reference`, a value of each metric in its own unit, or else beside the default.
     #[must_use]
     pub fn of(
         &self,
@@ -283,8 +283,8 @@ pub struct FrontHistory {
 }
 
 impl FrontHistory {
-    /// Goes on from the stored trials of one input and one machine. In the first quarter of the `planned` runs only the
-    /// metrics themselves are minimised, unless that was over before.
+    /// Goes on from the stored trials of one input and one machine. In the first quarter of the `planned`
+    /// runs only the metrics themselves are minimised, unless that was over before.
     #[must_use]
     pub fn new(front: Front, trials: Vec<TrialRecord>, planned: u32) -> Self {
         let trials: Vec<_> = trials.into_iter().filter(|trial| trial.outcome.is_some()).collect();

@@ -156,8 +156,8 @@ pub fn retry_after(error: &Error) -> Option<Duration> {
     }
 }
 
-/// The words of an error for a client and for the log. What a client wrote may stand in them, and is cut where
-/// it is too long.
+/// The words of an error for a client and for the log. What a client wrote may stand in them, and is cut
+/// where it is too long.
 #[must_use]
 pub fn message(error: &Error) -> String {
     let mut text = error.to_string();

@@ -63,11 +63,11 @@ impl Book {
         let name = format!("studies/{}", request.study_id);
         let mut study = request.study.ok_or_else(|| Status::invalid_argument("study: missing"))?;
         study.name.clone_from(&name);
-        if self.older {
-            if let Some(objective) = &mut study.objective {
-                objective.maximised.clear();
-                objective.limits.clear();
-            }
+        if self.older
+            && let Some(objective) = &mut study.objective
+        {
+            objective.maximised.clear();
+            objective.limits.clear();
         }
         study.create_time = Some(prost_types::Timestamp { seconds: 1_700_000_000, nanos: 0 });
         match self.studies.get(&name) {

@@ -2,8 +2,8 @@
 //!
 //! Each thing left out is put back on its own, and at last all at once. All variants render the same frame on
 //! the same structure, one after the other in each round, beginning with another one each time; told are the
-//! ratios within rounds. Pictures must be identical bit for bit. Tables that the scene leaves out are counted in
-//! bytes.
+//! ratios within rounds. Pictures must be identical bit for bit. Tables that the scene leaves out are counted
+//! in bytes.
 
 use clap::Args;
 use glam::{Vec2, Vec3, Vec3A};

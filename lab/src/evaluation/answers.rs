@@ -3,9 +3,9 @@
 //! Nothing of the service's policy takes part: each predictor is taught every iteration and answers for
 //! itself. The RBF model has three further entrants, which choose among other candidates than the product's
 //! model keeps: the last iteration of each search, as the paper has it (section 7.1.2), with the model taught
-//! all iterations or those alone, and everything that was tried. The last entrant is the service as it answers:
-//! a study with the default policy, to which a client brings the same iterations. States, portfolio and proof
-//! take part there.
+//! all iterations or those alone, and everything that was tried. The last entrant is the service as it
+//! answers: a study with the default policy, to which a client brings the same iterations. States, portfolio
+//! and proof take part there.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -240,7 +240,8 @@ impl Class {
         Some(answer.configuration.to_raw().into())
     }
 
-    /// Of these configurations the one from which the RBF model expects the least cost, the first among equals.
+    /// Of these configurations the one from which the RBF model expects the least cost, the first among
+    /// equals.
     fn least(&self, space: &Space, state: &[f64], of: &[Checked]) -> Option<Configuration> {
         let (query, method) = (self.known.query(space, state), PredictorMethod::RbfGreedyGq);
         let expected = |one| Some((one, self.predictors.estimate(method, &query, one)?.cost));

@@ -5,7 +5,7 @@
 //! and the tracing of each class of rays. A parameter that cannot act is inactive, or not there at all:
 //!
 //! * `robust` decides which hits are found at edges. That is a question of correctness, which the user
-//! decides   (`--robust`) and not the search. Embree's quality high falls back to medium with it.
+//!   decides (`--robust`) and not the search. Embree's quality high falls back to medium with it.
 //! * `compact` of Table 1 is native Embree's compact scene, here a value of `native_layout`. Layouts act with
 //!   medium quality, spatial splits and their budget with high; its values are few, because each takes a
 //!   device.

@@ -197,7 +197,9 @@ mod tests {
         let slot = slots.take(None.into()).await.expect("room");
         let activity = Arc::new(Activity::new(Instant::now(), slot, Unfinished::new(100)));
         activity.read(100);
-        let stream = answer_body(&activity, Body::empty(), Some(Arc::new(activity.begin())));
+        // It says nothing more, and does not end.
+        let silent = http_body_util::StreamBody::new(tokio_stream::pending::<Result<Frame<Bytes>, Status>>());
+        let stream = answer_body(&activity, Body::new(silent), Some(Arc::new(activity.begin())));
         advance(3 * limits::FIRST_REQUEST).await;
         assert!(activity.deadline() > Instant::now(), "it watches");
         drop(stream);

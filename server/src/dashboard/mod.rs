@@ -398,6 +398,15 @@ impl Pages for Dashboard {
     }
 }
 
+/// Whether the caller may change studies here. Where no token is asked for nobody may: a proxy in front of
+/// the pages would let everybody steer whom it lets look.
+fn may_steer(caller: &Caller) -> bool {
+    match caller {
+        Caller::Anyone => false,
+        Caller::Holder(_) => caller.may(Scope::Admin).is_ok(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

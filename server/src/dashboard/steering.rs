@@ -11,12 +11,10 @@ use treewright_proto::convert::{policy_to_wire, value_from_wire};
 use treewright_proto::v1;
 
 use super::query::Query;
-use super::{LOADING_WAITS, Visitor, is_loading, pages};
-use crate::access::caller::Caller;
+use super::{LOADING_WAITS, Visitor, is_loading, may_steer, pages};
 use crate::error::Error;
 use crate::rpc;
 use treewright_store::StoreError;
-use treewright_store::tokens::Scope;
 
 /// What became of a form.
 pub(super) enum Steered {
@@ -32,15 +30,6 @@ struct FormChange {
     paths: Vec<String>,
     /// The command of `treewright` that does the same, and what stands there behind the study's id.
     command: (&'static str, String),
-}
-
-/// Whether the caller may change studies here. Where no token is asked for nobody may: a proxy in front of
-/// the pages would let everybody steer whom it lets look.
-pub(super) fn may_steer(caller: &Caller) -> bool {
-    match caller {
-        Caller::Anyone => false,
-        Caller::Holder(_) => caller.may(Scope::Admin).is_ok(),
-    }
 }
 
 /// Whether a form comes from a page of this port by the browser's headers, or from a program with a token of
@@ -149,6 +138,7 @@ mod tests {
     use http::HeaderValue;
 
     use super::*;
+    use crate::access::caller::Caller;
 
     #[test]
     fn a_form_of_another_site_is_not_our_own() {

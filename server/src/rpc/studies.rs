@@ -34,8 +34,8 @@ pub(super) async fn create(
     };
     let spent = match caller.spend_study() {
         Ok(spent) => spent,
-        // A caller that may create no more may still find an existing study. Nothing is created here, not even
-        // where the study vanishes meanwhile.
+        // A caller that may create no more may still find an existing study. Nothing is created here, not
+        // even where the study vanishes meanwhile.
         Err(over) => {
             let Ok(stored) = tuning.get_study(&id).await else { return Err(over) };
             return match stored.spec.first_difference(&spec) {

@@ -157,8 +157,8 @@ impl Tuning {
     }
 }
 
-/// Whether a sweep may leave a study alone: it is being loaded, it went to another replica, which sweeps it, or
-/// it is gone.
+/// Whether a sweep may leave a study alone: it is being loaded, it went to another replica, which sweeps it,
+/// or it is gone.
 fn passes(error: &Error) -> bool {
     use StoreError::{Elsewhere, Fenced, StudyNotFound};
     match error {

@@ -5,8 +5,8 @@
 //!
 //! * Depth first: a node's largest child, the likeliest next step, lies right behind it.
 //! * Van Emde Boas: the upper half of the levels lies in front, then each subtree below, all arranged the
-//! same way. The way down touches few of a cache's blocks, for blocks of any size (Prokop 1999; for bounding
-//! volumes Yoon and Manocha, "Cache-Efficient Layouts of Bounding Volume Hierarchies", 2006).
+//!   same way. The way down touches few of a cache's blocks, for blocks of any size (Prokop 1999; for
+//!   bounding volumes Yoon and Manocha, "Cache-Efficient Layouts of Bounding Volume Hierarchies", 2006).
 //! * Treelets: connected pieces of a few kilobytes, grown by the probability that a ray visits a node, which
 //!   is the area of its box over that of the root (after Aila and Karras, "Architecture Considerations for
 //!   Tracing Incoherent Rays", 2010). The hottest treelets come first.

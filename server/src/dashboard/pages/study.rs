@@ -8,8 +8,7 @@ use treewright_proto::v1;
 
 use super::super::benefit::{self, Fixed};
 use super::super::charts::{self, CurvePoint, Level, Span, figure};
-use super::super::steering::may_steer;
-use super::super::{Query, Visitor};
+use super::super::{Query, Visitor, may_steer};
 use super::standing::{StateStands, benefits, read_state, roofline};
 use super::{
     Defaults, Head, PageFrame, TRIALS, TrialRow, head, machine, number, read_trials, render, row, seconds,

@@ -4,9 +4,8 @@ use askama::Template;
 use treewright_core::cost_view::CostView;
 use treewright_proto::v1;
 
-use super::super::Visitor;
 use super::super::charts::figure;
-use super::super::steering::may_steer;
+use super::super::{Visitor, may_steer};
 use super::{Head, PageFrame, TrialRow, head, machine, render, row, time, value, word};
 use crate::error::Error;
 use crate::rpc;

@@ -73,8 +73,8 @@ impl Order {
         Ok(Self { key, descending })
     }
 
-    /// The value by which `trial` is ordered; without one it comes last. Both zeros are one value, as they are
-    /// to databases.
+    /// The value by which `trial` is ordered; without one it comes last. Both zeros are one value, as they
+    /// are to databases.
     #[must_use]
     #[allow(clippy::cast_precision_loss)] // Numbers are far below 2^53.
     pub fn value<C>(&self, trial: &Trial<C>) -> Option<f64> {

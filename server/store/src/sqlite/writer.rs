@@ -216,7 +216,7 @@ async fn lone_commit(
         Ok(_) => Ok(vec![WriteResult::Nothing]),
         Err(error) => {
             roll_back(connection).await;
-            Err(failed(commands::refused(error)))
+            Err(failed(commands::refused(error).in_study(fence.study())))
         }
     }
 }

@@ -1,8 +1,8 @@
 //! A logarithm whose origin is chosen by likelihood.
 //!
 //! Costs may span magnitudes (a stationary model can follow their logarithm) or differ by a few percent (any
-//! transformation is as good as none), and measurement noise grows with the cost. So the model sees `ln(cost
-//! - least + shift)` for several shifts and keeps the likeliest, the Jacobian of the transformation counted
+//! transformation is as good as none), and measurement noise grows with the cost. So the model sees
+//! `ln(cost - least + shift)` for several shifts and keeps the likeliest, the Jacobian of the transformation counted
 //! (Box and Cox, "An analysis of transformations", JRSS B 26, 1964). Costs are scaled by their own spread and
 //! rounded, so that the unit of the cost does not matter.
 
