@@ -362,11 +362,11 @@ mod tests {
     #[test]
     fn what_states_add_to_an_effect_is_the_spread_beyond_the_noise() {
         let row = |own: f64| vec![CostEntry::LogCost(0.0, 0.1), CostEntry::LogCost(own, 0.1)];
-        let rows = [row(1.0), row(2.0), row(5.0)];
+        let rows = [1.0, 2.0, 5.0, 6.0, 11.0].map(row);
         let rows: Vec<&[CostEntry]> = rows.iter().map(Vec::as_slice).collect();
         let fit = Fit::new(&rows);
-        // The mean is 8/3, the median square (5/3)², widened by 3/2.
-        let expected = 1.5 * (5.0_f64 / 3.0).powi(2) / MEDIAN_SQUARE - 0.1;
+        // The mean is 5, the median square 9, widened by 5/4.
+        let expected = 1.25 * 9.0 / MEDIAN_SQUARE - 0.1;
         let variance = fit.interaction_of(&rows, &[0, 1], 0);
         assert!((variance - expected).abs() < 1e-12, "{variance} {expected}");
         assert_eq!(fit.interaction_of(&rows, &[0], 0), INTERACTION, "none beside the anchor");
