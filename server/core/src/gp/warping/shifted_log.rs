@@ -2,9 +2,9 @@
 //!
 //! Costs may span magnitudes (a stationary model can follow their logarithm) or differ by a few percent (any
 //! transformation is as good as none), and measurement noise grows with the cost. So the model sees
-//! `ln(cost - least + shift)` for several shifts and keeps the likeliest, the Jacobian of the transformation counted
-//! (Box and Cox, "An analysis of transformations", JRSS B 26, 1964). Costs are scaled by their own spread and
-//! rounded, so that the unit of the cost does not matter.
+//! `ln(cost - least + shift)` for several shifts and keeps the likeliest, the Jacobian of the
+//! transformation counted (Box and Cox, "An analysis of transformations", JRSS B 26, 1964). Costs are
+//! scaled by their own spread and rounded, so that the unit of the cost does not matter.
 
 /// Shifts, in distances of the median cost from the least.
 const SHIFTS: [f64; 4] = [0.01, 0.1, 0.5, 3.0];
