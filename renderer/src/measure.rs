@@ -18,6 +18,9 @@ pub use crate::tuning::objective::Yardstick;
 use crate::tuning::objective::frame_cost;
 use crate::tuning::who::{NativeUse, Who};
 
+/// Longest time that building all contenders anew may take over a measurement, in seconds; where each round
+/// would take longer together, only some rounds build.
+const REBUILD_S: f64 = 60.0;
 /// Share of the time from which on a note says that frames waited for processors.
 const DELAY_NOTE_MIN: f64 = 0.02;
 
@@ -41,8 +44,9 @@ pub struct Conditions {
     pub height: u32,
     /// Measurements of each contender.
     pub rounds: u32,
-    /// The number of frames that share a build. With 1 each frame builds its own, as real-time rendering
-    /// does; otherwise each structure is built once.
+    /// The number of frames that share a build. With 1 each frame has its build, as in real-time rendering.
+    /// Otherwise each structure is built anew for each round too, as far as [`REBUILD_S`] goes, because equal
+    /// configurations differ from build to build.
     pub frames_per_build: u32,
     /// The measured quantity.
     pub yardstick: Yardstick,
@@ -53,7 +57,7 @@ pub struct Conditions {
 pub struct Measured {
     /// The contender.
     pub who: Who,
-    /// Each build.
+    /// The build behind each frame; the last one where there are fewer than frames.
     pub build_ms: Vec<f64>,
     /// Each frame, in the order of rounds.
     pub render_ms: Vec<f64>,
@@ -155,6 +159,11 @@ impl Conditions {
     fn build_each_round(&self) -> bool {
         self.frames_per_build == 1
     }
+
+    /// Whether a frame is rendered with what was built before. An episode builds by itself.
+    fn keeps_builds(&self) -> bool {
+        !self.build_each_round() && self.yardstick != Yardstick::Episode
+    }
 }
 
 /// Measures all contenders. `go_on` is asked before each round; when it says no, the rounds so far are the
@@ -182,6 +191,30 @@ pub fn interleaved(
     contenders.iter().zip(&place).map(of).collect()
 }
 
+/// A built contender.
+struct Built {
+    structure: Structure,
+    build_ms: f64,
+    undelayed_build_ms: f64,
+}
+
+impl Built {
+    fn of(renderer: &Renderer, choice: &Choice, learning_ms: f64) -> Result<Self, String> {
+        let (built, threads) = of_process(|| renderer.build(&choice.build));
+        let (structure, build_ms) = built.map_err(|error| error.to_string())?;
+        let build_ms = build_ms + if choice.light.learns() { learning_ms } else { 0.0 };
+        let times = FrameTimes::of(build_ms, 0.0);
+        let times = times.with_threads(renderer.threads(), threads, ThreadTimes::default());
+        Ok(Built { structure, build_ms, undelayed_build_ms: times.undelayed().build_ms })
+    }
+}
+
+/// One in this number of rounds builds anew, where all builds of a round take `round_ms`.
+fn rounds_per_build(round_ms: f64, rounds: u32) -> usize {
+    assert!(round_ms >= 0.0, "builds of {round_ms} ms");
+    ((round_ms * f64::from(rounds) / (1e3 * REBUILD_S)).ceil() as usize).max(1)
+}
+
 fn in_turns(
     renderer: &mut Renderer,
     contenders: &[Contender],
@@ -192,49 +225,44 @@ fn in_turns(
         Yardstick::Noise => study(renderer, contenders, conditions),
         Yardstick::Frame | Yardstick::Episode => 0.0,
     };
-    let mut structures: Vec<Option<Structure>> = Vec::new();
+    let mut structures: Vec<Option<Built>> = Vec::new();
     let mut measured: Vec<Measured> = Vec::new();
     for contender in contenders {
-        let mut one = Measured { who: contender.who.clone(), ..Measured::default() };
-        let choice_learns = contender.choice.light.learns();
-        let (built, threads) = of_process(|| renderer.build(&contender.choice.build));
-        match built {
-            Ok((structure, build_ms)) => {
-                let build_ms = build_ms + if choice_learns { learning_ms } else { 0.0 };
-                if !conditions.build_each_round() {
-                    let times = FrameTimes::of(build_ms, 0.0);
-                    let times = times.with_threads(renderer.threads(), threads, ThreadTimes::default());
-                    one.build_ms.push(build_ms);
-                    one.undelayed_build_ms.push(times.undelayed().build_ms);
-                }
-                structures.push(Some(structure));
-            }
-            Err(error) => {
-                one.failure = Some(error.to_string());
-                structures.push(None);
-            }
-        }
-        measured.push(one);
+        let built = Built::of(renderer, &contender.choice, learning_ms);
+        let failure = built.as_ref().err().cloned();
+        measured.push(Measured { who: contender.who.clone(), failure, ..Measured::default() });
+        structures.push(built.ok());
     }
+    let round_ms = structures.iter().flatten().map(|one| one.build_ms).sum();
+    let rounds_per_build = rounds_per_build(round_ms, conditions.rounds);
     let mut film = Film::new(conditions.width, conditions.height);
     let count = contenders.len();
     for round in 0..=conditions.rounds as usize {
         if !go_on() {
             break;
         }
+        let is_due = round > 1 && (round - 1).is_multiple_of(rounds_per_build);
         for turn in 0..count {
             let index = (round + turn) % count;
-            let Some(structure) = &mut structures[index] else {
+            let Some(built) = &mut structures[index] else {
                 continue;
             };
             let choice = &contenders[index].choice;
-            match frame(renderer, structure, choice, conditions, &mut film) {
+            let rebuilt = match is_due && conditions.keeps_builds() {
+                true => Built::of(renderer, choice, learning_ms).map(|fresh| *built = fresh),
+                false => Ok(()),
+            };
+            let times =
+                rebuilt.and_then(|()| frame(renderer, &mut built.structure, choice, conditions, &mut film));
+            match times {
                 Ok(times) if round > 0 => {
                     let (one, undelayed) = (&mut measured[index], times.undelayed());
-                    if conditions.build_each_round() {
-                        one.build_ms.push(times.build_ms);
-                        one.undelayed_build_ms.push(undelayed.build_ms);
-                    }
+                    let (build_ms, undelayed_build_ms) = match conditions.build_each_round() {
+                        true => (times.build_ms, undelayed.build_ms),
+                        false => (built.build_ms, built.undelayed_build_ms),
+                    };
+                    one.build_ms.push(build_ms);
+                    one.undelayed_build_ms.push(undelayed_build_ms);
                     one.render_ms.push(times.render_ms);
                     one.undelayed_render_ms.push(undelayed.render_ms);
                     one.samples_to_error.extend(times.noise.map(|noise| noise.samples_to_error));
@@ -359,6 +387,14 @@ mod tests {
         assert_eq!(built_each[1].frame_ms.median, 20.0);
         assert_eq!(built_each[1].speedup.median, 2.0);
         assert_eq!(built_each[1].gain_over(&built_each[0]).count, 3);
+    }
+
+    #[test]
+    fn costly_builds_are_shared_by_rounds() {
+        assert_eq!(rounds_per_build(0.0, 9), 1);
+        assert_eq!(rounds_per_build(1e3 * REBUILD_S / 9.0, 9), 1, "a minute in all");
+        assert_eq!(rounds_per_build(20_000.0, 9), 3, "three times three minutes");
+        assert_eq!(rounds_per_build(1e6, 9), 150, "never again");
     }
 
     #[test]

@@ -226,6 +226,13 @@ pub fn crown(
     Who::Tuned
 }
 
+/// In words, where it is worth a word: how many of the `wanted` rounds there was time for.
+pub fn fewer_rounds_note(standings: &[Standing], wanted: u32) -> Option<String> {
+    let rounds = standings.iter().map(|one| one.rounds_ms.len()).max().filter(|rounds| *rounds > 0)?;
+    (rounds < wanted as usize)
+        .then(|| format!("the final comparison has {rounds} rounds of {wanted}, because each takes long"))
+}
+
 /// Gains of a run's best configuration over its rivals. All ratios are medians of pairs of the same rounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Gains {
@@ -370,6 +377,15 @@ mod tests {
         );
         assert!((median(gains.over_native_used_well) - 1.6).abs() < 1e-3);
         assert!(gains.over_best_fixed.is_some_and(|ratio| ratio.is_gain()));
+    }
+
+    #[test]
+    fn missing_rounds_are_told() {
+        let measured = [measured(Who::BestFixed, 3.0)];
+        let all = standings(&measured, 1000);
+        assert_eq!(fewer_rounds_note(&all, 9), None);
+        assert!(fewer_rounds_note(&all, 21).expect("nine of 21").contains("9 rounds of 21"));
+        assert_eq!(fewer_rounds_note(&[], 21), None, "nobody could be built");
     }
 
     #[test]

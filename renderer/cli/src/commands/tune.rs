@@ -35,6 +35,11 @@ use treewright_scene::{Camera, Scene};
 /// Place on the camera path of the fresh camera for which the predictor is asked.
 const FRESH_STEP: f32 = 0.2;
 
+/// Fewest rounds that have an interval, with the one that is forgotten, and the time after which no further
+/// ones begin.
+const ROUNDS_LEAST: u32 = 7;
+const ROUNDS_TIME: Duration = Duration::from_secs(120);
+
 /// Longest time for the last reports to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
 
@@ -196,6 +201,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         notes.push(format!("while it was {when}, {note}"));
     }
     notes.extend(delay_note(&standings));
+    notes.extend(verdict::fewer_rounds_note(&standings, arguments.rounds));
     let confirming = found.trials.len() - searched;
     notes.push(format!("{searched} trials searched, and {confirming} more ran the best few in turns"));
     let results = TuningResults {
@@ -373,7 +379,12 @@ impl Judge<'_> {
     }
 
     fn measure(&mut self, contenders: &[Contender], conditions: &Conditions) -> Vec<Standing> {
-        let measured = interleaved(self.renderer, contenders, conditions, || !self.interrupt.requested());
+        let (begin, mut rounds) = (Instant::now(), 0);
+        let measured = interleaved(self.renderer, contenders, conditions, || {
+            rounds += 1;
+            let has_time = rounds <= ROUNDS_LEAST || begin.elapsed() < ROUNDS_TIME;
+            has_time && !self.interrupt.requested()
+        });
         standings(&measured, conditions.frames_per_build)
     }
 
