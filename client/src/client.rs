@@ -242,6 +242,8 @@ fn check_kept(name: &str, wanted: &Objective, stored: &Objective) -> Result<(), 
         format!("the daemon knows no maximised metrics, and its study {name} minimises them")
     } else if !has_limits || stored.limits().len() != wanted.limits().len() {
         format!("the daemon knows no limits on measurements, and its study {name} goes without")
+    } else if stored.episode_frames() != wanted.episode_frames() {
+        format!("the daemon knows no trials of several frames, and its study {name} has trials of one")
     } else {
         return Ok(());
     };

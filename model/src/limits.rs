@@ -41,6 +41,8 @@ pub const INDICATORS_MAX: usize = 128;
 pub const AUXILIARY_METRICS_MAX: usize = 8;
 /// Most limits on measurements of an objective.
 pub const MEASUREMENT_LIMITS_MAX: usize = 16;
+/// Most frames of a trial.
+pub const EPISODE_FRAMES_MAX: u32 = 64;
 /// Most terms of an objective.
 pub const OBJECTIVE_TERMS_MAX: usize = 16;
 /// Most measurements of a report.

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::cost_view::CostView;
-use crate::limits::{AUXILIARY_METRICS_MAX, MEASUREMENT_LIMITS_MAX, OBJECTIVE_TERMS_MAX};
+use crate::limits::{AUXILIARY_METRICS_MAX, EPISODE_FRAMES_MAX, MEASUREMENT_LIMITS_MAX, OBJECTIVE_TERMS_MAX};
 use crate::names::{NAME_RULE, is_name};
 
 /// A weighted metric.
@@ -55,7 +55,7 @@ impl fmt::Display for MeasurementLimit {
 }
 
 /// 1 to 16 terms with distinct metrics, each minimised or maximised, at most 8 auxiliary metrics that are
-/// none of them, and at most 16 limits on distinct measurements.
+/// none of them, at most 16 limits on distinct measurements, and 1 to 64 frames a trial.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Stored", into = "Stored")]
 pub struct Objective {
@@ -63,6 +63,7 @@ pub struct Objective {
     auxiliary: Vec<String>,
     limits: Vec<MeasurementLimit>,
     maximised: Vec<String>,
+    episode_frames: u32,
 }
 
 /// The stored form of an objective: the list of its terms where it has no other parts.
@@ -78,13 +79,25 @@ enum Stored {
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         maximised: Vec<String>,
     },
-    /// Its terms have a name that earlier versions do not read, because those would minimise them all.
+    /// Its terms have a name that earlier versions do not read, because those would minimise them all, and
+    /// take a frame for a trial.
     Directed {
         directed_terms: Vec<ObjectiveTerm>,
         auxiliary: Vec<String>,
         limits: Vec<MeasurementLimit>,
         maximised: Vec<String>,
+        #[serde(default = "one_frame", skip_serializing_if = "is_one_frame")]
+        episode_frames: u32,
     },
+}
+
+fn one_frame() -> u32 {
+    1
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde hands over a reference
+fn is_one_frame(frames: &u32) -> bool {
+    *frames == 1
 }
 
 /// Why an objective is refused, or cannot be computed.
@@ -187,6 +200,12 @@ pub enum ObjectiveError {
         /// The limit.
         limit: String,
     },
+    /// No frame in a trial, or too many.
+    #[error("episode_frames is {frames}; give 1 to {EPISODE_FRAMES_MAX}")]
+    EpisodeFrames {
+        /// As given.
+        frames: u32,
+    },
     /// The sum left the range of a double.
     #[error("the weighted sum of the measurements is not finite; use smaller measurements or weights")]
     Overflow,
@@ -210,7 +229,8 @@ impl Objective {
                 return Err(ObjectiveError::Weight { metric: metric.clone(), weight: *weight });
             }
         }
-        Ok(Objective { terms, auxiliary: Vec::new(), limits: Vec::new(), maximised: Vec::new() })
+        let (auxiliary, limits, maximised) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(Objective { terms, auxiliary, limits, maximised, episode_frames: 1 })
     }
 
     /// This objective with metrics that explain costs without being part of them; see
@@ -262,6 +282,20 @@ impl Objective {
         let metrics = self.terms.iter().map(|term| &term.metric);
         let maximised = metrics.filter(|metric| seen.contains(metric)).cloned().collect();
         Ok(Objective { maximised, ..self })
+    }
+
+    /// This objective with trials of several frames; see [`Objective::episode_frames`].
+    pub fn with_episode_frames(self, frames: u32) -> Result<Self, ObjectiveError> {
+        if !(1..=EPISODE_FRAMES_MAX).contains(&frames) {
+            return Err(ObjectiveError::EpisodeFrames { frames });
+        }
+        Ok(Objective { episode_frames: frames, ..self })
+    }
+
+    /// The number of frames of a trial, 1 to 64. Their mean is the trial's measurement, which shows what a
+    /// single frame does not: costs that rise or fall while a configuration is in use.
+    pub fn episode_frames(&self) -> u32 {
+        self.episode_frames
     }
 
     /// The metrics that are maximised, in the order of the terms.
@@ -345,19 +379,24 @@ impl Objective {
     }
 }
 
-/// `minimises 0.5 × build_ms + 1000 / fps`, or `maximises fps` where nothing else counts.
+/// `minimises 0.5 × build_ms + 1000 / fps`, or `maximises fps` where nothing else counts; with `, the mean of
+/// 24 frames` where trials have several.
 impl fmt::Display for Objective {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let view = self.view();
         if view.is_maximised() {
-            return write!(formatter, "maximises {}", view.name());
+            write!(formatter, "maximises {}", view.name())?;
+        } else {
+            for (index, ObjectiveTerm { metric, weight }) in self.terms.iter().enumerate() {
+                let before = if index == 0 { "minimises" } else { " +" };
+                let sign = if self.maximised.contains(metric) { '/' } else { '×' };
+                write!(formatter, "{before} {weight} {sign} {metric}")?;
+            }
         }
-        for (index, ObjectiveTerm { metric, weight }) in self.terms.iter().enumerate() {
-            let before = if index == 0 { "minimises" } else { " +" };
-            let sign = if self.maximised.contains(metric) { '/' } else { '×' };
-            write!(formatter, "{before} {weight} {sign} {metric}")?;
+        match self.episode_frames {
+            1 => Ok(()),
+            frames => write!(formatter, ", the mean of {frames} frames"),
         }
-        Ok(())
     }
 }
 
@@ -367,23 +406,30 @@ impl TryFrom<Stored> for Objective {
     fn try_from(stored: Stored) -> Result<Self, ObjectiveError> {
         match stored {
             Stored::Terms(terms) => Objective::new(terms),
-            Stored::Whole { terms, auxiliary, limits, maximised }
-            | Stored::Directed { directed_terms: terms, auxiliary, limits, maximised } => {
-                Objective::new(terms)?
+            Stored::Whole { terms, auxiliary, limits, maximised } => Objective::new(terms)?
+                .with_auxiliary(auxiliary)?
+                .with_limits(limits)?
+                .with_maximised(maximised),
+            Stored::Directed { directed_terms, auxiliary, limits, maximised, episode_frames } => {
+                Objective::new(directed_terms)?
                     .with_auxiliary(auxiliary)?
                     .with_limits(limits)?
-                    .with_maximised(maximised)
+                    .with_maximised(maximised)?
+                    .with_episode_frames(episode_frames)
             }
         }
     }
 }
 
 impl From<Objective> for Stored {
-    fn from(Objective { terms, auxiliary, limits, maximised }: Objective) -> Self {
-        match (maximised.is_empty(), auxiliary.is_empty() && limits.is_empty()) {
+    fn from(objective: Objective) -> Self {
+        let Objective { terms, auxiliary, limits, maximised, episode_frames } = objective;
+        match (maximised.is_empty() && episode_frames == 1, auxiliary.is_empty() && limits.is_empty()) {
             (true, true) => Stored::Terms(terms),
             (true, false) => Stored::Whole { terms, auxiliary, limits, maximised },
-            (false, _) => Stored::Directed { directed_terms: terms, auxiliary, limits, maximised },
+            (false, _) => {
+                Stored::Directed { directed_terms: terms, auxiliary, limits, maximised, episode_frames }
+            }
         }
     }
 }
@@ -444,6 +490,24 @@ mod tests {
         assert!(!text.contains("\"terms\""), "{text}");
         let older = text.replace("directed_terms", "terms");
         assert_eq!(serde_json::from_str::<Objective>(&older).expect("an earlier form"), one);
+    }
+
+    #[test]
+    fn trials_of_several_frames_are_checked_stored_and_told() {
+        let plain = Objective::new(vec![term("render_ms", 1.0)]).expect("valid");
+        let text = |objective: &Objective| serde_json::to_string(objective).expect("plain data");
+        for wrong in [0, EPISODE_FRAMES_MAX + 1] {
+            let refused = plain.clone().with_episode_frames(wrong);
+            assert_eq!(refused, Err(ObjectiveError::EpisodeFrames { frames: wrong }));
+        }
+        let one = plain.clone().with_episode_frames(1).expect("valid");
+        assert_eq!(text(&one), r#"[{"metric":"render_ms","weight":1.0}]"#, "as ever");
+        let many = plain.with_episode_frames(EPISODE_FRAMES_MAX).expect("valid");
+        assert_eq!(many.to_string(), "minimises 1 × render_ms, the mean of 64 frames");
+        assert_eq!(serde_json::from_str::<Objective>(&text(&many)).expect("its own form"), many);
+        // A version that knows no episodes finds no terms, and so cannot take a frame for a trial.
+        assert!(!text(&many).contains("\"terms\""), "{}", text(&many));
+        assert!(serde_json::from_str::<Objective>(&text(&many).replace("64", "65")).is_err());
     }
 
     #[test]

@@ -157,6 +157,10 @@ impl StudySpec {
         if let Some(found) = list_difference("maximised metric", mine, theirs, String::clone) {
             return Some(found);
         }
+        let (mine, theirs) = (self.objective.episode_frames(), other.objective.episode_frames());
+        if mine != theirs {
+            return Some(format!("episode_frames is {mine} against {theirs}"));
+        }
         if self.state_tolerance != other.state_tolerance {
             return Some(format!(
                 "state_tolerance is {} against {}",
@@ -203,6 +207,7 @@ impl StudySpec<PolicySettings> {
             auxiliary: Vec::new(),
             limits: Vec::new(),
             maximised: Vec::new(),
+            episode_frames: 1,
             state_tolerance: STATE_TOLERANCE_DEFAULT,
             policy: PolicySettings::new(),
             seed: 0,
@@ -234,6 +239,7 @@ pub struct StudyBuilder {
     auxiliary: Vec<String>,
     limits: Vec<MeasurementLimit>,
     maximised: Vec<String>,
+    episode_frames: u32,
     state_tolerance: f64,
     policy: PolicySettings,
     seed: u64,
@@ -288,6 +294,14 @@ impl StudyBuilder {
         self
     }
 
+    /// Makes a trial last several frames, 1 to 64, for costs that rise or fall while a configuration is in
+    /// use: its measurements are the means of its frames. Unset: 1.
+    #[must_use]
+    pub fn episode_frames(mut self, frames: u32) -> Self {
+        self.episode_frames = frames;
+        self
+    }
+
     /// Two states are the same when every normalised indicator differs by at most this, 0 to 1. Unset: 0.01.
     #[must_use]
     pub fn state_tolerance(mut self, tolerance: f64) -> Self {
@@ -321,7 +335,8 @@ impl StudyBuilder {
             objective: Objective::new(self.objective)?
                 .with_auxiliary(self.auxiliary)?
                 .with_limits(self.limits)?
-                .with_maximised(self.maximised)?,
+                .with_maximised(self.maximised)?
+                .with_episode_frames(self.episode_frames)?,
             state_tolerance: self.state_tolerance,
             policy: self.policy,
             seed: self.seed,
@@ -378,6 +393,9 @@ mod tests {
         assert_eq!(other.as_deref(), Some("the number of constraints is 1 against 0"));
         let other = base.first_difference(&StudySpec { indicators: IndicatorSchema::default(), ..spec() });
         assert_eq!(other.as_deref(), Some("the number of indicators is 1 against 0"));
+        let objective = base.objective.clone().with_episode_frames(24).expect("valid");
+        let other = base.first_difference(&StudySpec { objective, ..spec() });
+        assert_eq!(other.as_deref(), Some("episode_frames is 1 against 24"));
         let other = base.first_difference(&StudySpec { seed: 7, ..spec() });
         assert_eq!(other.as_deref(), Some("seed is 0 against 7"));
     }
@@ -424,6 +442,7 @@ mod tests {
         assert!(problem(builder()).contains("objective"));
         assert!(problem(builder().minimise("render_ms", 0.0)).contains("weight 0"));
         assert!(problem(builder().minimise("render_ms", 1.0).state_tolerance(2.0)).contains("tolerance"));
+        assert!(problem(builder().minimise("render_ms", 1.0).episode_frames(0)).contains("1 to 64"));
         let flat = builder().minimise("render_ms", 1.0).indicator("a", 1.0..=1.0, Scale::Linear);
         assert!(problem(flat).contains("less than max"));
         let policy = PolicySettings::new().epsilon(1.5);

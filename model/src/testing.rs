@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use proptest::sample::{Index, select, subsequence};
 use proptest::test_runner::{Config, RngSeed};
 use treewright_model::indicator::{Indicator, IndicatorSchema};
+use treewright_model::limits::EPISODE_FRAMES_MAX;
 use treewright_model::objective::{MeasurementLimit, Objective, ObjectiveTerm};
 use treewright_model::policy::{PolicyField, PolicySettings, Range, RawPolicy};
 use treewright_model::space::{Condition, Constraint, Domain, Parameter, Scale, Space};
@@ -144,7 +145,8 @@ fn indicators() -> impl Strategy<Value = IndicatorSchema> {
 fn objectives() -> impl Strategy<Value = Objective> {
     let terms = vec((1e-6f64..1e6, any::<bool>()), 1..5);
     let limits = vec((0..3, -1e9f64..1e9, -1e9f64..1e9), 0..4);
-    (terms, 0..4, limits).prop_map(|(terms, auxiliary, limits)| {
+    let episodes = prop_oneof![Just(1u32), 1..=EPISODE_FRAMES_MAX];
+    (terms, 0..4, limits, episodes).prop_map(|(terms, auxiliary, limits, episode_frames)| {
         let name = |index: usize| format!("metric_{index}");
         let maximised = (0..terms.len()).rev().filter(|&index| terms[index].1).map(name).collect();
         let term = |(index, (weight, _)): (usize, (f64, bool))| ObjectiveTerm { metric: name(index), weight };
@@ -158,6 +160,7 @@ fn objectives() -> impl Strategy<Value = Objective> {
             .and_then(|terms| terms.with_auxiliary(auxiliary))
             .and_then(|terms| terms.with_limits(limits.into_iter().enumerate().map(limit).collect()))
             .and_then(|terms| terms.with_maximised(maximised))
+            .and_then(|terms| terms.with_episode_frames(episode_frames))
             .expect("valid")
     })
 }

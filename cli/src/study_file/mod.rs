@@ -50,6 +50,9 @@ pub(crate) struct StudyFile {
     /// infeasible.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) limits: Vec<LimitEntry>,
+    /// Frames of a trial, 1 to 64, for costs that rise or fall while a configuration is in use. Default 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) episode_frames: Option<u32>,
     /// What can be tuned, 1 to 128. A condition may only name a parameter that stands earlier.
     pub(crate) parameters: Vec<ParameterEntry>,
     /// What every configuration fulfils, such as `block_x * block_y <= 1024`; at most 64.
@@ -384,6 +387,7 @@ impl StudyFile {
         let mut builder = StudySpec::builder(space.build()?)
             .display_name(self.display_name.clone().unwrap_or_default())
             .seed(self.seed.as_ref().map_or(Ok(0), Seed::number)?)
+            .episode_frames(self.episode_frames.unwrap_or(1))
             .policy(self.policy_settings()?);
         if let Some(tolerance) = self.state_tolerance {
             builder = builder.state_tolerance(tolerance);
@@ -462,6 +466,7 @@ impl StudyFile {
             seed: Some(spec.seed.into()),
             auxiliary: spec.objective.auxiliary().to_vec(),
             limits: spec.objective.limits().iter().map(LimitEntry::of).collect(),
+            episode_frames: Some(spec.objective.episode_frames()).filter(|frames| *frames > 1),
             parameters: spec.space.parameters().iter().map(ParameterEntry::of).collect(),
             constraints: spec
                 .space

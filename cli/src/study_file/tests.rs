@@ -14,6 +14,7 @@ id = "zstd"
 display_name = "a compressor"
 state_tolerance = 0.02
 seed = 7
+episode_frames = 24
 auxiliary = ["cpu_ms", "page_faults"]
 limits = [{ metric = "memory_mb", at_most = 2000 }, { metric = "ratio", at_least = 1.5, at_most = 9 }]
 constraints = ["level*2 <= 40", "strategy == 'fast' or ratio >= 2", { lesser = "level", greater = "ratio" }]
@@ -89,6 +90,7 @@ fn a_file_is_read_as_people_write_it() {
     let sizes = Domain::Categorical { values: [16, 32, 64, 128].map(Value::Integer).to_vec() };
     assert_eq!(spec.space.parameters()[4].domain, sizes, "numbers, not words");
     assert_eq!(spec.objective.auxiliary(), ["cpu_ms", "page_faults"]);
+    assert_eq!(spec.objective.episode_frames(), 24);
     let limits: Vec<String> = spec.objective.limits().iter().map(ToString::to_string).collect();
     assert_eq!(limits, ["memory_mb <= 2000", "1.5 <= ratio <= 9"]);
     let constraints: Vec<String> = spec.space.constraints().iter().map(ToString::to_string).collect();
@@ -149,6 +151,7 @@ fn mistakes_are_named() {
     assert!(spec(&FILE.replace("default = 3", "default = 20")).contains("level"));
     assert!(spec(&FILE.replace("search = \"nelder_mead\"", "search = \"best\"")).contains("nelder_mead"));
     assert!(spec(&FILE.replace("epsilon = 0.5", "epsilon = 5")).contains("between 0 and 1"));
+    assert!(spec(&FILE.replace("frames = 24", "frames = 65")).contains("give 1 to 64"));
     assert!(spec(&FILE.replace("epsilon", "patience")).contains("patience"));
     let with_bounds = FILE.replace("default = false", "default = false\nmin = 1");
     assert!(spec(&with_bounds).contains("only numbers have"));

@@ -130,6 +130,11 @@ async fn a_daemon_that_drops_a_part_of_the_objective_is_refused() {
     let spec = spec.build().unwrap();
     let refused = client.study("limited", spec.clone()).await.unwrap_err().to_string();
     assert!(refused.contains("knows no limits") && refused.contains("upgrade the daemon"), "{refused}");
+    let space = Space::builder().boolean("compact").default(false).build().unwrap();
+    let long = StudySpec::builder(space).minimise("ms", 1.0).episode_frames(24).build().unwrap();
+    let refused = client.study("long", long.clone()).await.unwrap_err().to_string();
+    assert!(refused.contains("no trials of several frames"), "{refused}");
     fake.book().older = false;
+    client.study("longer", long).await.unwrap();
     client.study("limits", spec).await.unwrap();
 }

@@ -20,7 +20,7 @@ pub struct Book {
     pub break_streams: usize,
     /// It says what only a newer daemon would say: modes, rules and outcomes of tomorrow.
     pub newer: bool,
-    /// It knows no maximised metrics, and no limits on measurements.
+    /// It knows no maximised metrics, no limits on measurements, and no trials of several frames.
     pub older: bool,
     /// The answer to Predict in place of the best that is known.
     pub predicted: Option<v1::PredictResponse>,
@@ -30,6 +30,8 @@ pub struct Book {
     pub refuse: BTreeMap<&'static str, Code>,
     /// The names under which studies were asked for their trials and their best, one after the other.
     pub asked: Vec<String>,
+    /// The cost above which trials are to be stopped.
+    pub abort_above: Option<f64>,
     /// The number of next questions about the study that meet a daemon that is still loading it.
     pub loading: usize,
 }
@@ -68,6 +70,7 @@ impl Book {
         {
             objective.maximised.clear();
             objective.limits.clear();
+            objective.episode_frames = 0;
         }
         study.create_time = Some(prost_types::Timestamp { seconds: 1_700_000_000, nanos: 0 });
         match self.studies.get(&name) {
@@ -115,6 +118,7 @@ impl Book {
             state: TrialState::Open.into(),
             fingerprint: request.fingerprint,
             origin: request.origin,
+            abort_above: self.abort_above,
             ..v1::Trial::default()
         };
         let trial = if self.newer { of_tomorrow(trial) } else { trial };

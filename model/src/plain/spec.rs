@@ -78,6 +78,8 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
             limits: &'a [MeasurementLimit],
             #[serde(skip_serializing_if = "<[String]>::is_empty")]
             maximised: &'a [String],
+            #[serde(skip_serializing_if = "Option::is_none")]
+            episode_frames: Option<u32>,
             state_tolerance: f64,
             policy: &'a PolicySettings,
             seed: u64,
@@ -91,6 +93,7 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
             auxiliary: objective.auxiliary(),
             limits: objective.limits(),
             maximised: objective.maximised(),
+            episode_frames: Some(objective.episode_frames()).filter(|frames| *frames > 1),
             state_tolerance: *state_tolerance,
             policy,
             seed: *seed,
@@ -144,9 +147,11 @@ mod tests {
             give_kinds(&mut json["space"]);
             let empty = json!([]);
             let maximised = json.get("maximised").unwrap_or(&empty);
+            let one = json!(1);
             let objective = json!({
                 "directed_terms": json["objective"], "auxiliary": json["auxiliary"],
                 "limits": json["limits"], "maximised": maximised,
+                "episode_frames": json.get("episode_frames").unwrap_or(&one),
             });
             let policy = serde_json::to_value(&spec.policy).expect("plain data");
             prop_assert_eq!(&json["policy"], &policy);

@@ -39,6 +39,10 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
             auxiliary: spec.objective.auxiliary().to_vec(),
             limits: spec.objective.limits().iter().map(limit).collect(),
             maximised: spec.objective.maximised().to_vec(),
+            episode_frames: match spec.objective.episode_frames() {
+                1 => 0, // as before there were several
+                frames => frames,
+            },
         }),
         state_tolerance: Some(spec.state_tolerance),
         policy: Some(policy_to_wire(spec.policy.clone().into())),
@@ -77,6 +81,7 @@ pub fn spec_from_wire(study: v1::Study) -> Result<StudySpec<PolicySettings>, Mal
             .and_then(|terms| terms.with_auxiliary(objective.auxiliary))
             .and_then(|terms| terms.with_limits(limits.collect()))
             .and_then(|terms| terms.with_maximised(objective.maximised))
+            .and_then(|terms| terms.with_episode_frames(objective.episode_frames.max(1)))
             .map_err(|error| Malformed::new("study.objective", error))?,
         state_tolerance: study.state_tolerance.unwrap_or(STATE_TOLERANCE_DEFAULT),
         policy: policy_from_wire("study.policy", study.policy.unwrap_or_default())?,
@@ -141,6 +146,11 @@ mod tests {
         assert!(problem(wrong.clone()).starts_with("study.space.constraints[1]: constraint `low * high"));
         wrong.space.as_mut().expect("a space").constraints[1].lesser = "low".to_owned();
         assert!(problem(wrong).contains("it has an expression and an order"));
+        let mut long = spec_to_wire(&spec());
+        let objective = long.objective.as_mut().expect("an objective");
+        assert_eq!(objective.episode_frames, 0, "one frame is told as ever");
+        objective.episode_frames = 65;
+        assert_eq!(problem(long), "study.objective: episode_frames is 65; give 1 to 64");
         let negative = v1::Policy { lease_s: -1, ..v1::Policy::default() };
         let error = policy_from_wire("study.policy", negative).expect_err("negative").to_string();
         assert_eq!(error, "study.policy.lease_s: -1 must not be negative");

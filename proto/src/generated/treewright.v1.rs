@@ -227,6 +227,10 @@ pub struct Objective {
     /// must be above 0. OPTIONAL, distinct.
     #[prost(string, repeated, tag = "4")]
     pub maximised: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
+    /// Frames of a trial, whose measurements are the means of its frames; of a maximised metric, the harmonic mean. The SDKs'
+    /// frame loops keep a configuration for so many frames before they report. OPTIONAL, 1 to 64; 0 means 1.
+    #[prost(uint32, tag = "5")]
+    pub episode_frames: u32,
 }
 /// A limit on a measurement, which every report with a cost then has to hold.
 #[derive(Clone, PartialEq, ::prost::Message)]
