@@ -34,6 +34,8 @@ pub(crate) struct Core {
     pub(crate) workers: Arc<Workers>,
     /// Distinguishes this client from an earlier one of the same id.
     pub(crate) session: u64,
+    /// For what is done in the background of calls that do not wait.
+    pub(crate) runtime: tokio::runtime::Handle,
     process: u32,
     channel: Failover,
     attach: Attach,
@@ -61,6 +63,7 @@ impl Core {
             counters: Counters::default(),
             workers: Arc::new(Workers::new(&options.client_id, url)),
             session,
+            runtime: tokio::runtime::Handle::current(),
             process: std::process::id(),
             channel,
             attach,

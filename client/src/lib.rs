@@ -21,6 +21,7 @@
 //! | `by_name` | ask and tell as separate calls, for shells and for carrying measurements over |
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of their fates |
 //! | `study_context`, `shared` | the parts of a study that suggestions keep and that its handles share |
+//! | `frame_set`, `episode` | trials of several frames, within the program and over its loop |
 //! | `front` | several metrics of which none is given up for another |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and fallbacks without one |
 
@@ -38,6 +39,7 @@ mod client_id;
 mod core;
 mod credentials;
 mod delivery;
+mod episode;
 mod error;
 mod failover;
 mod frame_set;
@@ -71,6 +73,7 @@ pub use by_name::Question;
 pub use circuit_breaker::Status;
 pub use client::Client;
 pub use credentials::Credentials;
+pub use episode::episode_trend;
 pub use error::{ClientError, SharedError};
 pub use frame_set::{FrameSet, FrameSetResult};
 pub use front::{Front, FrontHistory, FrontPoint, ParetoFront};

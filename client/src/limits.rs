@@ -28,6 +28,8 @@ pub const ANSWER_BYTES: usize = 16 << 20;
 
 /// Longest wait for a suggestion that missed its frame; the next frame takes it.
 pub const LATE_ANSWER: Duration = Duration::from_secs(5);
+/// Shortest time after which the lease of a trial of several frames is renewed.
+pub const LEAST_RENEWAL: Duration = Duration::from_millis(250);
 /// Pause between looks for a daemon that is away.
 pub const WAIT_PAUSE: Duration = Duration::from_millis(100);
 /// Longest time of one attempt to deliver a report or to give a trial back.

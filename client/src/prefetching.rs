@@ -63,7 +63,9 @@ impl PrefetchingTuner {
     /// its indicators were the same.
     ///
     /// It never waits and never fails: where no answer is there yet it is a fallback, and
-    /// [`Suggestion::problem`] says why. So is the first frame.
+    /// [`Suggestion::problem`] says why. So is the first frame. Trials of several frames are kept as by
+    /// [`crate::Tuner::next`], and the next one is asked for with their last frame; so the frame after one
+    /// that ended early is a fallback, too.
     pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
         self.next_before(indicators, indicators, previous)
     }
@@ -73,10 +75,22 @@ impl PrefetchingTuner {
         &mut self,
         indicators: &Indicators,
         upcoming: &Indicators,
-        previous: Option<Finished>,
+        mut previous: Option<Finished>,
     ) -> Suggestion {
-        let answer = self.answered(indicators);
-        self.ask(upcoming, previous);
+        let context = &self.study.shared.context;
+        if let Some(frame) = Finished::next_frame(&mut previous, context, indicators) {
+            if frame.is_last_frame() {
+                self.ask(upcoming, None);
+            }
+            return frame;
+        }
+        let answer = self.answered(indicators).map(|suggestion| suggestion.first_frame(indicators));
+        if answer.as_ref().is_ok_and(|first| !first.is_last_frame()) {
+            // Into the outbox: the next question is some frames away.
+            drop(previous);
+        } else {
+            self.ask(upcoming, previous);
+        }
         let shared = &self.study.shared;
         match answer {
             Ok(suggestion) => shared.deliver(suggestion),

@@ -4,12 +4,13 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use crate::delivery::report_request;
+use crate::episode::Episode;
 use crate::outbox::{Message, OutboxItem};
 use crate::study_context::StudyContext;
 use crate::workers::Worker;
 use crate::{
-    ClientError, Configuration, Measurements, Mode, OpenEnum, Outcome, Reason, SharedError, TrialRecord,
-    checks,
+    ClientError, Configuration, Indicators, Measurements, Mode, OpenEnum, Outcome, Reason, SharedError,
+    TrialRecord, checks,
 };
 
 /// Where a configuration came from.
@@ -43,6 +44,8 @@ pub struct Suggestion {
     lease: Option<Lease>,
     lease_expire_time: Option<SystemTime>,
     abort_above: Option<f64>,
+    /// Of a frame loop whose trials have several frames.
+    episode: Option<Box<Episode>>,
 }
 
 impl Suggestion {
@@ -58,6 +61,7 @@ impl Suggestion {
             lease: Some(lease),
             lease_expire_time: trial.lease_expire_time,
             abort_above: trial.abort_above,
+            episode: None,
         }
     }
 
@@ -86,6 +90,37 @@ impl Suggestion {
             lease: None,
             lease_expire_time: None,
             abort_above: None,
+            episode: None,
+        }
+    }
+
+    /// The first frame of the trial in a frame loop.
+    pub(crate) fn first_frame(mut self, indicators: &Indicators) -> Self {
+        let frames = self.study.spec.objective.episode_frames();
+        if frames > 1 && self.lease.is_some() {
+            self.episode = Some(Box::new(Episode::new(frames, indicators, self.lease_expire_time)));
+        }
+        self
+    }
+
+    /// Whether the trial has no frame after this one.
+    pub(crate) fn is_last_frame(&self) -> bool {
+        self.episode.as_ref().is_none_or(|episode| episode.has_one_frame_left())
+    }
+
+    /// Renews the lease in the background, where half of it is over: no frame waits for it.
+    fn keep_lease(&mut self) {
+        let core = &self.study.core;
+        let is_due = self.episode.as_mut().is_some_and(|episode| episode.renewal_is_due());
+        if let Some(lease) =
+            self.lease.as_ref().filter(|_| is_due && core.circuit_breaker.problem().is_none())
+        {
+            let (core, trial) = (Arc::clone(core), Arc::clone(&lease.trial));
+            self.study.core.runtime.spawn(async move {
+                if let Err(problem) = core.extend_lease(&trial).await {
+                    core.counters.note(&problem);
+                }
+            });
         }
     }
 
@@ -115,10 +150,16 @@ impl Suggestion {
 
     /// Stop as soon as the objective exceeds this, and report [`Outcome::aborted`] with the value reached by
     /// then: the service learns from it that the configuration costs at least as much. `None`: never. See
-    /// [`crate::FrameSet`] for trials of several frames.
+    /// [`crate::FrameSet`] for frames that are run several times.
+    ///
+    /// Where the study's trials have several frames it is the cost of this frame from which on their mean
+    /// must be above the trial's bound.
     #[must_use]
     pub fn abort_above(&self) -> Option<f64> {
-        self.abort_above
+        match &self.episode {
+            Some(episode) => self.abort_above.map(|cap| episode.frame_cap(cap)),
+            None => self.abort_above,
+        }
     }
 
     /// The reason of the answer.
@@ -147,26 +188,53 @@ impl Suggestion {
 
     /// Joins the result to the trial, for [`crate::Tuner::next`]. Dropping what this returns reports it, too.
     ///
+    /// Where the study's trials have several frames and a frame loop gave the suggestion, this is the result
+    /// of one frame, and dropping what it returns before the last one gives the trial back.
+    ///
     /// Errors: [`ClientError::Invalid`] when the service would refuse the result, e.g. a measurement that is
     /// not finite; the trial is then given back. Also in the child of a fork, whose parent was given the
     /// trial and goes on with it.
     pub fn finished(mut self, measurements: Measurements, outcome: Outcome) -> Result<Finished, ClientError> {
         self.is_ours()?;
         checks::result(&self.study.spec, &outcome, &measurements)?;
+        let (measurements, outcome) = match self.episode.take() {
+            None => (measurements, outcome),
+            Some(mut episode) => {
+                let spec = &self.study.spec;
+                match episode.push(&spec.objective, self.abort_above, measurements, outcome) {
+                    Some((means, outcome)) => {
+                        checks::result(spec, &outcome, &means)?;
+                        (means, outcome)
+                    }
+                    None => {
+                        self.episode = Some(episode);
+                        return Ok(Finished::unfinished(self));
+                    }
+                }
+            }
+        };
         self.study.learn(&self.configuration, &outcome);
         let lease = self.lease.take();
         match &lease {
             Some(lease) => self.study.core.outbox.mark_reported(&lease.trial),
             None => self.study.core.counters.unreported.add(1),
         }
-        Ok(Finished { lease, measurements, outcome, attempts: 0 })
+        Ok(Finished { lease, measurements, outcome, attempts: 0, rest: None })
     }
 
     /// Puts the result into the outbox and returns at once; a background task delivers it.
     ///
-    /// Errors: as for [`Suggestion::finished`].
+    /// Errors: as for [`Suggestion::finished`]; [`ClientError::Invalid`], too, for a frame of a frame loop
+    /// before the last one of its trial, which is then given back.
     pub fn report(self, measurements: Measurements, outcome: Outcome) -> Result<(), ClientError> {
-        self.finished(measurements, outcome).map(drop)
+        match self.finished(measurements, outcome)?.rest.take() {
+            None => Ok(()),
+            Some(_unfinished) => {
+                let problem =
+                    "its trial has more frames; hand what is finished to the next call of the frame loop";
+                Err(ClientError::invalid("result", problem))
+            }
+        }
     }
 
     /// Gives the trial back unmeasured, as dropping it does. Returns at once.
@@ -197,16 +265,41 @@ impl Suggestion {
     }
 }
 
-/// A trial with its result, on its way to the daemon. Dropped, it goes into the outbox.
+/// A trial with its result, on its way to the daemon. Dropped, it goes into the outbox. Or a trial that has
+/// frames left, on its way to the next one. Dropped, it is given back.
 #[derive(Debug)]
 pub struct Finished {
     lease: Option<Lease>,
     measurements: Measurements,
     outcome: Outcome,
     attempts: u32,
+    /// The trial, while it has frames left; there is nothing else then.
+    rest: Option<Box<Suggestion>>,
 }
 
 impl Finished {
+    fn unfinished(rest: Suggestion) -> Self {
+        let (measurements, rest) = (Measurements::new(), Some(Box::new(rest)));
+        Self { lease: None, measurements, outcome: Outcome::Ok, attempts: 0, rest }
+    }
+
+    /// The next frame of the trial, where that has frames left and the state is the same. A trial whose state
+    /// is over is given back: the mean of its first frames would be wrong for costs that rise or fall.
+    pub(crate) fn next_frame(
+        previous: &mut Option<Self>,
+        study: &Arc<StudyContext>,
+        indicators: &Indicators,
+    ) -> Option<Suggestion> {
+        let mut rest = previous.as_mut()?.rest.take()?;
+        *previous = None;
+        let is_of_state = rest.episode.as_ref().is_some_and(|episode| episode.is_in(&study.spec, indicators));
+        if !(is_of_state && Arc::ptr_eq(&rest.study, study)) {
+            return None;
+        }
+        rest.keep_lease();
+        Some(*rest)
+    }
+
     /// The message for a stream; `None` when there is no trial to report to.
     pub(crate) fn request(&self) -> Option<treewright_proto::v1::ReportRequest> {
         self.lease.as_ref().map(|lease| report_request(&lease.trial, &self.measurements, &self.outcome))
@@ -214,7 +307,8 @@ impl Finished {
 
     /// False in the child of a fork, whose parent reports it.
     pub(crate) fn is_of_this_process(&self) -> bool {
-        self.lease.as_ref().is_none_or(|lease| lease.study.core.is_of_this_process())
+        let lease = self.lease.as_ref().or_else(|| self.rest.as_ref()?.lease.as_ref());
+        lease.is_none_or(|lease| lease.study.core.is_of_this_process())
     }
 
     /// The worker that ran the trial, and so may ask for the next; `None` when there was no trial.

@@ -45,10 +45,18 @@ impl Tuner {
 
     /// Reports the previous frame's trial and answers what to run next, within the client's deadline.
     ///
+    /// Where the study's trials have several frames ([`crate::StudyBuilder::episode_frames`]), a trial that
+    /// has frames left is answered again, at once and without the network. It is reported after its last
+    /// frame with the means of all, or ends early once its mean must be above its bound. Its lease is renewed
+    /// meanwhile. Indicators of another state give it up: it is handed back unmeasured.
+    ///
     /// It never fails, like [`Study::suggest`]. When the stream is broken the result goes to the outbox,
     /// the answer is the fallback, and the stream is opened again as soon as the daemon is back.
-    pub async fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
+    pub async fn next(&mut self, indicators: &Indicators, mut previous: Option<Finished>) -> Suggestion {
         let shared = &self.study.shared;
+        if let Some(frame) = Finished::next_frame(&mut previous, &shared.context, indicators) {
+            return frame;
+        }
         let frames = &self.frames;
         let ask = move || {
             let (reply, answer) = oneshot::channel();
@@ -66,6 +74,7 @@ impl Tuner {
             }
             answer
         };
-        answer::within_deadline(shared, &mut self.outstanding, indicators, ask).await
+        let suggestion = answer::within_deadline(shared, &mut self.outstanding, indicators, ask).await;
+        suggestion.first_frame(indicators)
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use treewright_client::{Client, ClientError, Finished, Outcome, PrefetchingTuner, Source, Suggestion};
 use treewright_proto::v1::TrialState;
 
-use crate::support::{Fake, Hold, measured, patient, spec, state, until};
+use crate::support::{Fake, Hold, in_episodes, measured, patient, spec, state, until};
 
 fn finish(suggestion: Suggestion, render_ms: f64) -> Option<Finished> {
     Some(suggestion.finished(measured(render_ms), Outcome::Ok).unwrap())
@@ -146,4 +146,25 @@ async fn wrong_indicators_are_told() {
     let mut tuner = tuner(&client).await;
     let wrong = tuner.next(&treewright_client::Indicators::new(), None);
     assert!(matches!(wrong.problem(), Some(ClientError::Invalid { .. })));
+}
+
+#[tokio::test]
+async fn the_next_trial_is_asked_for_with_the_last_frame_of_one() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = client.study("scene", in_episodes(3)).await.unwrap().prefetching_tuner();
+    let first = with_trial(&mut tuner, 1, None).await;
+    let second = tuner.next(&state(1), finish(first, 1.0));
+    assert_eq!(second.trial(), Some("studies/scene/trials/1"));
+    assert_eq!(fake.book().trials.len(), 1);
+    let third = tuner.next(&state(1), finish(second, 1.0));
+    assert_eq!(third.trial(), Some("studies/scene/trials/1"));
+    until("the next one is asked for", || fake.book().trials.len() == 2).await;
+    let next = with_trial(&mut tuner, 1, finish(third, 4.0)).await;
+    assert_eq!(next.trial(), Some("studies/scene/trials/2"));
+    drop((next, tuner));
+    client.flush(Duration::from_secs(20)).await.unwrap();
+    let book = fake.book();
+    assert_eq!(book.stored_reports, ["studies/scene/trials/1"]);
+    assert_eq!(book.trials[0].measurements.get("render_ms"), Some(&2.0));
 }

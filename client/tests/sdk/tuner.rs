@@ -3,9 +3,10 @@
 use std::time::Duration;
 
 use treewright_client::{Client, Finished, Outcome, Source, Suggestion, Tuner};
+use treewright_proto::convert::outcome_to_wire;
 use treewright_proto::v1::TrialState;
 
-use crate::support::{Fake, Hold, hasty, measured, patient, spec, state, until};
+use crate::support::{Fake, Hold, hasty, in_episodes, measured, patient, spec, state, until};
 
 fn finish(suggestion: Suggestion, render_ms: f64) -> Option<Finished> {
     Some(suggestion.finished(measured(render_ms), Outcome::Ok).unwrap())
@@ -140,4 +141,103 @@ async fn a_report_refused_on_the_stream_is_counted_and_the_stream_goes_on() {
     client.flush(Duration::from_secs(20)).await.unwrap();
     assert_eq!((client.stats().refused, client.stats().acknowledged), (1, 1));
     assert_eq!(fake.book().count("Tune"), 1);
+}
+
+#[tokio::test]
+async fn a_trial_of_several_frames_is_asked_for_once_and_reported_as_their_mean() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = client.study("scene", in_episodes(4)).await.unwrap().tuner();
+    let mut previous = None;
+    for frame in 0..8 {
+        let suggestion = tuner.next(&state(1), previous.take()).await;
+        let trial = format!("studies/scene/trials/{}", 1 + frame / 4);
+        assert_eq!(suggestion.trial(), Some(trial.as_str()));
+        previous = finish(suggestion, f64::from(1 + frame % 4));
+    }
+    drop((previous, tuner));
+    client.flush(Duration::from_secs(20)).await.unwrap();
+    let (stats, book) = (client.stats(), fake.book());
+    assert_eq!((book.count("streamed Suggest"), book.count("streamed Report")), (2, 1));
+    let means = book.trials.iter().map(|trial| trial.measurements["render_ms"]).collect::<Vec<_>>();
+    assert_eq!(means, [2.5, 2.5]);
+    assert_eq!((stats.suggestions, stats.acknowledged, stats.abandoned), (2, 2, 0));
+}
+
+#[tokio::test]
+async fn a_daemon_that_dies_within_a_trial_gets_its_report_later() {
+    let mut fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = client.study("scene", in_episodes(4)).await.unwrap().tuner();
+    let mut previous = finish(tuner.next(&state(1), None).await, 1.0);
+    fake.go_away();
+    for _frame in 1..4 {
+        let suggestion = tuner.next(&state(1), previous.take()).await;
+        assert_eq!(
+            (suggestion.source(), suggestion.trial()),
+            (Source::Daemon, Some("studies/scene/trials/1"))
+        );
+        previous = finish(suggestion, 5.0);
+    }
+    assert_eq!(tuner.next(&state(1), previous.take()).await.source(), Source::LastGood);
+    fake.come_back();
+    client.flush(Duration::from_secs(20)).await.unwrap();
+    let book = fake.book();
+    assert_eq!(book.stored_reports, ["studies/scene/trials/1"]);
+    assert_eq!(book.trials[0].measurements.get("render_ms"), Some(&4.0));
+}
+
+#[tokio::test]
+async fn another_state_gives_a_trial_of_several_frames_up() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = client.study("scene", in_episodes(2)).await.unwrap().tuner();
+    let first = tuner.next(&state(1), None).await;
+    let other = tuner.next(&state(5), finish(first, 1.0)).await;
+    assert_eq!(other.trial(), Some("studies/scene/trials/2"));
+    assert_eq!(fake.book().trials[0].state(), TrialState::Abandoned);
+    assert!(fake.book().stored_reports.is_empty(), "one frame of two is no result");
+}
+
+#[tokio::test]
+async fn a_trial_of_several_frames_ends_once_its_mean_must_be_above_the_cap() {
+    let fake = Fake::start();
+    fake.book().abort_above = Some(10.0);
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = client.study("scene", in_episodes(4)).await.unwrap().tuner();
+    let first = tuner.next(&state(1), None).await;
+    assert_eq!(first.abort_above(), Some(40.0));
+    let second = tuner.next(&state(1), finish(first, 30.0)).await;
+    assert_eq!(second.abort_above(), Some(10.0));
+    let next = tuner.next(&state(1), finish(second, 11.0)).await;
+    assert_eq!((next.trial(), next.abort_above()), (Some("studies/scene/trials/2"), Some(40.0)));
+    assert_eq!(fake.book().trials[0].outcome, Some(outcome_to_wire(&Outcome::aborted(10.25))));
+}
+
+#[tokio::test]
+async fn a_frame_is_not_reported_as_its_trial() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let study = client.study("scene", in_episodes(2)).await.unwrap();
+    let frame = study.tuner().next(&state(1), None).await;
+    let refused = frame.report(measured(1.0), Outcome::Ok).unwrap_err().to_string();
+    assert!(refused.contains("its trial has more frames"), "{refused}");
+    until("it is given back", || fake.book().in_state(TrialState::Abandoned) == 1).await;
+    // Without a frame loop the program runs the frames, and reports the mean.
+    study.suggest(&state(1)).await.report(measured(1.0), Outcome::Ok).unwrap();
+    client.flush(Duration::from_secs(20)).await.unwrap();
+    assert_eq!(fake.book().stored_reports, ["studies/scene/trials/2"]);
+}
+
+#[tokio::test]
+async fn the_lease_of_a_trial_of_several_frames_is_renewed() {
+    let fake = Fake::start();
+    fake.book().behind = true;
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = client.study("scene", in_episodes(3)).await.unwrap().tuner();
+    let first = tuner.next(&state(1), None).await;
+    tokio::time::sleep(treewright_client::limits::LEAST_RENEWAL).await;
+    let second = tuner.next(&state(1), finish(first, 1.0)).await;
+    until("the lease is renewed", || fake.book().count("ExtendLease") == 1).await;
+    drop(second);
 }

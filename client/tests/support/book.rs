@@ -30,6 +30,8 @@ pub struct Book {
     pub refuse: BTreeMap<&'static str, Code>,
     /// The names under which studies were asked for their trials and their best, one after the other.
     pub asked: Vec<String>,
+    /// Its clock is far behind: leases seem to have ended.
+    pub behind: bool,
     /// The cost above which trials are to be stopped.
     pub abort_above: Option<f64>,
     /// The number of next questions about the study that meet a daemon that is still loading it.
@@ -114,7 +116,10 @@ impl Book {
                 source: "fake".into(),
                 ..v1::Reason::default()
             }),
-            lease_expire_time: Some(prost_types::Timestamp { seconds: 32_000_000_000, nanos: 0 }),
+            lease_expire_time: Some(prost_types::Timestamp {
+                seconds: if self.behind { 1 } else { 32_000_000_000 },
+                nanos: 0,
+            }),
             state: TrialState::Open.into(),
             fingerprint: request.fingerprint,
             origin: request.origin,

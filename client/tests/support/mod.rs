@@ -142,6 +142,13 @@ pub fn spec() -> StudySpec {
         .expect("a valid specification")
 }
 
+/// That study with trials of several frames.
+pub fn in_episodes(frames: u32) -> StudySpec {
+    let spec = spec();
+    let objective = spec.objective.clone().with_episode_frames(frames).expect("a number of frames");
+    StudySpec { objective, ..spec }
+}
+
 /// A state of that study; different numbers are far apart.
 pub fn state(number: u32) -> Indicators {
     Indicators::from([("triangles", 10f64.powi(i32::try_from(number).expect("a small number")))])

@@ -215,7 +215,9 @@ impl TuningService for Service {
     }
 
     async fn extend_lease(&self, request: Request<v1::ExtendLeaseRequest>) -> Answer<v1::Trial> {
-        self.book().extend(&request.into_inner().trial).map(Response::new)
+        let mut book = self.book();
+        book.enter("ExtendLease")?;
+        book.extend(&request.into_inner().trial).map(Response::new)
     }
 
     async fn get_trial(&self, request: Request<v1::GetTrialRequest>) -> Answer<v1::Trial> {
