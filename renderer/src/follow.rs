@@ -7,6 +7,7 @@
 use std::sync::Arc;
 
 use treewright_accel::{BuildError, Structure, Update};
+use treewright_client::episode_trend;
 use treewright_scene::Scene;
 
 use crate::film::Film;
@@ -116,25 +117,18 @@ impl Episode {
             build_delay_ms: known(|frame| frame.build_delay_ms),
             render_delay_ms: known(|frame| frame.render_delay_ms),
             frames: u32::try_from(self.frames.len()).ok(),
-            trend: self.trend(),
+            trend: episode_trend(&self.costs_ms()),
             ..FrameTimes::of(mean(|frame| frame.build_ms), mean(|frame| frame.render_ms))
         }
     }
 
-    /// A frame's mean time in the second half over that in the first, the first build left out: above 1 the
-    /// structure decays. `None` for less than five frames.
-    fn trend(&self) -> Option<f64> {
-        let later = self.frames.get(1..).filter(|later| later.len() > 3)?;
-        let whole_ms = |frames: &[FrameTimes]| {
-            frames.iter().map(|frame| frame.build_ms + frame.render_ms).sum::<f64>() / frames.len() as f64
-        };
-        let (first, second) = later.split_at(later.len() / 2);
-        Some(whole_ms(second) / whole_ms(first).max(f64::MIN_POSITIVE))
+    fn costs_ms(&self) -> Vec<f64> {
+        self.frames.iter().map(|frame| frame.build_ms + frame.render_ms).collect()
     }
 
     /// The time of all of its frames.
     pub fn total_ms(&self) -> f64 {
-        self.frames.iter().map(|frame| frame.build_ms + frame.render_ms).sum()
+        self.costs_ms().iter().sum()
     }
 }
 
