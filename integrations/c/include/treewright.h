@@ -147,6 +147,9 @@ void tw_spec_auxiliary(tw_spec *spec, const char *metric);
 /* What a measurement may be; -INFINITY or INFINITY for no limit on that side. What goes beyond is infeasible, and every report
  * with a cost has to hold the measurement. */
 void tw_spec_limit(tw_spec *spec, const char *metric, double at_least, double at_most);
+/* Frames of a trial, 1 to 64, for costs that rise or fall while a configuration is in use. A tw_tuner keeps a trial for so many
+ * frames and reports their means; a trial of tw_study_suggest is reported with the means of so many. Default 1. */
+void tw_spec_episode_frames(tw_spec *spec, uint32_t frames);
 /* A field of the policy, written as on the command line: ("epsilon", "0.1"). */
 void tw_spec_policy(tw_spec *spec, const char *field, const char *value);
 /* A line for people. */
@@ -239,7 +242,8 @@ tw_configuration *tw_study_best_standing(const tw_study *study, const tw_number 
 tw_tuner *tw_tuner_new(const tw_study *study, tw_error **error);
 /* A result that was not sent yet goes into the queue. */
 void tw_tuner_free(tw_tuner *tuner);
-/* As tw_study_suggest, and sends what tw_tuner_finish left. */
+/* As tw_study_suggest, and sends what tw_tuner_finish left. Where trials have several frames it gives the same one again for so
+ * many, at once and without the daemon; in another state an unfinished one is given back. */
 tw_suggestion *tw_tuner_next(const tw_tuner *tuner, const tw_number *indicators, size_t count, tw_error **error);
 /* CONSUMES the suggestion: its result is sent with the next question. Fails as tw_suggestion_report. */
 bool tw_tuner_finish(const tw_tuner *tuner, tw_suggestion *suggestion, const tw_number *measurements, size_t count,

@@ -238,6 +238,7 @@ class Spec {
   Spec &limit(const char *metric, double at_least, double at_most) {
     return tw_spec_limit(handle(), metric, at_least, at_most), *this;
   }
+  Spec &episode_frames(uint32_t frames) { return tw_spec_episode_frames(handle(), frames), *this; }
   Spec &policy(const char *field, const char *value) { return tw_spec_policy(handle(), field, value), *this; }
   Spec &state_tolerance(double tolerance) { return tw_spec_state_tolerance(handle(), tolerance), *this; }
   Spec &seed(uint64_t seed) { return tw_spec_seed(handle(), seed), *this; }

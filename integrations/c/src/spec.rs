@@ -18,6 +18,7 @@ pub(crate) struct Spec {
     terms: Vec<(String, f64, bool)>,
     auxiliary: Vec<String>,
     limits: Vec<(String, f64, f64)>,
+    episode_frames: Option<u32>,
     display_name: Option<String>,
     state_tolerance: Option<f64>,
     seed: u64,
@@ -66,7 +67,7 @@ impl Spec {
         if let Some(tolerance) = self.state_tolerance {
             study = study.state_tolerance(tolerance);
         }
-        study.seed(self.seed).policy(self.policy.clone())
+        study.episode_frames(self.episode_frames.unwrap_or(1)).seed(self.seed).policy(self.policy.clone())
     }
 
     pub(crate) fn indicator(&mut self, indicator: Indicator) {
@@ -328,6 +329,15 @@ pub(crate) extern "C" fn tw_spec_auxiliary(spec: Option<&mut Spec>, metric: Text
 pub(crate) extern "C" fn tw_spec_limit(spec: Option<&mut Spec>, metric: Text, at_least: f64, at_most: f64) {
     change(spec, |spec| {
         spec.limits.push((read(&metric, "a metric's name")?.to_owned(), at_least, at_most));
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_episode_frames(spec: Option<&mut Spec>, frames: u32) {
+    change(spec, |spec| {
+        spec.episode_frames = Some(frames);
         Ok(())
     });
 }

@@ -282,6 +282,44 @@ static void *work(void *argument) {
   return NULL;
 }
 
+/* A loop keeps a trial for its frames. One frame is not reported as the trial. */
+static void episodes(const tw_client *client) {
+  tw_error *error = NULL;
+  tw_spec *spec = tw_spec_new();
+  tw_spec_integer(spec, "leaf", 1, 32, 8, TW_LOG);
+  tw_spec_minimise(spec, "render_ms", 1);
+  tw_spec_episode_frames(spec, 3);
+  tw_study *study = tw_client_study(client, "from-c-episodes", spec, &error);
+  succeed(error);
+  tw_tuner *tuner = tw_tuner_new(study, &error);
+  succeed(error);
+  char trial[64] = "";
+  int frame;
+  for (frame = 0; frame < 6; frame++) {
+    tw_suggestion *suggestion = tw_tuner_next(tuner, NULL, 0, &error);
+    succeed(error);
+    CHECK(tw_suggestion_source(suggestion) == TW_DAEMON);
+    CHECK((strcmp(trial, tw_suggestion_trial(suggestion)) == 0) == (frame % 3 > 0));
+    snprintf(trial, sizeof trial, "%s", tw_suggestion_trial(suggestion));
+    tw_number result[] = {{"render_ms", 1 + frame % 3}};
+    CHECK(tw_tuner_finish(tuner, suggestion, result, 1, &error));
+  }
+  tw_suggestion *first = tw_tuner_next(tuner, NULL, 0, &error);
+  succeed(error);
+  tw_number early[] = {{"render_ms", 1}};
+  CHECK(!tw_suggestion_report(first, early, 1, &error));
+  expect(error, TW_INVALID, "its trial has more frames"), error = NULL;
+  CHECK(tw_client_flush(client, 20000, &error));
+  double cost = 0;
+  tw_configuration *best = tw_study_best(study, NULL, 0, &cost, &error);
+  succeed(error);
+  CHECK(cost > 1.99 && cost < 2.01);
+  tw_configuration_free(best);
+  tw_tuner_free(tuner);
+  tw_study_free(study);
+  tw_spec_free(spec);
+}
+
 static void threads(const tw_client *client) {
   tw_error *error = NULL;
   tw_spec *spec = new_spec();
@@ -445,6 +483,7 @@ int main(int count, char **arguments) {
   without_daemon();
   maximised(client);
   trials(client);
+  episodes(client);
   threads(client);
   forked(client);
   forked_in_a_frame(client);

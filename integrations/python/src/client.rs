@@ -115,8 +115,11 @@ impl Client {
     /// factors count; larger and smaller values are taken all the same. ``policy`` is how the daemon decides,
     /// e.g. ``{"epsilon": 0.1}``; see ``Study.policy``. ``limits`` say what measurements may be at least and
     /// at most, e.g. ``{"memory_mb": (None, 2000)}``; a configuration that goes beyond is infeasible.
+    /// ``episode_frames`` is how many frames make a trial, for costs that rise or fall while a configuration
+    /// is in use; see ``Tuner``.
     #[pyo3(signature = (id, space, *, minimise=Named::default(), maximise=Named::default(), indicators=Named::default(),
-        auxiliary=Vec::new(), limits=Named::default(), policy=Named::default(), display_name=String::new(), state_tolerance=None, seed=0))]
+        auxiliary=Vec::new(), limits=Named::default(), policy=Named::default(), display_name=String::new(), state_tolerance=None, seed=0,
+        episode_frames=1))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
     fn study(
         &self,
@@ -132,6 +135,7 @@ impl Client {
         display_name: String,
         state_tolerance: Option<f64>,
         seed: u64,
+        episode_frames: u32,
     ) -> PyResult<Study> {
         let policy = policy.0.into_iter().map(|(field, value)| {
             let text = words(&field, &value)?;
@@ -145,6 +149,7 @@ impl Client {
             maximise: maximise.0.into_iter().collect(),
             auxiliary,
             limits: limits.0.into_iter().collect(),
+            episode_frames,
             policy,
             display_name,
             state_tolerance,
@@ -235,6 +240,12 @@ impl Study {
     #[getter]
     fn maximised(&self) -> Vec<String> {
         self.0.spec().objective.maximised().to_vec()
+    }
+
+    /// How many frames make a trial; a report of one that ``suggest`` gave holds the means of so many.
+    #[getter]
+    fn episode_frames(&self) -> u32 {
+        self.0.spec().objective.episode_frames()
     }
 
     /// The study's objective of measurements, which is minimised. Raises Invalid where one is missing, or is

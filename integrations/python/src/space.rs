@@ -185,6 +185,7 @@ pub(crate) struct Definition {
     pub(crate) maximise: Vec<(String, f64)>,
     pub(crate) auxiliary: Vec<String>,
     pub(crate) limits: Vec<(String, Ends)>,
+    pub(crate) episode_frames: u32,
     pub(crate) policy: Vec<(String, String)>,
     pub(crate) display_name: String,
     pub(crate) state_tolerance: Option<f64>,
@@ -228,6 +229,7 @@ impl Definition {
         for (field, value) in &self.policy {
             policy.set_text(field, value).map_err(|error| raised(error.into()))?;
         }
-        builder.seed(self.seed).policy(policy).build().map_err(|error| raised(error.into()))
+        let builder = builder.episode_frames(self.episode_frames).seed(self.seed).policy(policy);
+        builder.build().map_err(|error| raised(error.into()))
     }
 }

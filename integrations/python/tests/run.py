@@ -273,6 +273,7 @@ def loop(url: str) -> None:
     assert last["outcome"] == "failed", last
     without_answers(space, objective)
     beyond_a_limit(client)
+    episodes(client)
     tables_and_figures(client, study)
 
 
@@ -364,6 +365,29 @@ def tables_and_figures(client, study) -> None:
         ranked = [{"parameter": name, "first_order": share} for name, share in (("leaf", 0.9), ("none", None), ("warps", 0.2))]
         analysis = {"study": "s", "conditions": [{"metrics": [{"name": "ms", "parameters": ranked}]}]}
         assert [bar.get_width() for bar in plot.importances(analysis).patches] == [0.2, 0.9]
+
+
+def episodes(client) -> None:
+    """A loop keeps a trial for its frames, and reports their means."""
+    import treewright
+
+    space = treewright.Space().integer("leaf", 1, 32, default=8)
+    study = client.study("python-episodes", space, minimise={"ms": 1.0}, indicators={"size": (0.0, 9.0)}, episode_frames=4)
+    tuner, trials = study.tuner(), []
+    for frame in range(8):
+        suggestion = tuner.next({"size": 1.0})
+        assert suggestion.source == "daemon", suggestion.problem
+        trials.append(suggestion.trial)
+        tuner.finish(suggestion, ms=1.0 + frame % 4)
+    assert study.episode_frames == 4 and trials == 4 * trials[:1] + 4 * trials[4:5] and trials[0] != trials[4], trials
+    unfinished = tuner.next({"size": 1.0})
+    try:
+        unfinished.report(ms=1.0)
+        raise AssertionError("a frame is no trial")
+    except treewright.Invalid as problem:
+        assert "its trial has more frames" in str(problem), problem
+    client.flush(20000)
+    assert [trial["measurements"]["ms"] for trial in study.trials("outcome = OK")] == [2.5, 2.5]
 
 
 def threads(url: str) -> None:

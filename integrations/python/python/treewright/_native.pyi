@@ -87,6 +87,7 @@ class Client:
         display_name: str = "",
         state_tolerance: Optional[float] = None,
         seed: int = 0,
+        episode_frames: int = 1,
     ) -> Study:
         """Creates the study, or finds the equal one of that id. An absent daemon is no error."""
     def existing_study(self, id: str) -> Study: ...
@@ -106,6 +107,9 @@ class Study:
     @property
     def maximised(self) -> list[str]:
         """Those of the metrics that are maximised."""
+    @property
+    def episode_frames(self) -> int:
+        """How many frames make a trial; a report of one that ``suggest`` gave holds the means of so many."""
     def cost(self, measured: Mapping[str, float]) -> float:
         """The study's objective of measurements, which is minimised. Raises Invalid where one is missing."""
     def beyond(self, measured: Mapping[str, float]) -> Optional[str]:
@@ -232,7 +236,8 @@ class Suggestion:
     ) -> bool: ...
 
 class Tuner:
-    """A frame loop in which report and question travel together."""
+    """A frame loop in which report and question travel together. Where ``episode_frames`` of the study is above 1 it gives the same
+    trial for so many frames, at once, and reports their means; in another state it gives an unfinished one back."""
 
     def next(self, indicators: Optional[Numbers] = None) -> Suggestion: ...
     def finish(self, suggestion: Suggestion, measurements: Optional[Numbers] = None, /, **named: float) -> None: ...

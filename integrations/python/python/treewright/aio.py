@@ -120,6 +120,11 @@ class Study:
         return self._study.maximised
 
     @property
+    def episode_frames(self) -> int:
+        """How many frames make a trial."""
+        return self._study.episode_frames
+
+    @property
     def value_title(self) -> str:
         """The name of what a cost stands for; see ``treewright.Study.value_title``."""
         return self._study.value_title
