@@ -32,6 +32,8 @@ export interface StudySpec {
   auxiliary?: string[];
   /** What measurements may be; a configuration that goes beyond is infeasible. */
   limits?: Record<string, { atLeast?: number; atMost?: number }>;
+  /** Frames of a trial, 1 to 64, for costs that rise or fall while a configuration is in use; see `Tuner`. Default 1. */
+  episodeFrames?: number;
   stateTolerance?: number;
   /** Fields and words as in the wire contract, any others are refused: `{epsilon: 0.1, search: "SEARCH_METHOD_RANDOM"}`. */
   policy?: Record<string, unknown>;
@@ -128,6 +130,8 @@ export class Study {
    * `problem` says why. Each suggestion that is neither reported nor given back is a trial of its own, whoever asks.
    */
   suggest(indicators?: Numbers): Promise<Suggestion>;
+  /** A frame loop. */
+  tuner(): Tuner;
   /** A trial of one's own choice. Here and below, a daemon that is still loading the study is asked again until `callDeadlineMs` is over. */
   trialOf(configuration: Configuration, indicators?: Numbers): Promise<Suggestion>;
   predict(indicators?: Numbers): Promise<{ configuration: Configuration; cost?: number }>;
@@ -143,6 +147,7 @@ export class Suggestion {
   readonly reason: string;
   readonly problem?: string;
   readonly predictedCost?: number;
+  /** Stop as soon as the objective exceeds this, and call `aborted`; undefined is never. In a frame loop it is the cost of this frame. */
   readonly abortAbove?: number;
   /**
    * Renews the lease, counted from now, for work that takes longer than `lease_s` of the policy; does nothing without the daemon. Rejects
@@ -155,4 +160,15 @@ export class Suggestion {
   infeasible(reason: string): void;
   failed(reason: string): void;
   abandon(): void;
+}
+
+/**
+ * A frame loop. Where `episodeFrames` of the study is above 1 it gives the same suggestion for so many frames, at once and without the
+ * daemon, and then reports their means; the trial ends early once its mean must be above its bound. In another state an unfinished trial
+ * is given back. Without a loop, a trial is reported with the means of so many frames.
+ */
+export class Tuner {
+  next(indicators?: Numbers): Promise<Suggestion>;
+  /** The frame's result. */
+  finish(suggestion: Suggestion, measurements: Numbers): void;
 }

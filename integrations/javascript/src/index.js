@@ -10,6 +10,7 @@ import { threadId } from "node:worker_threads";
 import * as grpc from "@grpc/grpc-js";
 import { loadSync } from "@grpc/proto-loader";
 
+import { Episode } from "./episode.js";
 import { TreewrightError, refined } from "./error.js";
 import { Outbox } from "./outbox.js";
 import { bestFromWire, checkIndicators, configurationFromWire, configurationToWire, defaultConfiguration, specToWire } from "./wire.js";
@@ -161,6 +162,9 @@ export class Study {
     if (limited(found.objective) !== limited(this.request.study.objective)) {
       throw new TreewrightError("invalid", "objective: the daemon knows no limits on measurements and would go without; upgrade it");
     }
+    if ((found.objective?.episodeFrames ?? 0) !== this.request.study.objective.episodeFrames) {
+      throw new TreewrightError("invalid", "objective: the daemon knows no trials of several frames; upgrade it");
+    }
     this.asked = found.uid ? `${found.name}@${found.uid}` : this.name;
     this.created = true;
   }
@@ -225,6 +229,10 @@ export class Study {
     }
   }
 
+  tuner() {
+    return new Tuner(this);
+  }
+
   async trialOf(configuration, indicators = {}) {
     checkIndicators(indicators, this.spec);
     const wanted = configurationToWire(configuration, this.spec);
@@ -269,6 +277,8 @@ function giveBack(client, trial, worker) {
 export class Suggestion {
   #study;
   #worker;
+  #lease;
+  #episode;
   #open = true;
 
   constructor(study, worker, trial, configuration, isLastGood, problem) {
@@ -281,7 +291,25 @@ export class Suggestion {
     this.reason = trial?.reason?.summary ?? "";
     this.problem = problem?.message;
     this.predictedCost = trial?.predictedCost;
-    this.abortAbove = trial?.abortAbove;
+    this.#lease = trial && { abortAbove: trial.abortAbove, leaseExpireTime: trial.leaseExpireTime };
+  }
+
+  get abortAbove() {
+    return this.#episode ? this.#episode.frameCap : this.#lease?.abortAbove;
+  }
+
+  /** For a frame loop: makes the trial one of several frames, where the study has such. */
+  begin(indicators) {
+    const { spec } = this.#study;
+    if (spec.episodeFrames > 1 && this.#lease) this.#episode = new Episode(spec, { ...indicators }, this.#lease);
+  }
+
+  /** For a frame loop: whether the trial's next frame can be one of these indicators. Renews its lease where half of it is over. */
+  goesOn(indicators) {
+    if (!this.#open || !this.#episode?.isIn(indicators)) return false;
+    // No frame waits for it.
+    if (this.#episode.renewalIsDue()) this.extendLease().catch((error) => (this.#study.client.stats.lastError = error.message));
+    return true;
   }
 
   #end(measurements, outcome) {
@@ -304,9 +332,17 @@ export class Suggestion {
     if (this.trial !== undefined) await this.#study.client.call("extendLease", { trial: this.trial });
   }
 
+  /** For a frame loop: takes the frame's result, and ends the trial with its last frame. Returns whether there are more. */
+  frame(measurements) {
+    const cost = this.#open ? this.#check(measurements) : undefined;
+    const whole = { measurements, outcome: { ok: {} } };
+    const result = this.#open && this.#episode ? this.#episode.push(measurements, cost) : whole;
+    if (result) this.#end(result.measurements, result.outcome);
+    return result === undefined;
+  }
+
   report(measurements) {
-    if (this.#open) this.#check(measurements);
-    this.#end(measurements, { ok: {} });
+    if (this.frame(measurements)) this.#refuse("its trial has more frames; hand what was measured to the tuner's finish");
   }
 
   #refuse(problem) {
@@ -321,7 +357,7 @@ export class Suggestion {
     }
   }
 
-  /** The daemon would refuse these later, when nobody looks. */
+  /** The daemon would refuse these later, when nobody looks. Returns the cost; there is none beyond a limit. */
   #check(measurements) {
     this.#checkValues(measurements);
     const { minimise = {}, maximise = {}, limits = {} } = this.#study.spec;
@@ -332,7 +368,7 @@ export class Suggestion {
     // What is beyond a limit is infeasible, whatever it costs.
     const isBeyond = ([name, { atLeast = -Infinity, atMost = Infinity }]) =>
       measurements[name] < atLeast || measurements[name] > atMost;
-    if (Object.entries(limits).some(isBeyond)) return;
+    if (Object.entries(limits).some(isBeyond)) return undefined;
     let cost = 0;
     for (const [name, weight] of Object.entries(minimise)) cost += weight * measurements[name];
     for (const [name, weight] of Object.entries(maximise)) {
@@ -342,12 +378,13 @@ export class Suggestion {
       cost += weight / value;
     }
     if (!Number.isFinite(cost)) this.#refuse("the weighted sum of the measurements is not finite; use smaller measurements or weights");
+    return cost;
   }
 
   aborted(lowerBound) {
     if (this.#open && !(Number.isFinite(lowerBound) && lowerBound >= 0))
       this.#refuse(`the lower bound is ${lowerBound}; it must be finite and not negative`);
-    this.#end({}, { aborted: { lowerBound } });
+    this.#end({}, { aborted: { lowerBound: this.#episode ? this.#episode.bound(lowerBound) : lowerBound } });
   }
 
   infeasible(reason) {
@@ -365,5 +402,31 @@ export class Suggestion {
     if (this.trial === undefined) return;
     forgotten.unregister(this);
     giveBack(this.#study.client, this.trial, this.#worker);
+  }
+}
+
+export class Tuner {
+  #study;
+  /** The suggestion whose trial has frames left. */
+  #kept;
+
+  constructor(study) {
+    this.#study = study;
+  }
+
+  async next(indicators = {}) {
+    checkIndicators(indicators, this.#study.spec);
+    const kept = this.#kept;
+    this.#kept = undefined;
+    if (kept?.goesOn(indicators)) return kept;
+    // The mean of its first frames would be wrong for costs that rise or fall.
+    kept?.abandon();
+    const suggestion = await this.#study.suggest(indicators);
+    suggestion.begin(indicators);
+    return suggestion;
+  }
+
+  finish(suggestion, measurements) {
+    if (suggestion.frame(measurements)) this.#kept = suggestion;
   }
 }

@@ -62,6 +62,13 @@ function parameterToWire(parameter, all) {
   return message;
 }
 
+/** Frames of a trial as they are sent: one is told as before there were several. */
+function framesToWire(frames) {
+  if (!(Number.isInteger(frames) && frames >= 1 && frames <= 64))
+    throw new TreewrightError("invalid", `episodeFrames is ${frames}; give 1 to 64`);
+  return frames === 1 ? 0 : frames;
+}
+
 export function specToWire(spec) {
   const indicators = Object.entries(spec.indicators ?? {}).map(([name, [min, max, scale = "linear"]]) => {
     if (scale !== "log" && scale !== "linear")
@@ -93,6 +100,7 @@ export function specToWire(spec) {
       auxiliary: spec.auxiliary ?? [],
       maximised: Object.keys(spec.maximise ?? {}),
       limits: Object.entries(spec.limits ?? {}).map(([metric, { atLeast, atMost }]) => ({ metric, atLeast, atMost })),
+      episodeFrames: framesToWire(spec.episodeFrames ?? 1),
     },
     stateTolerance: spec.stateTolerance,
     policy,
@@ -117,6 +125,22 @@ export function checkIndicators(indicators, spec) {
     if (!(name in indicators)) throw wrong(`${name} is missing`);
     if (!Number.isFinite(indicators[name])) throw wrong(`${name} is ${indicators[name]}, which is not finite`);
   }
+}
+
+const STATE_TOLERANCE = 0.01;
+
+/** A value on the scale of its indicator, where the lowest is 0 and the highest 1. */
+function normalised(value, [min, max, scale]) {
+  if (scale !== "log") return (value - min) / (max - min);
+  return (Math.sign(value - min) * Math.log1p(Math.abs(value - min))) / Math.log1p(max - min);
+}
+
+/** Whether the service takes both for one state. */
+export function isOneState(spec, one, other) {
+  const tolerance = spec.stateTolerance ?? STATE_TOLERANCE;
+  return Object.entries(spec.indicators ?? {}).every(
+    ([name, range]) => Math.abs(normalised(one[name], range) - normalised(other[name], range)) <= tolerance,
+  );
 }
 
 // A number that is 0 is not sent; one that may be missing stays so.

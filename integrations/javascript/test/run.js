@@ -204,6 +204,58 @@ async function whileTheStudyIsLoaded(times) {
   server.forceShutdown();
 }
 
+/** A loop keeps a trial for its frames without asking, and reports their means; a daemon that ends within a trial is not missed. */
+async function inEpisodes() {
+  const [reports, given] = [[], []];
+  let asked = 0;
+  const handlers = {
+    CreateStudy: ({ request: { studyId, study } }, answer) => answer(null, { name: `studies/${studyId}`, objective: study.objective }),
+    Suggest: ({ request: { study } }, answer) => {
+      asked += 1;
+      answer(null, { name: `${study}/trials/${asked}`, abortAbove: 10, configuration: { values: { level: { integer: "5" } } } });
+    },
+    Report: ({ request }, answer) => {
+      reports.push(request);
+      answer(null, {});
+    },
+    AbandonTrial: ({ request: { trial } }, answer) => {
+      given.push(trial);
+      answer(null, {});
+    },
+  };
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { deadlineMs: 20000 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const indicators = { triangles: [0, 1e6, "log"] };
+  const study = await client.study("long", { parameters, indicators, minimise: { ms: 1 }, episodeFrames: 5 });
+  const [tuner, input] = [study.tuner(), { triangles: 1000 }];
+  for (const ms of [20, 1, 3, 4, 4]) {
+    const suggestion = await tuner.next(input);
+    assert.equal(suggestion.trial, "studies/long/trials/1");
+    tuner.finish(suggestion, { ms });
+  }
+  await client.flush(20000);
+  assert.deepEqual([asked, reports[0].measurements], [1, { ms: 6.4, trend: 2 }]);
+  // What makes the mean surely too high ends the trial.
+  const dear = await tuner.next(input);
+  assert.equal(dear.abortAbove, 50);
+  tuner.finish(dear, { ms: 40 });
+  assert.equal((await tuner.next({ triangles: 1010 })).abortAbove, 10);
+  tuner.finish(dear, { ms: 15 });
+  await client.flush(20000);
+  assert.deepEqual([asked, reports[1].outcome.aborted.lowerBound], [2, 11]);
+  // In another state it is given up, and one frame is not the trial.
+  tuner.finish(await tuner.next(input), { ms: 1 });
+  const other = await tuner.next({ triangles: 9 });
+  assert.throws(() => other.report({ ms: 1 }), /its trial has more frames/);
+  await client.flush(20000);
+  assert.deepEqual([given, reports.length], [["studies/long/trials/3", "studies/long/trials/4"], 2]);
+  for (const episodeFrames of [0, 1.5, 65])
+    await rejects(client.study("long", { parameters, minimise: { ms: 1 }, episodeFrames }), "invalid", "give 1 to 64");
+  client.close();
+  server.forceShutdown();
+}
+
 /** A daemon of before there were maximised metrics and limits: it drops the fields, and would minimise the rate. */
 async function byAnOlderDaemon() {
   let [isThere, asked] = [true, 0];
@@ -226,6 +278,8 @@ async function byAnOlderDaemon() {
   await rejects(client.study("rate", rate), "invalid", "knows no maximised metrics");
   const limited = { parameters, minimise: { ms: 1 }, limits: { mb: { atMost: 99 } } };
   await rejects(client.study("limited", limited), "invalid", "knows no limits on measurements");
+  const long = { parameters, minimise: { ms: 1 }, episodeFrames: 24 };
+  await rejects(client.study("long", long), "invalid", "knows no trials of several frames");
   const plain = await client.study("plain", { parameters, minimise: { ms: 1 } });
   const suggestion = await plain.suggest({});
   assert.deepEqual([suggestion.source, asked], ["daemon", 1], suggestion.problem);
@@ -357,6 +411,7 @@ async function byANewerDaemon() {
 const defective = byADefectiveDaemon();
 await trials();
 await sideBySide();
+await inEpisodes();
 await byAnOlderDaemon();
 await byANewerDaemon();
 await whileTheStudyIsLoaded(3);
