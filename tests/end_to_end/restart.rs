@@ -1,7 +1,9 @@
 //! `kill -9` in mid-run: the search goes on where it stood, and a repeated report changes nothing.
 
 use std::collections::BTreeSet;
+use std::time::Duration;
 
+use treewright_client::{Client, Indicators, Options, Outcome, Policy, Space, StudySpec};
 use treewright_proto::v1 as pb;
 use treewright_tests::daemon::Daemon;
 
@@ -71,4 +73,61 @@ async fn a_report_repeated_after_a_kill_changes_nothing() {
     let request = pb::GetStudyRequest { name: study };
     let statistics = client.get_study(request).await.expect("it is there").into_inner().statistics;
     assert_eq!(statistics.map(|counts| (counts.trials, counts.completed_trials)), Some((1, 1)));
+}
+
+/// A client, and a study whose trials have four frames.
+fn of_four_frames(url: &str, lease_s: u32) -> (Client, StudySpec) {
+    let options = Options::new().client_id("renderer").deadline(Duration::from_secs(20));
+    let space = Space::builder().integer("leaf", 1..=32).default(8).build().expect("a space");
+    let spec = StudySpec::builder(space).minimise("render_ms", 1.0).episode_frames(4);
+    let spec = spec.policy(Policy::new().lease_s(lease_s)).build().expect("a specification");
+    (Client::connect(url, options).expect("a good address"), spec)
+}
+
+#[tokio::test]
+async fn a_frame_loop_ends_its_trial_of_several_frames_while_the_daemon_is_away() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let database = folder.path().join("tuning.db");
+    let daemon = Daemon::start(&database);
+    let (url, address) = (daemon.url().to_owned(), daemon.address().to_owned());
+    let (client, spec) = of_four_frames(&url, 60);
+    let mut tuner = client.study("episodes", spec).await.expect("a study").tuner();
+    let (mut daemon, mut previous, mut trials) = (Some(daemon), None, BTreeSet::new());
+    for frame in 0..4 {
+        if let Some(running) = daemon.take_if(|_| frame == 2) {
+            running.kill();
+        }
+        let suggestion = tuner.next(&Indicators::new(), previous.take()).await;
+        trials.insert(suggestion.trial().expect("no frame is a fallback").to_owned());
+        let measured = [("render_ms", f64::from(1 + frame))].into();
+        previous = Some(suggestion.finished(measured, Outcome::Ok).expect("measured"));
+    }
+    assert_eq!(trials.len(), 1, "{trials:?}");
+    drop(previous);
+    let daemon = Daemon::start_at(&database, &address);
+    client.flush(Duration::from_secs(60)).await.expect("the report arrives");
+    let mut reader = wire::connect(daemon.url()).await;
+    let stored = wire::query(&mut reader, "studies/episodes", "state = COMPLETED").await;
+    assert_eq!(stored.len(), 1);
+    assert_eq!((stored[0].measurements.get("render_ms"), stored[0].cost), (Some(&2.5), Some(2.5)));
+}
+
+#[tokio::test]
+async fn a_trial_of_several_frames_may_last_longer_than_its_lease() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let (client, spec) = of_four_frames(daemon.url(), 3);
+    let mut tuner = client.study("episodes", spec).await.expect("a study").tuner();
+    let mut previous = None;
+    for _frame in 0..4 {
+        let suggestion = tuner.next(&Indicators::new(), previous.take()).await;
+        tokio::time::sleep(Duration::from_millis(1200)).await;
+        let measured = [("render_ms", 1200.0)].into();
+        previous = Some(suggestion.finished(measured, Outcome::Ok).expect("measured"));
+    }
+    drop(previous);
+    client.flush(Duration::from_secs(60)).await.expect("the report arrives");
+    let mut reader = wire::connect(daemon.url()).await;
+    let stored = wire::query(&mut reader, "studies/episodes", "state = COMPLETED").await;
+    assert_eq!(stored.iter().map(|trial| trial.late).collect::<Vec<_>>(), [false]);
 }

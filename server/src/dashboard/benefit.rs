@@ -85,8 +85,8 @@ impl AddAssign for Benefit {
     }
 }
 
-/// One unit of an objective in seconds, by the endings of its metrics' names; `None` where it is no time, or
-/// where a metric is maximised.
+/// One unit of an objective in seconds of a trial, all of its frames together, by the endings of its metrics'
+/// names; `None` where it is no time, or where a metric is maximised.
 pub(super) fn unit_s(objective: Option<&v1::Objective>) -> Option<f64> {
     let objective = objective.filter(|objective| objective.maximised.is_empty())?;
     let unit = |name: &str| {
@@ -96,7 +96,8 @@ pub(super) fn unit_s(objective: Option<&v1::Objective>) -> Option<f64> {
     let units: Option<Vec<f64>> = objective.terms.iter().map(|term| unit(&term.metric)).collect();
     let units = units?;
     let first = *units.first()?;
-    units.iter().all(|unit| *unit == first).then_some(first)
+    let frames = f64::from(objective.episode_frames.max(1));
+    units.iter().all(|unit| *unit == first).then_some(first * frames)
 }
 
 /// A configuration that serves all states: its values as text, and its cost in each state where it was
@@ -176,6 +177,8 @@ mod tests {
         };
         assert_eq!(unit_s(Some(&objective(&["build_ms", "render_ms"]))), Some(1e-3));
         assert_eq!(unit_s(Some(&objective(&["wall_s"]))), Some(1.0));
+        let long = v1::Objective { episode_frames: 24, ..objective(&["wall_s"]) };
+        assert_eq!(unit_s(Some(&long)), Some(24.0), "a trial's frames");
         assert_eq!(unit_s(Some(&objective(&["build_ms", "loss"]))), None);
         assert_eq!(unit_s(Some(&objective(&["build_ms", "render_s"]))), None);
         assert_eq!(unit_s(None), None);
