@@ -227,8 +227,9 @@ pub struct Objective {
     /// must be above 0. OPTIONAL, distinct.
     #[prost(string, repeated, tag = "4")]
     pub maximised: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
-    /// Frames of a trial, whose measurements are the means of its frames; of a maximised metric, the harmonic mean. The SDKs'
-    /// frame loops keep a configuration for so many frames before they report. OPTIONAL, 1 to 64; 0 means 1.
+    /// Frames of a trial, for costs that rise or fall while a configuration is in use. A report holds the means of its frames;
+    /// of a maximised metric, the harmonic mean. `Trial.abort_above` is a bound of the mean. The SDKs' frame loops keep a
+    /// configuration for so many frames, and report then. OPTIONAL, 1 to 64; 0 means 1.
     #[prost(uint32, tag = "5")]
     pub episode_frames: u32,
 }
