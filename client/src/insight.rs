@@ -23,8 +23,6 @@ pub struct Explanation {
     pub expected_frames: Option<f64>,
     /// The expected cost of exploring in all, in frames of the reference.
     pub exploring_cost: Option<f64>,
-    /// Parameters that were left at their best known value because they do not matter here.
-    pub held: Vec<String>,
     /// The answer without shadow operation.
     pub instead_of: Option<Configuration>,
     /// The cost of this trial is not learnt.
@@ -73,6 +71,4 @@ pub struct Omission {
     pub summary: String,
     /// The estimated number of trials that it has saved or will save.
     pub saved_trials: f64,
-    /// With which probability leaving it out is wrong; `None` where it is certain.
-    pub risk: Option<f64>,
 }

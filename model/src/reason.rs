@@ -103,9 +103,6 @@ pub struct Explanation {
     /// The expected cost of exploring in all, in frames of the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exploring_cost: Option<f64>,
-    /// Parameters that were left at their best known value because they do not matter here.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub held: Vec<String>,
     /// The answer without shadow operation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instead_of: Option<RawConfiguration>,
@@ -142,8 +139,6 @@ words! {
     pub enum OmissionReason {
         /// The parameter is inactive at the best known values of others.
         Inactive = "INACTIVE",
-        /// The parameter was shown not to matter.
-        Insensitive = "INSENSITIVE",
         /// The most that can be gained is below the noise.
         BelowNoise = "BELOW_NOISE",
         /// The expected gain does not pay for the search.

@@ -214,7 +214,6 @@ fn study() -> wire::Study {
             abort_above: Some(3.0),
             worst_factor: Some(50.0),
             operation: wire::Operation::Tune.into(),
-            freeze_risk: Some(0.05),
             roll_back: Some(true),
             ..wire::Policy::default()
         }),

@@ -221,7 +221,7 @@ fn what_is_added_or_retired_with_a_reservation_breaks_nothing() {
     policy.field.push(added);
     assert_eq!(broken(&present(), &grown), Vec::<String>::new());
     let mut reused = grown.clone();
-    message(&mut reused, "Policy").reserved_range.clear();
+    message(&mut reused, "Policy").reserved_range.pop();
     assert_eq!(broken(&grown, &reused), ["Policy: 1 is no longer reserved"]);
 }
 

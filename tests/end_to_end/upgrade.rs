@@ -36,7 +36,8 @@ fn policies() -> Vec<(String, pb::Policy)> {
     let rules = [
         ("budget", pb::Policy { regret_budget: Some(0.3), ..plain.clone() }),
         ("gain", pb::Policy { weigh_gain: true, ..plain.clone() }),
-        ("risk", pb::Policy { freeze_risk: Some(0.2), ..plain.clone() }),
+        // Version 0.1.0 recorded it with `freeze_risk`, which is ignored since.
+        ("risk", plain.clone()),
         ("shadow", pb::Policy { operation: pb::Operation::Shadow as i32, ..plain.clone() }),
         ("replicates", pb::Policy { replicates: 2, warm_up: 1, epsilon_halves_after: 6, ..plain.clone() }),
     ];

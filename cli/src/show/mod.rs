@@ -367,15 +367,10 @@ pub(crate) fn explanation(prediction: &Prediction, view: &CostView) -> String {
         );
     }
     if !state.omissions.is_empty() {
-        let mut omissions = table(&["left out", "why", "trials saved", "risk"], &[2, 3]);
+        let mut omissions = table(&["left out", "why", "trials saved"], &[2]);
         for omission in &state.omissions {
             let what = omission.parameter.clone().unwrap_or_else(|| "the whole search".to_owned());
-            omissions.add_row([
-                what,
-                omission.summary.clone(),
-                format!("{:.1}", omission.saved_trials),
-                omission.risk.map_or_else(|| "none".to_owned(), figure),
-            ]);
+            omissions.add_row([what, omission.summary.clone(), format!("{:.1}", omission.saved_trials)]);
         }
         line(&mut text, &omissions.trim_fmt());
     }

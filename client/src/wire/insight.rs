@@ -17,7 +17,6 @@ pub(crate) fn explanation_from_wire(explanation: v1::Explanation) -> Explanation
         expected_gain: explanation.expected_gain,
         expected_frames: explanation.expected_frames,
         exploring_cost: explanation.exploring_cost,
-        held: explanation.held,
         instead_of,
         silent: explanation.silent,
     }
@@ -46,7 +45,6 @@ fn omission(omission: v1::Omission) -> Omission {
         reason: WireEnum::from_number(omission.reason),
         summary: omission.summary,
         saved_trials: omission.saved_trials,
-        risk: omission.risk,
     }
 }
 

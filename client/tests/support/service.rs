@@ -196,10 +196,9 @@ impl TuningService for Service {
             exploring_cost: Some(3.5),
             omissions: vec![v1::Omission {
                 parameter: "compact".into(),
-                reason: v1::OmissionReason::Insensitive.into(),
-                summary: "it changes the cost by less than 1 %".into(),
+                reason: v1::OmissionReason::Inactive.into(),
+                summary: "it means nothing beside the best known value of builder".into(),
                 saved_trials: 7.5,
-                risk: Some(0.05),
             }],
             ..Default::default()
         });

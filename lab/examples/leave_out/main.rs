@@ -1,13 +1,13 @@
 //! Trials saved by leaving out: trials until 90, 95 and 98 % of the roofline of the modelled renderer space,
-//! with and without conditional knowledge and held parameters.
+//! with and without conditional knowledge.
 //!
 //! `cargo run --release -p treewright-lab --example leave_out -- [SEEDS] [SCENES_BEFORE] [TRIALS] [NOISE] [ARM...]`.
 //! Each run asks the tuner itself, one client in one scene after the other. NOISE is the standard deviation
 //! of the logarithm of measurements, 0.07 by default; it decides how soon effects of a few percent can be
 //! seen. "flat" is the space as a list of parameters that are always active; "conditional" knows which
-//! parameter is active under which condition; "held" also holds parameters that are shown not to matter (risk
-//! 0.05). In "scenes" other scenes were explored before; where they are "unlike", every other parameter means
-//! the opposite there. Runs that do not arrive count as the budget. Names of arms choose among them.
+//! parameter is active under which condition. In "scenes" other scenes were explored before; where they are
+//! "unlike", every other parameter means the opposite there. Runs that do not arrive count as the budget.
+//! Names of arms choose among them.
 
 #[path = "../search_quality/problem.rs"]
 mod problem;
@@ -37,7 +37,6 @@ fn flat(space: &Space) -> Space {
 struct Arm {
     name: &'static str,
     is_flat: bool,
-    freeze_risk: Option<f64>,
     before: u64,
     /// Whether the scenes before are unlike the one that counts.
     unlike: bool,
@@ -46,7 +45,6 @@ struct Arm {
 struct Run {
     /// Trials until each share; `None` where it was not reached.
     arrived: [Option<usize>; ARRIVED.len()],
-    held: usize,
     share: f64,
 }
 
@@ -59,14 +57,14 @@ fn opposite(space: &Space, configuration: &Configuration) -> Configuration {
 
 /// Explores `before` scenes and then one that counts.
 fn run(arm: &Arm, seed: u64, trials: u32, noise: Option<f64>) -> Run {
-    let &Arm { is_flat, freeze_risk, before, unlike, .. } = arm;
+    let &Arm { is_flat, before, unlike, .. } = arm;
     let first = trees::problem(seed);
     let space = if is_flat { flat(&first.space) } else { first.space };
-    let policy = Policy { epsilon: 1.0, trials_per_state: trials, freeze_risk, ..Policy::default() };
+    let policy = Policy { epsilon: 1.0, trials_per_state: trials, ..Policy::default() };
     let spec = study(space, std::iter::once("scene".to_owned()), policy, seed);
     let mut tuner = Tuner::new(Arc::new(spec)).expect("a valid study");
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut result = Run { arrived: Default::default(), held: 0, share: 0.0 };
+    let mut result = Run { arrived: Default::default(), share: 0.0 };
     for scene in 0..=before {
         let counts = scene == before;
         let problem = if counts { trees::problem(seed) } else { trees::problem(1000 + 50 * seed + scene) };
@@ -79,9 +77,6 @@ fn run(arm: &Arm, seed: u64, trials: u32, noise: Option<f64>) -> Run {
                 true => (problem.truth)(&opposite(&problem.space, &trial.configuration)),
                 false => (problem.truth)(&trial.configuration),
             };
-            if counts {
-                result.held = result.held.max(trial.reason().explanation.held.len());
-            }
             best = truth.map_or(best, |truth| best.min(truth));
             let noise = noise.unwrap_or(problem.noise);
             let cost = truth.map(|truth| truth * (noise * normal(&mut random)).exp());
@@ -109,17 +104,15 @@ fn main() {
     let noise: Option<f64> = std::env::args().nth(4).map(|text| text.parse().expect("a number"));
     print!("{:24}", "mean trials (arrived) to");
     ARRIVED.iter().for_each(|share| print!("{:>8.0} %      ", 100.0 * share));
-    println!("{:>8}{:>10}", "held", "at end");
+    println!("{:>10}", "at end");
     let named: Vec<String> = std::env::args().skip(5).collect();
-    let arm = |name, is_flat, freeze_risk, before| Arm { name, is_flat, freeze_risk, before, unlike: false };
+    let arm = |name, is_flat, before| Arm { name, is_flat, before, unlike: false };
     let arms = [
-        arm("flat", true, None, 0),
-        arm("conditional", false, None, 0),
-        arm("conditional, held", false, Some(0.05), 0),
-        arm("flat + scenes", true, None, before),
-        arm("conditional + scenes", false, None, before),
-        arm("held + scenes", false, Some(0.05), before),
-        Arm { unlike: true, ..arm("conditional + unlike", false, None, before) },
+        arm("flat", true, 0),
+        arm("conditional", false, 0),
+        arm("flat + scenes", true, before),
+        arm("conditional + scenes", false, before),
+        Arm { unlike: true, ..arm("conditional + unlike", false, before) },
     ];
     for arm in arms {
         let Arm { name, .. } = arm;
@@ -134,6 +127,6 @@ fn main() {
             let arrived = mean(&|run| f64::from(u8::from(run.arrived[place].is_some())));
             print!("{after:8.1} ({arrived:4.2}) ");
         }
-        println!("{:8.1}{:10.3}", mean(&|run| run.held as f64), mean(&|run| run.share));
+        println!("{:10.3}", mean(&|run| run.share));
     }
 }

@@ -88,9 +88,6 @@ pub struct Explore {
     /// The client is to stop the trial as soon as its cost exceeds this, in the objective's units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub abort_above: Option<f64>,
-    /// Parameters that were left at their best known value because they do not matter here.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub held: Vec<String>,
 }
 
 /// The kind of explored point.

@@ -118,7 +118,6 @@ fn explore(source: &str, step: &str, neighbours: Vec<Neighbour>, explanation: &E
         estimate: ExplorationEstimate::recorded(explanation),
         budget: budget(explanation),
         abort_above: explanation.abort_above,
-        held: explanation.held.clone(),
     }
 }
 

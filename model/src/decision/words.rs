@@ -99,7 +99,6 @@ fn explanation(decision: &Decision) -> Explanation {
         }
         Choice::Explore(explore) => {
             explanation.abort_above = explore.abort_above;
-            explanation.held.clone_from(&explore.held);
             (explore.estimate, explore.budget)
         }
         Choice::Exploit(exploit) => (exploit.estimate, exploit.budget),

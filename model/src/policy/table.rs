@@ -68,10 +68,6 @@ macro_rules! policy_table {
             /// whose one state nobody ever leaves, are explored in this way whatever this field says.
             offline: bool | bool = false, unset "false", in Range::Any, as "BOOL";
 
-            /// Parameters that are shown not to matter are held, and each of these verdicts may be wrong with
-            /// this probability, above 0 and at most 0.5.
-            freeze_risk: Option<f64> | f64 = None, unset "nothing is held", in Range::Above(0.0, 0.5), as "PROBABILITY";
-
             /// The first so many trials of each session of a client are not learnt, 0 to 10,000.
             warm_up: u32 | u32 = 0, unset "0", in Range::Within(0.0, WARM_UP_MAX as f64), as "COUNT";
 

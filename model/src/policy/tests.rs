@@ -93,7 +93,6 @@ fn numbers_out_of_range_are_named_with_it() {
         new().regret_budget(1.5),
         new().abort_above(1.0),
         new().worst_factor(f64::INFINITY),
-        new().freeze_risk(0.0),
         new().warm_up(10_001),
         new().trials_per_state(0),
     ] {

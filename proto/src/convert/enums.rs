@@ -50,7 +50,7 @@ wire_enums! {
         Confirming, Incumbent,
     }
     ConfirmationStage { Off, Searching, Racing, Better, NothingBetter }
-    OmissionReason { Inactive, Insensitive, BelowNoise, BelowCost, Constant, Redundant }
+    OmissionReason { Inactive, BelowNoise, BelowCost, Constant, Redundant }
 }
 
 /// Searches and predictors have the numbers of their registry. A test here checks that the contract gives

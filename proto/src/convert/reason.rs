@@ -33,7 +33,6 @@ fn explanation(explanation: &Explanation) -> v1::Explanation {
         expected_gain: explanation.expected_gain,
         expected_frames: explanation.expected_frames,
         exploring_cost: explanation.exploring_cost,
-        held: explanation.held.clone(),
         instead_of: explanation.instead_of.as_ref().map(configuration_to_wire),
         silent: explanation.silent,
     }

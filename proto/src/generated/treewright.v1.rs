@@ -309,10 +309,6 @@ pub struct Policy {
     /// this way whatever this field says. OPTIONAL.
     #[prost(bool, tag = "24")]
     pub offline: bool,
-    /// Parameters that are shown not to matter are held at their best known value, and each of these verdicts may be
-    /// wrong with this probability. OPTIONAL, above 0, at most 0.5; unset means that nothing is held.
-    #[prost(double, optional, tag = "14")]
-    pub freeze_risk: ::core::option::Option<f64>,
     /// How many of the first trials of each session of a client are ignored. OPTIONAL, 0 to 10000.
     #[prost(int32, tag = "15")]
     pub warm_up: i32,
@@ -621,9 +617,6 @@ pub struct Explanation {
     /// What exploring is expected to cost in all, in frames of the reference.
     #[prost(double, optional, tag = "8")]
     pub exploring_cost: ::core::option::Option<f64>,
-    /// Parameters that were left at their best known value because they do not matter here.
-    #[prost(string, repeated, tag = "9")]
-    pub held: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
     /// What would have been answered, were the study not in shadow.
     #[prost(message, optional, tag = "10")]
     pub instead_of: ::core::option::Option<Configuration>,
@@ -1128,9 +1121,6 @@ pub struct Omission {
     /// Estimated number of trials that this saves.
     #[prost(double, tag = "4")]
     pub saved_trials: f64,
-    /// Probability that leaving it out is wrong. Unset if it is certain to be right.
-    #[prost(double, optional, tag = "5")]
-    pub risk: ::core::option::Option<f64>,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct AbandonTrialRequest {
@@ -1292,8 +1282,6 @@ pub enum OmissionReason {
     Unspecified = 0,
     /// The parameter has no effect with the best known values of the others.
     Inactive = 1,
-    /// The parameter was shown not to matter.
-    Insensitive = 2,
     /// The largest possible gain is below the noise.
     BelowNoise = 3,
     /// The expected gain does not pay for the search.
@@ -1312,7 +1300,6 @@ impl OmissionReason {
         match self {
             Self::Unspecified => "OMISSION_REASON_UNSPECIFIED",
             Self::Inactive => "OMISSION_REASON_INACTIVE",
-            Self::Insensitive => "OMISSION_REASON_INSENSITIVE",
             Self::BelowNoise => "OMISSION_REASON_BELOW_NOISE",
             Self::BelowCost => "OMISSION_REASON_BELOW_COST",
             Self::Constant => "OMISSION_REASON_CONSTANT",
@@ -1324,7 +1311,6 @@ impl OmissionReason {
         match value {
             "OMISSION_REASON_UNSPECIFIED" => Some(Self::Unspecified),
             "OMISSION_REASON_INACTIVE" => Some(Self::Inactive),
-            "OMISSION_REASON_INSENSITIVE" => Some(Self::Insensitive),
             "OMISSION_REASON_BELOW_NOISE" => Some(Self::BelowNoise),
             "OMISSION_REASON_BELOW_COST" => Some(Self::BelowCost),
             "OMISSION_REASON_CONSTANT" => Some(Self::Constant),

@@ -82,11 +82,6 @@ pub const EVIDENCE_MAX: usize = 16;
 /// Most repeated measurements that the noise of a state is judged by: the latest.
 pub const NOISE_SAMPLES_MAX: usize = 32;
 
-/// Most features of a space whose parameters are screened: the work grows with their cube.
-pub const SCREENED_FEATURES_MAX: usize = 160;
-/// Most states whose trials are kept for screening: those learnt from last.
-pub const SCREENED_STATES_MAX: usize = 16;
-
 /// Most states that a portfolio is made for: the nearest; and most configurations that it is chosen among.
 pub const PORTFOLIO_STATES_MAX: usize = 64;
 /// See [`PORTFOLIO_STATES_MAX`].

@@ -28,6 +28,5 @@ fn omission(omission: &Omission) -> v1::Omission {
         reason: omission.reason.number(),
         summary: omission.summary.clone(),
         saved_trials: omission.saved_trials,
-        risk: omission.risk,
     }
 }

@@ -8,6 +8,9 @@ use treewright_proto::v1;
 
 use crate::error::Error;
 
+/// Fields of earlier versions. Clients may still change them, to no effect.
+const RETIRED: &[&str] = &["policy.freeze_risk"];
+
 /// A change of a policy: the given values, and the fields that count.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyUpdate {
@@ -48,7 +51,7 @@ impl PolicyUpdate {
 
     fn merged(&self, mut policy: RawPolicy) -> Result<RawPolicy, Error> {
         assert!(!self.paths.is_empty(), "an update without paths changes nothing");
-        for path in &self.paths {
+        for path in self.paths.iter().filter(|path| !RETIRED.contains(&path.as_str())) {
             let field = path.strip_prefix("policy.");
             if path == "policy" {
                 policy = self.given.clone();
@@ -82,6 +85,8 @@ mod tests {
             merged,
             RawPolicy { epsilon: 0.0, lease_s: 7, trials_per_state: 5, ..RawPolicy::default() }
         );
+        let update = PolicyUpdate::read(given.clone(), mask(RETIRED)).unwrap();
+        assert_eq!(update.merged(current.clone()).unwrap(), current);
         for whole in [None, mask(&[]), mask(&["policy"])] {
             let update = PolicyUpdate::read(given.clone(), whole).unwrap();
             let merged = update.merged(current.clone()).unwrap();

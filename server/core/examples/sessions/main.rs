@@ -104,10 +104,7 @@ fn policies() -> Vec<(String, Policy)> {
             "weigh gain".to_owned(),
             Policy { weigh_gain: true, epsilon_halves_after: 3, warm_up: 2, ..base.clone() },
         ),
-        (
-            "freeze risk".to_owned(),
-            Policy { freeze_risk: Some(0.3), epsilon: 1.0, abort_above: Some(1.5), ..base.clone() },
-        ),
+        ("abort".to_owned(), Policy { epsilon: 1.0, abort_above: Some(1.5), ..base.clone() }),
         ("freeze".to_owned(), Policy { operation: Operation::Freeze, ..base.clone() }),
         ("shadow".to_owned(), Policy { operation: Operation::Shadow, ..base.clone() }),
         ("pinned".to_owned(), Policy { pinned: Some(pinned), ..base.clone() }),
@@ -243,7 +240,7 @@ fn print_trial(trial: &Trial) {
     let budget = (&explanation.budget_left, &explanation.set_aside, &explanation.reference_cost);
     println!(
         "{} {} {} {:?} {} {mode:?} cap {:?} silent {} predicted {:?} cost {:?} {:?} lease {} completion {:?} | {} {} \
-         {:?} {:?} {estimate:?} {:?} {budget:?} {:?} {:?} | {:?} | {}",
+         {:?} {estimate:?} {:?} {budget:?} {:?} {:?} | {:?} | {}",
         trial.number,
         trial.client_id,
         trial.state_id,
@@ -258,7 +255,6 @@ fn print_trial(trial: &Trial) {
         trial.completion,
         reason.source,
         reason.step,
-        explanation.held,
         reason.neighbours,
         explanation.exploring_cost,
         explanation.instead_of,

@@ -119,12 +119,6 @@ pub trait Search {
         0
     }
 
-    /// Holds axes from the next point on: places in the space, and coordinates in 0..1. `false` when the
-    /// search cannot; its caller must then move the points.
-    fn hold(&mut self, _held: &[(usize, f64)]) -> bool {
-        false
-    }
-
     /// Adds a point that was measured before the search began. A search without a model ignores it: a known
     /// point that it asks for is answered at once.
     fn know(&mut self, _x: Vec<f64>, _verdict: Verdict) {}

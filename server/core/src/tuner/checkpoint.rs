@@ -22,12 +22,11 @@ use crate::study::StudySpec;
 use crate::tuner::auxiliaries::Auxiliaries;
 use crate::tuner::history::History;
 use crate::tuner::rechecks::Rechecks;
-use crate::tuner::screening::Screening;
 use crate::tuner::speeds::Speeds;
 use crate::tuner::{Checkpoint, CheckpointTooLarge, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
-const VERSION: u64 = 14;
+const VERSION: u64 = 15;
 
 /// The knowledge of a tuner. It is taken in a moment, because it shares its tables with the tuner until one
 /// of them changes.
@@ -48,7 +47,6 @@ struct Body {
     pooling: Vec<PoolingStatistics>,
     statistics: IndicatorStatistics,
     history: History,
-    screening: Screening,
     forget_above: usize,
     /// The predictor of the models, and the completion after which they were begun.
     predictor: PredictorMethod,
@@ -101,7 +99,6 @@ impl Tuner {
                 pooling: self.states.machines().pooling(),
                 statistics: self.states.indicator_statistics().clone(),
                 history: self.history.clone(),
-                screening: self.screening.clone(),
                 forget_above: self.states.forget_above(),
                 predictor: self.spec.policy.predictor,
                 models_since: self.models.since(),
@@ -143,7 +140,7 @@ impl Tuner {
         let corrections = body.speeds.fits(space)
             && body.rechecks.fits(space)
             && body.auxiliaries.fits(space, metrics, indicators);
-        if !(tables && corrections && body.screening.settle(space) && body.predictors.settle(space)) {
+        if !(tables && corrections && body.predictors.settle(space)) {
             return Err("it does not fit its study".into());
         }
         let current =
@@ -155,7 +152,6 @@ impl Tuner {
             return Err("it lacks the models that the policy needs".into());
         }
         (self.completed, self.last_completion) = (body.completed, checkpoint.completion);
-        self.screening = body.screening;
         self.states.take_over(body.results, &body.pooling, body.statistics, body.forget_above);
         (self.history, self.speeds, self.auxiliaries) = (body.history, body.speeds, body.auxiliaries);
         self.rechecks = body.rechecks;
@@ -225,7 +221,7 @@ mod tests {
                 |tuner: &Tuner| tuner.states.known().iter().map(|s| s.results.clone()).collect::<Vec<_>>();
             assert_eq!(results(&back), results(&tuner));
             assert_eq!(back.models.predictors(), tuner.models.predictors());
-            assert_eq!((&back.history, &back.screening), (&tuner.history, &tuner.screening));
+            assert_eq!(back.history, tuner.history);
             assert_eq!(
                 (back.statistics(), back.states.remembered()),
                 (tuner.statistics(), tuner.states.remembered())

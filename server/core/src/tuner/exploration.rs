@@ -10,7 +10,6 @@ use crate::packed::{PackedError, pack, unpack};
 use crate::search::{AnySearch, Feedback};
 use crate::space::Space;
 use crate::tuner::confirmation::{Confirming, Stored};
-use crate::tuner::screening::HeldParameters;
 
 /// The search of one state and its points in flight. Once its budget is spent the search itself is dropped,
 /// because the state's table holds its results. Opaque, exact through serde.
@@ -26,9 +25,6 @@ pub struct Exploration {
     room: u32,
     /// The point of the search that each open trial measures, by trial number.
     pub(super) open: BTreeMap<u64, u64>,
-    /// The held parameters, where the policy allows it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) held: Option<HeldParameters>,
     /// The race of the best few against the incumbent, once the search is over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) confirming: Option<Confirming>,
@@ -65,7 +61,6 @@ impl Exploration {
             repeats: 0,
             room: 0,
             open: BTreeMap::new(),
-            held: None,
             confirming: None,
             confirmed: None,
             lost: Vec::new(),

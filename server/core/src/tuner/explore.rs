@@ -13,8 +13,6 @@ use crate::results::{Record, ResultTable};
 use crate::search::{AnySearch, Feedback, Layout, Point, SearchSetup, Step, Verdict, levels};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
-use crate::tuner::screening::{CONTROL, HeldParameters};
-use crate::tuner::states::place;
 use crate::tuner::{Exploration, Tuner, few, searches};
 
 /// The most of the best configurations that a search receives if it goes on where another one ended.
@@ -56,8 +54,8 @@ enum NextPoint {
 
 /// The result of exploring.
 pub(super) enum Explored {
-    /// A configuration to measure, and the parameters that were held for it.
-    Candidate { candidate: ProposedTrial, held: Vec<String> },
+    /// A configuration to measure.
+    Candidate(ProposedTrial),
     /// By a rule, a known configuration is run instead.
     Nothing { instead: Exploitation, rule: ExploitRule },
 }
@@ -69,7 +67,7 @@ impl Explored {
             use decision::ExploredPoint::{Baseline, BaselineOfMachine, Incumbent};
             matches!(point, Baseline(_) | BaselineOfMachine | Incumbent { .. })
         };
-        matches!(self, Explored::Candidate { candidate, .. } if !is_baseline(&candidate.point))
+        matches!(self, Explored::Candidate(candidate) if !is_baseline(&candidate.point))
     }
 }
 
@@ -90,38 +88,33 @@ impl Tuner {
             && self.is_spent_within(room, state)
             && !self.is_to_be_confirmed(state)
         {
-            return Explored::Candidate { candidate, held: Vec::new() };
+            return Explored::Candidate(candidate);
         }
         // A session may want fewer trials than the study.
         let is_open = !self.is_spent_within(room, state);
         let candidate = is_open.then(|| self.transfer().untried_by_machines(state)).flatten();
         let candidate = candidate.or_else(|| self.first_of_a_state(state, number, normalised, planned));
         if let Some(candidate) = candidate {
-            return Explored::Candidate { candidate, held: Vec::new() };
+            return Explored::Candidate(candidate);
         }
         if let Some(candidate) = self.incumbent_again(client_id, room, state) {
-            return Explored::Candidate { candidate, held: Vec::new() };
+            return Explored::Candidate(candidate);
         }
         if let Some(candidate) = self.leader_again(room, state) {
-            return Explored::Candidate { candidate, held: Vec::new() };
+            return Explored::Candidate(candidate);
         }
         self.ensure_exploration(room, state, planned);
         let is_exhausted = self.searches.few().is_exhausted(self.states.results(state));
-        let held = self.hold(state);
         let next = match is_exhausted {
             true => NextPoint::Wait,
-            false => self.walk(room, state, &held, planned),
+            false => self.walk(room, state, planned),
         };
         let rule = match next {
             NextPoint::Measure(point, configuration) => {
-                let candidate = self.measure(state, number, point, configuration);
-                let is_baseline = matches!(candidate.point, decision::ExploredPoint::Baseline(_));
-                let held =
-                    if is_baseline { Vec::new() } else { self.names_of(&held, &candidate.configuration) };
-                return Explored::Candidate { candidate, held };
+                return Explored::Candidate(self.measure(state, number, point, configuration));
             }
             NextPoint::Wait if is_exhausted => match self.contender_again(room, state) {
-                Some(candidate) => return Explored::Candidate { candidate, held: Vec::new() },
+                Some(candidate) => return Explored::Candidate(candidate),
                 None if self.is_spent_within(room, state) => ExploitRule::Finished,
                 None => ExploitRule::Waiting,
             },
@@ -129,7 +122,7 @@ impl Tuner {
                 Some(configuration) => {
                     let point = decision::ExploredPoint::Random;
                     let candidate = ProposedTrial { configuration, predicted_cost: None, point };
-                    return Explored::Candidate { candidate, held: Vec::new() };
+                    return Explored::Candidate(candidate);
                 }
                 None => ExploitRule::Finished,
             },
@@ -139,7 +132,7 @@ impl Tuner {
         let mut rule = rule;
         if rule == ExploitRule::Finished {
             if let Some(candidate) = self.confirm(state, number, planned) {
-                return Explored::Candidate { candidate, held: Vec::new() };
+                return Explored::Candidate(candidate);
             }
             if self.is_to_be_confirmed(state) {
                 rule = ExploitRule::Waiting;
@@ -338,59 +331,10 @@ impl Tuner {
         self.states.note_search(state);
     }
 
-    /// The axes that the next point of a state's search holds. They are chosen again every few trials. Now
-    /// and then no axis is held, so that evidence against holding can appear.
-    fn hold(&mut self, state: StateId) -> Vec<(usize, f64)> {
-        let goes_on = |exploration: &&Exploration| exploration.search.is_some();
-        let Some(mut held) = self.searches.of(state).filter(goes_on).map(|own| own.held.clone()) else {
-            return Vec::new();
-        };
-        let axes = self.held_axes(&mut held, state);
-        if let Some(exploration) = self.searches.change(state) {
-            exploration.held = held;
-        }
-        axes
-    }
-
-    /// The held axes by a copy of the held parameters, which it brings up to date.
-    pub(super) fn held_axes(&self, held: &mut Option<HeldParameters>, state: StateId) -> Vec<(usize, f64)> {
-        let Some(risk) = self.spec.policy.freeze_risk else {
-            *held = None;
-            return Vec::new();
-        };
-        let results = self.states.results(state);
-        let tried = results.tried();
-        if self.screening.is_due(held.as_ref(), tried) {
-            let best = results.best().map_or(self.spec.space.default_ref(), |best| &best.configuration);
-            let now = self.screening.judge(&self.spec.space, place(state), best, risk, held.as_ref(), tried);
-            *held = Some(now);
-        }
-        let Some(held) = held.as_mut().filter(|held| !held.axes.is_empty()) else {
-            return Vec::new();
-        };
-        held.points += 1;
-        if held.points % CONTROL == 0 {
-            return Vec::new();
-        }
-        held.axes.iter().map(|axis| (axis.axis, axis.x)).collect()
-    }
-
-    /// The names of held axes that a configuration has.
-    fn names_of(&self, held: &[(usize, f64)], configuration: &Configuration) -> Vec<String> {
-        let names = held.iter().map(|&(axis, _)| &self.spec.space.parameters()[axis].name);
-        names.filter(|name| configuration.get(name).is_some()).cloned().collect()
-    }
-
     /// Asks the search until a point is worth a measurement. Points that fall on configurations with a
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
     /// whose configuration runs just now in this state go back until it is reported.
-    fn walk(
-        &mut self,
-        room: usize,
-        state: StateId,
-        held: &[(usize, f64)],
-        planned: &mut Planned,
-    ) -> NextPoint {
+    fn walk(&mut self, room: usize, state: StateId, planned: &mut Planned) -> NextPoint {
         let (space, policy) = (&self.spec.space, &self.spec.policy);
         let results = self.states.results(state);
         let spent = match self.searches.of(state) {
@@ -400,7 +344,6 @@ impl Tuner {
         let Some(Exploration { search: Some(search), .. }) = self.searches.change(state) else {
             return NextPoint::Wait;
         };
-        let moves = !search.hold(held);
         if let Some(point) = planned.take_point(state) {
             search.adopt(point);
         }
@@ -415,11 +358,6 @@ impl Tuner {
             let configuration = match point.step {
                 // The default itself, even where its coordinates lose a digit.
                 Step::Default => space.default_configuration(),
-                _ if moves && !held.is_empty() => {
-                    let mut x = point.x.clone();
-                    held.iter().for_each(|&(axis, at)| x[axis] = at);
-                    space.decode(&x)
-                }
                 _ => space.decode(&point.x),
             };
             let settled = match point.step {

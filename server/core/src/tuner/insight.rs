@@ -60,8 +60,6 @@ pub struct Omission {
     pub summary: String,
     /// The estimated number of trials that it has saved or will save.
     pub saved_trials: f64,
-    /// The probability that leaving it out is wrong; `None` where it is certain.
-    pub risk: Option<f64>,
 }
 
 impl Tuner {
@@ -82,7 +80,7 @@ impl Tuner {
                 prospect.exploring_cost
             );
             let (reason, saved_trials) = (OmissionReason::BelowCost, left as f64);
-            omissions.push(Omission { parameter: None, reason, summary, saved_trials, risk: None });
+            omissions.push(Omission { parameter: None, reason, summary, saved_trials });
         }
         self.omitted_parameters(state, &mut omissions);
         self.omitted_indicators(&mut omissions);
@@ -103,26 +101,18 @@ impl Tuner {
     /// Parameters that the search of a state leaves out, and why.
     fn omitted_parameters(&self, state: StateId, omissions: &mut Vec<Omission>) {
         let best = self.states.results(state).best();
-        let held = self.searches.of(state).and_then(|exploration| exploration.held.as_ref());
-        for (axis, parameter) in self.spec.space.parameters().iter().enumerate() {
-            // To try each of its other values once.
-            let saved_trials = parameter.domain.alternatives() as f64;
-            let mut add = |reason, summary, risk| {
-                let parameter = Some(parameter.name.clone());
-                omissions.push(Omission { parameter, reason, summary, saved_trials, risk });
-            };
+        for parameter in self.spec.space.parameters() {
             let is_active = best.is_none_or(|best| best.configuration.get(&parameter.name).is_some());
             if let (false, Some(condition)) = (is_active, &parameter.active_if) {
                 let summary =
                     format!("it means nothing beside the best known value of {}", condition.parameter);
-                add(OmissionReason::Inactive, summary, None);
-            } else if let Some(held) = held.and_then(|held| held.axes.iter().find(|held| held.axis == axis)) {
-                let summary = format!(
-                    "no other value gains more than {:.2} % (held since {} configurations were tried)",
-                    100.0 * held.gain_at_most,
-                    held.since
-                );
-                add(OmissionReason::Insensitive, summary, self.spec.policy.freeze_risk);
+                omissions.push(Omission {
+                    parameter: Some(parameter.name.clone()),
+                    reason: OmissionReason::Inactive,
+                    summary,
+                    // To try each of its other values once.
+                    saved_trials: parameter.domain.alternatives() as f64,
+                });
             }
         }
     }
@@ -141,7 +131,7 @@ impl Tuner {
                 }
             };
             let parameter = Some(name(axis));
-            omissions.push(Omission { parameter, reason, summary, saved_trials: 0.0, risk: None });
+            omissions.push(Omission { parameter, reason, summary, saved_trials: 0.0 });
         }
     }
 }

@@ -10,7 +10,7 @@
 //!
 //! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and the table of each state),
 //! `trials` (the open ones and their holders), `visits` (the clients' states and budgets), `searches`,
-//! `models`, `history`, `screening`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file:
+//! `models`, `history`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file:
 //! `decide` and `gain` take decisions, `explore` and `within_budget` walk a search, `confirmation` runs its
 //! best against the incumbent, `transfer` brings in the results of other states and machines (`warm_start`
 //! and `portfolio` make the beginning of a search from them), `planning` copies the inputs of slow
@@ -41,7 +41,6 @@ mod rechecks;
 mod recorded;
 mod report;
 mod restore;
-mod screening;
 mod searches;
 mod session;
 mod speeds;
@@ -84,7 +83,6 @@ use crate::tuner::history::History;
 use crate::tuner::models::Models;
 use crate::tuner::plan::Planned;
 use crate::tuner::rechecks::Rechecks;
-use crate::tuner::screening::Screening;
 use crate::tuner::searches::Searches;
 use crate::tuner::speeds::Speeds;
 use crate::tuner::states::States;
@@ -104,7 +102,6 @@ pub struct Tuner {
     visits: Visits,
     models: Models,
     history: History,
-    screening: Screening,
     assessments: Assessments,
     speeds: Speeds,
     rechecks: Rechecks,
@@ -133,7 +130,6 @@ impl Tuner {
         let states = States::new(&spec);
         Ok(Tuner {
             models: Models::new(&spec, spec.policy.predictor, &states, 0),
-            screening: Screening::new(&spec.space),
             searches: Searches::new(&spec.space),
             trials: OpenTrials::default(),
             visits: Visits::default(),

@@ -230,12 +230,9 @@ impl Tuner {
         if !goes_on || !self.affords(ask, state) {
             return None;
         }
-        let held = self.held_axes(&mut exploration.held.clone(), state);
-        let mut search = search.clone();
-        search.hold(&held);
         // Where others work on the state too, some of them will ask before the next fit ends.
         let reserve = exploration.open.len().min(POINTS_IN_RESERVE_MAX);
-        Some((state, Box::new(search), reserve))
+        Some((state, Box::new(search.clone()), reserve))
     }
 
     /// Whether the client's budget, if it has one, allows for exploring.

@@ -96,7 +96,7 @@ fn policy(which: usize) -> Policy {
         2 => Policy { search: SearchMethod::LatinHypercube, lease_s: 5, ..base },
         3 => Policy { epsilon: 0.9, trials_per_state: 6, ..base },
         4 => Policy { regret_budget: Some(0.5), abort_above: Some(1.2), epsilon: 1.0, ..base },
-        5 => Policy { weigh_gain: true, epsilon_halves_after: 3, warm_up: 2, freeze_risk: Some(0.3), ..base },
+        5 => Policy { weigh_gain: true, epsilon_halves_after: 3, warm_up: 2, ..base },
         6 => Policy { operation: Operation::Freeze, ..base },
         7 => Policy { operation: Operation::Shadow, ..base },
         8 => Policy { predictor: PredictorMethod::Auto, ..base },

@@ -10,7 +10,6 @@ use crate::tuner::auxiliaries::Beside;
 use crate::tuner::explore::is_spent;
 use crate::tuner::rechecks::Moved;
 use crate::tuner::speeds::Unheld;
-use crate::tuner::states::place;
 use crate::tuner::transfer;
 use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, models, progress};
 
@@ -136,9 +135,6 @@ impl Tuner {
                 self.history.explored(trial.cost.map(|cost| cost / best - 1.0));
             }
         }
-        if let Some(Verdict::Cost(cost) | Verdict::AtLeast(cost)) = verdict {
-            self.screening.learn(&spec.space, place(state), &trial.configuration, cost);
-        }
         // The indicators were checked when the trial was handed out.
         let normalised = spec.indicators.normalise(&trial.indicators).ok();
         if let Some(Verdict::Cost(cost)) = verdict {
@@ -255,7 +251,6 @@ impl Tuner {
             self.states.begin_again(state);
             self.auxiliaries.begin_again(state);
             self.history.begin_again(state);
-            self.screening.begin_again(place(state));
             self.speeds.reset(state);
         }
         is_changed

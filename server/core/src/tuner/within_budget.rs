@@ -88,7 +88,7 @@ impl Tuner {
     /// Its cost above the reference then counts as that of exploring.
     fn runs_dear_incumbent(&self, explored: &Explored, state: StateId) -> bool {
         match explored {
-            Explored::Candidate { candidate, .. } => {
+            Explored::Candidate(candidate) => {
                 matches!(candidate.point, ExploredPoint::Incumbent { is_default: false, .. })
                     && self.gain().does_clearly_worse(state, &candidate.configuration)
             }
@@ -118,8 +118,8 @@ fn answer(
     abort_above: Option<f64>,
 ) -> Prediction {
     match explored {
-        Explored::Candidate { candidate, held } => {
-            let explore = Explore { point: candidate.point, rule, estimate, budget, abort_above, held };
+        Explored::Candidate(candidate) => {
+            let explore = Explore { point: candidate.point, rule, estimate, budget, abort_above };
             Prediction {
                 configuration: candidate.configuration,
                 predicted_cost: candidate.predicted_cost,

@@ -100,7 +100,6 @@ fn reasons(reason: &v1::Reason, view: &CostView) -> Pairs {
         ),
         given("Expected frames", explanation.expected_frames),
         given("Cost of exploring (frames)", explanation.exploring_cost),
-        text("Held parameters", &explanation.held.join(", ")),
     ]
     .into_iter()
     .flatten()

@@ -113,7 +113,6 @@ pub(crate) fn decided(mode: Mode) -> Decision {
             estimate: ExplorationEstimate::default(),
             budget: BudgetStatus::default(),
             abort_above: Some(0.1),
-            held: vec!["cost".to_owned()],
         }),
     };
     choice.decided()

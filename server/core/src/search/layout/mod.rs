@@ -52,9 +52,6 @@ pub struct Layout {
     order: Vec<(usize, usize)>,
     /// The coordinates of inactive axes.
     default: Vec<f64>,
-    /// The held axes, and their coordinates. Points that were measured elsewhere are not moved.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    held: Vec<(usize, f64)>,
     /// The space, where a point's configuration needs it. It is not stored.
     #[serde(skip)]
     space: Option<Arc<Space>>,
@@ -88,7 +85,6 @@ impl Layout {
             axes: axes.collect(),
             order: orders.filter_map(places).collect(),
             default: space.encode(space.default_ref()),
-            held: Vec::new(),
             space: None,
             main_effects: None,
         };
@@ -119,15 +115,9 @@ impl Layout {
             axes: (0..default.len()).map(axis).collect(),
             order: Vec::new(),
             default,
-            held: Vec::new(),
             space: None,
             main_effects: None,
         }
-    }
-
-    /// Holds axes from now on, and no others.
-    pub(super) fn set_held(&mut self, held: &[(usize, f64)]) {
-        self.held = held.to_vec();
     }
 
     /// Adds the prediction of other states as the last feature.
@@ -148,13 +138,6 @@ impl Layout {
     /// The guide's value at a canonical point, if there is a guide.
     pub(super) fn guided(&self, x: &[f64]) -> Option<f64> {
         self.main_effects.as_ref().map(|guide| guide.at(self, x, &self.active(x)))
-    }
-
-    /// Moves the held axes of a point to their held coordinates.
-    pub(super) fn hold(&self, x: &mut [f64]) {
-        for &(axis, at) in &self.held {
-            x[axis] = at;
-        }
     }
 
     /// Whether the layout has no axes.

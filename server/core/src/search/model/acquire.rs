@@ -102,7 +102,6 @@ impl Acquisition<'_> {
         let least = if least.is_finite() { least } else { 0.0 };
         let dimension = self.dimension;
         let judge = |mut x: Vec<f64>, floor: f64| {
-            self.layout.hold(&mut x);
             let active = self.layout.canonical(&mut x);
             let score = self.value(&x, &active, least, floor);
             ScoredPoint { x, score, detail: () }

@@ -194,7 +194,6 @@ impl Near {
             }
             let mut x = self.best.clone();
             self.axes.iter().zip(whitening.leave(&u)).for_each(|(&axis, place)| x[axis] = place);
-            acquisition.layout.hold(&mut x);
             let active = acquisition.layout.canonical(&mut x);
             // A point that the cube or a cell moves counts at its final place.
             let u = whitening.enter(&pick(&x));

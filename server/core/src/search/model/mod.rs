@@ -219,9 +219,6 @@ impl ModelSearch {
     /// Makes a point pending at the place of its configuration, on the grid, so that its result can be
     /// matched to it. The default is not moved.
     fn make_pending(&mut self, mut x: Vec<f64>, step: Step) -> Point {
-        if !matches!(step, Step::Default | Step::Replicate) {
-            self.setup.layout.hold(&mut x);
-        }
         self.setup.layout.canonical(&mut x);
         let grid = steps(&x);
         assert!(grid.iter().all(|&x| f64::from(x) <= GRID), "{grid:?} leaves the cube");
@@ -543,11 +540,6 @@ impl Search for ModelSearch {
 
     fn repeats(&self) -> u64 {
         self.scatter.0
-    }
-
-    fn hold(&mut self, held: &[(usize, f64)]) -> bool {
-        self.setup.layout.set_held(held);
-        true
     }
 
     fn set_space(&mut self, space: &Space) {

@@ -12,7 +12,7 @@ fn policies() -> Vec<Policy> {
         base.clone(),
         Policy { search: SearchMethod::NelderMead, epsilon: 1.0, ..base.clone() },
         Policy { regret_budget: Some(0.5), abort_above: Some(1.2), ..base.clone() },
-        Policy { weigh_gain: true, freeze_risk: Some(0.3), warm_up: 2, ..base.clone() },
+        Policy { weigh_gain: true, warm_up: 2, ..base.clone() },
         Policy { operation: Operation::Freeze, ..base.clone() },
         Policy { operation: Operation::Shadow, ..base.clone() },
         Policy { epsilon: 0.0, ..base },
