@@ -1,5 +1,5 @@
 //! The little linear algebra that models need: symmetric positive definite matrices, dense, of at most a few
-//! hundred rows.
+//! hundred rows, and what fills them.
 
 /// A symmetric positive definite matrix as its lower Cholesky factor, row after row, full rows.
 #[derive(Clone, Debug)]
@@ -121,6 +121,20 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
         }
     }
     sums.iter().sum::<f64>() + tail
+}
+
+/// The squared distance of two points.
+pub(crate) fn distance_2(a: &[f64], b: &[f64]) -> f64 {
+    debug_assert_eq!(a.len(), b.len(), "points of one space");
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+}
+
+/// The correlation at a squared distance, and its derivative by the squared distance: Matérn 5/2.
+pub(crate) fn matern(squared: f64) -> (f64, f64) {
+    debug_assert!(squared.is_nan() || squared >= 0.0, "a squared distance of {squared}");
+    let a = (5.0 * squared).sqrt();
+    let decay = libm::exp(-a);
+    ((1.0 + a + a * a / 3.0) * decay, -5.0 / 6.0 * (1.0 + a) * decay)
 }
 
 #[cfg(test)]

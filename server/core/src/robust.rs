@@ -287,15 +287,11 @@ impl Evidence {
 
 #[cfg(test)]
 mod tests {
-    use rand::{Rng, RngExt, SeedableRng};
+    use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-
-    fn normal(random: &mut impl Rng) -> f64 {
-        let (a, b) = (1.0 - random.random::<f64>(), random.random::<f64>());
-        (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
-    }
+    use crate::randomness::standard_normal as normal;
 
     #[test]
     fn the_location_is_that_of_hodges_and_lehmann() {

@@ -25,14 +25,6 @@ pub(crate) enum FeatureKind {
 /// The value of an ordered or categorical feature that is inactive at a point. All others are at least 0.
 pub(crate) const INACTIVE: f64 = -1.0;
 
-/// The correlation at a squared distance, and its derivative by the squared distance: Matérn 5/2.
-pub(crate) fn matern(squared: f64) -> (f64, f64) {
-    debug_assert!(squared.is_nan() || squared >= 0.0, "a squared distance of {squared}");
-    let a = (5.0 * squared).sqrt();
-    let decay = libm::exp(-a);
-    ((1.0 + a + a * a / 3.0) * decay, -5.0 / 6.0 * (1.0 + a) * decay)
-}
-
 /// The squared distance of two values of a feature, before it is weighted.
 pub(crate) fn squared_distance(kind: FeatureKind, a: f64, b: f64) -> f64 {
     match kind {

@@ -3,10 +3,10 @@
 //! Source: Rasmussen and Williams, algorithm 2.1.
 
 use super::hyper::{Hyperparameters, Prior};
-use super::kernel::{add_squared_distances, centred, matern, squared_distance};
+use super::kernel::{add_squared_distances, centred, squared_distance};
 use super::likelihood::{Profile, gradient};
 use super::sample::Sample;
-use crate::matrix::{Factor, dot};
+use crate::matrix::{Factor, dot, matern};
 
 /// The least variance of a mean, as a share of the values': smaller ones are rounding errors.
 const VARIANCE_MIN: f64 = 1e-9;

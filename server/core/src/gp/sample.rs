@@ -1,8 +1,8 @@
 //! The points that a process is fitted to, and the correlations between them.
 
 use super::hyper::Hyperparameters;
-use super::kernel::{FeatureKind, add_squared_distances, centred, matern, squared_distance};
-use crate::matrix::dot;
+use super::kernel::{FeatureKind, add_squared_distances, centred, squared_distance};
+use crate::matrix::{dot, matern};
 
 /// The points, and the number of measurements of each.
 #[derive(Clone, Debug)]

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
 use crate::limits::NEIGHBOURS_MAX;
+use crate::matrix::distance_2;
 use crate::predict::state_index::IndexEntry;
 use crate::predict::{Answer, Estimate, Predictor, PredictorSetup, Query};
 use crate::results::{KnownState, Record};
@@ -121,9 +122,7 @@ impl<'a> StateCosts<'a> {
     fn cost(&self, configuration: &Configuration, point: &[f64]) -> Option<f64> {
         let own = self.state.results.record(configuration).filter(|record| record.measurements > 0);
         own.map(|record| (self.factor * record.mean_cost).min(f64::MAX)).or_else(|| {
-            let alike = |(other, _): &(Vec<f64>, f64)| -> f64 {
-                other.iter().zip(point).map(|(a, b)| (a - b) * (a - b)).sum()
-            };
+            let alike = |(other, _): &(Vec<f64>, f64)| distance_2(other, point);
             let nearest = self.points.iter().min_by(|a, b| alike(a).total_cmp(&alike(b)));
             nearest.map(|(_, cost)| *cost)
         })

@@ -259,7 +259,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::statistics::simulated::normal;
+    use crate::randomness::standard_normal as normal;
 
     /// Trials of 40 configurations, every other one measured twice, and their true costs.
     fn trials(

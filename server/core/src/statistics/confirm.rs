@@ -435,7 +435,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::statistics::simulated::normal;
+    use crate::randomness::standard_normal as normal;
 
     /// Runs a race between costs with noise; its result, and the number of measurements.
     fn run(costs: &[f64], noise: f64, known: bool, seed: u64) -> (RaceResult, usize) {

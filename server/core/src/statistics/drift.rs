@@ -104,7 +104,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::statistics::simulated::normal;
+    use crate::randomness::standard_normal as normal;
 
     /// Runs 80 trials of challengers of cost 8 on a machine with that factor, the incumbent of cost 10
     /// whenever it is due; the mean error of the corrected and the raw logarithms, and the number of runs of

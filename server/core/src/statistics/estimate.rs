@@ -31,7 +31,7 @@
 use std::rc::Rc;
 
 use crate::limits::{CELLS_MAX, DRIFT_CELLS_LEAST};
-use crate::matrix::{Factor, dot};
+use crate::matrix::{Factor, dot, matern};
 use crate::robust::Moment;
 use crate::statistics::distribution::{student_cdf, student_excess};
 
@@ -208,12 +208,6 @@ impl Comparison {
     pub fn is_worth(&self, times: f64) -> bool {
         self.expected_gain > 0.0 && self.expected_gain >= times * self.expected_loss
     }
-}
-
-/// The covariance of Matérn with smoothness 5/2 at a squared distance in lengths.
-fn matern(distance_2: f64) -> f64 {
-    let r = (5.0 * distance_2).sqrt();
-    (1.0 + r + r * r / 3.0) * libm::exp(-r)
 }
 
 impl CostPosterior {
@@ -432,9 +426,8 @@ impl<'a> Grid<'a> {
             let models = (family.lengths.len() * family.ratios.len()) as f64;
             let each = libm::log(family.probability * probability / models);
             for length in family.lengths {
-                let alike: Vec<f64> =
-                    self.distances.iter().map(|distance_2| matern(distance_2 / (length * length))).collect();
-                let alike: Rc<[f64]> = alike.into();
+                let alike = self.distances.iter().map(|distance_2| matern(distance_2 / (length * length)).0);
+                let alike: Rc<[f64]> = alike.collect();
                 for ratio in family.ratios {
                     let (shared, own) = (ratio * (1.0 - family.roughness), ratio * family.roughness);
                     let mut matrix = noise.clone();

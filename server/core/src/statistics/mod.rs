@@ -20,5 +20,3 @@ pub mod estimate;
 pub mod exploration_value;
 pub mod movement;
 pub mod portfolio;
-#[cfg(test)]
-pub(crate) mod simulated;

@@ -203,7 +203,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::statistics::simulated::normal;
+    use crate::randomness::standard_normal as normal;
 
     /// A search of 60 trials, the first configuration every sixth time, while three of four indicators move.
     fn search(seed: u64, slope: f64) -> (Vec<MovedMeasurement>, Vec<f64>) {

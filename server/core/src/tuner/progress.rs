@@ -6,6 +6,7 @@
 
 use crate::configuration::Configuration;
 use crate::limits::PROGRESS_SAMPLES_MAX;
+use crate::matrix::distance_2;
 use crate::results::{Record, ResultTable};
 use crate::search::Layout;
 use crate::space::Space;
@@ -48,8 +49,4 @@ fn chosen<'a>(results: &'a ResultTable, before: Option<&Configuration>) -> Vec<&
     }
     assert!(places.len() <= PROGRESS_SAMPLES_MAX + 1, "{} samples", places.len());
     places.into_iter().map(|place| ranked[place]).collect()
-}
-
-fn distance_2(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }

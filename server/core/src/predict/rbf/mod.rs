@@ -13,6 +13,7 @@ mod solver;
 
 use serde::{Deserialize, Serialize};
 
+use crate::matrix::distance_2;
 use crate::predict::draw_in;
 use crate::randomness::{Purpose, stream};
 use crate::search::latin_hypercube::design;
@@ -97,11 +98,6 @@ impl Basis {
             Shape::Gaussian => phi.iter_mut().for_each(|x| *x = exp_minus(OMEGA * *x)),
         }
     }
-}
-
-fn distance_2(a: &[f64], b: &[f64]) -> f64 {
-    debug_assert_eq!(a.len(), b.len(), "points of one space");
-    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }
 
 /// `exp(-x)` for `x >= 0`, to 1e-13 of its value; `x` counts as at most 700. It has no branches, so that the

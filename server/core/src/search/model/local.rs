@@ -21,7 +21,7 @@ use crate::gp::kernel::FeatureKind;
 use crate::gp::local_search::{Leaders, NormalSteps, ScoredPoint, best, climb};
 use crate::gp::warping::ShiftedLog;
 use crate::gp::{Hyperparameters, Process, Sample, Schedule};
-use crate::matrix::Factor;
+use crate::matrix::{Factor, distance_2};
 use crate::randomness::standard_normal;
 use crate::search::layout::Layout;
 
@@ -197,7 +197,7 @@ impl Near {
             let active = acquisition.layout.canonical(&mut x);
             // A point that the cube or a cell moves counts at its final place.
             let u = whitening.enter(&pick(&x));
-            let apart = |v: &Vec<f64>| v.iter().zip(&u).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+            let apart = |v: &Vec<f64>| distance_2(v, &u);
             let closest = |to: &[Vec<f64>]| to.iter().map(apart).fold(f64::INFINITY, f64::min).sqrt();
             if closest(&places) < APART_MIN * radius || closest(&pending) < APART_PENDING_MIN * radius {
                 return ScoredPoint { x: u, score: f64::NEG_INFINITY, detail: x };

@@ -4,13 +4,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::statistics::simulated::normal;
+use crate::matrix::distance_2;
+use crate::randomness::standard_normal as normal;
 
 const NOISE: f64 = 0.07;
-
-fn distance_2(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
-}
 
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64

@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::statistics::simulated::normal;
+use crate::randomness::standard_normal as normal;
 
 /// A cost that wants wide nodes and small leaves, a tenth of which can be gained.
 fn truth(configuration: &Configuration) -> f64 {

@@ -5,8 +5,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use crate::randomness::standard_normal as normal;
 use crate::standing::ConfirmationStage;
-use crate::statistics::simulated::normal;
 
 const NOISE: f64 = 0.07;
 

@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::statistics::simulated::normal;
+use crate::randomness::standard_normal as normal;
 
 /// Plays frames of one client in a world of costs `truth` with noise; `report` may replace the measurement in
 /// a frame.

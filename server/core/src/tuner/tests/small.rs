@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::policy::PolicySettings;
-use crate::statistics::simulated::normal;
+use crate::randomness::standard_normal as normal;
 
 /// A study without indicators, over levels from 1 on.
 fn levels(count: i64, default: i64, seed: u64, policy: Policy) -> Tuner {

@@ -7,8 +7,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use crate::randomness::standard_normal as normal;
 use crate::standing::{LIKELY, StandingVerdict};
-use crate::statistics::simulated::normal;
 
 /// Least share of frames without other programs at which an undisturbed cost can be known.
 const QUIET_LEAST: f64 = 0.2;
