@@ -21,6 +21,8 @@
 //! little larger than the measured one (`UNSEEN_NOISE`), which favours the prediction where both are equally
 //! good.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use crate::matrix::Factor;
@@ -51,8 +53,9 @@ pub struct Observation {
     pub configuration: usize,
     /// The logarithm of its cost.
     pub log_cost: f64,
-    /// Logarithms of the auxiliary measurements, in the same order in all observations.
-    pub auxiliary: Vec<f64>,
+    /// What may explain a part of it, in the same order in all observations: logarithms of auxiliary
+    /// measurements, or movements of indicators.
+    pub beside: Vec<f64>,
 }
 
 /// The best combination of a measured cost and its prediction by auxiliary measurements.
@@ -62,41 +65,29 @@ pub struct Denoiser {
     means: Vec<f64>,
     slopes: Vec<f64>,
     weight: f64,
-    /// Variance of the noise of a cost as it is measured, and of the combination.
-    noise_2: f64,
-    combined_2: f64,
 }
 
-/// Means over the observations of one configuration.
-struct Group {
-    count: f64,
-    log_cost: f64,
-    auxiliary: Vec<f64>,
+/// Means over `count` observations of one configuration, or differences that count as so many.
+#[derive(Default)]
+pub(super) struct Row {
+    pub(super) count: f64,
+    pub(super) log_cost: f64,
+    pub(super) beside: Vec<f64>,
 }
 
-fn groups(observations: &[Observation]) -> Vec<(usize, Group)> {
-    let mut groups: Vec<(usize, Group)> = Vec::new();
+/// The means of each configuration.
+pub(super) fn by_configuration(observations: &[Observation]) -> BTreeMap<usize, Row> {
+    let mut means: BTreeMap<usize, Row> = BTreeMap::new();
     for one in observations {
-        let place = groups.iter().position(|(name, _)| *name == one.configuration).unwrap_or_else(|| {
-            let group = Group { count: 0.0, log_cost: 0.0, auxiliary: vec![0.0; one.auxiliary.len()] };
-            groups.push((one.configuration, group));
-            groups.len() - 1
-        });
-        let group = &mut groups[place].1;
-        group.count += 1.0;
-        group.log_cost += (one.log_cost - group.log_cost) / group.count;
-        for (mean, x) in group.auxiliary.iter_mut().zip(&one.auxiliary) {
-            *mean += (x - *mean) / group.count;
+        let of = means.entry(one.configuration).or_default();
+        of.beside.resize(one.beside.len(), 0.0);
+        of.count += 1.0;
+        of.log_cost += (one.log_cost - of.log_cost) / of.count;
+        for (mean, x) in of.beside.iter_mut().zip(&one.beside) {
+            *mean += (x - *mean) / of.count;
         }
     }
-    groups
-}
-
-/// A difference of costs with that of the auxiliary measurements, counted `count` times.
-struct Row {
-    count: f64,
-    log_cost: f64,
-    auxiliary: Vec<f64>,
+    means
 }
 
 /// The least-squares slopes through the origin, and the mean square of the residuals.
@@ -104,15 +95,15 @@ fn least_squares(rows: &[Row], width: usize) -> Option<(Vec<f64>, f64)> {
     let total: f64 = rows.iter().map(|row| row.count).sum();
     let mean =
         |of: &dyn Fn(&Row) -> f64| -> f64 { rows.iter().map(|row| row.count * of(row)).sum::<f64>() / total };
-    assert!(rows.iter().all(|row| row.auxiliary.len() == width && row.count > 0.0), "{width} in a row");
+    assert!(rows.iter().all(|row| row.beside.len() == width && row.count > 0.0), "{width} in a row");
     let mut matrix = vec![0.0; width * width];
     let mut slopes = vec![0.0; width];
     for i in 0..width {
         for j in 0..=i {
-            matrix[i * width + j] = mean(&|row| row.auxiliary[i] * row.auxiliary[j]);
+            matrix[i * width + j] = mean(&|row| row.beside[i] * row.beside[j]);
         }
         matrix[i * width + i] = matrix[i * width + i] * (1.0 + RIDGE) + VARIANCE_LEAST;
-        slopes[i] = mean(&|row| row.auxiliary[i] * row.log_cost);
+        slopes[i] = mean(&|row| row.beside[i] * row.log_cost);
     }
     let factor = Factor::of(&matrix, width)?;
     factor.forward(&mut slopes);
@@ -124,7 +115,7 @@ fn least_squares(rows: &[Row], width: usize) -> Option<(Vec<f64>, f64)> {
 impl Row {
     /// Its residual after the slopes.
     fn left(&self, slopes: &[f64]) -> f64 {
-        self.log_cost - self.auxiliary.iter().zip(slopes).map(|(x, slope)| slope * x).sum::<f64>()
+        self.log_cost - self.beside.iter().zip(slopes).map(|(x, slope)| slope * x).sum::<f64>()
     }
 }
 
@@ -137,7 +128,7 @@ fn slopes_in_time(observations: &[Observation], width: usize) -> Option<(Vec<f64
         .map(|(one, next)| Row {
             count: 1.0,
             log_cost: next.log_cost - one.log_cost,
-            auxiliary: next.auxiliary.iter().zip(&one.auxiliary).map(|(next, one)| next - one).collect(),
+            beside: next.beside.iter().zip(&one.beside).map(|(next, one)| next - one).collect(),
         })
         .collect();
     if rows.len() < width + CONFIGURATIONS_SPARE {
@@ -155,37 +146,37 @@ impl Denoiser {
     /// Learns from observations in the order in which they were made, all with the same auxiliary
     /// measurements. `None` where there are too few observations or repeats.
     pub fn of(observations: &[Observation]) -> Option<Denoiser> {
-        let width = observations.first()?.auxiliary.len();
-        assert!(observations.iter().all(|one| one.auxiliary.len() == width), "{width} measurements beside");
-        let groups = groups(observations);
+        let width = observations.first()?.beside.len();
+        assert!(observations.iter().all(|one| one.beside.len() == width), "{width} measurements beside");
+        let groups = by_configuration(observations);
         let repeats = observations.len() - groups.len();
         if width == 0 || repeats < REPEATS_LEAST || groups.len() < width + 1 + CONFIGURATIONS_SPARE {
             return None;
         }
-        let total: f64 = groups.iter().map(|(_, group)| group.count).sum();
+        let total: f64 = groups.values().map(|group| group.count).sum();
         assert_eq!(total, observations.len() as f64, "every observation is of one configuration");
-        let mean = |of: &dyn Fn(&Group) -> f64| -> f64 {
-            groups.iter().map(|(_, group)| group.count * of(group)).sum::<f64>() / total
+        let mean = |of: &dyn Fn(&Row) -> f64| -> f64 {
+            groups.values().map(|group| group.count * of(group)).sum::<f64>() / total
         };
         let level = mean(&|group| group.log_cost);
-        let means: Vec<f64> = (0..width).map(|axis| mean(&|group| group.auxiliary[axis])).collect();
-        let apart = groups.iter().map(|(_, group)| Row {
+        let means: Vec<f64> = (0..width).map(|axis| mean(&|group| group.beside[axis])).collect();
+        let apart = groups.values().map(|group| Row {
             count: group.count,
             log_cost: group.log_cost - level,
-            auxiliary: group.auxiliary.iter().zip(&means).map(|(x, mean)| x - mean).collect(),
+            beside: group.beside.iter().zip(&means).map(|(x, mean)| x - mean).collect(),
         });
         let (over_configurations, residual_2) = least_squares(&apart.collect::<Vec<_>>(), width)?;
         let slopes = match slopes_in_time(observations, width) {
             Some((in_time, in_time_2)) if in_time_2 < residual_2 => in_time,
             _ => over_configurations,
         };
-        let mut denoiser = Denoiser { level, means, slopes, weight: 0.0, noise_2: 0.0, combined_2: 0.0 };
+        let mut denoiser = Denoiser { level, means, slopes, weight: 0.0 };
         // Noises of costs and predictions, by repeats.
         let (mut cost_2, mut predicted_2, mut both) = (0.0, 0.0, 0.0);
         for one in observations {
-            let (_, group) = groups.iter().find(|(name, _)| *name == one.configuration)?;
+            let group = &groups[&one.configuration];
             let cost = one.log_cost - group.log_cost;
-            let predicted = denoiser.predicted(&one.auxiliary) - denoiser.predicted(&group.auxiliary);
+            let predicted = denoiser.predicted(&one.beside) - denoiser.predicted(&group.beside);
             cost_2 += cost * cost;
             predicted_2 += predicted * predicted;
             both += cost * predicted;
@@ -193,8 +184,8 @@ impl Denoiser {
         let freedom = repeats as f64;
         let (cost_2, predicted_2, both) = (cost_2 / freedom, predicted_2 / freedom, both / freedom);
         // Errors of predictions beyond noise.
-        let misses = groups.iter().map(|(_, group)| {
-            let miss = group.log_cost - denoiser.predicted(&group.auxiliary);
+        let misses = groups.values().map(|group| {
+            let miss = group.log_cost - denoiser.predicted(&group.beside);
             miss * miss - (cost_2 + predicted_2 - 2.0 * both) / group.count
         });
         let spare = (groups.len() - width - 1) as f64;
@@ -205,17 +196,13 @@ impl Denoiser {
         let unseen_2 = UNSEEN_NOISE * UNSEEN_NOISE;
         let spread = (cost_2 + predicted_2 + off_2 - 2.0 * both).max(0.0);
         denoiser.weight = ((cost_2 - both + unseen_2) / (spread + unseen_2)).clamp(0.0, 1.0);
-        denoiser.noise_2 = cost_2;
-        let (own, other) = (1.0 - denoiser.weight, denoiser.weight);
-        denoiser.combined_2 =
-            own * own * cost_2 + other * other * (predicted_2 + off_2) + 2.0 * own * other * both;
         denoiser.slopes.iter().all(|slope| slope.is_finite()).then_some(denoiser)
     }
 
     /// An upper bound of the predictions' error variance, noise included, that spells do not raise: from each
     /// trial and the nearer of its neighbours in time. Infinite without such trials.
     fn off_in_time_2(&self, observations: &[Observation]) -> f64 {
-        let off = |one: &Observation| one.log_cost - self.predicted(&one.auxiliary);
+        let off = |one: &Observation| one.log_cost - self.predicted(&one.beside);
         let (mut sum, mut count) = (0.0, 0.0);
         for three in observations.windows(3) {
             let [before, one, after] = three else { continue };
@@ -245,12 +232,6 @@ impl Denoiser {
     pub fn weight(&self) -> f64 {
         self.weight
     }
-
-    /// The share of the variance of a single measurement's noise that remains.
-    pub fn variance_left(&self) -> f64 {
-        assert!(self.noise_2 > 0.0, "a variance of {}", self.noise_2);
-        (self.combined_2 / self.noise_2).clamp(0.0, 1.0)
-    }
 }
 
 #[cfg(test)]
@@ -274,8 +255,8 @@ mod tests {
             // None, one or two busy processes beside it: factors 1, 1.6 and 2.2 on wall time.
             let load = [0.0, 0.48, 0.77][random.random_range(0..3)];
             let log_cost = truth + load + 0.03 * normal(&mut random);
-            let auxiliary = vec![auxiliary(truth, load, &mut random)];
-            Observation { configuration, log_cost, auxiliary }
+            let beside = vec![auxiliary(truth, load, &mut random)];
+            Observation { configuration, log_cost, beside }
         });
         (observations.collect(), truths)
     }
@@ -289,7 +270,7 @@ mod tests {
             (off.iter().map(|off| (off - mean) * (off - mean)).sum::<f64>() / off.len() as f64).sqrt()
         };
         let denoised = |one: &Observation| {
-            denoiser.map_or(one.log_cost, |denoiser| denoiser.denoised(one.log_cost, &one.auxiliary))
+            denoiser.map_or(one.log_cost, |denoiser| denoiser.denoised(one.log_cost, &one.beside))
         };
         (error(&denoised), error(&|one| one.log_cost))
     }
@@ -303,7 +284,7 @@ mod tests {
             let (observations, truths) = trials(seed, cpu);
             let denoiser = Denoiser::of(&observations).expect("there are repeats");
             let (denoised, raw) = errors(&observations, &truths, Some(&denoiser));
-            assert!(denoised < 0.8 * raw && denoiser.variance_left() < 0.8, "{denoised} of {raw}");
+            assert!(denoised < 0.8 * raw, "{denoised} of {raw}");
             denoised_sum += denoised;
             raw_sum += raw;
         }
@@ -317,13 +298,13 @@ mod tests {
             // One part of the noise both share, as clocks do; another one only other programs bring.
             let mut trial = |configuration: usize, load: f64| {
                 let own = 0.1 * configuration as f64 + 0.03 * normal(&mut random);
-                let auxiliary = vec![own + 0.005 * normal(&mut random)];
-                Observation { configuration, log_cost: own + load, auxiliary }
+                let beside = vec![own + 0.005 * normal(&mut random)];
+                Observation { configuration, log_cost: own + load, beside }
             };
             let quiet: Vec<Observation> = (0..30).map(|number| trial(number % 20, 0.0)).collect();
             let denoiser = Denoiser::of(&quiet).expect("there are repeats");
             let loaded = trial(7, 0.7);
-            let off = denoiser.denoised(loaded.log_cost, &loaded.auxiliary) - 0.7;
+            let off = denoiser.denoised(loaded.log_cost, &loaded.beside) - 0.7;
             assert!(off.abs() < 0.2, "{off} off with a weight of {}", denoiser.weight());
         }
     }
@@ -350,8 +331,8 @@ mod tests {
             };
             latest = configuration;
             let own = truths[configuration] + 0.03 * normal(&mut random);
-            let auxiliary = vec![own + 0.02 * normal(&mut random) - unlike(configuration)];
-            observations.push(Observation { configuration, log_cost: own + load, auxiliary });
+            let beside = vec![own + 0.02 * normal(&mut random) - unlike(configuration)];
+            observations.push(Observation { configuration, log_cost: own + load, beside });
         }
         (observations, truths)
     }
@@ -382,7 +363,7 @@ mod tests {
             let off = |is_halved: bool| {
                 let those = observations.iter().filter(|one| (one.configuration > 60) == is_halved);
                 let off: Vec<f64> = those
-                    .map(|one| denoiser.denoised(one.log_cost, &one.auxiliary) - truths[one.configuration])
+                    .map(|one| denoiser.denoised(one.log_cost, &one.beside) - truths[one.configuration])
                     .collect();
                 off.iter().sum::<f64>() / off.len() as f64
             };
@@ -411,7 +392,7 @@ mod tests {
         assert_eq!(Denoiser::of(&[]), None);
         assert_eq!(Denoiser::of(&observations[..44]), None, "too little was measured again");
         let constant: Vec<Observation> = (0..40)
-            .map(|place| Observation { configuration: place % 20, log_cost: 1.0, auxiliary: vec![2.0] })
+            .map(|place| Observation { configuration: place % 20, log_cost: 1.0, beside: vec![2.0] })
             .collect();
         assert_eq!(Denoiser::of(&constant), None);
     }

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::matrix::Factor;
 use crate::robust::{deviation, median, reach_of};
+use crate::statistics::auxiliary::{Observation, Row, by_configuration};
 
 /// Least number of measurements for an estimate of slopes.
 const MEASUREMENTS_LEAST: usize = 8;
@@ -32,17 +33,6 @@ const MOVEMENT_LEAST: f64 = 1e-12;
 /// The largest correction of the logarithm of a cost.
 const CORRECTION_MAX: f64 = std::f64::consts::LN_2;
 
-/// One measurement.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MovedMeasurement {
-    /// The number of its configuration.
-    pub configuration: usize,
-    /// The logarithm of its cost.
-    pub log_cost: f64,
-    /// The distance of each indicator from the state's anchor, as a share of its range.
-    pub offset: Vec<f64>,
-}
-
 /// The effect of movements within a state on its costs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Movement {
@@ -50,22 +40,14 @@ pub struct Movement {
     slopes: Vec<f64>,
 }
 
-/// The measurements of one configuration.
-#[derive(Clone, Default)]
-struct Repeats {
-    count: f64,
-    cost: f64,
-    offset: Vec<f64>,
-}
-
 impl Movement {
-    /// Learns from measurements, all with the same indicators. `None` where there are too few or nothing
-    /// moves.
-    pub fn of(measurements: &[MovedMeasurement]) -> Option<Movement> {
-        let width = measurements.first()?.offset.len();
-        assert!(measurements.iter().all(|one| one.offset.len() == width), "{width} indicators");
+    /// Learns from measurements, beside each the distance of every indicator from the state's anchor, as a
+    /// share of its range. `None` where there are too few or nothing moves.
+    pub fn of(measurements: &[Observation]) -> Option<Movement> {
+        let width = measurements.first()?.beside.len();
+        assert!(measurements.iter().all(|one| one.beside.len() == width), "{width} indicators");
         let spread = |axis: usize| {
-            let values = || measurements.iter().map(|one| one.offset[axis]);
+            let values = || measurements.iter().map(|one| one.beside[axis]);
             let mean = values().sum::<f64>() / measurements.len() as f64;
             (values().map(|x| (x - mean) * (x - mean)).sum::<f64>() / measurements.len() as f64).sqrt()
         };
@@ -79,12 +61,12 @@ impl Movement {
         let mut logs: Vec<f64> = measurements.iter().map(|one| one.log_cost).collect();
         let middle = median(&mut logs);
         let reach = reach_of(deviation(&logs, middle));
-        let centred = |one: &MovedMeasurement| MovedMeasurement {
+        let centred = |one: &Observation| Observation {
             configuration: one.configuration,
             log_cost: (one.log_cost - middle).clamp(-reach, reach),
-            offset: axes.iter().map(|(axis, spread)| one.offset[*axis] / spread).collect(),
+            beside: axes.iter().map(|(axis, spread)| one.beside[*axis] / spread).collect(),
         };
-        let centred: Vec<MovedMeasurement> = measurements.iter().map(centred).collect();
+        let centred: Vec<Observation> = measurements.iter().map(centred).collect();
         let mut found = vec![0.0; axes.len()];
         for _ in 0..ROUNDS {
             found = slopes(&centred, &found)?;
@@ -105,32 +87,16 @@ impl Movement {
     }
 }
 
-/// Means by configuration, numbered as in the measurements.
-fn repeats(measurements: &[MovedMeasurement]) -> Vec<Repeats> {
-    let count = measurements.iter().map(|one| one.configuration + 1).max().unwrap_or(0);
-    let mut all = vec![Repeats::default(); count];
-    for one in measurements {
-        let of = &mut all[one.configuration];
-        of.offset.resize(one.offset.len(), 0.0);
-        of.count += 1.0;
-        of.cost += (one.log_cost - of.cost) / of.count;
-        for (mean, x) in of.offset.iter_mut().zip(&one.offset) {
-            *mean += (x - *mean) / of.count;
-        }
-    }
-    all
-}
-
 /// One round: the noise that is left by the slopes so far, and the slopes by that noise.
-fn slopes(measurements: &[MovedMeasurement], before: &[f64]) -> Option<Vec<f64>> {
+fn slopes(measurements: &[Observation], before: &[f64]) -> Option<Vec<f64>> {
     let dot = |x: &[f64]| x.iter().zip(before).map(|(x, slope)| x * slope).sum::<f64>();
-    let all = repeats(measurements);
-    let groups = all.iter().filter(|of| of.count > 0.0).count();
+    let all = by_configuration(measurements);
+    let groups = all.len();
     assert!(groups <= measurements.len(), "{groups} configurations in {}", measurements.len());
     let freedom = measurements.len() - groups;
-    let within = |one: &MovedMeasurement| {
-        let of = &all[one.configuration];
-        let left = one.log_cost - dot(&one.offset) - (of.cost - dot(&of.offset));
+    let within = |one: &Observation| {
+        let of = &all[&one.configuration];
+        let left = one.log_cost - dot(&one.beside) - (of.log_cost - dot(&of.beside));
         left * left
     };
     let noise_2 = match freedom >= REPEATS_LEAST {
@@ -138,23 +104,23 @@ fn slopes(measurements: &[MovedMeasurement], before: &[f64]) -> Option<Vec<f64>>
         false => NOISE_PRIOR * NOISE_PRIOR,
     };
     let noise_2 = noise_2.max(NOISE_LEAST * NOISE_LEAST);
-    let mean = all.iter().filter(|of| of.count > 0.0).map(|of| of.cost - dot(&of.offset)).sum::<f64>();
+    let mean = all.values().map(|of| of.log_cost - dot(&of.beside)).sum::<f64>();
     let mean = mean / groups as f64;
-    let between = |of: &Repeats| {
-        let left = of.cost - dot(&of.offset) - mean;
+    let between = |of: &Row| {
+        let left = of.log_cost - dot(&of.beside) - mean;
         left * left - noise_2 / of.count
     };
-    let between_2 = all.iter().filter(|of| of.count > 0.0).map(between).sum::<f64>() / groups as f64;
+    let between_2 = all.values().map(between).sum::<f64>() / groups as f64;
     let between_2 = between_2.max(BETWEEN_LEAST * BETWEEN_LEAST);
     // Each measurement less a part of its configuration's mean, which makes the errors of all independent.
     let width = before.len() + 1;
     let (mut matrix, mut right) = (vec![0.0; width * width], vec![0.0; width]);
     for one in measurements {
-        let of = &all[one.configuration];
+        let of = &all[&one.configuration];
         let part = 1.0 - (noise_2 / (noise_2 + of.count * between_2)).sqrt();
-        let cost = one.log_cost - part * of.cost;
+        let cost = one.log_cost - part * of.log_cost;
         let mut row = vec![1.0 - part];
-        row.extend(one.offset.iter().zip(&of.offset).map(|(x, mean)| x - part * mean));
+        row.extend(one.beside.iter().zip(&of.beside).map(|(x, mean)| x - part * mean));
         for i in 0..width {
             (0..=i).for_each(|j| matrix[i * width + j] += row[i] * row[j]);
             right[i] += row[i] * cost;
@@ -206,27 +172,27 @@ mod tests {
     use crate::randomness::standard_normal as normal;
 
     /// A search of 60 trials, the first configuration every sixth time, while three of four indicators move.
-    fn search(seed: u64, slope: f64) -> (Vec<MovedMeasurement>, Vec<f64>) {
+    fn search(seed: u64, slope: f64) -> (Vec<Observation>, Vec<f64>) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let truths: Vec<f64> = (0..60).map(|_| 2.0 + 0.1 * normal(&mut random)).collect();
         let one = |trial: usize| {
             let configuration = if trial.is_multiple_of(6) { 0 } else { trial };
-            let mut offset: Vec<f64> = (0..3).map(|_| 0.01 * (2.0 * random.random::<f64>() - 1.0)).collect();
-            offset.push(0.0);
-            let moved = slope * (offset[0] - 0.5 * offset[1]);
+            let mut beside: Vec<f64> = (0..3).map(|_| 0.01 * (2.0 * random.random::<f64>() - 1.0)).collect();
+            beside.push(0.0);
+            let moved = slope * (beside[0] - 0.5 * beside[1]);
             let log_cost = truths[configuration] + moved + 0.02 * normal(&mut random);
-            MovedMeasurement { configuration, log_cost, offset }
+            Observation { configuration, log_cost, beside }
         };
         ((0..60).map(one).collect(), truths)
     }
 
     /// Root of the mean square error of the costs of a search, corrected and as they were measured.
-    fn errors(measurements: &[MovedMeasurement], truths: &[f64], movement: &Movement) -> (f64, f64) {
-        let error = |cost: &dyn Fn(&MovedMeasurement) -> f64| {
+    fn errors(measurements: &[Observation], truths: &[f64], movement: &Movement) -> (f64, f64) {
+        let error = |cost: &dyn Fn(&Observation) -> f64| {
             let squares = measurements.iter().map(|one| (cost(one) - truths[one.configuration]).powi(2));
             (squares.sum::<f64>() / measurements.len() as f64).sqrt()
         };
-        let corrected = |one: &MovedMeasurement| one.log_cost - movement.explained(&one.offset);
+        let corrected = |one: &Observation| one.log_cost - movement.explained(&one.beside);
         (error(&corrected), error(&|one| one.log_cost))
     }
 
@@ -260,7 +226,7 @@ mod tests {
         let (mut measurements, _) = search(1, 12.0);
         assert_eq!(Movement::of(&measurements[..7]), None);
         assert_eq!(Movement::of(&[]), None);
-        measurements.iter_mut().for_each(|one| one.offset.fill(0.001));
+        measurements.iter_mut().for_each(|one| one.beside.fill(0.001));
         assert_eq!(Movement::of(&measurements), None);
     }
 

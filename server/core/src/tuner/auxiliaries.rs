@@ -15,7 +15,7 @@ use crate::limits::{DENOISED_STATES_MAX, EVIDENCE_MAX, OBSERVATIONS_MAX};
 use crate::results::{Record, ResultTable};
 use crate::robust::{deviation, median, reach_of};
 use crate::statistics::auxiliary::{Denoiser, Observation};
-use crate::statistics::movement::{MovedMeasurement, Movement};
+use crate::statistics::movement::Movement;
 use crate::tuner::confirmation::Stored;
 
 /// Number of trials after which the regression is learnt again.
@@ -129,12 +129,12 @@ impl OfState {
         };
         let names: Vec<usize> = self.seen.iter().map(|one| name(&one.configuration.0)).collect();
         // Factors of speed that were found before are taken out again: the movement may explain them.
-        let moved = self.seen.iter().zip(&names).map(|(one, &configuration)| MovedMeasurement {
+        let moved = self.seen.iter().zip(&names).map(|(one, &configuration)| Observation {
             configuration,
             log_cost: one.log_cost - one.log_factor,
-            offset: one.offset.clone(),
+            beside: one.offset.clone(),
         });
-        let moved: Vec<MovedMeasurement> = moved.filter(|one| !one.offset.is_empty()).collect();
+        let moved: Vec<Observation> = moved.filter(|one| !one.beside.is_empty()).collect();
         self.movement = Movement::of(&moved).or(self.movement.take());
         if self.seen.iter().all(|one| one.auxiliary.is_empty()) {
             return;
@@ -151,7 +151,7 @@ impl OfState {
             .map(|(one, &configuration)| Observation {
                 configuration,
                 log_cost: at_anchor(one),
-                auxiliary: one.auxiliary.clone(),
+                beside: one.auxiliary.clone(),
             })
             .collect();
         let learnt = Denoiser::of(&observations);
