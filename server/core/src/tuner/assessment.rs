@@ -9,7 +9,7 @@
 //! An assessment takes a few milliseconds. It is made apart from the tuner, from a copy of the state's table,
 //! and kept until the table changes. A caller that cannot wait gets the last assessment.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::configuration::Configuration;
@@ -110,7 +110,7 @@ impl AssessmentRequest {
     pub fn compute(&self) -> Option<Assessment> {
         let default = self.spec.space.default_ref();
         let incumbent = self.confirmed.as_ref().unwrap_or(default);
-        let records = chosen(&self.results, [default, incumbent]);
+        let records = self.results.spread(ASSESSED_MAX / 2, ASSESSED_MAX / 2 - 2, &[default, incumbent]);
         let layout = Layout::of(&self.spec.space);
         let place = |of: &Configuration| records.iter().position(|record| record.configuration == *of);
         let default_at = place(default);
@@ -175,27 +175,6 @@ fn gain(comparison: Comparison) -> Gain {
         high: finite(gain_high),
         probability_better: Some(probability_better),
     }
-}
-
-/// The measured configurations that a posterior is made from: the best half, and a part of the others, evenly
-/// spread over their ranks.
-fn chosen<'a>(results: &'a ResultTable, named: [&Configuration; 2]) -> Vec<&'a Record> {
-    let ranked: Vec<&Record> = results.ranked().collect();
-    if ranked.len() <= ASSESSED_MAX {
-        return ranked;
-    }
-    let best = ASSESSED_MAX / 2;
-    let (rest, room) = (ranked.len() - best, ASSESSED_MAX - best - named.len());
-    let mut places: BTreeSet<usize> = (0..best).collect();
-    places.extend((0..room).map(|step| best + step * rest / room));
-    places.extend(
-        ranked
-            .iter()
-            .enumerate()
-            .filter_map(|(place, record)| named.contains(&&record.configuration).then_some(place)),
-    );
-    assert!(places.len() <= ASSESSED_MAX, "{} configurations are assessed", places.len());
-    places.into_iter().map(|place| ranked[place]).collect()
 }
 
 fn posterior(

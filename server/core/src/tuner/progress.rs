@@ -7,7 +7,7 @@
 use crate::configuration::Configuration;
 use crate::limits::PROGRESS_SAMPLES_MAX;
 use crate::matrix::distance_2;
-use crate::results::{Record, ResultTable};
+use crate::results::ResultTable;
 use crate::search::Layout;
 use crate::space::Space;
 use crate::statistics::estimate::CostPosterior;
@@ -20,7 +20,8 @@ pub(super) fn gained(
     results: &ResultTable,
     before: Option<&Configuration>,
 ) -> Option<(Configuration, f64)> {
-    let records = chosen(results, before);
+    // The best, an even choice of the others, and the former best.
+    let records = results.spread(PROGRESS_SAMPLES_MAX / 2, PROGRESS_SAMPLES_MAX / 2, before.as_slice());
     let layout = Layout::of(space);
     let then = before.and_then(|before| records.iter().position(|record| record.configuration == *before));
     let samples = samples(&records, &layout, space, [then, None]);
@@ -30,23 +31,4 @@ pub(super) fn gained(
     let best = (0..means.len()).min_by(|&a, &b| means[a].total_cmp(&means[b]))?;
     let gain = then.map_or(0.0, |then| posterior.compare(best, then).gain);
     Some((records[best].configuration.clone(), gain))
-}
-
-/// The records that the posterior rests on: all, or the former best, the best half, and an even choice of the
-/// rest.
-fn chosen<'a>(results: &'a ResultTable, before: Option<&Configuration>) -> Vec<&'a Record> {
-    let ranked: Vec<&Record> = results.ranked().collect();
-    if ranked.len() <= PROGRESS_SAMPLES_MAX {
-        return ranked;
-    }
-    let best = PROGRESS_SAMPLES_MAX / 2;
-    let rest = PROGRESS_SAMPLES_MAX - best;
-    let mut places: Vec<usize> = (0..best).collect();
-    places.extend((0..rest).map(|index| best + index * (ranked.len() - best) / rest));
-    let then = before.and_then(|before| ranked.iter().position(|record| record.configuration == *before));
-    if let Some(then) = then.filter(|then| !places.contains(then)) {
-        places.push(then);
-    }
-    assert!(places.len() <= PROGRESS_SAMPLES_MAX + 1, "{} samples", places.len());
-    places.into_iter().map(|place| ranked[place]).collect()
 }

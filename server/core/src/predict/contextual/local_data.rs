@@ -119,7 +119,7 @@ impl LocalData {
         let (mut points, mut counts): (Vec<Vec<f64>>, Vec<f64>) = Default::default();
         let (mut records, mut costs) = (Vec::new(), Vec::new());
         for source in &self.sources {
-            for record in selection(&source.results, source.quota) {
+            for record in source.records() {
                 let features = self.features.features(&space.encode(&record.configuration));
                 points.push([&source.state[..], &features].concat());
                 counts.push(source.trust * record.measurements as f64);
@@ -142,7 +142,7 @@ impl LocalData {
         let mut failures = FAILURES_MAX;
         for source in &self.sources {
             let failing = source.results.records().iter().filter(|record| record.fails()).take(failures);
-            let ran = selection(&source.results, source.quota);
+            let ran = source.records();
             for record in ran.into_iter().chain(failing) {
                 let features = self.features.features(&space.encode(&record.configuration));
                 assert!(failures > 0 || !record.fails(), "no more failures are taken");
@@ -241,6 +241,11 @@ impl SourceState {
         }
     }
 
+    /// Its measurements that count: the better half of them the best, the others evenly from the rest.
+    fn records(&self) -> Vec<&Record> {
+        self.results.spread(self.quota.div_ceil(2), self.quota / 2, &[])
+    }
+
     fn translate(&self, cost: f64) -> f64 {
         (cost * self.factor).min(f64::MAX)
     }
@@ -252,19 +257,4 @@ fn estimate(warping: &RobustLog, mean: f64, variance: f64) -> Estimate {
     let cost = warping.cost(mean);
     let above = warping.cost(mean + variance.sqrt());
     Estimate::new(cost, above - cost)
-}
-
-/// At most `count` of a state's records: the better half of them the best, the others evenly from the rest.
-fn selection(results: &ResultTable, count: usize) -> Vec<&Record> {
-    let all: Vec<&Record> = results.ranked().collect();
-    if all.len() <= count {
-        return all;
-    }
-    let best = count.div_ceil(2);
-    let rest = count - best;
-    let step = |index: usize| best + (index * (all.len() - best)) / rest.max(1);
-    let selected: Vec<&Record> =
-        all[..best].iter().copied().chain((0..rest).map(|index| all[step(index)])).collect();
-    assert_eq!(selected.len(), count, "as many as were asked for");
-    selected
 }
