@@ -36,19 +36,20 @@ pub struct ErrorStatistics {
 
 /// A mean in which older values fade.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Fading {
-    sum: f64,
-    weight: f64,
+pub(super) struct Fading {
+    pub(super) sum: f64,
+    pub(super) weight: f64,
 }
 
 impl Fading {
-    fn take(&mut self, error: f64, fade: f64) {
+    pub(super) fn take(&mut self, error: f64, fade: f64) {
         self.sum = fade * self.sum + error;
         self.weight = fade * self.weight + 1.0;
         assert!(self.weight >= 1.0, "the newest counts as one, of {}", self.weight);
     }
 
-    fn mean(&self) -> Option<f64> {
+    /// `None` before the first.
+    pub(super) fn mean(&self) -> Option<f64> {
         (self.weight > 0.0).then(|| self.sum / self.weight)
     }
 }

@@ -15,6 +15,7 @@ use crate::configuration::Configuration;
 use crate::limits::{MODELS_MAX, REWARD_COST_MIN};
 use crate::machines::Origin;
 use crate::predict::nearest::neighbours;
+use crate::predict::prequential::Fading;
 use crate::predict::rbf::candidates::{CandidateConfiguration, Candidates};
 use crate::predict::rbf::solver::Solver;
 use crate::predict::rbf::{Basis, Shape};
@@ -36,35 +37,15 @@ const MISS_WEIGHT: f64 = 3.0;
 /// The factor by which an older error fades with each new one.
 const MISS_FADE: f64 = 0.99;
 
-/// A model's mean square error, over `weight` trials.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-struct Miss {
-    sum: f64,
-    weight: f64,
-}
-
-impl Miss {
-    fn new() -> Self {
-        Miss { sum: MISS * MISS_WEIGHT, weight: MISS_WEIGHT }
-    }
-
-    fn take(&mut self, miss: f64) {
-        self.sum = MISS_FADE * self.sum + miss * miss;
-        self.weight = MISS_FADE * self.weight + 1.0;
-        assert!(self.weight >= 1.0, "the newest counts as one, of {}", self.weight);
-    }
-
-    fn mean(&self) -> f64 {
-        self.sum / self.weight
-    }
-}
+/// A model's mean square error on a new machine's trials.
+const PRIOR_MISS: Fading = Fading { sum: MISS * MISS_WEIGHT, weight: MISS_WEIGHT };
 
 /// The model of a machine or a group, and the errors of the fleet's, the group's and its own model on its
 /// trials.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Member {
     solver: Solver,
-    misses: [Miss; 3],
+    misses: [Fading; 3],
     last: u64,
 }
 
@@ -79,7 +60,7 @@ pub struct LeastSquares {
     reference: Option<f64>,
     worst: f64,
     fleet: Solver,
-    fleet_miss: Miss,
+    fleet_miss: Fading,
     groups: MemberModels,
     nodes: MemberModels,
     /// The one group and node met so far, while there is only one: the fleet's model is theirs.
@@ -101,7 +82,7 @@ impl LeastSquares {
         let basis = Basis::new(Shape::Printed, parameters, indicators, seed, omitted);
         LeastSquares {
             fleet: Solver::new(basis.len() + 1, PRIOR),
-            fleet_miss: Miss::new(),
+            fleet_miss: PRIOR_MISS,
             basis,
             reference: None,
             worst: 0.0,
@@ -128,7 +109,7 @@ impl LeastSquares {
         let (node, group) = (self.nodes.get(&origin.node), self.groups.get(&origin.group));
         let misses = node.or(group).map(|member| member.misses);
         let belief = |solver: &Solver, level: usize| {
-            let miss = misses.map_or(self.fleet_miss.mean(), |misses| misses[level].mean());
+            let miss = misses.map_or(self.fleet_miss, |misses| misses[level]).mean().unwrap_or(MISS);
             ModelEstimate { mean: solver.value(phi), variance: miss * (1.0 + solver.leverage(phi)) }
         };
         let solvers = [Some(&self.fleet), group.map(|group| &group.solver), node.map(|node| &node.solver)];
@@ -170,11 +151,11 @@ impl LeastSquares {
         };
         let (now, size) = (self.fleet.lessons(), phi.len());
         for (level, key) in [(&mut self.groups, origin.group), (&mut self.nodes, origin.node)] {
-            let fresh = || Member { solver: Solver::new(size, PRIOR), misses: [Miss::new(); 3], last: now };
+            let fresh = || Member { solver: Solver::new(size, PRIOR), misses: [PRIOR_MISS; 3], last: now };
             let member = level.entry(key).or_insert_with(fresh);
             assert_eq!(member.misses.len(), chain.len(), "a miss for every level");
             for (miss, expected) in member.misses.iter_mut().zip(&chain) {
-                miss.take(value - expected);
+                miss.take((value - expected) * (value - expected), MISS_FADE);
             }
             member.solver.learn(&mut phi.to_vec(), value);
             member.last = now;
@@ -225,7 +206,8 @@ impl Predictor for LeastSquares {
             self.candidates.keep(lesson, cost, action_2);
         }
         self.teach(&phi, value, lesson.origin);
-        self.fleet_miss.take(value - self.fleet.value(&phi));
+        let miss = value - self.fleet.value(&phi);
+        self.fleet_miss.take(miss * miss, MISS_FADE);
         self.fleet.learn(&mut phi, value);
     }
 

@@ -8,7 +8,7 @@ use rand::RngExt;
 use crate::gp::Hyperparameters;
 use crate::gp::local_search::Neighbourhood;
 use crate::search::Step;
-use crate::search::model::{GRID, MeasuredPoint, ModelSearch, acquire, steps};
+use crate::search::model::{MeasuredPoint, ModelSearch, acquire, coordinates, steps};
 
 /// A guess is near one of the best points: their number, the mean number of changed parameters, and the
 /// greatest change as a share of an axis.
@@ -100,15 +100,15 @@ impl ModelSearch {
         }
         let mut random = self.random();
         let mut best: Vec<&MeasuredPoint> =
-            self.seen.iter().filter(|seen| seen.observed.rank().is_finite()).collect();
-        best.sort_by(|a, b| a.observed.rank().total_cmp(&b.observed.rank()));
+            self.seen.iter().filter(|seen| seen.observed.cost().is_finite()).collect();
+        best.sort_by(|a, b| a.observed.cost().total_cmp(&b.observed.cost()));
         best.truncate(GUESSED_NEAR);
         let dimension = self.setup.dimension();
         let x = match best.len() {
             0 => acquire::anywhere(dimension, &mut random),
             count => {
                 let near = best[random.random_range(0..count)];
-                let mut x: Vec<f64> = near.x.iter().map(|&x| f64::from(x) / GRID).collect();
+                let mut x = coordinates(&near.x);
                 let always = random.random_range(0..dimension);
                 for (axis, x) in x.iter_mut().enumerate() {
                     if axis == always || random.random::<f64>() * (dimension as f64) < GUESSED_CHANGES {

@@ -57,12 +57,12 @@ impl ModelSearch {
     /// default was measured. Where the default itself serves most states best, the others hardly beat it.
     fn against_default(&self) -> (usize, usize) {
         let start = self.grid(&self.setup.start).0;
-        let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.observed.rank());
+        let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.observed.cost());
         let Some(default) = default else {
             return (0, 0);
         };
-        let better = self.seen.iter().filter(|seen| seen.observed.rank() < default).count();
-        let worse = self.seen.iter().filter(|seen| seen.observed.rank() > CLEARLY_WORSE * default).count();
+        let better = self.seen.iter().filter(|seen| seen.observed.cost() < default).count();
+        let worse = self.seen.iter().filter(|seen| seen.observed.cost() > CLEARLY_WORSE * default).count();
         (better, worse)
     }
 

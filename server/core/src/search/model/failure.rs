@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{GRID, ModelSearch, ModelledPoint, Observed, PRIOR};
+use super::{ModelSearch, ModelledPoint, Observed, PRIOR, coordinates};
 use crate::gp::{Process, Sample, Schedule};
 use crate::search::SourceRun;
 
@@ -29,7 +29,7 @@ impl ModelSearch {
 
     /// The features of a run in another state, and whether it failed.
     fn ran_elsewhere(&self, run: &RunElsewhere) -> (Vec<f64>, bool) {
-        let x: Vec<f64> = run.x.iter().map(|&x| f64::from(x) / GRID).collect();
+        let x = coordinates(&run.x);
         (self.setup.layout.features(&x, &self.setup.layout.active(&x)), run.failed)
     }
 

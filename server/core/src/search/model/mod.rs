@@ -202,11 +202,8 @@ impl ModelSearch {
     /// The best so far, or the default, a step further; the other way where the cube ends.
     fn stepped(&self, step: &[f64]) -> Vec<f64> {
         let measured = self.seen.iter().filter(|seen| matches!(seen.observed, Observed::Cost { .. }));
-        let best = measured.min_by(|a, b| a.observed.rank().total_cmp(&b.observed.rank()));
-        let from = best.map_or_else(
-            || self.setup.start.clone(),
-            |best| best.x.iter().map(|&x| f64::from(x) / GRID).collect(),
-        );
+        let best = measured.min_by(|a, b| a.observed.cost().total_cmp(&b.observed.cost()));
+        let from = best.map_or_else(|| self.setup.start.clone(), |best| coordinates(&best.x));
         let to = |(x, step): (f64, f64)| if (0.0..=1.0).contains(&(x + step)) { x + step } else { x - step };
         from.into_iter().zip(step.iter().copied()).map(to).collect()
     }
@@ -225,7 +222,7 @@ impl ModelSearch {
         let x = if grid == self.grid(&self.setup.start).0 {
             self.setup.start.clone()
         } else {
-            grid.iter().map(|&x| f64::from(x) / GRID).collect()
+            coordinates(&grid)
         };
         self.pending.add(x, step)
     }
@@ -250,7 +247,7 @@ impl ModelSearch {
         let has_choices = (0..self.setup.dimension()).any(|axis| self.setup.layout.cells(axis) > 0);
         let newest_first = self.seen.iter().rev().enumerate();
         // Among equals the oldest counts.
-        let best = newest_first.rev().min_by(|a, b| a.1.observed.rank().total_cmp(&b.1.observed.rank()));
+        let best = newest_first.rev().min_by(|a, b| a.1.observed.cost().total_cmp(&b.1.observed.cost()));
         let since = best.map_or(0, |(since, _)| since);
         let doubt = if has_choices { (since as f64 / DOUBT_EVERY).min(DOUBT_MAX) } else { 0.0 };
         assert!((0.0..=DOUBT_MAX).contains(&doubt), "a doubt of {doubt}");
@@ -259,7 +256,7 @@ impl ModelSearch {
 
     /// A known configuration, in the form that the models use.
     fn place(&self, index: usize) -> ModelledPoint {
-        let mut x: Vec<f64> = self.seen[index].x.iter().map(|&x| f64::from(x) / GRID).collect();
+        let mut x = coordinates(&self.seen[index].x);
         let active = self.setup.layout.canonical(&mut x);
         ModelledPoint {
             features: self.setup.layout.features(&x, &active),
@@ -275,7 +272,7 @@ impl ModelSearch {
             return (0..n).collect();
         }
         let mut by_cost: Vec<usize> = (0..n).collect();
-        by_cost.sort_by(|&a, &b| self.seen[a].observed.rank().total_cmp(&self.seen[b].observed.rank()));
+        by_cost.sort_by(|&a, &b| self.seen[a].observed.cost().total_cmp(&self.seen[b].observed.cost()));
         let mut chosen = vec![false; n];
         by_cost[..FITTED_THEN / 2].iter().for_each(|&index| chosen[index] = true);
         let mut left = FITTED_THEN - FITTED_THEN / 2;
@@ -346,8 +343,7 @@ impl ModelSearch {
             pending.contains(&x) || self.seen.iter().any(|seen| seen.x == x)
         };
         if let Some(near) = near {
-            let places = pending.iter().map(|x| x.iter().map(|&x| f64::from(x) / GRID).collect());
-            let places: Vec<Vec<f64>> = places.collect();
+            let places: Vec<Vec<f64>> = pending.iter().map(|x| coordinates(x)).collect();
             if let Some(x) = near.propose(&acquisition, &places, &mut random).filter(|x| !taken(x)) {
                 return Some((x, Step::Local));
             }
@@ -444,7 +440,12 @@ fn known(measured: &[&ModelledPoint], cost: Option<&Process>) -> Vec<EstimatedPo
 
 /// A point rounded to the precision of the search.
 pub(crate) fn on_grid(x: &[f64]) -> Vec<f64> {
-    steps(x).iter().map(|&x| f64::from(x) / GRID).collect()
+    coordinates(&steps(x))
+}
+
+/// Coordinates by steps of the grid.
+fn coordinates(steps: &[u32]) -> Vec<f64> {
+    steps.iter().map(|&x| f64::from(x) / GRID).collect()
 }
 
 /// Canonical coordinates in steps of the grid.
@@ -529,7 +530,7 @@ impl Search for ModelSearch {
         }
         if self.seen.len() > KEPT_MAX {
             let worst = (0..self.seen.len() / 2)
-                .max_by(|&a, &b| self.seen[a].observed.rank().total_cmp(&self.seen[b].observed.rank()));
+                .max_by(|&a, &b| self.seen[a].observed.cost().total_cmp(&self.seen[b].observed.cost()));
             worst.map(|index| self.seen.remove(index));
         }
     }

@@ -15,6 +15,7 @@ pub(super) enum Observed {
 }
 
 impl Observed {
+    /// A bound counts as a cost; what cannot be run costs infinitely much.
     pub(super) fn cost(self) -> f64 {
         match self {
             Observed::Cost { mean, .. } => mean,
@@ -28,9 +29,5 @@ impl Observed {
             Observed::Cost { count, .. } => f64::from(count),
             _ => 1.0,
         }
-    }
-
-    pub(super) fn rank(self) -> f64 {
-        self.cost()
     }
 }
