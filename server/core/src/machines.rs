@@ -185,6 +185,11 @@ impl Machines {
         if from == to { 1.0 } else { libm::exp(self.effect(to) - self.effect(from)) }
     }
 
+    /// A cost on `from` as it is expected on `to`, finite.
+    pub(crate) fn translate(&self, from: MachineId, to: MachineId, cost: f64) -> f64 {
+        (self.factor(from, to) * cost).min(f64::MAX)
+    }
+
     /// The logarithm of the factor between a machine's costs and those of the first.
     pub(crate) fn effect(&self, machine: MachineId) -> f64 {
         self.machines.get(index(machine)).map_or(0.0, |machine| machine.pooling.effect)

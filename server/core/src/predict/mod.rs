@@ -106,10 +106,7 @@ impl Query<'_> {
 
     /// A cost measured in a state, converted to the asking machine.
     pub(crate) fn translate(&self, known: &KnownState, cost: f64) -> f64 {
-        if known.machine == self.machine {
-            return cost;
-        }
-        (cost * self.machines.factor(known.machine, self.machine)).min(f64::MAX)
+        self.machines.translate(known.machine, self.machine, cost)
     }
 
     /// Whether the configuration was tried in the asked state and did not run to its end.

@@ -6,9 +6,9 @@
 //! trials, and each holds its own inputs, so the outcome does not depend on the moment.
 
 use crate::configuration::Configuration;
-use crate::ids::{MachineId, StateId};
+use crate::ids::StateId;
 use crate::limits::{DEFERRED_UPDATES_MAX, RELEARNT_MAX};
-use crate::machines::{FIRST, Machines};
+use crate::machines::FIRST;
 use crate::policy::PredictorMethod;
 use crate::predict::prequential::ErrorInterval;
 use crate::predict::{ComputedUpdates, DeferredUpdates, Lesson, Predictors, Query};
@@ -115,7 +115,7 @@ impl Models {
     /// Teaches the models a completed trial whose result the table of its state holds.
     pub(super) fn teach(&mut self, spec: &StudySpec, states: &States, result: &Result<'_>) {
         let machine = states[result.state].machine;
-        let at_home = |cost: f64| on_first_machine(states.machines(), machine, cost);
+        let at_home = |cost: f64| states.machines().translate(machine, FIRST, cost);
         self.predictors.learn(&Lesson {
             state: result.normalised,
             configuration: result.configuration,
@@ -139,14 +139,14 @@ impl Models {
         self.predictors.begin_features(untaught(spec, spec.policy.predictor, states));
         for state in states.latest(RELEARNT_MAX).into_iter().rev() {
             let known = &states[state];
-            let factor = states.machines().factor(known.machine, FIRST);
-            let default = states.default_cost(state).map(|cost| (factor * cost).min(f64::MAX));
+            let at_home = |cost: f64| states.machines().translate(known.machine, FIRST, cost);
+            let default = states.default_cost(state).map(at_home);
             for record in known.results.ranked() {
                 self.predictors.learn_features(&Lesson {
                     state: &known.anchor,
                     configuration: &record.configuration,
                     point: &spec.space.encode(&record.configuration),
-                    verdict: Verdict::Cost((factor * record.mean_cost).min(f64::MAX)),
+                    verdict: Verdict::Cost(at_home(record.mean_cost)),
                     default_cost: default,
                     origin: states.machines().origin(known.machine),
                 });
@@ -159,9 +159,4 @@ fn untaught(spec: &StudySpec, predictor: PredictorMethod, states: &States) -> Pr
     let indicators = spec.indicators.indicators().len();
     let omitted: Vec<usize> = states.omitted_indicators().iter().map(|omitted| omitted.axis).collect();
     Predictors::new(predictor, &spec.space, indicators, spec.seed, &omitted)
-}
-
-/// A cost on a machine as it would be on the study's first.
-fn on_first_machine(machines: &Machines, machine: MachineId, cost: f64) -> f64 {
-    if machine == FIRST { cost } else { (machines.factor(machine, FIRST) * cost).min(f64::MAX) }
 }

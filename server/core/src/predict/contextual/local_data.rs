@@ -232,11 +232,7 @@ impl SourceState {
             results: Arc::clone(&state.results),
             quota,
             trust: TRUST[query.machines.level(query.machine, state.machine) as usize],
-            factor: if state.machine == query.machine {
-                1.0
-            } else {
-                query.machines.factor(state.machine, query.machine)
-            },
+            factor: query.machines.factor(state.machine, query.machine),
             explored: state.explored,
         }
     }

@@ -74,8 +74,7 @@ impl Transfer<'_> {
     pub(super) fn neighbours_of(&self, query: &Query<'_>) -> Vec<Neighbour> {
         let neighbour = |found: &IndexEntry| {
             let other = &self.states[at(found.name as usize)];
-            let factor = self.states.machines().factor(other.machine, query.machine);
-            let best_cost = (factor * other.results.best()?.mean_cost).min(f64::MAX);
+            let best_cost = query.translate(other, other.results.best()?.mean_cost);
             Some(Neighbour { state_id: other.id.get(), distance: found.distance_2.sqrt(), best_cost })
         };
         nearest(query, STATES.min(NEIGHBOURS_MAX), true).iter().filter_map(neighbour).collect()
