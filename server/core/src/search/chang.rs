@@ -97,15 +97,7 @@ fn chang(seed: u64, start: &[f64], budget: usize, cost: impl Fn(&[f64]) -> f64) 
 
 /// The points that the search asks for.
 fn asked(seed: u64, start: &[f64], budget: usize, cost: impl Fn(&[f64]) -> f64) -> Vec<Vec<f64>> {
-    let setup = SearchSetup {
-        seed,
-        state_id: 1,
-        start: start.to_vec(),
-        budget: budget as u32,
-        levels: Vec::new(),
-        layout: Layout::default(),
-    };
-    let mut search = NelderMead::new(setup);
+    let mut search = NelderMead::new(SearchSetup::plain(seed, start.to_vec(), budget as u32, Vec::new()));
     let mut points = Vec::new();
     for _ in 0..budget {
         let point = search.ask().expect("nothing is out");

@@ -104,15 +104,8 @@ struct Run {
 /// Runs a search the way the tuner does: configurations that were tried are answered from the table.
 fn tune(method: SearchMethod, seed: u64, budget: usize) -> Run {
     let space = table_1();
-    let setup = SearchSetup {
-        seed,
-        state_id: 1,
-        start: space.encode(&space.default_configuration()),
-        budget: budget as u32,
-        levels: levels(&space),
-        layout: Layout::default(),
-    };
-    let mut search = AnySearch::new(method, setup);
+    let start = space.encode(space.default_ref());
+    let mut search = AnySearch::new(method, SearchSetup::plain(seed, start, budget as u32, levels(&space)));
     let mut noise = stream(seed, Purpose::Unseen, 1, 0);
     let mut known: BTreeMap<Configuration, Verdict> = BTreeMap::new();
     let mut best = (f64::INFINITY, f64::INFINITY);
@@ -173,14 +166,7 @@ fn a_space_of_choices_alone_is_searched_to_its_best() {
     let start = vec![0.25, 0.25, 1.0 / 6.0];
     let levels = vec![2, 2, 3];
     for seed in 0..20 {
-        let setup = SearchSetup {
-            seed,
-            state_id: 1,
-            start: start.clone(),
-            budget: 12,
-            levels: levels.clone(),
-            layout: Layout::default(),
-        };
+        let setup = SearchSetup::plain(seed, start.clone(), 12, levels.clone());
         let mut search = AnySearch::new(SearchMethod::NelderMead, setup);
         let mut known = BTreeMap::new();
         for _ in 0..200 {

@@ -190,6 +190,12 @@ impl SearchSetup {
     fn dimension(&self) -> usize {
         self.start.len()
     }
+
+    /// A setup of axes without a meaning.
+    #[cfg(test)]
+    fn plain(seed: u64, start: Vec<f64>, budget: u32, levels: Vec<u32>) -> Self {
+        SearchSetup { seed, state_id: 1, start, budget, levels, layout: Layout::default() }
+    }
 }
 
 #[cfg(test)]

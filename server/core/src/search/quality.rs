@@ -1,5 +1,5 @@
-//! The quality of the simplex search: against random sampling, under noise, on plateaus and among infeasible
-//! regions. Everything is seeded; the bounds leave room for other seeds.
+//! The quality of searches: against random sampling under noise, in listed numbers and where nothing can be
+//! run. Everything is seeded; the bounds leave room for other seeds.
 
 use std::collections::BTreeMap;
 
@@ -10,20 +10,13 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::policy::SearchMethod;
 use crate::robust::median;
-use crate::space::{Constraint, Domain, Parameter, Scale, Space};
+use crate::space::{Domain, Parameter, Space};
 use crate::value::Value;
 
 /// Best noise-free cost among `budget` points, where each measurement is off by up to 5 %.
 fn best_on_quadratic(method: SearchMethod, seed: u64, dimension: usize, budget: u32) -> f64 {
-    let setup = SearchSetup {
-        seed,
-        state_id: 1,
-        start: vec![0.9; dimension],
-        budget,
-        levels: Vec::new(),
-        layout: Layout::default(),
-    };
-    let mut search = AnySearch::new(method, setup);
+    let mut search =
+        AnySearch::new(method, SearchSetup::plain(seed, vec![0.9; dimension], budget, Vec::new()));
     let mut noise = ChaCha8Rng::seed_from_u64(seed);
     // A bowl 10 high at its bottom, off the centre and with axes of unequal weight.
     let truth = |x: &[f64]| {
@@ -54,97 +47,6 @@ fn eighty_noisy_trials_come_far_closer_than_random_sampling() {
         let (simplex, random) = (excess(SearchMethod::NelderMead), excess(SearchMethod::Random));
         assert!(simplex * ratio < random, "{dimension}: simplex {simplex}, random {random}");
     }
-}
-
-/// A space like the paper's Table 1: integers, floats, choices and switches.
-fn tree_space() -> Space {
-    let integer = |name: &str, min, max, default| Parameter {
-        name: name.into(),
-        domain: Domain::Integer { min, max, scale: Scale::Linear },
-        default: Value::Integer(default),
-        active_if: None,
-    };
-    let float = |name: &str| Parameter {
-        name: name.into(),
-        domain: Domain::Float { min: 0.0, max: 10.0, scale: Scale::Linear },
-        default: Value::Float(1.0),
-        active_if: None,
-    };
-    let boolean = |name: &str| Parameter {
-        name: name.into(),
-        domain: Domain::Boolean,
-        default: Value::Boolean(false),
-        active_if: None,
-    };
-    let widths = vec![Value::Integer(2), Value::Integer(4), Value::Integer(8)];
-    let parameters = vec![
-        integer("quality", 1, 3, 2),
-        Parameter {
-            name: "branching_factor".into(),
-            domain: Domain::Categorical { values: widths },
-            default: Value::Integer(2),
-            active_if: None,
-        },
-        integer("min_leaf_size", 1, 32, 1),
-        integer("max_leaf_size", 1, 32, 32),
-        float("intersection_cost"),
-        boolean("robust"),
-        boolean("static"),
-    ];
-    let order = Constraint::order("min_leaf_size", "max_leaf_size");
-    Space::new(parameters, vec![order]).expect("a valid space")
-}
-
-fn tree_cost(configuration: &crate::configuration::Configuration) -> Option<f64> {
-    let number = |name: &str| configuration.get(name).and_then(Value::as_number).expect("a number");
-    let is = |name: &str| configuration.get(name) == Some(&Value::Boolean(true));
-    // A quarter of the space cannot be built, the neighbourhood of the optimum included in part.
-    if number("max_leaf_size") < 3.0 || (number("intersection_cost") > 7.5) {
-        return None;
-    }
-    let mut cost = 100.0 - 15.0 * (number("quality") - 1.0) - 5.0 * number("branching_factor").log2();
-    cost += 0.6 * (number("max_leaf_size") - 5.0).abs() + 0.4 * (number("min_leaf_size") - 2.0).abs();
-    cost += 1.5 * (number("intersection_cost") - 6.0).abs();
-    cost += if is("robust") { 8.0 } else { 0.0 } - if is("static") { 6.0 } else { 0.0 };
-    Some(cost)
-}
-
-/// Runs a search the way the tuner does: known configurations are answered from the table. Returns the
-/// best cost, and the most known answers in a row.
-fn tune_tree(method: SearchMethod, seed: u64, budget: u32) -> (f64, usize) {
-    let space = tree_space();
-    let start = space.encode(&space.default_configuration());
-    let mut search = AnySearch::new(
-        method,
-        SearchSetup { seed, state_id: 1, start, budget, levels: levels(&space), layout: Layout::of(&space) },
-    );
-    let mut known = BTreeMap::new();
-    let (mut best, mut in_a_row, mut most) = (f64::INFINITY, 0, 0);
-    while known.len() < budget as usize {
-        let point = search.ask().expect("nothing is out");
-        let configuration = space.decode(&point.x);
-        let fresh = !known.contains_key(&configuration);
-        let cost = *known.entry(configuration).or_insert_with_key(tree_cost);
-        in_a_row = if fresh { 0 } else { in_a_row + 1 };
-        most = most.max(in_a_row);
-        assert!(in_a_row < 1000, "the search stalls");
-        best = best.min(cost.unwrap_or(f64::INFINITY));
-        search.tell(point.id, Feedback { verdict: cost.map_or(Verdict::Infeasible, Verdict::Cost), fresh });
-    }
-    (best, most)
-}
-
-#[test]
-fn plateaus_and_infeasible_regions_do_not_stall_the_simplex() {
-    let runs: Vec<_> = (0..31).map(|seed| tune_tree(SearchMethod::NelderMead, seed, 80)).collect();
-    let random: Vec<_> = (0..31).map(|seed| tune_tree(SearchMethod::Random, seed, 80)).collect();
-    let most = runs.iter().map(|run| run.1).max();
-    let simplex = median(&mut runs.iter().map(|run| run.0).collect::<Vec<_>>());
-    let random = median(&mut random.iter().map(|run| run.0).collect::<Vec<_>>());
-    assert!(most < Some(crate::limits::KNOWN_POINTS_PER_SUGGESTION_MAX), "{most:?} known points in a row");
-    // The optimum is 49; the default costs 107.5.
-    assert!(simplex < random - 2.0, "simplex {simplex}, random {random}");
-    assert!(simplex < 56.0, "simplex {simplex}");
 }
 
 /// The trials until a search has met the best of 16 values beside 16 others, where more is better, from the
@@ -187,14 +89,7 @@ fn listed_numbers_are_searched_in_their_order() {
 
 #[test]
 fn a_search_that_only_meets_infeasible_points_looks_everywhere() {
-    let setup = SearchSetup {
-        seed: 5,
-        state_id: 1,
-        start: vec![0.5; 4],
-        budget: 80,
-        levels: Vec::new(),
-        layout: Layout::default(),
-    };
+    let setup = SearchSetup::plain(5, vec![0.5; 4], 80, Vec::new());
     let mut search = AnySearch::new(SearchMethod::NelderMead, setup);
     let mut reached = [[false; 4]; 4];
     for _ in 0..120 {

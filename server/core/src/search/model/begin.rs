@@ -167,8 +167,7 @@ mod tests {
     use super::*;
 
     fn setup(start: f64, levels: Vec<u32>) -> SearchSetup {
-        let start = vec![start; 6];
-        SearchSetup { seed: 3, state_id: 1, start, budget: 80, levels, layout: Layout::default() }
+        SearchSetup::plain(3, vec![start; 6], 80, levels)
     }
 
     #[test]
