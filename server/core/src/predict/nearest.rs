@@ -42,7 +42,6 @@ struct NearState<'a> {
 
 /// The states that can answer, in the order in which they count, at most `count`.
 fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
-    let place = |place: usize| query.known.get(place).filter(|state| state.results.best().is_some());
     let mut chosen: Vec<NearState<'a>> = Vec::with_capacity(count + 1);
     for explored in [true, false] {
         let left = count.saturating_sub(chosen.len());
@@ -50,12 +49,7 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
             break;
         }
         let from = chosen.len();
-        let passes = |state: &KnownState| state.explored == explored && state.results.best().is_some();
-        let found = query.nearest(left, explored, passes);
-        let candidates = found.iter().filter_map(|found| {
-            Some(NearState { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
-        });
-        chosen.extend(candidates);
+        chosen.extend(measured(query, left, explored, |state| state.explored == explored));
         if let Some(here) = query.here.filter(|here| here.explored == explored)
             && here.results.best().is_some()
         {
@@ -78,12 +72,22 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
 /// are compared with later measurements. A replay after a restart must give equal estimates, but does not
 /// know when each search began.
 fn closest<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
-    let place = |place: usize| query.known.get(place).filter(|state| state.results.best().is_some());
-    let found = query.nearest(count, false, |state| state.results.best().is_some());
-    let candidate = |found: &IndexEntry| {
-        Some(NearState { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
+    measured(query, count, false, |_| true)
+}
+
+/// The states that pass nearest to the query in which anything was measured.
+fn measured<'a>(
+    query: &Query<'a>,
+    count: usize,
+    explored: bool,
+    passes: impl Fn(&KnownState) -> bool,
+) -> Vec<NearState<'a>> {
+    let found = query.nearest(count, explored, |state| state.results.best().is_some() && passes(state));
+    let near = |found: &IndexEntry| {
+        let state = query.known.get(found.name as usize)?;
+        Some(NearState { state, distance: found.distance_2.sqrt() })
     };
-    found.iter().filter_map(candidate).collect()
+    found.iter().filter_map(near).collect()
 }
 
 /// The known states nearest to the query, for reasons.

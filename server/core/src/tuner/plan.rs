@@ -62,6 +62,20 @@ pub struct SuggestionPlan {
 }
 
 impl PlanRequest {
+    pub(super) fn nothing(spec: &Arc<StudySpec>) -> Self {
+        PlanRequest {
+            spec: Arc::clone(spec),
+            normalised: Vec::new(),
+            answer: None,
+            first: None,
+            portfolio: None,
+            search: None,
+            evidence: None,
+            assessment: None,
+            rival_of: None,
+        }
+    }
+
     /// The state whose search it plans for. One plan for it at a time is enough.
     pub fn searched_state(&self) -> Option<StateId> {
         self.search.as_ref().map(|(state, ..)| *state)

@@ -2,7 +2,6 @@
 //! that are computed apart.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use crate::ids::StateId;
 use crate::limits::POINTS_IN_RESERVE_MAX;
@@ -71,17 +70,8 @@ impl Tuner {
             predictors.request(predictor, &Query { rival: Some(&measured.configuration), ..query() })
         };
         let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
-        let mut request = PlanRequest {
-            spec: Arc::clone(&self.spec),
-            normalised: Vec::new(),
-            answer: None,
-            first: None,
-            portfolio: None,
-            search: None,
-            evidence: None,
-            assessment: None,
-            rival_of: here.filter(|&here| !self.is_settled(here)),
-        };
+        let rival_of = here.filter(|&here| !self.is_settled(here));
+        let mut request = PlanRequest { rival_of, ..PlanRequest::nothing(&self.spec) };
         let explores = match self.decides(ask, here) {
             _ if policy.operation == Operation::Shadow => false,
             Some(number) => match here {
@@ -162,18 +152,9 @@ impl Tuner {
         let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
         let answers = self.state_that_answers(&query, here);
         let assessment = answers.and_then(|state| self.assessment_to_plan(state));
-        let spec = Arc::clone(&self.spec);
-        let request = PlanRequest {
-            spec,
-            answer,
-            first: None,
-            portfolio,
-            search: None,
-            evidence: None,
-            normalised,
-            assessment,
-            rival_of: here.filter(|&here| !self.is_settled(here)),
-        };
+        let rival_of = here.filter(|&here| !self.is_settled(here));
+        let nothing = PlanRequest::nothing(&self.spec);
+        let request = PlanRequest { answer, portfolio, normalised, assessment, rival_of, ..nothing };
         (!request.is_empty()).then_some(request)
     }
 
@@ -185,19 +166,7 @@ impl Tuner {
     ) -> Option<PlanRequest> {
         let state = self.best_state(indicators, fingerprint).ok()??;
         let assessment = Some(self.assessment_to_plan(state)?);
-        let spec = Arc::clone(&self.spec);
-        let normalised = Vec::new();
-        Some(PlanRequest {
-            spec,
-            answer: None,
-            first: None,
-            portfolio: None,
-            search: None,
-            evidence: None,
-            normalised,
-            assessment,
-            rival_of: None,
-        })
+        Some(PlanRequest { assessment, ..PlanRequest::nothing(&self.spec) })
     }
 
     /// The state whose own measurements answer a question, as far as is known before it is answered: its own
