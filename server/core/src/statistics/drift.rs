@@ -17,8 +17,6 @@ const STEP: f64 = 0.25;
 const JUMP: f64 = 0.5;
 /// Innovations of more standard deviations are jumps.
 const GATE: f64 = 4.0;
-/// Multiple of a measurement's deviation that the factor's deviation exceeds once the incumbent is due.
-const DUE: f64 = 1.0;
 /// The largest magnitude of the logarithm of a factor, so that factors and their inverses are finite.
 const LOG_FACTOR_MAX: f64 = 700.0;
 
@@ -72,19 +70,9 @@ impl Speed {
         assert!(self.variance >= 0.0, "a variance of {}", self.variance);
     }
 
-    /// A cost at the factor 1.
-    pub fn corrected(&self, cost: f64) -> f64 {
-        (cost * libm::exp(-self.log_factor)).min(f64::MAX)
-    }
-
     /// The factor on all costs at the moment.
     pub fn factor(&self) -> f64 {
         libm::exp(self.log_factor)
-    }
-
-    /// Whether the incumbent should be measured again before anything else is believed.
-    pub fn is_due(&self, noise: f64) -> bool {
-        self.suspects.is_some() || self.variance.sqrt() > DUE * noise
     }
 
     /// Whether the last measurement was far off, so that the next one decides between an accident and a jump.
@@ -107,7 +95,7 @@ mod tests {
     use crate::randomness::standard_normal as normal;
 
     /// Runs 80 trials of challengers of cost 8 on a machine with that factor, the incumbent of cost 10
-    /// whenever it is due; the mean error of the corrected and the raw logarithms, and the number of runs of
+    /// whenever the speed is uncertain; the mean error of the corrected and the raw logarithms, and the number of runs of
     /// the incumbent.
     fn run(factor: impl Fn(usize) -> f64, noise: f64) -> (f64, f64, usize) {
         let mut random = ChaCha8Rng::seed_from_u64(3);
@@ -117,12 +105,12 @@ mod tests {
             speed.step(noise);
             let measured =
                 |cost: f64, random: &mut ChaCha8Rng| cost * factor(time) * (noise * normal(random)).exp();
-            if speed.is_due(noise) {
+            if speed.is_suspicious() || speed.variance.sqrt() > noise {
                 speed.hold(measured(10.0, &mut random), 10.0, noise);
                 held += 1;
             } else {
                 let cost = measured(8.0, &mut random);
-                corrected += (speed.corrected(cost) / 8.0).ln().abs();
+                corrected += (cost / speed.factor() / 8.0).ln().abs();
                 raw += (cost / 8.0).ln().abs();
                 trials += 1;
             }
@@ -155,9 +143,9 @@ mod tests {
     fn one_wild_measurement_is_no_jump_and_two_are() {
         let mut speed = Speed::default();
         speed.hold(30.0, 10.0, 0.03);
-        assert_eq!((speed.factor(), speed.jumps(), speed.is_due(0.03)), (1.0, 0, true));
+        assert_eq!((speed.factor(), speed.jumps(), speed.is_suspicious()), (1.0, 0, true));
         speed.hold(10.1, 10.0, 0.03);
-        assert!(!speed.is_due(0.03) && speed.factor() < 1.05);
+        assert!(!speed.is_suspicious() && speed.factor() < 1.05);
         speed.hold(30.0, 10.0, 0.03);
         speed.hold(30.5, 10.0, 0.03);
         assert_eq!(speed.jumps(), 1);
@@ -169,7 +157,7 @@ mod tests {
         let mut speed = Speed::default();
         for cost in [0.0, 0.0, f64::MAX, f64::MAX, 5e-324, 1.0] {
             speed.hold(cost, 1.0, 0.0);
-            assert!(speed.factor().is_finite() && speed.corrected(f64::MAX).is_finite());
+            assert!(speed.factor().is_finite());
         }
         for (cost, expected) in [(f64::MAX, f64::MIN_POSITIVE), (f64::MIN_POSITIVE, f64::MAX)] {
             (0..4).for_each(|_| speed.hold(cost, expected, 0.01));
