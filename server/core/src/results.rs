@@ -529,11 +529,6 @@ impl ResultTable {
         usize::try_from(self.runs).unwrap_or(usize::MAX)
     }
 
-    /// Whether the configuration ran before, so that one failure does not make it infeasible.
-    pub fn is_flaky(&self, configuration: &Configuration) -> bool {
-        self.record(configuration).is_some_and(|record| record.measurements > 0 && !record.infeasible)
-    }
-
     /// The number of configurations that have a verdict or were given up.
     pub fn decided(&self) -> usize {
         let is_given_up =

@@ -276,11 +276,8 @@ impl Tuner {
     /// proven so far.
     pub(super) fn answered(&self, state: StateId, planned: &Planned) -> Option<Answered> {
         let results = self.states.results(state);
-        let runs = |configuration: &Configuration| {
-            results.record(configuration).filter(|record| record.measurements > 0 && !record.infeasible)
-        };
         if self.is_settled(state)
-            && let Some(record) = runs(self.incumbent(state))
+            && let Some(record) = results.ran(self.incumbent(state))
         {
             let made = self.assessments.of(state).filter(|made| made.answer == record.configuration);
             // An incumbent that other states named has won nothing here.
@@ -296,7 +293,7 @@ impl Tuner {
             });
         }
         if let Some((made, _)) = self.assessment(state, planned)
-            && runs(&made.answer).is_some()
+            && results.ran(&made.answer).is_some()
         {
             return Some(Answered {
                 configuration: made.answer.clone(),
@@ -385,7 +382,7 @@ impl Tuner {
         let gives_up = record.is_some_and(|record| record.failures >= FAILURES_PER_CONFIGURATION_MAX);
         let finding = match (&trial.outcome, learnt) {
             (Some(Outcome::Infeasible { .. }), _)
-                if self.states.results(state).is_flaky(&trial.configuration) =>
+                if self.states.results(state).ran(&trial.configuration).is_some() =>
             {
                 None
             }

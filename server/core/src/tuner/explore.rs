@@ -150,8 +150,7 @@ impl Tuner {
         let (results, incumbent) = (self.states.results(state), self.incumbent(state));
         let goes_on = self.searches.taken(state, results, &self.spec.policy) < room && !results.is_exact();
         let hurried = !self.spec.objective.auxiliary().is_empty() && !self.auxiliaries.explains(state);
-        let record =
-            results.record(incumbent).filter(|record| record.measurements > 0 && !record.infeasible)?;
+        let record = results.ran(incumbent)?;
         let is_default = incumbent == self.spec.space.default_ref();
         let is_beaten = results.best().is_some_and(|best| best.mean_cost < record.mean_cost);
         let is_doubtful = !is_default
@@ -196,8 +195,7 @@ impl Tuner {
         {
             return Some(self.again(doubtful));
         }
-        let usable = |record: &&Record| record.measurements > 0 && !record.infeasible;
-        let beside = results.record(incumbent).filter(usable)?;
+        let beside = results.ran(incumbent)?;
         let is_late = taken < room && taken as f64 >= LEADERS_LATE * room as f64;
         if !is_confirmed || tried < LEADERS_FROM || !is_late || results.is_exact() {
             return None;

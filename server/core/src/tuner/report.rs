@@ -115,7 +115,8 @@ impl Tuner {
         let is_cost = |cost: f64| (0.0..=f64::MAX).contains(&cost);
         assert!(learnt.cost.is_none_or(is_cost), "a cost of {:?}", learnt.cost);
         let results = self.states.results(state);
-        let is_flaky = results.is_flaky(&completed.configuration);
+        // One failure does not make infeasible what ran before.
+        let is_flaky = results.ran(&completed.configuration).is_some();
         learnt.believed = learnt.cost.map(|cost| results.believed(&completed.configuration, cost));
         assert!(learnt.believed.is_none_or(is_cost), "a cost of {:?}", learnt.believed);
         let believed = Trial { cost: learnt.believed, ..understood.clone() };

@@ -15,7 +15,6 @@ use crate::configuration::Configuration;
 use crate::decision::{ByMachines, ExploitSource, ExploredPoint, MachineLevel};
 use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
-use crate::results::Record;
 use crate::trial::Neighbour;
 use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
@@ -81,12 +80,6 @@ fn log(cost: f64) -> f64 {
     libm::log(cost.max(REWARD_COST_MIN))
 }
 
-/// The measurements of a configuration that can be run.
-fn measured<'a>(states: &'a States, state: StateId, configuration: &Configuration) -> Option<&'a Record> {
-    let record = states.results(state).record(configuration)?;
-    (record.measurements > 0 && !record.infeasible).then_some(record)
-}
-
 /// The variance of a measurement in a state, relative to its cost.
 fn noise_2(states: &States, state: StateId) -> f64 {
     let noise = states.results(state).noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
@@ -99,8 +92,8 @@ impl OtherMachine {
         let own = &states[state];
         let best = own.results.ranked().take(SHARED).filter(|record| record.configuration != *default);
         let (mut sum, mut weight) = (0.0, 0.0);
-        for record in best.chain(measured(states, state, default)) {
-            if let Some(there) = measured(states, other, &record.configuration) {
+        for record in best.chain(states.results(state).ran(default)) {
+            if let Some(there) = states.results(other).ran(&record.configuration) {
                 let (here, elsewhere) = (record.measurements as f64, there.measurements as f64);
                 let share = here * elsewhere / (here + elsewhere);
                 sum += share * (log(record.mean_cost) - log(there.mean_cost));
@@ -135,7 +128,7 @@ impl<'a> OtherMachines<'a> {
     fn by_level(&self, level: MachineLevel, configuration: &Configuration) -> Option<LevelEstimate> {
         let (mut sum, mut precision, mut machines, mut measurements) = (0.0, 0.0, 0, 0);
         for peer in self.peers.iter().filter(|peer| peer.level == level) {
-            if let Some(record) = measured(self.states, peer.state, configuration) {
+            if let Some(record) = self.states.results(peer.state).ran(configuration) {
                 let own = record.measurements as f64 / noise_2(self.states, peer.state);
                 sum += own * (log(record.mean_cost) + peer.shift);
                 precision += own;
@@ -156,7 +149,7 @@ impl<'a> OtherMachines<'a> {
     fn pooled(&self, baseline: Option<f64>, configuration: &Configuration) -> Option<PooledEstimate> {
         let (machines, machine) = (self.states.machines(), self.states[self.state].machine);
         let mut sources = Vec::with_capacity(3);
-        if let Some(own) = measured(self.states, self.state, configuration) {
+        if let Some(own) = self.states.results(self.state).ran(configuration) {
             let (mean, measurements) = (log(own.mean_cost), own.measurements);
             let variance = noise_2(self.states, self.state) / measurements as f64;
             sources
@@ -185,7 +178,7 @@ impl<'a> OtherMachines<'a> {
     /// The configuration with the least estimate among those that `filter` passes and that can be run here.
     fn best(&self, filter: impl Fn(&Configuration) -> bool) -> Option<(&'a Configuration, PooledEstimate)> {
         let (states, state) = (self.states, self.state);
-        let baseline = measured(states, state, self.default).map(|record| log(record.mean_cost));
+        let baseline = states.results(state).ran(self.default).map(|record| log(record.mean_cost));
         let baseline = baseline.or_else(|| {
             let estimates = self.by_levels(self.default).into_iter();
             estimates.filter_map(|(_, estimate)| estimate).map(|estimate| estimate.mean).next()
@@ -280,7 +273,7 @@ pub(in crate::tuner) fn compare(
     cost: f64,
 ) {
     let siblings = states.siblings(state);
-    if !siblings.iter().any(|&other| measured(states, other, configuration).is_some()) {
+    if !siblings.iter().any(|&other| states.results(other).ran(configuration).is_some()) {
         return;
     }
     let machine = states[state].machine;
@@ -288,15 +281,15 @@ pub(in crate::tuner) fn compare(
     // By the factors between machines alone.
     let (mut sum, mut count) = (0.0, 0.0);
     for peer in &peers.peers {
-        if let Some(record) = measured(states, peer.state, configuration) {
+        if let Some(record) = states.results(peer.state).ran(configuration) {
             sum += log(record.mean_cost) - states.machines().effect(states[peer.state].machine);
             count += 1.0;
         }
     }
     assert!(count > 0.0, "another machine measured it");
     // The first time only: afterwards machines are compared by this configuration.
-    let baseline = measured(states, state, default).map(|record| log(record.mean_cost));
-    let baseline = baseline.filter(|_| measured(states, state, configuration).is_none());
+    let baseline = states.results(state).ran(default).map(|record| log(record.mean_cost));
+    let baseline = baseline.filter(|_| states.results(state).ran(configuration).is_none());
     let carried = baseline.map(|baseline| {
         let shared = peers.peers.iter().copied().filter(|peer| peer.shared).collect();
         (baseline, OtherMachines { peers: shared, ..peers }.by_levels(configuration))
