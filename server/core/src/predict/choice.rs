@@ -323,7 +323,7 @@ impl Predictors {
 
     /// A predictor's estimate on the asking machine.
     fn on_machine(&self, method: PredictorMethod, query: &Query<'_>, expected: Estimate) -> Estimate {
-        let translates = self.single(method).is_some_and(|predictor| predictor.speaks_of_first_machine());
+        let translates = self.single(method).is_some_and(|predictor| predictor.has_features());
         if !translates {
             return expected;
         }

@@ -192,14 +192,10 @@ pub trait Predictor {
     fn learn(&mut self, _lesson: &Lesson<'_>) {}
 
     /// Whether its features are indicators that are fixed when it begins, so that a change of the omitted
-    /// ones makes it begin again. A predictor that weighs indicators at each question has none.
+    /// ones makes it begin again. Such a model learns costs as they are on the first machine, so that its
+    /// estimates have to be converted for others. A predictor that reads tables weighs indicators and
+    /// converts costs at each question.
     fn has_features(&self) -> bool {
-        false
-    }
-
-    /// Whether it learns costs as they are on the first machine, so that its estimates have to be converted
-    /// for others. A predictor that reads tables has converted their costs itself.
-    fn speaks_of_first_machine(&self) -> bool {
         false
     }
 

@@ -90,10 +90,6 @@ impl Predictor for Rbf {
         true
     }
 
-    fn speaks_of_first_machine(&self) -> bool {
-        true
-    }
-
     fn settle(&mut self, space: &Space) -> bool {
         self.candidates.settle(space)
     }

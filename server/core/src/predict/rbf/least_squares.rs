@@ -173,10 +173,6 @@ impl Predictor for LeastSquares {
         true
     }
 
-    fn speaks_of_first_machine(&self) -> bool {
-        true
-    }
-
     fn settle(&mut self, space: &Space) -> bool {
         self.candidates.settle(space)
     }
