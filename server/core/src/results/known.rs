@@ -1,4 +1,4 @@
-//! A state with its table, and an even choice of its results.
+//! A state with its table, an even choice of its results, and the noise that is assumed of them.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -6,6 +6,11 @@ use std::sync::Arc;
 use super::{Record, ResultTable};
 use crate::configuration::Configuration;
 use crate::ids::{MachineId, StateId};
+
+/// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
+pub(crate) const NOISE_PRIOR: f64 = 0.05;
+const NOISE_LEAST: f64 = 0.01;
+const NOISE_MAX: f64 = 0.2;
 
 /// A known state of the study with its measurements.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,6 +28,11 @@ pub struct KnownState {
 }
 
 impl ResultTable {
+    /// The standard deviation of a measurement, relative to its cost, as searches assume it.
+    pub(crate) fn assumed_noise(&self) -> f64 {
+        self.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX)
+    }
+
     /// The `best` best of the ranked records, `others` of the rest, evenly spread over their ranks, and those
     /// of the named configurations, in the order of the ranking; all where there are no more.
     pub(crate) fn spread(&self, best: usize, others: usize, named: &[&Configuration]) -> Vec<&Record> {

@@ -37,10 +37,6 @@ const LEADERS_MEASURED_LEAST: u64 = 3;
 /// [`LEADERS_SHARE`] of the tried configurations.
 const LEADERS_MEASURED_MAX: u64 = 8;
 const LEADERS_SHARE: f64 = 0.3;
-/// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
-const NOISE_PRIOR: f64 = 0.05;
-const NOISE_LEAST: f64 = 0.01;
-const NOISE_MAX: f64 = 0.2;
 
 /// The result of the walk along a search.
 enum NextPoint {
@@ -208,7 +204,7 @@ impl Tuner {
         if repeats as f64 >= LEADERS_SHARE * tried as f64 || is_apart {
             return None;
         }
-        let noise = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
+        let noise = results.assumed_noise();
         let is_open = |leader: &&Record| {
             let parts = 1.0 / leader.measurements as f64 + 1.0 / beside.measurements as f64;
             let deviations = libm::log(beside.mean_cost / leader.mean_cost) / (noise * parts.sqrt());

@@ -30,10 +30,6 @@ const BESIDE_LEAST: usize = 2;
 const CLEAR: f64 = 4.0;
 /// Least change of a ratio, as a logarithm, that makes a state worth another search.
 const CHANGE_LEAST: f64 = 0.05;
-/// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
-const NOISE_PRIOR: f64 = 0.05;
-const NOISE_LEAST: f64 = 0.01;
-const NOISE_MAX: f64 = 0.2;
 
 /// The end of a recheck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,7 +97,7 @@ impl Rechecks {
         let beside = of_default.or_else(|| results.ranked().find(is_beside));
         let before = results.record(jumped).filter(|record| is_known(record, JUMPED_LEAST));
         let (Some(before), Some(beside)) = (before, beside) else { return };
-        let usual = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
+        let usual = results.assumed_noise();
         let restless = [before, beside].map(|record| record.evidence.log_deviation(usual));
         assert!(before.configuration != beside.configuration, "one configuration tells nothing");
         assert!(before.mean_cost > 0.0 && beside.mean_cost > 0.0, "costs have logarithms");

@@ -15,14 +15,10 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::{SPEEDS_MAX, UNHELD_MAX};
-use crate::results::ResultTable;
+use crate::results::{NOISE_PRIOR, ResultTable};
 use crate::statistics::drift::Speed;
 use crate::tuner::confirmation::Stored;
 
-/// The noise that is assumed before anything was measured twice, and the bounds of its estimate.
-const NOISE_PRIOR: f64 = 0.05;
-const NOISE_LEAST: f64 = 0.01;
-const NOISE_MAX: f64 = 0.2;
 /// Number of measurements that make the cost of a configuration known. One suffices for the default, with
 /// which every search begins.
 const KNOWN_AFTER: usize = 4;
@@ -132,7 +128,7 @@ impl Speeds {
         }
         // A suspicious measurement says nothing of the noise.
         if !client.speed.is_suspicious() {
-            client.noise = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
+            client.noise = results.assumed_noise();
         }
         let noise = client.noise;
         client.speed.step(noise);
