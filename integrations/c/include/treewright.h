@@ -193,6 +193,9 @@ tw_study *tw_client_study(const tw_client *client, const char *id, const tw_spec
 tw_study *tw_client_existing_study(const tw_client *client, const char *id, tw_error **error);
 /* Deletes a study with everything learnt. Fails: TW_REFUSED, TW_AWAY, TW_LATE. */
 bool tw_client_delete_study(const tw_client *client, const char *id, tw_error **error);
+/* Renews the lease of an open suggestion, counted from now, for work that takes longer than lease_s of the policy. Does nothing for
+ * a fallback. Fails: TW_REFUSED where the daemon has ended the trial, TW_AWAY, TW_LATE, TW_INVALID in the child of a fork. */
+bool tw_client_extend_lease(const tw_client *client, tw_suggestion *suggestion, tw_error **error);
 
 /* ---- a study ---------------------------------------------------------------------------------------------------- */
 

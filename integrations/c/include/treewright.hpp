@@ -135,6 +135,7 @@ class Suggestion {
   void failed(const std::string &reason) {
     end([&](tw_suggestion *it, tw_error **error) { return tw_suggestion_failed(it, reason.c_str(), error); });
   }
+  tw_suggestion *handle() const { return owned_.get(); }
   tw_suggestion *release() { return owned_.release(); }
 
  private:
@@ -288,6 +289,9 @@ class Client {
   }
   void delete_study(const std::string &id) const {
     detail::checked([&](tw_error **error) { return tw_client_delete_study(owned_.get(), id.c_str(), error); });
+  }
+  void extend_lease(Suggestion &suggestion) const {
+    detail::checked([&](tw_error **error) { return tw_client_extend_lease(owned_.get(), suggestion.handle(), error); });
   }
   void flush(double deadline_ms) const {
     detail::checked([&](tw_error **error) { return tw_client_flush(owned_.get(), deadline_ms, error); });

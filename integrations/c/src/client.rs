@@ -9,6 +9,7 @@ use crate::error::Failure;
 use crate::options::{Options, milliseconds};
 use crate::spec::Spec;
 use crate::study::Study;
+use crate::suggestion::Suggestion;
 
 /// A client. May be used by several threads at once.
 #[derive(Debug)]
@@ -106,6 +107,20 @@ pub(crate) extern "C" fn tw_client_existing_study(
     guard(error, || {
         Ok(Box::new(Study(need(client, "client")?.0.existing_study(id.read("the study's id")?)?)))
     })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_client_extend_lease(
+    client: Option<&Client>,
+    suggestion: Option<&mut Suggestion>,
+    error: ErrorOut,
+) -> bool {
+    let body = || {
+        let client = need(client, "client")?;
+        Ok(client.0.extend_lease(&mut need(suggestion, "suggestion")?.inner)?)
+    };
+    guard(error, body).is_some()
 }
 
 /// See the header.

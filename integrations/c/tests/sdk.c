@@ -75,6 +75,7 @@ static void without_handles(void) {
   double ms;
   CHECK(!tw_client_ping(NULL, &ms, &error));
   expect(error, TW_INVALID, "the client is NULL");
+  CHECK(!tw_client_extend_lease(NULL, NULL, NULL));
   CHECK(!tw_study_suggest(NULL, NULL, 0, NULL));
   CHECK(!tw_suggestion_report(NULL, NULL, 0, NULL));
   CHECK(tw_suggestion_configuration(NULL) == NULL && tw_error_code(NULL) == TW_OK);
@@ -137,6 +138,7 @@ static void without_daemon(void) {
   CHECK(tw_suggestion_source(suggestion) == TW_DEFAULT);
   CHECK(strstr(tw_suggestion_problem(suggestion), "no daemon answers"));
   CHECK(render(tw_suggestion_configuration(suggestion)) == 10);
+  CHECK(tw_client_extend_lease(client, suggestion, &error));
   tw_number result[] = {{"render_ms", 10}};
   CHECK(tw_suggestion_report(suggestion, result, 1, &error));
   CHECK(tw_client_count(client, TW_COUNT_UNREPORTED) == 1 && tw_client_count(client, TW_COUNT_FALLBACKS) == 1);
@@ -378,6 +380,25 @@ static void forked(const tw_client *client) {
   CHECK(tw_client_delete_study(client, "forked", &error));
 }
 
+/* Work that takes longer than its lease renews it, as long as the daemon knows the trial. */
+static void renewed(const tw_client *client) {
+  tw_error *error = NULL;
+  tw_spec *spec = new_spec();
+  tw_study *study = tw_client_study(client, "renewed", spec, &error);
+  succeed(error);
+  tw_suggestion *suggestion = tw_study_suggest(study, (tw_number[]){{"triangles", 1000}}, 1, &error);
+  succeed(error);
+  CHECK(tw_suggestion_source(suggestion) == TW_DAEMON);
+  CHECK(tw_client_extend_lease(client, suggestion, &error) && tw_client_extend_lease(client, suggestion, &error));
+  CHECK(tw_client_delete_study(client, "renewed", &error));
+  CHECK(!tw_client_extend_lease(client, suggestion, &error));
+  CHECK(tw_error_grpc_code(error) == 5);
+  expect(error, TW_REFUSED, "renewed");
+  tw_suggestion_free(suggestion);
+  tw_study_free(study);
+  tw_spec_free(spec);
+}
+
 static volatile int loops_on = 1;
 
 static void *frames(void *argument) {
@@ -487,6 +508,7 @@ int main(int count, char **arguments) {
   threads(client);
   forked(client);
   forked_in_a_frame(client);
+  renewed(client);
   scene();
   tw_client_free(client);
   puts("ok");
