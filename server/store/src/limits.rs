@@ -73,6 +73,9 @@ pub const POSTGRES_WRITE_TIMEOUT: Duration = Duration::from_secs(10);
 /// How long a question waits for a connection to PostgreSQL.
 pub const POSTGRES_READER_TIMEOUT: Duration = Duration::from_secs(3);
 
+/// Longest wait for PostgreSQL's answer to a question, and for it to create, rename or delete a study.
+pub const POSTGRES_QUESTION_TIMEOUT: Duration = Duration::from_secs(10);
+
 /// How long an attempt to connect to PostgreSQL may take.
 pub const POSTGRES_CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 

@@ -9,7 +9,7 @@ use common::{change, completed, open, postgres, spec};
 use sqlx::{AssertSqlSafe, Executor as _, PgConnection};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use treewright_core::trial::Outcome;
-use treewright_store::{Loaded, OpenError, PostgresAddress, PostgresStore, Store, StoreError};
+use treewright_store::{Loaded, OpenError, PostgresAddress, PostgresStore, Store, StoreError, limits};
 use treewright_test_postgres::Database;
 
 async fn replica(database: &Database, advertised: &str) -> PostgresStore {
@@ -79,6 +79,32 @@ async fn replicas_share_a_key_that_no_other_database_has() {
     assert!(first.replica_key().is_some());
     assert_eq!(first.replica_key(), second.replica_key());
     assert_ne!(first.replica_key(), foreign.replica_key());
+}
+
+#[tokio::test]
+async fn a_question_that_is_not_answered_ends() {
+    let database = Database::create().await;
+    let store = replica(&database, "http://first:1").await;
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    let mut other = database.connect().await;
+    execute(&mut other, "BEGIN").await;
+    execute(&mut other, "LOCK TABLE studies IN ACCESS EXCLUSIVE MODE").await;
+    let spec = spec();
+    let asked = async {
+        tokio::join!(
+            async { store.get_study("hall").await.map(drop) },
+            async { store.create_study("sponza", &spec, 6).await.map(drop) },
+            store.delete_study("hall", None),
+            async { store.studies_with_due_leases(7).await.map(drop) },
+        )
+    };
+    let longest = limits::POSTGRES_QUESTION_TIMEOUT + Duration::from_secs(5);
+    let (read, created, deleted, swept) = tokio::time::timeout(longest, asked).await.expect("they end");
+    for ended in [read, created, deleted, swept] {
+        assert!(matches!(ended, Err(StoreError::Unavailable { .. })), "{ended:?}");
+    }
+    execute(&mut other, "ROLLBACK").await;
+    store.get_study("hall").await.expect("it was not deleted");
 }
 
 #[tokio::test]

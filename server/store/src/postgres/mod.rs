@@ -31,6 +31,7 @@ use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgPool, Postgres};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
+use tokio::time::timeout;
 use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
@@ -144,6 +145,13 @@ impl PostgresStore {
     }
 }
 
+/// Waits for the answer to a question, but not for ever. A server that is there and slow is told to stop by
+/// the setting of [`PostgresAddress::pool`]; this is for one that is silent.
+async fn in_time<T>(question: impl Future<Output = Result<T, StoreError>>) -> Result<T, StoreError> {
+    let answer = timeout(limits::POSTGRES_QUESTION_TIMEOUT, question).await;
+    answer.unwrap_or_else(|_| Err(failed(open::silent())))
+}
+
 /// An error of the database in the form for the daemon's callers.
 fn failed(error: sqlx::Error) -> StoreError {
     let problem = match &error {
@@ -164,25 +172,25 @@ fn failed(error: sqlx::Error) -> StoreError {
 #[async_trait]
 impl Store for PostgresStore {
     async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
-        studies::create(&mut *self.reader().await?, id, spec, now_ms).await
+        in_time(studies::create(&mut *self.reader().await?, id, spec, now_ms)).await
     }
 
     async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
-        read::study(&mut *self.reader().await?, study).await
+        in_time(read::study(&mut *self.reader().await?, study)).await
     }
 
     async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
-        read::studies(&mut *self.reader().await?, after, size).await
+        in_time(read::studies(&mut *self.reader().await?, after, size)).await
     }
 
     async fn delete_study(&self, study: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
-        let key = studies::delete(&mut *self.reader().await?, study, uid).await?;
+        let key = in_time(studies::delete(&mut *self.reader().await?, study, uid)).await?;
         self.shared.deleted(key);
         Ok(())
     }
 
     async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
-        read::study_of_uid(&mut *self.reader().await?, uid).await
+        in_time(read::study_of_uid(&mut *self.reader().await?, uid)).await
     }
 
     async fn rename_study(
@@ -191,7 +199,7 @@ impl Store for PostgresStore {
         uid: Option<StudyUid>,
         to: &str,
     ) -> Result<StudyRecord, StoreError> {
-        let key = studies::rename(&mut *self.reader().await?, study, uid, to).await?;
+        let key = in_time(studies::rename(&mut *self.reader().await?, study, uid, to)).await?;
         self.shared.deleted(key);
         self.get_study(to).await
     }
@@ -203,7 +211,7 @@ impl Store for PostgresStore {
         let (answer, claimed) = oneshot::channel();
         self.enqueue(study, StudyJob::Claim { study: study.to_owned(), answer });
         let fence = claimed.await.unwrap_or(Err(StoreError::Closed))?;
-        let read = read::load(&mut *self.reader().await?, fence).await;
+        let read = in_time(read::load(&mut *self.reader().await?, fence)).await;
         read.map_err(|error| error.in_study(study))
     }
 
@@ -221,14 +229,15 @@ impl Store for PostgresStore {
             .bind(study)
             .bind(limits::REPLICA_LAPSE.as_secs_f64())
             .fetch_optional(&mut *reader);
-        let found: Result<Option<Option<String>>, _> = question.await;
+        let asking = async { question.await.map_err(failed) };
+        let found: Result<Option<Option<String>>, _> = in_time(asking).await;
         found.map_or(true, |holder| holder.flatten().is_some_and(|holder| holder == address))
     }
 
     async fn size(&self) -> Option<StoreSize> {
-        let question = sqlx::query_scalar(statements::DATABASE_BYTES);
-        let question = question.fetch_one(&mut *self.reader().await.ok()?).await;
-        let bytes: i64 = question.ok()?;
+        let mut reader = self.reader().await.ok()?;
+        let question = sqlx::query_scalar(statements::DATABASE_BYTES).fetch_one(&mut *reader);
+        let bytes: i64 = in_time(async { question.await.map_err(failed) }).await.ok()?;
         Some(StoreSize { database_bytes: bytes.try_into().ok()?, log_bytes: 0 })
     }
 
@@ -262,7 +271,7 @@ impl Store for PostgresStore {
         after: u64,
         size: u32,
     ) -> Result<Vec<RawTrial>, StoreError> {
-        let read = read::completed(&mut *self.reader().await?, fence, after, size).await;
+        let read = in_time(read::completed(&mut *self.reader().await?, fence, after, size)).await;
         read.map_err(|error| error.in_study(fence.study()))
     }
 
@@ -286,26 +295,26 @@ impl Store for PostgresStore {
         up_to: u64,
         size: u32,
     ) -> Result<Vec<ClosedTrial>, StoreError> {
-        let read = read::closed(&mut *self.reader().await?, fence, after, up_to, size).await;
+        let read = in_time(read::closed(&mut *self.reader().await?, fence, after, up_to, size)).await;
         read.map_err(|error| error.in_study(fence.study()))
     }
 
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
-        studies::remove_trials(&mut *self.reader().await?, fence, numbers, covered).await
+        in_time(studies::remove_trials(&mut *self.reader().await?, fence, numbers, covered)).await
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
-        let read = read::trial(&mut *self.reader().await?, study, number).await;
+        let read = in_time(read::trial(&mut *self.reader().await?, study, number)).await;
         read.map_err(|error| error.in_study(study))
     }
 
     async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
-        let read = read::trials(&mut *self.reader().await?, study, query).await;
+        let read = in_time(read::trials(&mut *self.reader().await?, study, query)).await;
         read.map_err(|error| error.in_study(study))
     }
 
     async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
-        studies::with_due_leases(&mut *self.reader().await?, self.shared.me(), now_ms).await
+        in_time(studies::with_due_leases(&mut *self.reader().await?, self.shared.me(), now_ms)).await
     }
 
     fn has_failed(&self) -> bool {

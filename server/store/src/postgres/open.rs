@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use sqlx::migrate::MigrateError;
 use sqlx::postgres::{PgConnectOptions, PgConnection, PgPool, PgPoolOptions};
-use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
+use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _, Executor as _};
 use tokio::time::{Instant, sleep, timeout};
 
 use super::statements as sql;
@@ -80,14 +80,19 @@ impl PostgresAddress {
         timeout(limits::POSTGRES_CONNECT_TIMEOUT, connecting).await.unwrap_or_else(|_| Err(silent()))
     }
 
-    /// A pool of at most `connections` connections for questions. None is made yet.
+    /// A pool of at most `connections` connections for questions, of which the server breaks off those that
+    /// take too long. None is made yet.
     pub(super) fn pool(&self, connections: u32) -> PgPool {
         assert!(connections > 0, "a question would wait for a connection for ever");
         PgPoolOptions::new()
             .max_connections(connections)
             .acquire_timeout(limits::POSTGRES_READER_TIMEOUT)
             .after_connect(|connection, _| {
-                Box::pin(async move { connection.execute(sql::SETTINGS).await.map(|_| ()) })
+                Box::pin(async move {
+                    let longest_ms = limits::POSTGRES_QUESTION_TIMEOUT.as_millis();
+                    let settings = format!("{}; SET statement_timeout = {longest_ms}", sql::SETTINGS);
+                    connection.execute(AssertSqlSafe(settings)).await.map(|_| ())
+                })
             })
             .connect_lazy_with(self.options().clone())
     }

@@ -60,11 +60,15 @@ pub(super) async fn live(
             }
             return;
         }
+        let was_there = session.is_some();
         let beaten = timeout(limits::POSTGRES_WRITE_TIMEOUT, beat(&shared, session.take())).await;
         session = match beaten.unwrap_or_else(|_| Err(silent())) {
             Ok(connection) => Some(connection),
             Err(error) => {
-                tracing::warn!(%error, "the database is away; looking for it");
+                // Not a line for each of the ten looks a second.
+                if was_there {
+                    tracing::warn!(%error, "the database is away; looking for it");
+                }
                 None
             }
         };
