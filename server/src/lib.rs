@@ -40,5 +40,6 @@ pub mod serve;
 pub mod status;
 pub mod telemetry;
 pub mod tls;
+mod trouble;
 pub mod tuning;
 mod watch;

@@ -102,6 +102,9 @@ pub const TOKENS_STALE: Duration = Duration::from_secs(30);
 /// Period between stores of the tokens' usage. A crash forgets at most the usage of one period.
 pub const USAGE_PERIOD: Duration = Duration::from_secs(2);
 
+/// Longest wait for the database to take, or to tell, the usage of tokens. An end of the daemon waits as well.
+pub const USAGE_WAIT: Duration = Duration::from_secs(5);
+
 /// Default limit of requests in progress at once; a frame of a Tune stream counts as one.
 pub const REQUESTS_IN_FLIGHT: usize = 512;
 
@@ -158,6 +161,9 @@ pub const REFUSAL_LINES: u64 = 10;
 
 /// Period of [`REFUSAL_LINES`], in whole seconds.
 pub const REFUSAL_PERIOD: Duration = Duration::from_secs(10);
+
+/// Interval of the lines about a task that fails each time.
+pub const TROUBLE_PERIOD: Duration = Duration::from_secs(60);
 
 /// How long a question waits for a processor to compute its plan; then it is answered from the tables.
 pub const PLANNING_WAIT: Duration = Duration::from_millis(5);

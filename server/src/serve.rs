@@ -1,6 +1,6 @@
 //! The life of the server: serve until a signal to stop, drain, close.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -31,6 +31,7 @@ use crate::peers::Peers;
 use crate::refusals::Refusals;
 use crate::rpc::Service;
 use crate::tls::Tls;
+use crate::trouble::Trouble;
 use crate::tuning::Tuning;
 use crate::watch::Watched;
 
@@ -283,9 +284,9 @@ async fn set_health(health: &HealthReporter, status: ServingStatus) {
 }
 
 /// Ends leases that have run out, also in studies without requests. It ends where the store can write no
-/// more. A study that fails again and again is logged once.
+/// more. What fails each time is logged rarely.
 async fn sweep(tuning: Arc<Tuning>, store: Arc<dyn Store>) {
-    let mut told = BTreeSet::new();
+    let (mut trouble, mut of_studies) = (Trouble::default(), BTreeMap::<String, Trouble>::new());
     let mut ticks = interval(limits::SWEEP_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -296,15 +297,22 @@ async fn sweep(tuning: Arc<Tuning>, store: Arc<dyn Store>) {
         // Where the store is closed, the daemon is ending.
         match tuning.sweep().await {
             Ok(failed) => {
-                for (study, error) in &failed {
-                    if *error != Error::Store(StoreError::Closed) && !told.contains(study) {
+                if trouble.is_over() {
+                    tracing::info!("leases are swept again");
+                }
+                of_studies.retain(|study, _| failed.contains_key(study));
+                for (study, error) in failed {
+                    let is_end = error == Error::Store(StoreError::Closed);
+                    if !is_end && of_studies.entry(study.clone()).or_default().is_worth_a_line() {
                         tracing::warn!(study, %error, "leases of the study could not be swept; trying again");
                     }
                 }
-                told = failed.into_keys().collect();
             }
             Err(Error::Store(StoreError::Closed)) => {}
-            Err(error) => tracing::warn!(%error, "leases could not be swept; trying again"),
+            Err(error) if trouble.is_worth_a_line() => {
+                tracing::warn!(%error, "leases could not be swept; trying again");
+            }
+            Err(_) => {}
         }
     }
 }

@@ -18,15 +18,17 @@ pub mod token;
 
 use std::collections::{BTreeMap, HashMap};
 use std::pin::pin;
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 
-use tokio::time::{MissedTickBehavior, interval};
-use treewright_store::TokenStore;
+use tokio::sync::Notify;
+use tokio::time::{MissedTickBehavior, interval, timeout};
 use treewright_store::tokens::{TokenError, TokenRecord, Usage, day};
+use treewright_store::{StoreError, TokenStore};
 
 use crate::clock::Clock;
 use crate::error::Error;
 use crate::limits;
+use crate::trouble::Trouble;
 use caller::{Caller, Holder, LastRead};
 use rules::Need;
 use token::Token;
@@ -37,6 +39,8 @@ pub struct Access {
     clock: Arc<dyn Clock>,
     known: RwLock<KnownTokens>,
     seen: Arc<LastRead>,
+    /// Storing and reading usage.
+    trouble: Mutex<Trouble>,
 }
 
 #[derive(Default)]
@@ -53,7 +57,8 @@ impl Access {
     /// # Errors
     /// When they cannot be read.
     pub async fn open(store: Arc<dyn TokenStore>, clock: Arc<dyn Clock>) -> Result<Self, TokenError> {
-        let access = Self { store, clock, known: RwLock::default(), seen: Arc::new(LastRead::now()) };
+        let (known, seen) = (RwLock::default(), Arc::new(LastRead::now()));
+        let access = Self { store, clock, known, seen, trouble: Mutex::default() };
         access.refresh().await?;
         Ok(access)
     }
@@ -94,46 +99,63 @@ impl Access {
         Ok(())
     }
 
-    /// Follows the database, and stores usage, until `ends`. Dropped before, it may lose the usage that it is
-    /// storing, or leave it to be stored again.
+    /// Follows the database, and stores usage beside that, until `ends`. Dropped before, it may lose the usage
+    /// that it is storing, or leave it to be stored again.
     pub async fn follow(&self, ends: impl Future<Output = ()>) {
-        let mut ends = pin!(ends);
-        let mut looks = interval(limits::TOKENS_PERIOD);
-        let mut saves = interval(limits::USAGE_PERIOD);
-        looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        saves.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut failing = false;
-        loop {
-            let is_look = tokio::select! {
-                () = &mut ends => return,
-                _ = looks.tick() => true,
-                _ = saves.tick() => false,
-            };
-            if !is_look {
-                self.save().await;
-                continue;
+        let over = Notify::new();
+        let looking = async {
+            tokio::select! {
+                () = ends => {}
+                () = self.look() => {}
             }
-            let looked = tokio::select! {
-                () = &mut ends => return,
-                looked = self.refresh() => looked,
-            };
-            match looked {
-                Ok(()) => failing = false,
-                Err(error) if !failing => {
-                    failing = true;
-                    tracing::warn!(
-                        %error,
-                        for_s = limits::TOKENS_STALE.as_secs(),
-                        "the tokens cannot be read; those known stay good for a while"
-                    );
+            over.notify_one();
+        };
+        let saving = async {
+            let mut saves = interval(limits::USAGE_PERIOD);
+            saves.set_missed_tick_behavior(MissedTickBehavior::Delay);
+            let mut ends = pin!(over.notified());
+            loop {
+                tokio::select! {
+                    () = &mut ends => return,
+                    _ = saves.tick() => {}
                 }
-                Err(_) => {}
+                let limited = self.store_usage().await;
+                tokio::select! {
+                    () = &mut ends => return,
+                    () = self.read_usage(limited) => {}
+                }
+            }
+        };
+        tokio::join!(looking, saving);
+    }
+
+    /// Reads the stored tokens for ever, as often as they may have changed.
+    async fn look(&self) {
+        let mut looks = interval(limits::TOKENS_PERIOD);
+        looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut trouble = Trouble::default();
+        loop {
+            looks.tick().await;
+            match self.refresh().await {
+                Ok(()) if trouble.is_over() => tracing::info!("the tokens can be read again"),
+                Err(error) if trouble.is_worth_a_line() => tracing::warn!(
+                    %error,
+                    for_s = limits::TOKENS_STALE.as_secs(),
+                    "the tokens cannot be read; those known stay good for a while"
+                ),
+                _ => {}
             }
         }
     }
 
     /// Stores the usage here, and reads the usage everywhere.
     pub async fn save(&self) {
+        let limited = self.store_usage().await;
+        self.read_usage(limited).await;
+    }
+
+    /// Stores the usage here, and returns the holders with quotas, each with the day of its usage.
+    async fn store_usage(&self) -> Vec<(Arc<Holder>, i64)> {
         let holders: Vec<_> = {
             let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
             known.holders.values().cloned().collect()
@@ -144,27 +166,50 @@ impl Access {
                 by_day.entry(day).or_default().push((holder, used));
             }
         }
+        let mut limited = Vec::new();
         for (day, used) in by_day {
             let rows: Vec<_> = used.iter().map(|(holder, used)| (holder.id.clone(), *used)).collect();
-            if let Err(error) = self.store.add_usage(day, &rows).await {
-                tracing::warn!(%error, "what tokens used cannot be stored; trying again");
-                for (holder, used) in used {
-                    holder.put_back(used);
-                }
-                continue;
+            let stored = in_time(self.store.add_usage(day, &rows)).await;
+            if stored.is_err() {
+                // What was stored although nothing said so counts twice: a quota holds in doubt.
+                used.iter().for_each(|(holder, used)| holder.put_back(*used));
             }
-            for (holder, _) in used.iter().filter(|(holder, _)| holder.is_limited()) {
-                match self.store.usage(&holder.id, day).await {
-                    Ok(stored) => holder.learn(day, stored),
-                    Err(error) => tracing::warn!(%error, "what a token used elsewhere cannot be read"),
-                }
+            if self.note(stored, "what tokens used cannot be stored; trying again").is_some() {
+                limited.extend(
+                    used.into_iter()
+                        .map(|(holder, _)| (holder, day))
+                        .filter(|(holder, _)| holder.is_limited()),
+                );
             }
         }
+        limited
+    }
+
+    /// Reads the usage of these holders everywhere, up to the first failure.
+    async fn read_usage(&self, holders: Vec<(Arc<Holder>, i64)>) {
+        for (holder, day) in holders {
+            let stored = in_time(self.store.usage(&holder.id, day)).await;
+            let Some(stored) = self.note(stored, "what a token used elsewhere cannot be read") else {
+                return;
+            };
+            holder.learn(day, stored);
+        }
+    }
+
+    /// Logs trouble with the usage, rarely, and its end.
+    fn note<T>(&self, result: Result<T, TokenError>, problem: &'static str) -> Option<T> {
+        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
+        match &result {
+            Ok(_) if trouble.is_over() => tracing::info!("what tokens use is stored and read again"),
+            Err(error) if trouble.is_worth_a_line() => tracing::warn!(%error, "{problem}"),
+            _ => {}
+        }
+        result.ok()
     }
 
     /// Stores usage and closes the store.
     pub async fn close(&self) {
-        self.save().await;
+        self.store_usage().await;
         self.store.close().await;
     }
 
@@ -220,6 +265,14 @@ impl Access {
     }
 }
 
+/// Waits for the database no longer than it may take about usage.
+async fn in_time<T>(asked: impl Future<Output = Result<T, TokenError>>) -> Result<T, TokenError> {
+    timeout(limits::USAGE_WAIT, asked).await.unwrap_or_else(|_| {
+        let problem = format!("it did not answer within {} s", limits::USAGE_WAIT.as_secs());
+        Err(TokenError::Store(StoreError::Unavailable { problem }))
+    })
+}
+
 /// The `authorization` of a request.
 #[derive(Clone, Copy)]
 pub enum Authorization<'a> {
@@ -252,7 +305,6 @@ mod tests {
     use std::time::Duration;
 
     use async_trait::async_trait;
-    use tokio::sync::Notify;
     use tokio::time::sleep;
     use treewright_store::MemoryTokens;
     use treewright_store::tokens::{Quota, Scope, Studies};
@@ -317,8 +369,8 @@ mod tests {
         assert!(matches!(caller.spend_trial(), Err(Error::Quota { limit: 2, .. })));
     }
 
-    /// Tokens in a database that takes long to store usage, and as long to say that it has.
-    struct Slow(Arc<MemoryTokens>);
+    /// Tokens in a database that takes so long to store usage, and as long to say that it has.
+    struct Slow(Arc<MemoryTokens>, Duration);
 
     const SLOW: Duration = Duration::from_secs(1);
 
@@ -343,9 +395,9 @@ mod tests {
             self.0.usage(id, day).await
         }
         async fn add_usage(&self, day: i64, used: &[(String, Usage)]) -> Result<(), TokenError> {
-            sleep(SLOW).await;
+            sleep(self.1).await;
             let added = self.0.add_usage(day, used).await;
-            sleep(SLOW).await;
+            sleep(self.1).await;
             added
         }
         async fn close(&self) {}
@@ -354,7 +406,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn what_is_used_until_the_stop_is_stored_once() {
         let (tokens, access, text) = access(Quota::default()).await;
-        let access = Access { store: Arc::new(Slow(Arc::clone(&tokens))), ..access };
+        let access = Access { store: Arc::new(Slow(Arc::clone(&tokens), SLOW)), ..access };
         let caller = access.authorize(TUNE, Authorization::Bearer(&text)).await.unwrap();
         let ends = Notify::new();
         let follow = access.follow(ends.notified());
@@ -369,5 +421,28 @@ mod tests {
         let ((), ()) = tokio::join!(follow, stop);
         access.close().await;
         assert_eq!(tokens.usage(caller.id(), 0).await.unwrap().0.trials, 2);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn usage_that_is_not_taken_delays_neither_a_revocation_nor_the_stop_for_long() {
+        let (tokens, access, text) = access(Quota::default()).await;
+        let stuck = Slow(Arc::clone(&tokens), 1000 * limits::USAGE_WAIT);
+        let access = Access { store: Arc::new(stuck), ..access };
+        let caller = access.authorize(TUNE, Authorization::Bearer(&text)).await.unwrap();
+        caller.spend_trial().unwrap().keep();
+        let ends = Notify::new();
+        let follow = access.follow(ends.notified());
+        let stop = async {
+            sleep(limits::USAGE_PERIOD).await;
+            tokens.revoke(caller.id(), 1).await.unwrap();
+            sleep(2 * limits::TOKENS_PERIOD).await;
+            let refused = caller.may(Scope::Tune);
+            ends.notify_one();
+            refused
+        };
+        let (begun, ((), refused)) = (tokio::time::Instant::now(), tokio::join!(follow, stop));
+        assert!(matches!(refused, Err(Error::Unauthenticated(_))), "{refused:?}");
+        access.close().await;
+        assert!(begun.elapsed() <= 3 * limits::USAGE_WAIT, "{:?}", begun.elapsed());
     }
 }

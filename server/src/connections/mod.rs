@@ -35,6 +35,7 @@ use crate::limits;
 use crate::listeners::Listeners;
 use crate::metrics::Metrics;
 use crate::tls::Tls;
+use crate::trouble::Trouble;
 
 pub(crate) use activity::{Activity, UnderWay};
 use authority::LocalStream;
@@ -100,13 +101,14 @@ pub(crate) fn accept(
 impl Acceptor {
     /// Takes one connection after the other until the server is gone.
     async fn run(self, mut next: impl AsyncFnMut(&Self) -> io::Result<()>) {
+        let mut trouble = Trouble::default();
         loop {
             let accepted = tokio::select! {
                 () = self.ready.closed() => return,
                 accepted = next(&self) => accepted,
             };
             if let Err(error) = accepted {
-                pause(&error).await;
+                pause(&error, &mut trouble).await;
             }
         }
     }
@@ -164,8 +166,10 @@ impl Acceptor {
 }
 
 /// Waits a moment after a failure to accept a connection: an immediate retry would fail as well.
-async fn pause(error: &io::Error) {
-    tracing::warn!(%error, "a connection could not be accepted");
+async fn pause(error: &io::Error, trouble: &mut Trouble) {
+    if trouble.is_worth_a_line() {
+        tracing::warn!(%error, "a connection could not be accepted");
+    }
     tokio::time::sleep(std::time::Duration::from_millis(50)).await;
 }
 

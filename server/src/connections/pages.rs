@@ -20,6 +20,7 @@ use tokio::time::timeout;
 use super::pause;
 use super::slots::{ConnectionLimits, ConnectionSlot, ConnectionSlots};
 use crate::limits;
+use crate::trouble::Trouble;
 
 /// The answers on such a listener.
 pub(crate) trait Pages: Send + Sync + 'static {
@@ -45,11 +46,12 @@ pub(crate) async fn serve<P: Pages>(listener: TcpListener, pages: P, connections
     let pages = Arc::new(pages);
     let most = ConnectionLimits { total: connections, newcomers: connections, per_address: connections };
     let slots = ConnectionSlots::new(most);
+    let mut trouble = Trouble::default();
     loop {
         let (stream, address) = match listener.accept().await {
             Ok(accepted) => accepted,
             Err(error) => {
-                pause(&error).await;
+                pause(&error, &mut trouble).await;
                 continue;
             }
         };
