@@ -350,9 +350,15 @@ mod tests {
     use crate::clock::ManualClock;
     use crate::convert::names::TrialName;
 
-    /// Two studies, each with an expired trial 1, of which the second takes the first one's name while
-    /// a request for that trial waits for the disk. Returns the use cases, the trial, and the waiting mark.
-    async fn replaced() -> (Tuning, TrialName, ClosedMark) {
+    fn report_of(trial: &TrialName) -> Report {
+        let measurements = [("render_ms".to_owned(), 2.0)].into();
+        Report { trial: trial.clone(), measurements, outcome: Outcome::Ok }
+    }
+
+    /// Two studies, each with a trial 1 that is expired or reported, of which the second takes the first one's
+    /// name while a request for that trial waits for the disk. Returns the use cases, the trial, and the
+    /// waiting mark.
+    async fn replaced(is_reported: bool) -> (Tuning, TrialName, ClosedMark) {
         let clock = Arc::new(ManualClock::at(1_000));
         let tuning = Tuning::new(Arc::new(MemoryStore::new()), Arc::clone(&clock) as _);
         for study in ["hall", "attic"] {
@@ -361,6 +367,10 @@ mod tests {
             let ask = Ask { client_id: "one".to_owned(), indicators, ..Ask::default() };
             let suggest = Suggest { study: study.into(), ask, wanted: None };
             assert_eq!(tuning.suggest(suggest).await.expect("a trial").number, 1);
+            if is_reported {
+                let report = report_of(&TrialName { study: study.into(), number: 1 });
+                assert!(matches!(tuning.report(report).await, Ok(Reported::Taken(_))));
+            }
         }
         clock.advance_ms(3_600_000);
         tuning.sweep_leases().await.expect("swept");
@@ -372,12 +382,13 @@ mod tests {
 
     #[tokio::test]
     async fn a_late_report_never_reaches_another_study_that_got_the_name_meanwhile() {
-        let (tuning, trial, mark) = replaced().await;
-        let measurements = [("render_ms".to_owned(), 2.0)].into();
-        let report = Report { trial: trial.clone(), measurements, outcome: Outcome::Ok };
-        let refused = tuning.reported(report, Queued::Closed(mark)).await.expect_err("it is another's");
-        assert!(matches!(refused, Error::EarlierTrial { number: 1, .. }), "{refused}");
-        assert_eq!(tuning.get_trial(&trial).await.expect("there").state, TrialState::Expired);
+        for (is_reported, state) in [(false, TrialState::Expired), (true, TrialState::Completed)] {
+            let (tuning, trial, mark) = replaced(is_reported).await;
+            let answer = tuning.reported(report_of(&trial), Queued::Closed(mark)).await;
+            let refused = answer.expect_err("it is another's, and no duplicate");
+            assert!(matches!(refused, Error::EarlierTrial { number: 1, .. }), "{refused}");
+            assert_eq!(tuning.get_trial(&trial).await.expect("there").state, state);
+        }
     }
 
     #[tokio::test]
@@ -403,14 +414,10 @@ mod tests {
             }
             trials.push(trial);
         }
-        let report = |trial: &TrialName| {
-            let measurements = [("render_ms".to_owned(), 2.0)].into();
-            Report { trial: trial.clone(), measurements, outcome: Outcome::Ok }
-        };
-        assert!(matches!(tuning.report(report(&trials[0])).await, Ok(Reported::Taken(_))), "late");
-        assert!(matches!(tuning.report(report(&trials[0])).await, Ok(Reported::Duplicate(_))));
+        assert!(matches!(tuning.report(report_of(&trials[0])).await, Ok(Reported::Taken(_))), "late");
+        assert!(matches!(tuning.report(report_of(&trials[0])).await, Ok(Reported::Duplicate(_))));
         for _ in 0..2 {
-            let refused = tuning.report(report(&trials[1])).await.expect_err("it is given up");
+            let refused = tuning.report(report_of(&trials[1])).await.expect_err("it is given up");
             assert_eq!(refused, Error::from(TunerError::GivenUp { number: trials[1].number }));
             let stored = tuning.get_trial(&trials[1]).await.expect("there");
             assert!(matches!(stored.outcome, Some(Outcome::Infeasible { .. })), "{stored:?}");

@@ -94,10 +94,20 @@ impl Tuning {
         }
     }
 
-    /// Reads a trial that is not open, once all earlier writes are stored.
+    /// Reads a trial that is not open, once all earlier writes are stored. The name may have gone to another
+    /// study before the read: only afterwards is it certain that the trial is one of the study that is meant,
+    /// and that no other replica had the study meanwhile.
     pub(super) async fn closed_trial(&self, name: &TrialName, before: Receipt) -> Result<RawTrial, Error> {
         self.metrics().durable(before).await?;
-        self.get_trial(name).await
+        let stored = self.get_trial(name).await;
+        let still_here = self
+            .with_tuner(&name.study.id, |live, store, _| {
+                live.knows(name)?;
+                Ok::<_, Error>(live.commit(store, &[]))
+            })
+            .await??;
+        self.metrics().durable(still_here).await?;
+        stored
     }
 
     /// Reads a trial.
