@@ -4,7 +4,7 @@ use treewright_client::blocking::Client;
 use treewright_client::{Configuration, Measurements, Outcome, Question};
 
 use crate::arguments::exec::{Report, Suggest, SuggestFormat};
-use crate::exec::program::{same_variables, variable};
+use crate::exec::program::{same_words, variable};
 use crate::exec::quoted;
 use crate::failure::Failure;
 use crate::files;
@@ -14,6 +14,12 @@ use crate::show;
 
 pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<String, Failure> {
     let study = client.get_study(&ask.study)?;
+    let parameters = study.spec().map(|spec| spec.space.parameters()).unwrap_or_default();
+    let names: Vec<&str> = parameters.iter().map(|parameter| parameter.name.as_str()).collect();
+    if ask.format == SuggestFormat::Args && !json {
+        // Before there is a trial that nobody could run.
+        distinct_arguments(&names)?;
+    }
     let wanted = if ask.wanted.is_empty() {
         None
     } else {
@@ -32,9 +38,7 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
     let trial = client.ask(&study.identified_name(), &question)?;
     match ask.format {
         SuggestFormat::Env if !json => {
-            let parameters = study.spec().map(|spec| spec.space.parameters()).unwrap_or_default();
-            let names: Vec<&str> = parameters.iter().map(|parameter| parameter.name.as_str()).collect();
-            for (variable, _) in same_variables(&ask.prefix, names.iter().copied()) {
+            for (variable, _) in same_words(|name| variable(&ask.prefix, name), names.iter().copied()) {
                 let advice = "only one of their values is in it; use --format json";
                 progress::note(&format!("{variable} stands for several parameters, and {advice}"));
             }
@@ -45,11 +49,26 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
             let words: Vec<_> = trial
                 .configuration
                 .iter()
-                .map(|(name, value)| quoted(&format!("--{}={value}", name.replace('_', "-"))))
+                .map(|(name, value)| quoted(&format!("{}={value}", argument(name))))
                 .collect();
             Ok(words.join(" ") + "\n")
         }
         _ => either(true, &trial, String::new),
+    }
+}
+
+/// The argument for a parameter, as most programs spell theirs.
+fn argument(parameter: &str) -> String {
+    format!("--{}", parameter.replace('_', "-"))
+}
+
+/// Checks that no two parameters have one argument.
+fn distinct_arguments(parameters: &[&str]) -> Result<(), Failure> {
+    match same_words(argument, parameters.iter().copied()).first() {
+        None => Ok(()),
+        Some((word, parameter)) => Err(Failure::Usage(format!(
+            "{word} would stand for the parameter {parameter} and for one before it; use --format json"
+        ))),
     }
 }
 
@@ -95,6 +114,13 @@ pub(super) fn report(client: &Client, report: &Report, json: bool) -> Result<Str
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn parameters_of_one_argument_are_refused() {
+        assert!(distinct_arguments(&["a_b", "ab", "A_B"]).is_ok());
+        let refused = distinct_arguments(&["a_b", "c", "a-b"]).expect_err("both are --a-b").to_string();
+        assert!(refused.contains("--a-b") && refused.contains("--format json"), "{refused}");
+    }
 
     #[test]
     fn what_an_earlier_trial_left_in_the_shell_is_gone() {

@@ -354,19 +354,19 @@ pub(crate) fn variable(prefix: &str, parameter: &str) -> String {
 /// Says where two parameters have one variable in the program's environment, of which the later remains.
 pub(super) fn note_same_variables(spec: &StudySpec) {
     let names = spec.space.parameters().iter().map(|parameter| parameter.name.as_str());
-    for (variable, parameter) in same_variables(VARIABLE, names) {
+    for (variable, parameter) in same_words(|name| variable(VARIABLE, name), names) {
         progress::note(&format!("{variable} stands for several parameters; use {{{parameter}}}"));
     }
 }
 
-/// Variables that a parameter before has already, each with the parameter that has it as well.
-pub(crate) fn same_variables<'a>(
-    prefix: &str,
+/// Words, such as variables, that a parameter before has already, each with the parameter that has it as well.
+pub(crate) fn same_words<'a>(
+    word: impl Fn(&str) -> String,
     parameters: impl IntoIterator<Item = &'a str>,
 ) -> Vec<(String, &'a str)> {
     let mut seen = BTreeSet::new();
-    let named = parameters.into_iter().map(|parameter| (variable(prefix, parameter), parameter));
-    named.filter(|(variable, _)| !seen.insert(variable.clone())).collect()
+    let named = parameters.into_iter().map(|parameter| (word(parameter), parameter));
+    named.filter(|(word, _)| !seen.insert(word.clone())).collect()
 }
 
 #[cfg(test)]
@@ -420,8 +420,9 @@ mod tests {
     #[test]
     fn parameters_of_one_variable_are_found() {
         let one = |name: &'static str| ("P_A_B".to_owned(), name);
-        assert_eq!(same_variables("P_", ["a_b", "a-b", "c", "A_B"]), [one("a-b"), one("A_B")]);
-        assert!(same_variables("P_", ["ab", "a_b"]).is_empty());
+        let word = |name: &str| variable("P_", name);
+        assert_eq!(same_words(word, ["a_b", "a-b", "c", "A_B"]), [one("a-b"), one("A_B")]);
+        assert!(same_words(word, ["ab", "a_b"]).is_empty());
     }
 
     #[test]
