@@ -1596,7 +1596,10 @@ pub mod tuning_service_client {
             self.inner.unary(req, path, codec).await
         }
         /// Hands out a trial for the given indicators, under a lease. Safe to repeat: a client that already
-        /// holds an open trial for this state gets that trial again, with a fresh lease.
+        /// holds an open trial for this state gets that trial again, with a fresh lease, unless it is no longer
+        /// wanted. An exploring trial is not where the study is frozen, where the session explores no more and
+        /// never renewed the lease, or where the regret budget does not cover another run: it is given back, and
+        /// another trial is handed out.
         /// The answer is stored before it is sent.
         /// Errors: NOT_FOUND (study); INVALID_ARGUMENT (an indicator is missing, unknown or not finite, or the
         /// wanted configuration does not fit the study's space).
@@ -1871,7 +1874,10 @@ pub mod tuning_service_server {
             request: tonic::Request<super::DeleteStudyRequest>,
         ) -> std::result::Result<tonic::Response<()>, tonic::Status>;
         /// Hands out a trial for the given indicators, under a lease. Safe to repeat: a client that already
-        /// holds an open trial for this state gets that trial again, with a fresh lease.
+        /// holds an open trial for this state gets that trial again, with a fresh lease, unless it is no longer
+        /// wanted. An exploring trial is not where the study is frozen, where the session explores no more and
+        /// never renewed the lease, or where the regret budget does not cover another run: it is given back, and
+        /// another trial is handed out.
         /// The answer is stored before it is sent.
         /// Errors: NOT_FOUND (study); INVALID_ARGUMENT (an indicator is missing, unknown or not finite, or the
         /// wanted configuration does not fit the study's space).
