@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use treewright_client::blocking::Client;
-use treewright_client::{Best, Indicators, StudyRecord, TrialQuery, TrialRecord};
+use treewright_client::{Best, Prediction, StudyRecord, TrialQuery};
 
 use crate::arguments::State;
 use crate::arguments::data::{TrialFormat, Trials};
@@ -30,37 +30,40 @@ pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String
         csv_table::write(&mut text, study.spec()?, trials.into_iter().map(Ok), &files::host())?;
         return Ok(String::from_utf8_lossy(&text).into_owned());
     }
-    let trials = read(&which.study)?;
-    match which.format {
-        TrialFormat::Table if !json => {
-            let view = show::view(&client.get_study(&which.study)?);
-            Ok(show::trials(&trials, limit, which.order_by.is_empty(), &view))
+    if which.format == TrialFormat::Table && !json {
+        let study = client.get_study(&which.study)?;
+        let trials = read(&study.identified_name())?;
+        return Ok(show::trials(&trials, limit, which.order_by.is_empty(), &show::view(&study)));
+    }
+    either(true, &read(&which.study)?, String::new)
+}
+
+/// The prediction in a state, and its study: under its identity, since a number names another state of another
+/// study that takes the id meanwhile.
+fn predicted(client: &Client, state: &State) -> Result<(Prediction, StudyRecord), Failure> {
+    let study = client.get_study(&state.study)?;
+    let name = study.identified_name();
+    let indicators = match state.state {
+        None => state.indicators.iter().cloned().collect(),
+        Some(number) => {
+            let known = client.trial_in_state(&name, number)?;
+            let none = || Failure::Data(format!("{} has no trial in state {number}", state.study));
+            known.ok_or_else(none)?.indicators
         }
-        _ => either(true, &trials, String::new),
-    }
-}
-
-/// The indicators that name a state.
-fn indicators(client: &Client, state: &State) -> Result<Indicators, Failure> {
-    match state.state {
-        None => Ok(state.indicators.iter().cloned().collect()),
-        Some(number) => Ok(in_state(client, &state.study, number)?.indicators),
-    }
-}
-
-fn in_state(client: &Client, study: &str, state: i64) -> Result<TrialRecord, Failure> {
-    client
-        .trial_in_state(study, state)?
-        .ok_or_else(|| Failure::Data(format!("{study} has no trial in state {state}")))
+    };
+    Ok((client.predict(&name, &indicators)?, study))
 }
 
 pub(super) fn best(client: &Client, state: &State, json: bool) -> Result<String, Failure> {
     let study = client.get_study(&state.study)?;
+    let name = study.identified_name();
     if let Some(number) = state.state {
-        return show_best(&best_in(client, &state.study, number)?, &study, json);
+        let none = || Failure::Data(format!("nothing measured in state {number} of {}", state.study));
+        let best = client.best_of_state(&name, number)?.ok_or_else(none)?;
+        return show_best(&best, &study, json);
     }
     if !state.indicators.is_empty() || study.statistics.states <= 1 {
-        let best = client.best(&state.study, &state.indicators.iter().cloned().collect())?;
+        let best = client.best(&name, &state.indicators.iter().cloned().collect())?;
         return show_best(&best, &study, json);
     }
     if json {
@@ -72,12 +75,6 @@ pub(super) fn best(client: &Client, state: &State, json: bool) -> Result<String,
     }
     let found = super::studies::best_of_states(client, &study, STATES_LISTED)?;
     Ok(show::best_of_states(&found, &study))
-}
-
-fn best_in(client: &Client, study: &str, state: i64) -> Result<Best, Failure> {
-    client
-        .best_of_state(study, state)?
-        .ok_or_else(|| Failure::Data(format!("nothing measured in state {state} of {study}")))
 }
 
 /// The best with what its costs stand for where one metric is maximised and nothing else counts.
@@ -102,11 +99,10 @@ fn show_best(best: &Best, study: &StudyRecord, json: bool) -> Result<String, Fai
 }
 
 pub(super) fn predict(client: &Client, state: &State, json: bool) -> Result<String, Failure> {
-    let prediction = client.predict(&state.study, &indicators(client, state)?)?;
+    let (prediction, study) = predicted(client, state)?;
     if json {
         return either(json, &prediction, String::new);
     }
-    let study = client.get_study(&state.study)?;
     Ok(show::prediction(&prediction, study.spec()?))
 }
 
@@ -121,9 +117,6 @@ pub(super) fn explain(client: &Client, state: &State, json: bool) -> Result<Stri
         let study = trial.name.split('/').nth(1).unwrap_or_default();
         return Ok(show::trial(&trial, &show::view(&client.get_study(study)?)));
     }
-    let prediction = client.predict(&state.study, &indicators(client, state)?)?;
-    if json {
-        return either(json, &prediction, String::new);
-    }
-    Ok(show::explanation(&prediction, &show::view(&client.get_study(&state.study)?)))
+    let (prediction, study) = predicted(client, state)?;
+    either(json, &prediction, || show::explanation(&prediction, &show::view(&study)))
 }

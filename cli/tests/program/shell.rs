@@ -76,6 +76,11 @@ fn another_study_that_takes_the_name_does_not_answer() {
     let few = run(&fake, &["analyze", "sponza"]);
     assert!(String::from_utf8_lossy(&few.stderr).contains("the analysis needs"), "{few:?}");
     answer(&fake, &["pin", "sponza", "--state", "1"]);
+    for command in ["best", "predict", "explain"] {
+        answer(&fake, &[command, "sponza", "--state", "1"]);
+    }
+    answer(&fake, &["best", "sponza", "--indicator", "triangles=1000"]);
+    answer(&fake, &["trials", "sponza"]);
     let asked = fake.book().asked.clone();
     assert!(asked.len() > 5 && asked.iter().all(|study| *study == name), "{asked:?}");
 }

@@ -28,7 +28,7 @@ pub struct Book {
     pub standing: Option<v1::Standing>,
     /// Refusals to give, by call.
     pub refuse: BTreeMap<&'static str, Code>,
-    /// The names under which studies were asked for their trials and their best, one after the other.
+    /// The names under which studies were asked for trials, bests and predictions, one after the other.
     pub asked: Vec<String>,
     /// Its clock is far behind: leases seem to have ended.
     pub behind: bool,

@@ -172,6 +172,7 @@ impl TuningService for Service {
         }
         let mut book = self.book();
         book.enter("Predict")?;
+        book.asked.push(request.study.clone());
         loaded(&mut book)?;
         if let Some(predicted) = book.predicted.clone() {
             return Ok(Response::new(predicted));
