@@ -14,7 +14,9 @@
 //! - A trial is handed out only if the budget left covers its whole cap, as if the reference cost nothing. A
 //!   client that cannot stop in time is assumed to cost `worst_factor` times the reference.
 //! - A run of an incumbent that does clearly worse than the best measured configuration counts as exploring,
-//!   though it is never stopped. Those of other incumbents are frames that did not explore.
+//!   though it is never stopped. It is charged `worst_factor` times the reference at most: one that stalls
+//!   keeps the client from exploring for no more than `worst_factor / regret_budget` frames of the reference.
+//!   Runs of other incumbents are frames that did not explore.
 //! - A reported trial is charged its whole cost until the next frame of the reference in the same state. Then
 //!   the charge falls to its cost above [`GUARD`] times the cheapest of the last few frames of the reference,
 //!   before or after. So neither noise nor a change of the machine's speed hides regret.
@@ -120,6 +122,11 @@ impl Terms {
         let abort_above = policy.abort_above.unwrap_or(ABORT_ABOVE_DEFAULT);
         policy.regret_budget.map(|budget| Terms { budget, abort_above, worst_factor: policy.worst_factor })
     }
+
+    /// The cost that is assumed of a trial that nobody stops.
+    pub(super) fn worst(self, reference: f64) -> f64 {
+        (self.worst_factor * reference).min(SUM_MAX)
+    }
 }
 
 impl Account {
@@ -178,7 +185,7 @@ impl Account {
             return Err(Denied::NoReference);
         }
         let abort_above = (terms.abort_above * reference).min(SUM_MAX);
-        let set_aside = if can_abort { abort_above } else { (terms.worst_factor * reference).min(SUM_MAX) };
+        let set_aside = if can_abort { abort_above } else { terms.worst(reference) };
         assert!(abort_above > 0.0 && set_aside > 0.0, "{set_aside} for a trial up to {abort_above}");
         let leave = Leave { left: self.left(terms.budget), set_aside, abort_above, reference };
         if leave.left >= set_aside { Ok(leave) } else { Err(Denied::TooLittle(leave)) }

@@ -1,5 +1,6 @@
 //! The second half of a client's frame, and the other ends of a trial.
 
+use crate::decision::{BudgetStatus, Choice, Explore};
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
 use crate::predict::Predictors;
@@ -7,6 +8,7 @@ use crate::results::Record;
 use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::auxiliaries::Beside;
+use crate::tuner::budget::Terms;
 use crate::tuner::explore::is_spent;
 use crate::tuner::rechecks::Moved;
 use crate::tuner::speeds::Unheld;
@@ -286,9 +288,23 @@ impl Tuner {
     /// Enters a completed trial into its client's account; the row of the visit, if there is one.
     fn settle(&mut self, trial: &Trial) -> Option<Visit> {
         let is_default = trial.configuration == *self.spec.space.default_ref();
+        let most = self.most_charged(trial);
         let account = self.visits.account_mut(&trial.client_id)?;
-        account.report(trial.number, trial.state_id, trial.cost, is_default);
+        account.report(trial.number, trial.state_id, trial.cost.map(|cost| cost.min(most)), is_default);
         self.visits.of(&trial.client_id).cloned()
+    }
+
+    /// The most that a trial is charged: no more than the assumed worst for an incumbent, which is not stopped.
+    fn most_charged(&self, trial: &Trial) -> f64 {
+        let reference = match &trial.decision.choice {
+            Choice::Explore(Explore {
+                budget: BudgetStatus { set_aside: Some(_), reference_cost, .. },
+                ..
+            }) if !trial.decision.explores() => *reference_cost,
+            _ => None,
+        };
+        let terms = Terms::of(&self.spec.policy);
+        terms.zip(reference).map_or(f64::INFINITY, |(terms, reference)| terms.worst(reference))
     }
 
     /// Takes an open trial out unmeasured and gives its point back.

@@ -1,6 +1,9 @@
 //! The regret budget from the client's side; whether it is kept is judged in `tests/regret_budget.rs`.
 
+use proptest::prelude::*;
+
 use super::*;
+use crate::testing::cases;
 
 #[test]
 fn who_cannot_stop_explores_only_once_the_worst_case_is_earned() {
@@ -44,23 +47,20 @@ fn an_infeasible_default_leaves_nothing_but_exploring() {
     assert_eq!(suggest(&mut tuner, "a", 0.5, 0.5).mode(), Mode::Explore);
 }
 
-#[test]
-fn runs_of_an_incumbent_that_does_clearly_worse_are_charged() {
+/// A race of some frames on a budget of 0.5, in which everything costs 10 and the incumbent, which is not the
+/// default, 30, or in its runs what `cost_of` says. `look` sees each trial, and whether it is such a run.
+fn race(frames: u32, cost_of: impl Fn(u32) -> f64, mut look: impl FnMut(&Trial, bool)) {
     use crate::tuner::confirmation::Stored;
     let policy =
         Policy { regret_budget: Some(0.5), abort_above: Some(2.0), confirm_rounds: 10, ..explore_always() };
     let mut tuner = tuner(Policy { trials_per_state: 8, ..policy });
     let question = Ask { can_abort: true, ..ask("a", 0.5, 0.5) };
-    let (mut incumbent, mut runs, mut charged) = (None, 0, 0);
-    for frame in 0..400 {
+    let (mut incumbent, mut runs) = (None, 0);
+    for frame in 0..frames {
         let trial = tuner.suggest(&question, 0).expect("valid").0;
-        let explanation = trial.reason().explanation;
-        let is_incumbent = incumbent.as_ref() == Some(&trial.configuration);
-        if is_incumbent && explanation.rule == Some(Rule::Confirming) {
-            runs += 1;
-            charged += u32::from(explanation.set_aside.is_some());
-            assert_eq!(explanation.abort_above, None, "a race runs it to its end");
-        }
+        let is_dear = incumbent.as_ref() == Some(&trial.configuration);
+        let is_run = is_dear && trial.reason().explanation.rule == Some(Rule::Confirming);
+        look(&trial, is_run);
         if incumbent.is_none() && trial.mode() == Mode::Explore {
             // As if it were the best of other states.
             incumbent = Some(trial.configuration.clone());
@@ -73,11 +73,51 @@ fn runs_of_an_incumbent_that_does_clearly_worse_are_charged() {
             }
         }
         let is_dear = incumbent.as_ref() == Some(&trial.configuration);
-        let usual = if is_dear { 30.0 } else { 10.0 };
+        let usual = match is_dear {
+            true if is_run => cost_of(runs),
+            true => 30.0,
+            false => 10.0,
+        };
+        runs += u32::from(is_run);
         let render_ms = usual * (1.0 + 0.01 * f64::from(frame % 3));
         assert!(tuner.report(&trial, measured(render_ms), Outcome::Ok, 1).is_ok());
     }
+}
+
+#[test]
+fn runs_of_an_incumbent_that_does_clearly_worse_are_charged() {
+    let (mut runs, mut charged) = (0, 0);
+    race(
+        400,
+        |_| 30.0,
+        |trial, is_run| {
+            if is_run {
+                let explanation = trial.reason().explanation;
+                runs += 1;
+                charged += u32::from(explanation.set_aside.is_some());
+                assert_eq!(explanation.abort_above, None, "a race runs it to its end");
+            }
+        },
+    );
     assert!(runs > 0 && charged == runs, "{charged} of {runs}");
+}
+
+proptest! {
+    #![proptest_config(cases(12))]
+
+    /// The worst factor is 100, and a frame of 10 earns 5: a run is made up for after 200 frames, and four more
+    /// earn the next cap of 20.
+    #[test]
+    fn no_run_of_an_incumbent_stops_exploring_for_ever(stalled in 0..3_u32, factor in 1.0..1e12) {
+        let (mut runs, mut pause, mut longest) = (0, 0, 0);
+        race(500, |run| if run == stalled { 30.0 * factor } else { 30.0 }, |trial, is_run| {
+            let waits = trial.reason().explanation.rule == Some(Rule::Budget);
+            pause = if waits { pause + 1 } else { 0 };
+            longest = longest.max(pause);
+            runs += u32::from(is_run);
+        });
+        prop_assert!(runs > 0 && longest <= 210, "{longest} frames after {runs} runs");
+    }
 }
 
 #[test]
