@@ -18,7 +18,7 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::{ModelSearch, Observed, PRIOR};
+use super::{MeasuredPoint, ModelSearch, Observed, PRIOR};
 use crate::gp::Hyperparameters;
 use crate::limits::REWARD_COST_MIN;
 use crate::search::latin_hypercube::design;
@@ -53,12 +53,16 @@ impl ModelSearch {
         self.elsewhere = first.into();
     }
 
+    /// The default's measurements, which all others are compared with.
+    pub(super) fn default_seen(&self) -> Option<&MeasuredPoint> {
+        let start = self.grid(&self.setup.start).0;
+        self.seen.iter().find(|seen| seen.x == start)
+    }
+
     /// The numbers of points that did better than the default, and clearly worse; both are 0 before the
     /// default was measured. Where the default itself serves most states best, the others hardly beat it.
     fn against_default(&self) -> (usize, usize) {
-        let start = self.grid(&self.setup.start).0;
-        let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.observed.cost());
-        let Some(default) = default else {
+        let Some(default) = self.default_seen().map(|seen| seen.observed.cost()) else {
             return (0, 0);
         };
         let better = self.seen.iter().filter(|seen| seen.observed.cost() < default).count();
@@ -277,6 +281,23 @@ mod tests {
         assert_eq!((of(Step::Elsewhere), of(Step::LatinHypercube)), (PATIENCE, design), "{steps:?}");
         let best = steps.iter().map(|(_, cost)| *cost).fold(f64::INFINITY, f64::min);
         assert!(best < 1.05, "{best}");
+    }
+
+    /// Every gain of a state is told over its default.
+    #[test]
+    fn a_search_that_begins_with_results_measures_the_default_unless_it_is_among_them() {
+        for is_among_them in [false, true] {
+            let mut search = ModelSearch::new(setup(0.5, vec![2]));
+            search.hear(vec![0.25; 6], Verdict::Cost(3.0));
+            if is_among_them {
+                search.hear(vec![0.5; 6], Verdict::Cost(2.0));
+            }
+            search.hear(vec![0.75; 6], Verdict::Cost(4.0));
+            let steps = walk(&mut search, 6, |x| 1.0 + x[1]);
+            let is_default = |at: usize| steps[at].0 == Step::Default;
+            assert_eq!(is_default(0), !is_among_them, "{steps:?}");
+            assert!(!(1..6).any(is_default), "{steps:?}");
+        }
     }
 
     #[test]

@@ -120,7 +120,7 @@ pub struct ModelSearch {
     /// Configurations that ran and that failed in other states.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     runs_elsewhere: Vec<RunElsewhere>,
-    /// The default was not asked yet, because another point came before it.
+    /// The default was not asked yet, because other points came before it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     default_is_due: bool,
     /// Whether the queue holds steps from the best so far, not places.
@@ -555,8 +555,10 @@ impl Search for ModelSearch {
 
     /// The rest of the initial design is still asked.
     fn hear(&mut self, x: Vec<f64>, verdict: Verdict) {
+        let is_begun = self.pending.added() > 0 && !self.default_is_due;
         let point = self.make_pending(x, Step::Restart);
         self.tell(point.id, Feedback { verdict, fresh: true });
+        self.default_is_due = !is_begun && self.default_seen().is_none();
     }
 
     fn hears_others() -> bool {
