@@ -56,6 +56,9 @@ export interface Options {
   token?: string;
   /** PEM of the authority of the daemon's certificate; for `https:` addresses. */
   authority?: string | Uint8Array;
+  /** PEM of a certificate, and of its key, for a daemon that asks its clients for one. Both or neither. */
+  certificate?: string | Uint8Array;
+  key?: string | Uint8Array;
   /** Names and versions of software that decides how fast something is. */
   software?: Record<string, string>;
 }

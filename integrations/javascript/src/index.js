@@ -65,8 +65,9 @@ export class Client {
     const thread = threadId === 0 ? "" : `.${threadId}`;
     const name = `${basename(process.argv[1] ?? "node")}@${hostname()}-${process.pid}${thread}`;
     this.options = { clientId: name, deadlineMs: 50, callDeadlineMs: 5000, queue: 1024, ...options };
-    const authority = options.authority && Buffer.from(options.authority);
-    const security = scheme === "https" ? grpc.credentials.createSsl(authority) : grpc.credentials.createInsecure();
+    if (!options.certificate !== !options.key) throw new TreewrightError("invalid", "certificate and key go together: give both");
+    const [authority, key, certificate] = ["authority", "key", "certificate"].map((each) => options[each] && Buffer.from(options[each]));
+    const security = scheme === "https" ? grpc.credentials.createSsl(authority, key, certificate) : grpc.credentials.createInsecure();
     this.service = new Service(host, security, { "grpc.max_receive_message_length": 16 << 20 });
     this.stats = { suggestions: 0, fallbacks: 0, unreported: 0, acknowledged: 0, refused: 0, dropped: 0, queued: 0 };
     this.outbox = new Outbox(this.options.queue, this.stats);

@@ -152,6 +152,7 @@ async function withoutDaemon() {
   // Names that only begin like this machine are other machines.
   for (const host of ["example.com", "localhost.example.com", "127.example.com", "127.0.0.1.example.com", "localhost@example.com"])
     assert.throws(() => new Client(`http://${host}:1`, { token: "x" }), /https/, host);
+  for (const alone of ["certificate", "key"]) assert.throws(() => new Client("https://localhost:1", { [alone]: "PEM" }), /go together/);
   for (const host of ["localhost", "127.0.0.1", "127.1.2.3", "[::1]"]) new Client(`http://${host}:1`, { token: "x" }).close();
 }
 

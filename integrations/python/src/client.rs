@@ -1,6 +1,7 @@
 //! The connection and the study.
 
 use std::collections::HashMap;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use pyo3::prelude::*;
@@ -47,7 +48,8 @@ impl Client {
 impl Client {
     #[new]
     #[pyo3(signature = (url="http://127.0.0.1:50611", *, client_id=None, deadline_ms=50.0, call_deadline_ms=5000.0, queue=1024,
-        can_abort=false, token=None, authority_file=None, software=Named::default()))]
+        can_abort=false, token=None, token_file=None, authority_file=None, certificate_file=None, key_file=None,
+        software=Named::default()))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
     fn new(
         python: Python<'_>,
@@ -58,7 +60,10 @@ impl Client {
         queue: usize,
         can_abort: bool,
         token: Option<&str>,
-        authority_file: Option<std::path::PathBuf>,
+        token_file: Option<PathBuf>,
+        authority_file: Option<PathBuf>,
+        certificate_file: Option<PathBuf>,
+        key_file: Option<PathBuf>,
         software: Named<String>,
     ) -> PyResult<Self> {
         let mut options = Options::new()
@@ -72,13 +77,22 @@ impl Client {
         for (name, version) in software.0 {
             options.fingerprint = options.fingerprint.software(name, version);
         }
-        let mut credentials = Credentials::new();
-        if let Some(token) = token {
-            credentials = credentials.token(token).map_err(raised)?;
-        }
+        let mut credentials = match (token, token_file) {
+            (Some(token), None) => Credentials::new().token(token).map_err(raised)?,
+            (None, Some(path)) => Credentials::new().token_file(&path).map_err(raised)?,
+            (None, None) => Credentials::new(),
+            (Some(_), Some(_)) => return Err(Invalid::new_err("give either token or token_file")),
+        };
         if let Some(path) = authority_file {
             credentials = credentials.authority_file(&path).map_err(raised)?;
         }
+        credentials = match (certificate_file, key_file) {
+            (Some(certificate), Some(key)) => {
+                credentials.certificate_files(&certificate, &key).map_err(raised)?
+            }
+            (None, None) => credentials,
+            _ => return Err(Invalid::new_err("certificate_file and key_file go together: give both")),
+        };
         let options = options.credentials(credentials);
         python.detach(|| blocking::Client::connect(url, options)).map(Self).map_err(raised)
     }
@@ -91,7 +105,7 @@ impl Client {
     #[pyo3(signature = (**options))]
     fn local<'py>(python: Python<'py>, options: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
         let program = python.import("treewright.programs")?.call_method1("held", ("treewrightd",))?;
-        let program: Option<std::path::PathBuf> = program.extract()?;
+        let program: Option<PathBuf> = program.extract()?;
         let start = || {
             let daemon = LocalDaemon::of_user()?;
             program.map_or(daemon.clone(), |program| daemon.with_program(program)).start(|_| {})

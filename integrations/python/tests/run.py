@@ -115,6 +115,11 @@ def trials(url: str) -> None:
         (treewright.Refused, lambda: study.trial_of({"split": "other"})),
         (treewright.Refused, lambda: client.existing_study("nowhere")),
         (treewright.Invalid, lambda: treewright.Client(url, deadline_ms=-1)),
+        (treewright.Invalid, lambda: treewright.Client(url, token_file="/nowhere/token")),
+        (treewright.Invalid, lambda: treewright.Client(url, token="tw1_a", token_file=__file__)),
+        (treewright.Invalid, lambda: treewright.Client(url, certificate_file=__file__)),
+        (treewright.Invalid, lambda: treewright.Client(url, key_file=__file__)),
+        (treewright.Invalid, lambda: treewright.Client(url, certificate_file="/nowhere/cert.pem", key_file=__file__)),
         (treewright.Unreachable, lambda: treewright.Client("http://127.0.0.1:1").ping_ms()),
     ):
         try:

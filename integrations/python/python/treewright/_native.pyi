@@ -65,7 +65,10 @@ class Client:
         queue: int = 1024,
         can_abort: bool = False,
         token: Optional[str] = None,
+        token_file: Optional[Union[str, PathLike[str]]] = None,
         authority_file: Optional[Union[str, PathLike[str]]] = None,
+        certificate_file: Optional[Union[str, PathLike[str]]] = None,
+        key_file: Optional[Union[str, PathLike[str]]] = None,
         software: Mapping[str, str] = ...,
     ) -> None: ...
     @staticmethod
