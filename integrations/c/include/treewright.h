@@ -241,6 +241,10 @@ typedef struct tw_standing {
 tw_configuration *tw_study_best_standing(const tw_study *study, const tw_number *indicators, size_t count, double *cost,
                                          tw_standing *standing, tw_error **error);
 
+/* What a cost of the study stands for: the metric in its own unit where one is maximised and nothing else counts, else the cost. The
+ * ends of an interval change places there. NaN for NULL. */
+double tw_study_value(const tw_study *study, double cost);
+
 /* A frame loop in which report and question travel together: one round trip a frame. Fails: TW_INVALID. */
 tw_tuner *tw_tuner_new(const tw_study *study, tw_error **error);
 /* A result that was not sent yet goes into the queue. */

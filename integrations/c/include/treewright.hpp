@@ -193,6 +193,7 @@ class Study {
     });
     return Known(found, cost, standing);
   }
+  double value(double cost) const { return tw_study_value(owned_.get(), cost); }
   Tuner tuner() const {
     return Tuner(detail::checked([&](tw_error **error) { return tw_tuner_new(owned_.get(), error); }));
   }

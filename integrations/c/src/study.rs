@@ -173,6 +173,13 @@ pub(crate) extern "C" fn tw_study_best_standing(
     })
 }
 
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_study_value(study: Option<&Study>, cost: f64) -> f64 {
+    let body = || Ok(need(study, "study")?.0.spec().objective.view().value(cost));
+    guard(ErrorOut::nowhere(), body).unwrap_or(f64::NAN)
+}
+
 /// Stores a number where there is room.
 fn put(room: Option<&mut MaybeUninit<f64>>, value: f64) -> Result<(), Failure> {
     room.map_or(Ok(()), |room| store(Some(room), value))

@@ -164,7 +164,7 @@ static void maximised(const tw_client *client) {
   double cost;
   tw_configuration *found = tw_study_best(study, NULL, 0, &cost, &error);
   succeed(error);
-  CHECK(cost == 20);
+  CHECK(cost == 20 && tw_study_value(study, cost) == 50);
   tw_configuration_free(found);
   tw_spec_free(spec);
   tw_study_free(study);
@@ -224,6 +224,7 @@ static void trials(const tw_client *client) {
   tw_configuration *found = tw_study_best(study, input, 1, &cost, &error);
   succeed(error);
   CHECK(cost >= 5 && cost <= 10 && strstr(tw_configuration_json(found), "\"leaf\":"));
+  CHECK(tw_study_value(study, cost) == cost && isnan(tw_study_value(NULL, cost)));
   tw_configuration_free(found);
   tw_standing standing;
   found = tw_study_best_standing(study, input, 1, &cost, &standing, &error);

@@ -120,6 +120,9 @@ export interface Best {
   /** Mean objective of its measurements, and of the default's where there are some. */
   cost: number;
   defaultCost?: number;
+  /** What these stand for; see `Study.value`. */
+  value: number;
+  defaultValue?: number;
   measurements: number;
   /** The most recent trial that measured it. */
   trial: string;
@@ -140,6 +143,8 @@ export class Study {
   predict(indicators?: Numbers): Promise<{ configuration: Configuration; cost?: number }>;
   /** The best that is known there, or of all states without indicators. Rejects when nothing was measured. */
   best(indicators?: Numbers): Promise<Best>;
+  /** What a cost stands for: the metric in its own unit where one is maximised and nothing else counts, else the cost. */
+  value(cost: number): number;
 }
 
 /** Report it, or give it back with `abandon()`; one that is forgotten is given back when it is collected. */

@@ -258,7 +258,15 @@ export class Study {
 
   async best(indicators = {}) {
     if (Object.keys(indicators).length > 0) checkIndicators(indicators, this.spec);
-    return bestFromWire(await this.#known("getBest", indicators));
+    const best = bestFromWire(await this.#known("getBest", indicators));
+    const defaultValue = best.defaultCost === undefined ? undefined : this.value(best.defaultCost);
+    return { ...best, value: this.value(best.cost), defaultValue };
+  }
+
+  value(cost) {
+    const { minimise = {}, maximise = {} } = this.spec;
+    const [weight, ...more] = [...Object.values(maximise), ...Object.values(minimise)];
+    return Object.keys(maximise).length === 1 && more.length === 0 ? weight / cost : cost;
   }
 
   /** A configuration that cannot work here is no fallback. */
