@@ -19,6 +19,7 @@
 //! - *Start.* One vertex is the default configuration. Where half the budget does not pay for
 //!   `dimension + 1` vertices, there are fewer, and the simplex searches the subspace that they span while the
 //!   random search still reaches everything.
+//! - *Lists of numbers.* Their values lie along the axis by size, in whatever order a study lists them.
 //! - *Plateaus.* When answers stop being fresh, or the simplex has collapsed, the random search takes over,
 //!   with longer and longer steps.
 //!
@@ -105,6 +106,9 @@ pub struct NelderMead {
     stale: u32,
     /// Random streams used so far.
     draws: u64,
+    /// Vertices are [`sized`](crate::search::Layout); those of searches that earlier versions stored are not.
+    #[serde(default)]
+    by_size: bool,
 }
 
 impl NelderMead {
@@ -117,16 +121,27 @@ impl NelderMead {
             radius: RADIUS_START,
             stale: 0,
             draws: 0,
+            by_size: true,
             setup,
         };
         let affordable = (search.setup.budget as usize / 2).clamp(3, VERTICES_MAX);
         let vertices = (search.setup.dimension() + 1).min(affordable);
         let mut queue = VecDeque::from([(search.setup.start.clone(), Step::Default)]);
         let points = design(vertices - 1, search.setup.dimension(), &mut search.random());
-        queue.extend(points.into_iter().map(|x| (x, Step::LatinHypercube)));
+        queue.extend(points.into_iter().map(|x| (search.listed(x), Step::LatinHypercube)));
         assert_eq!(queue.len(), vertices, "a point for every vertex");
         search.phase = SimplexPhase::Design { queue };
         search
+    }
+
+    /// The point of the space for one of the simplex.
+    fn listed(&self, x: Vec<f64>) -> Vec<f64> {
+        if self.by_size { self.setup.layout.listed(&x) } else { x }
+    }
+
+    /// The point of the simplex for one of the space.
+    fn sized(&self, x: Vec<f64>) -> Vec<f64> {
+        if self.by_size { self.setup.layout.sized(&x) } else { x }
     }
 
     fn random(&mut self) -> ChaCha8Rng {
@@ -275,6 +290,7 @@ impl Search for NelderMead {
             }
             SimplexPhase::Random => (self.random_point(), Step::RandomSearch),
         };
+        let x = self.listed(x);
         Some(self.pending.add(x, step))
     }
 
@@ -282,7 +298,7 @@ impl Search for NelderMead {
         let Some(Point { x, .. }) = self.pending.finish(id) else {
             return;
         };
-        let vertex = SimplexVertex { x, score: self.score(feedback.verdict) };
+        let vertex = SimplexVertex { x: self.sized(x), score: self.score(feedback.verdict) };
         self.stale = if feedback.fresh { 0 } else { self.stale.saturating_add(1) };
         match std::mem::replace(&mut self.phase, SimplexPhase::Random) {
             SimplexPhase::Design { queue } => {
@@ -300,5 +316,57 @@ impl Search for NelderMead {
 
     fn withdraw(&mut self, id: u64) {
         self.pending.withdraw(id);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::{Layout, levels};
+    use crate::space::{Domain, Parameter, Scale, Space};
+    use crate::value::Value;
+
+    /// The values that are tried where one parameter has listed numbers: the cost wants 8, and 0.3 of the
+    /// other.
+    fn tried(sizes: [i64; 6]) -> Vec<(Value, f64)> {
+        let parameter = |name: &str, domain, default| Parameter {
+            name: name.to_owned(),
+            domain,
+            default,
+            active_if: None,
+        };
+        let listed = Domain::Categorical { values: sizes.map(Value::Integer).to_vec() };
+        let share = Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear };
+        let parameters = vec![
+            parameter("size", listed, Value::Integer(64)),
+            parameter("share", share, Value::Float(0.75)),
+        ];
+        let space = Space::new(parameters, Vec::new()).expect("a valid space");
+        let mut search = NelderMead::new(SearchSetup {
+            seed: 5,
+            state_id: 1,
+            start: space.encode(space.default_ref()),
+            budget: 40,
+            levels: levels(&space),
+            layout: Layout::of(&space),
+        });
+        let one = |_| {
+            let point = search.ask().expect("nothing is out");
+            let size = space.parameters()[0].domain.decode(point.x[0]);
+            let off = size.as_number().map_or(0.0, |size| (libm::log2(size) - 3.0).abs());
+            let cost = 1.0 + off + (point.x[1] - 0.3).abs();
+            search.tell(point.id, Feedback { verdict: Verdict::Cost(cost), fresh: true });
+            (size, point.x[1])
+        };
+        (0..40).map(one).collect()
+    }
+
+    #[test]
+    fn the_order_in_which_numbers_are_listed_does_not_matter() {
+        let (listed, sorted) = (tried([8, 2, 64, 4, 32, 16]), tried([2, 4, 8, 16, 32, 64]));
+        for (number, (one, other)) in listed.iter().zip(&sorted).enumerate() {
+            assert_eq!(one.0, other.0, "{number}");
+            assert!((one.1 - other.1).abs() < 1e-9, "{number}: {} and {}", one.1, other.1);
+        }
     }
 }

@@ -213,6 +213,31 @@ impl Layout {
         }
     }
 
+    /// A point of the cube, with the values of lists of numbers along their axes by size instead of as listed.
+    pub(super) fn sized(&self, x: &[f64]) -> Vec<f64> {
+        self.reordered(x, |ranks, cell| ranks[cell as usize])
+    }
+
+    /// The point of the cube that is `x` once it is [`sized`](Self::sized).
+    pub(super) fn listed(&self, x: &[f64]) -> Vec<f64> {
+        let cell_of = |ranks: &[u32], rank| ranks.iter().position(|&other| other == rank);
+        self.reordered(x, |ranks, rank| cell_of(ranks, rank).map_or(rank, |cell| cell as u32))
+    }
+
+    /// Moves each coordinate of an ordered choice to the same place in another cell.
+    fn reordered(&self, x: &[f64], other: impl Fn(&[u32], u32) -> u32) -> Vec<f64> {
+        let mut x = x.to_vec();
+        for (x, axis) in x.iter_mut().zip(&self.axes) {
+            let AxisKind::Choice { levels, ranks } = &axis.kind else { continue };
+            let from = cell(*x, *levels);
+            if let Some(to) = (!ranks.is_empty()).then(|| other(ranks, from)).filter(|to| *to != from) {
+                let within = *x * f64::from(*levels) - f64::from(from);
+                *x = ((f64::from(to) + within) / f64::from(*levels)).clamp(0.0, 1.0);
+            }
+        }
+        x
+    }
+
     /// Whether each axis counts at a point whose parents are canonical.
     pub(crate) fn active(&self, x: &[f64]) -> Vec<bool> {
         assert_eq!(x.len(), self.axes.len(), "a coordinate for every axis");
@@ -491,6 +516,20 @@ mod tests {
             near += u32::from([32, 128].contains(&size));
         }
         assert!(near > 750, "{near} of 1000 moves from 64 go to 32 or 128");
+    }
+
+    #[test]
+    fn a_list_of_numbers_lies_by_size_and_comes_back() {
+        let layout = Layout::of(&space());
+        // Cells of 8, 2 and 4, each at its lower end; other axes stay.
+        for (listed, sized) in [(0.0, 2.0), (1.0, 0.0), (2.0, 1.0)] {
+            let x = [0.4, 0.5, (listed + 0.25) / 3.0, 0.0, 1.0, 0.5, 0.0, 0.5];
+            let moved = layout.sized(&x);
+            assert!((moved[2] - (sized + 0.25) / 3.0).abs() < 1e-12, "{moved:?}");
+            let back = layout.listed(&moved);
+            assert!(back.iter().zip(&x).all(|(back, x)| (back - x).abs() < 1e-12), "{back:?}");
+            assert_eq!((back[0], back[6]), (x[0], x[6]));
+        }
     }
 
     #[test]
