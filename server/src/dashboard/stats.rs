@@ -27,9 +27,10 @@ pub(super) fn axis(parameter: &Parameter) -> Axis {
     Axis { name: parameter.name.clone(), low, high }
 }
 
-/// The place of a value between its parameter's ends, 0 to 1, on the parameter's own scale.
-pub(super) fn place(parameter: &Parameter, value: &Value) -> f64 {
-    parameter.domain.encode(value).clamp(0.0, 1.0)
+/// The place of a value between its parameter's ends, 0 to 1, on the parameter's own scale. `None` for a stored
+/// value that the parameter cannot have.
+pub(super) fn place(parameter: &Parameter, value: &Value) -> Option<f64> {
+    parameter.domain.contains(value).then(|| parameter.domain.encode(value))
 }
 
 /// A configuration's place for each parameter, `None` where that is inactive, and its cost.
@@ -169,8 +170,12 @@ mod tests {
         let space =
             Space::builder().categorical("kind", ["a", "b", "c"]).default("a").build().expect("a space");
         let kind = &space.parameters()[0];
-        let places: Vec<f64> = ["a", "b", "c"].map(|word| place(kind, &Value::from(word))).to_vec();
+        let places: Vec<Option<f64>> = ["a", "b", "c"].map(|word| place(kind, &Value::from(word))).to_vec();
+        assert!(places.iter().all(Option::is_some), "{places:?}");
         assert!(places.windows(2).all(|pair| pair[0] < pair[1]), "{places:?}");
+        for foreign in [Value::from("d"), Value::Integer(1), Value::Boolean(true)] {
+            assert_eq!(place(kind, &foreign), None, "{foreign}");
+        }
         assert_eq!(axis(kind).high, "c");
     }
 }

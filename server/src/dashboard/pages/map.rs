@@ -87,7 +87,7 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
             let value = values.get(&parameter.name)?;
             let words = format!("{}={}", parameter.name, super::value(value));
             let value = treewright_proto::convert::value_from_wire("value", value.clone()).ok()?;
-            Some((stats::place(parameter, &value), words))
+            Some((stats::place(parameter, &value)?, words))
         }
         Shown::Cost => of.standing.map(|standing| {
             (standing.cost, format!("{} {}", view.title(), figure(view.value(standing.cost))))

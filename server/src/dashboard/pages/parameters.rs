@@ -87,7 +87,7 @@ pub(in super::super) async fn parameters(
 fn run(parameters: &[Parameter], trial: &v1::Trial) -> Option<Run> {
     let values = configuration_from_wire("configuration", trial.configuration.clone()?).ok()?;
     let place =
-        |parameter: &Parameter| values.get(&parameter.name).map(|value| stats::place(parameter, value));
+        |parameter: &Parameter| values.get(&parameter.name).and_then(|value| stats::place(parameter, value));
     Some((parameters.iter().map(place).collect(), trial.cost?))
 }
 
