@@ -102,7 +102,7 @@ pub const TOKENS_STALE: Duration = Duration::from_secs(30);
 /// Period between stores of the tokens' usage. A crash forgets at most the usage of one period.
 pub const USAGE_PERIOD: Duration = Duration::from_secs(2);
 
-/// Longest wait for the database to take, or to tell, the usage of tokens. An end of the daemon waits as well.
+/// Longest wait for the database to take, or to tell, the usage of tokens. The daemon's end waits as well.
 pub const USAGE_WAIT: Duration = Duration::from_secs(5);
 
 /// Default limit of requests in progress at once; a frame of a Tune stream counts as one.

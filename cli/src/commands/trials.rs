@@ -38,8 +38,8 @@ pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String
     either(true, &read(&which.study)?, String::new)
 }
 
-/// The prediction in a state, and its study: under its identity, since a number names another state of another
-/// study that takes the id meanwhile.
+/// The prediction in a state, and its study, which is asked under its identity: in another study that takes
+/// the id meanwhile, a number names another state.
 fn predicted(client: &Client, state: &State) -> Result<(Prediction, StudyRecord), Failure> {
     let study = client.get_study(&state.study)?;
     let name = study.identified_name();

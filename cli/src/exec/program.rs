@@ -359,7 +359,7 @@ pub(super) fn note_same_variables(spec: &StudySpec) {
     }
 }
 
-/// Words, such as variables, that a parameter before has already, each with the parameter that has it as well.
+/// Words, such as variables, that an earlier parameter has already, each with the later one that has it too.
 pub(crate) fn same_words<'a>(
     word: impl Fn(&str) -> String,
     parameters: impl IntoIterator<Item = &'a str>,

@@ -99,8 +99,8 @@ impl Access {
         Ok(())
     }
 
-    /// Follows the database, and stores usage beside that, until `ends`. Dropped before, it may lose the usage
-    /// that it is storing, or leave it to be stored again.
+    /// Follows the database, and stores usage beside that, until `ends`. Dropped before, it may lose the
+    /// usage that it is storing, or leave it to be stored again.
     pub async fn follow(&self, ends: impl Future<Output = ()>) {
         let over = Notify::new();
         let looking = async {

@@ -27,8 +27,8 @@ pub(super) fn axis(parameter: &Parameter) -> Axis {
     Axis { name: parameter.name.clone(), low, high }
 }
 
-/// The place of a value between its parameter's ends, 0 to 1, on the parameter's own scale. `None` for a stored
-/// value that the parameter cannot have.
+/// The place of a value between its parameter's ends, 0 to 1, on the parameter's own scale. `None` for a
+/// stored value that the parameter cannot have.
 pub(super) fn place(parameter: &Parameter, value: &Value) -> Option<f64> {
     parameter.domain.contains(value).then(|| parameter.domain.encode(value))
 }

@@ -355,9 +355,9 @@ mod tests {
         Report { trial: trial.clone(), measurements, outcome: Outcome::Ok }
     }
 
-    /// Two studies, each with a trial 1 that is expired or reported, of which the second takes the first one's
-    /// name while a request for that trial waits for the disk. Returns the use cases, the trial, and the
-    /// waiting mark.
+    /// Two studies, each with a trial 1 that is expired or reported, of which the second takes the first
+    /// one's name while a request for that trial waits for the disk. Returns the use cases, the trial, and
+    /// the waiting mark.
     async fn replaced(is_reported: bool) -> (Tuning, TrialName, ClosedMark) {
         let clock = Arc::new(ManualClock::at(1_000));
         let tuning = Tuning::new(Arc::new(MemoryStore::new()), Arc::clone(&clock) as _);

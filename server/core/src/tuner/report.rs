@@ -294,7 +294,7 @@ impl Tuner {
         self.visits.of(&trial.client_id).cloned()
     }
 
-    /// The most that a trial is charged: no more than the assumed worst for an incumbent, which is not stopped.
+    /// The most that a trial is charged: the assumed worst for an incumbent, which is not stopped.
     fn most_charged(&self, trial: &Trial) -> f64 {
         let reference = match &trial.decision.choice {
             Choice::Explore(Explore {

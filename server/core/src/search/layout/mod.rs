@@ -213,7 +213,7 @@ impl Layout {
         }
     }
 
-    /// A point of the cube, with the values of lists of numbers along their axes by size instead of as listed.
+    /// A point of the cube, with the values of lists of numbers along their axes by size, not as listed.
     pub(super) fn sized(&self, x: &[f64]) -> Vec<f64> {
         self.reordered(x, |ranks, cell| ranks[cell as usize])
     }

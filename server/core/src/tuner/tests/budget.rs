@@ -105,8 +105,8 @@ fn runs_of_an_incumbent_that_does_clearly_worse_are_charged() {
 proptest! {
     #![proptest_config(cases(12))]
 
-    /// The worst factor is 100, and a frame of 10 earns 5: a run is made up for after 200 frames, and four more
-    /// earn the next cap of 20.
+    /// The worst factor is 100, and a frame of 10 earns 5: a run is made up for after 200 frames, and four
+    /// more earn the next cap of 20.
     #[test]
     fn no_run_of_an_incumbent_stops_exploring_for_ever(stalled in 0..3_u32, factor in 1.0..1e12) {
         let (mut runs, mut pause, mut longest) = (0, 0, 0);
