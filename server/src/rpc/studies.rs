@@ -57,7 +57,9 @@ pub(crate) async fn get(
     request: wire::GetStudyRequest,
 ) -> Result<wire::Study, Error> {
     let name = reach::study(tuning, caller, "name", &request.name).await?;
-    Ok(to_proto::study(&tuning.get_study(&name.id).await?))
+    let found = tuning.get_study(&name.id).await?;
+    tuning.is_still(&name).await?;
+    Ok(to_proto::study(&found))
 }
 
 pub(crate) async fn list(

@@ -59,7 +59,7 @@ pub(crate) async fn predict(
 ) -> Result<wire::PredictResponse, Error> {
     let study = reach::study(tuning, caller, "study", &request.study).await?;
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
-    let prediction = tuning.predict(&study.id, &request.indicators, fingerprint.as_ref()).await?;
+    let prediction = tuning.predict(&study, &request.indicators, fingerprint.as_ref()).await?;
     Ok(to_proto::prediction(&prediction))
 }
 
@@ -110,7 +110,7 @@ pub(crate) async fn query(
         Cursor::parse(&request.page_token, &question).map_err(|error| Error::invalid("page_token", error))?;
     let query = TrialQuery { filter, order, after, size: from_proto::page_size(request.page_size)? };
     assert!((1..=PAGE_SIZE).contains(&query.size), "a page of {}", query.size);
-    let page = tuning.query_trials(&study.id, &query).await?;
+    let page = tuning.query_trials(&study, &query).await?;
 
     let mut next = page.next;
     let mut trials = Vec::with_capacity(page.trials.len());
@@ -141,6 +141,6 @@ pub(crate) async fn best(
     let study = reach::study(tuning, caller, "study", &request.study).await?;
     let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
-    let best = tuning.best(&study.id, indicators, fingerprint.as_ref()).await?;
+    let best = tuning.best(&study, indicators, fingerprint.as_ref()).await?;
     Ok(to_proto::best(&study, &best))
 }

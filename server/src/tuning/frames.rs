@@ -63,10 +63,15 @@ impl Tuning {
     async fn suggest_after(&self, suggest: Suggest, begun: Option<Preparation>) -> Result<Trial, Error> {
         let (trial, receipt) = self
             .with_plan(&suggest.study.id, begun, |live, store, prepared, now_ms| {
-                Ok(live.suggest(&suggest, prepared, now_ms)?.map(|(trial, change)| {
+                // The name may have gone to another study meanwhile.
+                if let Err(another) = live.is_meant(&suggest.study) {
+                    return Ok(Err(another));
+                }
+                let suggested = live.suggest(&suggest, prepared, now_ms)?.map(|(trial, change)| {
                     note(&suggest, &trial, &change);
                     (trial, live.commit(store, &[change]))
-                }))
+                });
+                Ok(suggested.map_err(Error::from))
             })
             .await??;
         self.metrics().durable(receipt).await?;
@@ -113,6 +118,7 @@ impl Tuning {
         let study = suggest.study.id.clone();
         let computed: Result<Option<Joint>, Error> = self
             .with_tuner(&study, |live, store, now_ms| {
+                live.is_meant(&suggest.study).ok()?;
                 let ReportOutcome::Now(completed, change) = take(live, &report, now_ms) else {
                     return None;
                 };
@@ -337,6 +343,7 @@ fn note(suggest: &Suggest, trial: &Trial, change: &Change) {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
     use std::sync::Arc;
 
     use treewright_core::policy::Policy;
@@ -348,7 +355,7 @@ mod tests {
     use super::super::checkpoints::tests::{frame, spec, suggested};
     use super::*;
     use crate::clock::ManualClock;
-    use crate::convert::names::TrialName;
+    use crate::convert::names::{StudyName, TrialName};
 
     fn report_of(trial: &TrialName) -> Report {
         let measurements = [("render_ms".to_owned(), 2.0)].into();
@@ -388,6 +395,30 @@ mod tests {
             let refused = answer.expect_err("it is another's, and no duplicate");
             assert!(matches!(refused, Error::EarlierTrial { number: 1, .. }), "{refused}");
             assert_eq!(tuning.get_trial(&trial).await.expect("there").state, state);
+        }
+    }
+
+    #[tokio::test]
+    async fn another_study_that_got_the_name_meanwhile_answers_no_question() {
+        let tuning = Tuning::new(Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
+        let uid = tuning.create_study("hall", &spec()).await.expect("created").study.uid;
+        tuning.delete_study(&"hall".into()).await.expect("deleted");
+        tuning.create_study("hall", &spec()).await.expect("created");
+        let number = suggested(&tuning, "one", 0.5).await.number;
+
+        let study = StudyName { id: "hall".to_owned(), uid: Some(uid) };
+        let indicators: BTreeMap<_, _> = [("x".to_owned(), 0.5)].into();
+        let ask = Ask { client_id: "one".to_owned(), indicators: indicators.clone(), ..Ask::default() };
+        let suggest = Suggest { study: study.clone(), ask, wanted: None };
+        let trial = TrialName { study: study.clone(), number };
+        let refused = [
+            tuning.suggest(suggest).await.err(),
+            tuning.predict(&study, &indicators, None).await.err(),
+            tuning.best(&study, None, None).await.err(),
+            tuning.get_trial(&trial).await.err(),
+        ];
+        for error in refused {
+            assert!(matches!(error, Some(Error::Replaced { .. })), "{error:?}");
         }
     }
 

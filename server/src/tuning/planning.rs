@@ -219,12 +219,12 @@ mod tests {
         let places = tuning.planning_permits.acquire_many(all).await.expect("never closed");
         assert_eq!(suggest(&tuning, "two").await.mode(), Mode::Explore, "a guess near the best");
         let predicted =
-            tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
+            tuning.predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
         assert_eq!(predicted.reason().source, "default", "nothing was measured there");
         drop(places);
         assert_eq!(suggest(&tuning, "three").await.mode(), Mode::Explore);
         let predicted =
-            tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
+            tuning.predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
         let source = predicted.reason().source;
         assert!(["portfolio", "contextual"].contains(&source.as_str()), "what others know: {source}");
     }

@@ -51,6 +51,17 @@ impl Tuning {
         }
     }
 
+    /// Checks, after a read by its id, that a study that is named by its identity still has that id.
+    ///
+    /// # Errors
+    /// Those of [`find`](Self::find); [`Error::Reloading`] where it has another id now.
+    pub async fn is_still(&self, study: &StudyName) -> Result<(), Error> {
+        match self.find(study.clone()).await? {
+            found if found == *study => Ok(()),
+            found => Err(Error::Reloading { study: found.id }),
+        }
+    }
+
     /// Gives a study another id.
     ///
     /// # Errors

@@ -8,7 +8,7 @@ use treewright_store::{Receipt, TrialPage, TrialQuery};
 
 use super::Tuning;
 use super::frames::ClosedMark;
-use crate::convert::names::TrialName;
+use crate::convert::names::{StudyName, TrialName};
 use crate::error::Error;
 
 /// The number of reads of a closed trial while other requests change closed trials.
@@ -117,6 +117,7 @@ impl Tuning {
     pub async fn get_trial(&self, name: &TrialName) -> Result<RawTrial, Error> {
         let trial = self.store().get_trial(&name.study.id, name.number).await?;
         assert_eq!(trial.number, name.number, "another trial was read");
+        self.is_still(&name.study).await?;
         Ok(trial)
     }
 
@@ -124,8 +125,10 @@ impl Tuning {
     ///
     /// # Errors
     /// When there is no such study, or the store cannot be read.
-    pub async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, Error> {
-        Ok(self.store().query_trials(study, query).await?)
+    pub async fn query_trials(&self, study: &StudyName, query: &TrialQuery) -> Result<TrialPage, Error> {
+        let page = self.store().query_trials(&study.id, query).await?;
+        self.is_still(study).await?;
+        Ok(page)
     }
 
     /// The prediction. Writes nothing and waits for nothing.
@@ -134,23 +137,24 @@ impl Tuning {
     /// As the wire contract names them.
     pub async fn predict(
         &self,
-        study: &str,
+        study: &StudyName,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Prediction, Error> {
-        let predicted = self
-            .with_plan(study, None, |live, _, prepared, _| {
-                let plan = match prepared.plan {
-                    Some(plan) => plan,
-                    None => match live.tuner.plan_prediction(indicators, fingerprint) {
-                        Some(request) => return Err(live.preparation(request, prepared.is_updated)),
-                        None => SuggestionPlan::default(),
-                    },
-                };
-                Ok(live.tuner.predict_planned(indicators, fingerprint, plan))
-            })
-            .await?;
-        Ok(predicted?)
+        self.with_plan(&study.id, None, |live, _, prepared, _| {
+            if let Err(another) = live.is_meant(study) {
+                return Ok(Err(another));
+            }
+            let plan = match prepared.plan {
+                Some(plan) => plan,
+                None => match live.tuner.plan_prediction(indicators, fingerprint) {
+                    Some(request) => return Err(live.preparation(request, prepared.is_updated)),
+                    None => SuggestionPlan::default(),
+                },
+            };
+            Ok(live.tuner.predict_planned(indicators, fingerprint, plan).map_err(Error::from))
+        })
+        .await?
     }
 
     /// The best known configuration, in the state of the indicators or anywhere. The trials behind it are
@@ -160,12 +164,15 @@ impl Tuning {
     /// As the wire contract names them.
     pub async fn best(
         &self,
-        study: &str,
+        study: &StudyName,
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Best, Error> {
         let (best, receipt) = self
-            .with_plan(study, None, |live, store, prepared, _| {
+            .with_plan(&study.id, None, |live, store, prepared, _| {
+                if let Err(another) = live.is_meant(study) {
+                    return Ok(Err(another));
+                }
                 let plan = match prepared.plan {
                     Some(plan) => plan,
                     None => match live.tuner.plan_best(indicators, fingerprint) {
@@ -176,12 +183,12 @@ impl Tuning {
                 let best = live.tuner.best_planned(indicators, fingerprint, plan);
                 let is_measured = |best: &Best| best.cost.is_finite() && best.measurements > 0;
                 debug_assert!(best.iter().flatten().all(is_measured), "{best:?} was never measured");
-                Ok(best.map(|best| (best, live.commit(store, &[]))))
+                Ok(best.map(|best| (best, live.commit(store, &[]))).map_err(Error::from))
             })
             .await??;
         self.metrics().durable(receipt).await?;
         best.ok_or_else(|| Error::NothingMeasured {
-            study: study.to_owned(),
+            study: study.id.clone(),
             place: if indicators.is_some() { "in this state" } else { "in any state" },
         })
     }
