@@ -166,6 +166,9 @@ pub enum ExploitSource {
         /// Its gain over the default configuration.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         gain: Option<Gain>,
+        /// One metric is maximised and nothing else counts: the gain is told of it.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        is_maximised: bool,
     },
     /// The state's own measurements, by which no configuration is proven to be better than the default.
     Incumbent {
@@ -173,6 +176,9 @@ pub enum ExploitSource {
         tried: u64,
         /// The most that any configuration may gain, with a probability of 95 %, as a share.
         gain_at_most: f64,
+        /// As for [`BestKnown`](Self::BestKnown).
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        is_maximised: bool,
     },
     /// The configuration that serves the known states best, where nothing was measured yet.
     Portfolio {

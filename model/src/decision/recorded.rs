@@ -135,6 +135,7 @@ fn exploit(mode: Mode, source: &str, neighbours: Vec<Neighbour>, explanation: &E
             measurements: 0,
             state: known(&neighbours).unwrap_or(Neighbour { state_id: 0, distance: 0.0, best_cost: 0.0 }),
             gain: None,
+            is_maximised: false,
         },
     };
     let rule = match explanation.rule {

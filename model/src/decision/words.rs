@@ -4,6 +4,7 @@ use super::{
     ByMachines, Choice, Decision, Exploit, ExploitRule, ExploitSource, Explore, ExploredPoint, MachineLevel,
     Predicted, Step,
 };
+use crate::cost_view::CostView;
 use crate::policy::PredictorMethod;
 use crate::reason::{Explanation, Neighbour, Reason};
 use crate::standing::Gain;
@@ -175,22 +176,24 @@ fn of_exploit(exploit: &Exploit) -> String {
             return "The baseline must be measured before anything is explored within a budget.".into();
         }
         (ExploitSource::Default, _) => "Nothing better is known yet.".to_owned(),
-        (ExploitSource::BestKnown { tried, measurements, gain, .. }, _) => {
+        (ExploitSource::BestKnown { tried, measurements, gain, is_maximised, .. }, _) => {
             let mut said = format!(
                 "Best of {tried} configurations tried in this state; its cost rests on {measurements} measurements."
             );
-            if let Some(Gain { share, low: Some(low), high: Some(high), .. }) = gain {
-                let [share, low, high] = [share, low, high].map(|share| 100.0 * share);
-                said.push_str(&format!(
-                    " It costs {share:.1} % less than the default ({low:.1} to {high:.1} %)."
-                ));
+            if let Some(Gain { share, low: Some(low), high: Some(high), .. }) = *gain {
+                let view = view(*is_maximised);
+                let [share, low, high] = [share, low, high].map(|share| view.percent(share));
+                said.push_str(&match *is_maximised {
+                    true => format!(" Its value lies {share} % above the default's ({low} to {high} %)."),
+                    false => format!(" It costs {share} % less than the default ({low} to {high} %)."),
+                });
             }
             said
         }
-        (ExploitSource::Incumbent { tried, gain_at_most }, _) => format!(
+        (ExploitSource::Incumbent { tried, gain_at_most, is_maximised }, _) => format!(
             "Nothing better is proven: of {tried} configurations tried in this state none is likely to gain more than \
-             {:.1} % over the default.",
-            100.0 * gain_at_most
+             {} % over the default.",
+            view(*is_maximised).percent(*gain_at_most)
         ),
         (ExploitSource::Portfolio { states, .. }, _) => {
             format!(
@@ -207,6 +210,11 @@ fn of_exploit(exploit: &Exploit) -> String {
         ExploitRule::Waiting => said + " The search waits for what others are measuring.",
         _ => said,
     }
+}
+
+/// The view in which a gain is told: by the cost, or by what is maximised, whose name stands elsewhere.
+fn view(is_maximised: bool) -> CostView {
+    if is_maximised { CostView::maximising("", 1.0) } else { CostView::default() }
 }
 
 fn of_predictor(predicted: &Predicted) -> String {
@@ -245,4 +253,38 @@ fn of_machines(by: &ByMachines) -> String {
         ));
     }
     said
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decision::{BudgetStatus, ExplorationEstimate};
+
+    /// What is said of a configuration that costs a fifth less than the default, 10 % to 50 %.
+    fn said(source: impl Fn(bool) -> ExploitSource) -> [String; 2] {
+        let (estimate, budget) = (ExplorationEstimate::default(), BudgetStatus::default());
+        let of = |source| of_exploit(&Exploit { source, rule: ExploitRule::Dice, estimate, budget });
+        [false, true].map(|is_maximised| of(source(is_maximised)))
+    }
+
+    #[test]
+    fn a_gain_is_told_of_the_cost_or_of_what_is_maximised() {
+        let gain = Gain { share: 0.2, low: Some(0.1), high: Some(0.5), probability_better: None };
+        let state = Neighbour { state_id: 1, distance: 0.0, best_cost: 8.0 };
+        let [cost, rate] = said(|is_maximised| ExploitSource::BestKnown {
+            tried: 9,
+            measurements: 3,
+            state: state.clone(),
+            gain: Some(gain),
+            is_maximised,
+        });
+        assert!(cost.ends_with(" It costs 20.0 % less than the default (10.0 to 50.0 %)."), "{cost}");
+        assert!(rate.ends_with(" Its value lies 25.0 % above the default's (11.1 to 100.0 %)."), "{rate}");
+        let incumbent = |is_maximised| ExploitSource::Incumbent { tried: 9, gain_at_most: 0.2, is_maximised };
+        let [cost, rate] = said(incumbent);
+        assert!(
+            cost.contains("more than 20.0 % over") && rate.contains("more than 25.0 % over"),
+            "{cost} {rate}"
+        );
+    }
 }

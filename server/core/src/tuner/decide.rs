@@ -392,11 +392,12 @@ impl Tuner {
         let Answered { configuration, cost, gain, nothing_better, .. } = self.answered(state, planned)?;
         let (tried, measurements) =
             (results.tried() as u64, results.record(&configuration).map_or(0, |record| record.measurements));
+        let is_maximised = self.spec.objective.view().is_maximised();
         let source = match nothing_better {
-            Some(gain_at_most) => ExploitSource::Incumbent { tried, gain_at_most },
+            Some(gain_at_most) => ExploitSource::Incumbent { tried, gain_at_most, is_maximised },
             None => {
                 let state = Neighbour { state_id: id.get(), distance: 0.0, best_cost: cost };
-                ExploitSource::BestKnown { tried, measurements, state, gain }
+                ExploitSource::BestKnown { tried, measurements, state, gain, is_maximised }
             }
         };
         Some(Exploitation { configuration, predicted_cost: Some(cost), source, rolled_back: false })

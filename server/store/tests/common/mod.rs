@@ -89,6 +89,7 @@ fn exploited() -> Exploit {
             measurements: 2,
             state: Neighbour { state_id: 1, distance: 0.0, best_cost: 12.5 },
             gain: None,
+            is_maximised: false,
         },
         rule: ExploitRule::Dice,
         estimate: ExplorationEstimate { epsilon: Some(0.1), ..ExplorationEstimate::default() },
