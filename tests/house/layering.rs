@@ -11,9 +11,19 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("treewright-core", &["treewright-model"]),
     ("treewright-accel", &[]),
     ("treewright-store", &["treewright-core", "treewright-model"]),
-    ("treewright-server", &["treewright-core", "treewright-model", "treewright-proto", "treewright-store"]),
+    (
+        "treewright-server",
+        &[
+            "treewright-core",
+            "treewright-figures",
+            "treewright-model",
+            "treewright-proto",
+            "treewright-store",
+        ],
+    ),
     ("treewright-client", &["treewright-model", "treewright-proto"]),
-    ("treewright-cli", &["treewright-client"]),
+    ("treewright-figures", &[]),
+    ("treewright-cli", &["treewright-client", "treewright-figures"]),
     ("treewright-indicators", &[]),
     ("treewright-scene", &["treewright-accel", "treewright-indicators"]),
     (
@@ -22,7 +32,13 @@ const ARROWS: &[(&str, &[&str])] = &[
     ),
     (
         "treewright-render-cli",
-        &["treewright-accel", "treewright-client", "treewright-renderer", "treewright-scene"],
+        &[
+            "treewright-accel",
+            "treewright-client",
+            "treewright-figures",
+            "treewright-renderer",
+            "treewright-scene",
+        ],
     ),
     // No crate may depend on the laboratory; it also judges the core's searches and predictors.
     (
@@ -31,6 +47,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "treewright-accel",
             "treewright-client",
             "treewright-core",
+            "treewright-figures",
             "treewright-render-cli",
             "treewright-renderer",
             "treewright-scene",

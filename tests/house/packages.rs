@@ -86,7 +86,7 @@ fn libraries_can_be_packaged() {
         "--target-dir",
         target,
     ];
-    let libraries = ["model", "proto", "client", "core", "cli", "indicators"];
+    let libraries = ["model", "proto", "client", "core", "figures", "cli", "indicators"];
     let libraries = libraries.map(|name| format!("treewright-{name}"));
     arguments.extend(libraries.iter().flat_map(|name| ["-p", name.as_str()]));
     cargo(&arguments);

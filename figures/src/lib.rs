@@ -1,0 +1,26 @@
+//! Figures as SVG: axes, marks, legends and one palette. Lines and text take the colour of the page around
+//! them; there are no scripts, classes or inline styles that a page would have to allow or define.
+
+mod axis;
+mod colour;
+mod figure;
+
+pub use axis::{Axis, number};
+pub use colour::Colour;
+pub use figure::{Dot, Figure, Stroke};
+
+/// Text as it stands in SVG and HTML.
+pub fn escaped(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for each in text.chars() {
+        match each {
+            '&' => safe.push_str("&amp;"),
+            '<' => safe.push_str("&lt;"),
+            '>' => safe.push_str("&gt;"),
+            '"' => safe.push_str("&quot;"),
+            '\'' => safe.push_str("&#39;"),
+            other => safe.push(other),
+        }
+    }
+    safe
+}
