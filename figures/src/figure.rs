@@ -50,8 +50,6 @@ pub enum Dot {
     Hollow,
     /// Around another point.
     Ring,
-    /// Nothing was measured.
-    Cross,
     /// Small, with an opacity of 0 to 1.
     Shade(f64),
 }
@@ -64,10 +62,6 @@ impl Dot {
             Self::Hollow => (3, format!(r#"fill="none" stroke="{colour}""#)),
             Self::Ring => (8, format!(r#"fill="{colour}" fill-opacity=".25" stroke="{colour}""#)),
             Self::Shade(opacity) => (4, format!(r#"fill="{colour}" fill-opacity="{opacity:.2}""#)),
-            Self::Cross => {
-                let path = format!("M{:.1} {:.1}l6 6m0 -6l-6 6", x - 3.0, y - 3.0);
-                return format!(r#"<path d="{path}" fill="none" stroke="{colour}" stroke-width="2">"#);
-            }
         };
         format!(r#"<circle cx="{x:.1}" cy="{y:.1}" r="{radius}" {look}>"#)
     }
@@ -174,11 +168,10 @@ impl Figure {
 
     /// The name of a colour of points in the legend.
     pub fn dot_key(&mut self, dot: Dot, colour: Colour, name: &str) {
-        let path = if dot == Dot::Cross { "M8 -3l6 6m0 -6l-6 6" } else { "M11 -4l4 4l-4 4l-4 -4z" };
-        let fill = if matches!(dot, Dot::Hollow | Dot::Ring | Dot::Cross) { 0.2 } else { 1.0 };
-        self.key(name, || {
-            format!(r#"<path d="{path}" fill="{colour}" fill-opacity="{fill}" stroke="{colour}"/>"#)
-        });
+        let fill = if matches!(dot, Dot::Hollow | Dot::Ring) { 0.2 } else { 1.0 };
+        let look = format!(r#"fill="{colour}" fill-opacity="{fill}" stroke="{colour}""#);
+        // No circle: those are what was measured.
+        self.key(name, || format!(r#"<path d="M11 -4l4 4l-4 4l-4 -4z" {look}/>"#));
     }
 
     /// The name of a colour of areas in the legend.
@@ -186,7 +179,7 @@ impl Figure {
         self.key(name, || format!(r#"<rect y="-6" width="22" height="12" fill="{colour}"/>"#));
     }
 
-    /// The scale of colours in the legend, with what its best and its worst end are.
+    /// The scale of colours in the legend, with what its ends are.
     pub fn scale_key(&mut self, best: &str, worst: &str) {
         let steps = (0..SCALE_STEPS).map(|step| f64::from(step) / f64::from(SCALE_STEPS - 1));
         let cells = steps.map(|place| {
@@ -194,7 +187,7 @@ impl Figure {
             format!(r#"<rect x="{x:.1}" y="-6" width="4" height="12" fill="{colour}"/>"#)
         });
         let cells: String = cells.collect();
-        self.key(&format!("from blue, best: {best}, to orange, worst: {worst}"), || cells);
+        self.key(&format!("from blue: {best}, to orange: {worst}"), || cells);
     }
 
     /// A line through points; a name tells it apart in the legend and at a pointer.
@@ -255,8 +248,7 @@ impl Figure {
     pub fn dot(&mut self, at: [f64; 2], dot: Dot, colour: Colour, title: &str) {
         let ([x, y], hint) = (self.place(at), hint(title));
         if self.x.holds(at[0]) && self.y.holds(at[1]) {
-            let end = if dot == Dot::Cross { "path" } else { "circle" };
-            self.put(format_args!("{}{hint}</{end}>", dot.at([x, y], colour)));
+            self.put(format_args!("{}{hint}</circle>", dot.at([x, y], colour)));
             return;
         }
         let (tip, foot) = if self.y.share(at[1]) < 0.5 { (y, y - 8.0) } else { (y, y + 8.0) };
@@ -265,6 +257,14 @@ impl Figure {
             r#"<path d="M{x:.1} {tip:.1}L{left:.1} {foot:.1}H{right:.1}z" fill="{colour}">{hint}</path>"#
         ));
         self.key("beyond the axis", || r#"<path d="M11 -4l4 8h-8z" fill="currentColor"/>"#.to_owned());
+    }
+
+    /// A cross above the horizontal axis: nothing was measured there.
+    pub fn cross(&mut self, x: f64, colour: Colour, name: &str) {
+        let (x, y) = (self.at_x(x) - 3.0, self.area[3] - 10.0);
+        let look = format!(r#"fill="none" stroke="{colour}" stroke-width="2""#);
+        self.put(format_args!(r#"<path d="M{x:.1} {y:.1}l6 6m0 -6l-6 6" {look}>{}</path>"#, hint(name)));
+        self.key(name, || format!(r#"<path d="M8 -3l6 6m0 -6l-6 6" {look}/>"#));
     }
 
     /// A rectangle between two ends of each axis, at least one unit wide, with the text that a pointer shows.
@@ -373,7 +373,7 @@ mod tests {
         );
         figure.dot([5.0, 5.0], Dot::Large, Colour::Green, "inside");
         figure.dot([5.0, 50.0], Dot::Large, Colour::Green, "outside");
-        figure.dot([5.0, 5.0], Dot::Cross, Colour::Green, "failed");
+        figure.cross(5.0, Colour::Green, "failed");
         let svg = figure.finish();
         assert_eq!(
             (svg.matches("<circle").count(), svg.matches(">beyond the axis<").count()),

@@ -107,8 +107,13 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
             Some(Place { state: of.state, x: at(of, x), y: at(of, y), rank, words, link })
         })
         .collect();
+    let ends = match (shown, view.is_maximised()) {
+        (Shown::Parameter(_), _) => ["the lowest fifth", "the highest"],
+        (Shown::Gain, _) | (Shown::Cost, true) => ["the largest fifth", "the smallest"],
+        (Shown::Cost, false) => ["the smallest fifth", "the largest"],
+    };
     let picture = match (indicators.get(x), indicators.get(y)) {
-        (Some(x), Some(y)) => charts::map(&axis(x), &axis(y), &places),
+        (Some(x), Some(y)) => charts::map(&axis(x), &axis(y), ends, &places),
         _ => String::new(),
     };
     let name = |index: usize| indicators.get(index).map(|one| one.name.clone()).unwrap_or_default();

@@ -107,11 +107,11 @@ fn parallel(all: &[Parameter], shown: &[usize], runs: &[Run]) -> String {
     let axes: Vec<_> = shown.iter().map(|&index| stats::axis(&all[index])).collect();
     let mut costs: Vec<f64> = runs.iter().map(|run| run.1).collect();
     costs.sort_by(f64::total_cmp);
-    let class =
-        |cost: f64| costs.partition_point(|other| *other < cost) * charts::COLOURS / costs.len().max(1);
     let lines: Vec<_> = runs
         .iter()
-        .map(|(places, cost)| (shown.iter().map(|&index| places[index]).collect(), class(*cost)))
+        .map(|(places, cost)| {
+            (shown.iter().map(|&index| places[index]).collect(), charts::rank(&costs, *cost))
+        })
         .collect();
     charts::parallel(&axes, &lines)
 }

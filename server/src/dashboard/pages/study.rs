@@ -4,10 +4,11 @@ use askama::Template;
 use treewright_core::cost_view::CostView;
 use treewright_core::policy::Operation;
 use treewright_core::space::Condition;
+use treewright_figures::Colour;
 use treewright_proto::v1;
 
 use super::super::benefit::{self, Fixed};
-use super::super::charts::{self, CurvePoint, Level, Span, figure};
+use super::super::charts::{self, CurvePoint, Kind, Level, Span, figure};
 use super::super::{Query, Visitor, may_steer};
 use super::standing::{StateStands, benefits, read_state, roofline};
 use super::{
@@ -153,11 +154,11 @@ fn fixed(states: &[StateStands], latest: &[v1::Trial], beside: &Defaults) -> Opt
 /// expectation.
 async fn levels(visitor: &Visitor<'_>, id: &str, chosen: &StateStands, fixed: Option<&Fixed>) -> Vec<Level> {
     let fixed = fixed.and_then(|fixed| fixed.by_state.get(&chosen.state).copied());
-    let level = |cost: Option<f64>, name, class| cost.map(|cost| Level { cost, name, class });
+    let level = |cost: Option<f64>, name, colour| cost.map(|cost| Level { cost, kind: (colour, name) });
     [
-        level(chosen.best.as_ref().and_then(|best| best.default_cost), "default", "base"),
-        level(fixed, "best fixed", "fixed"),
-        level(roofline(visitor, id, chosen).await, "roofline", "roof"),
+        level(chosen.best.as_ref().and_then(|best| best.default_cost), "default", Colour::Purple),
+        level(fixed, "best fixed", Colour::Green),
+        level(roofline(visitor, id, chosen).await, "roofline", Colour::Vermilion),
     ]
     .into_iter()
     .flatten()
@@ -197,6 +198,14 @@ fn is_failure(trial: &v1::Trial) -> bool {
     matches!(kind, Some(Kind::Infeasible(_) | Kind::Failed(_)))
 }
 
+fn kind(trial: &v1::Trial) -> Kind {
+    match trial.mode() {
+        v1::Mode::Default => (Colour::Purple, "the default is measured"),
+        v1::Mode::Explore => (Colour::Blue, "exploring"),
+        _ => (Colour::Grey, "other trials"),
+    }
+}
+
 /// The completed trials, oldest first.
 fn points(trials: &[v1::Trial]) -> Vec<CurvePoint> {
     let completed = trials.iter().rev().filter(|trial| trial.outcome.is_some());
@@ -204,11 +213,7 @@ fn points(trials: &[v1::Trial]) -> Vec<CurvePoint> {
         .map(|trial| CurvePoint {
             number: number(trial) as f64,
             cost: trial.cost.filter(|_| !is_failure(trial)),
-            class: match trial.mode() {
-                v1::Mode::Default => "start",
-                v1::Mode::Explore => "explore",
-                _ => "",
-            },
+            kind: kind(trial),
         })
         .collect()
 }
@@ -217,12 +222,7 @@ fn spans(trials: &[v1::Trial]) -> Vec<Span> {
     let span = |trial: &v1::Trial| {
         let begin_s = seconds(trial.create_time)?;
         let end_s = seconds(trial.complete_time).unwrap_or(begin_s);
-        let class = match trial.mode() {
-            v1::Mode::Explore => "point explore",
-            v1::Mode::Default => "point start",
-            _ => "point",
-        };
-        Some(Span { row: trial.client_id.clone(), begin_s, end_s, class })
+        Some(Span { row: trial.client_id.clone(), begin_s, end_s, kind: kind(trial) })
     };
     trials.iter().take(SPANS).filter_map(span).collect()
 }
