@@ -58,7 +58,11 @@ fn a_front_is_tuned_and_every_direction_knows_every_run() {
     assert!(again.contains(shown.trim_end()), "{shown}\n{again}");
     let drawn = std::fs::read_to_string(&file).expect("a figure");
     std::fs::remove_file(&file).expect("it is there");
-    assert_eq!(drawn.matches("<title>").count(), 12 + 1, "every configuration, and the default marked");
+    assert_eq!(
+        drawn.matches("<title>").count(),
+        1 + 12 + 1,
+        "its own, every configuration, and the default marked"
+    );
     assert!(drawn.contains("time_ms, logarithmic") && drawn.contains(">default<"), "{drawn}");
 }
 
