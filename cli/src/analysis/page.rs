@@ -3,15 +3,17 @@
 
 use std::fmt::Write as _;
 
+use treewright_figures::{Axis, Colour, Figure, escaped};
+
 use super::dependence::Correlation;
-use super::map::Map;
+use super::map::{Cell, Map};
 use super::narrow::{Narrowed, Spread};
 use super::table::rounded;
 use super::{Analysis, CONFIGURATIONS_PER_PARAMETER, Condition, Influence, Metric, titled};
 
 const STYLE: &str = "\
-:root{color-scheme:light dark;--paper:#fbfaf7;--card:#fff;--ink:#1d1f24;--soft:#5c616b;--line:#dcdad4;--more:#b4552d;--less:#2167b0}\
-@media(prefers-color-scheme:dark){:root{--paper:#16181c;--card:#1f2228;--ink:#e9e7e2;--soft:#a4a8b1;--line:#3a3e46;--more:#f0935f;--less:#7db4f0}}\
+:root{color-scheme:light dark;--paper:#fbfaf7;--card:#fff;--ink:#1d1f24;--soft:#5c616b;--line:#dcdad4}\
+@media(prefers-color-scheme:dark){:root{--paper:#16181c;--card:#1f2228;--ink:#e9e7e2;--soft:#a4a8b1;--line:#3a3e46}}\
 *{box-sizing:border-box}body{margin:0;background:var(--paper);color:var(--ink);font:1rem/1.55 system-ui,sans-serif}\
 main{max-width:60rem;margin:0 auto;padding:1.2rem .8rem 4rem}h1{line-height:1.2}h2{margin:2.4rem 0 .4rem}h3{margin:1.4rem 0 .3rem}\
 p{max-width:46rem}.soft{color:var(--soft);font-size:.9rem}\
@@ -55,7 +57,7 @@ pub(crate) fn html(analysis: &Analysis) -> String {
         section(&mut page, condition);
     }
     page += "<h2>How to read this</h2><p>Pearson's r and Spearman's rank correlation range from −1 (higher values mean less of the measurement) to 1 (higher values mean more). \
-             Bars show r, red where higher values are worse, and are pale where its 95 % interval contains 0. Mutual information, in bits, measures any kind of \
+             Bars show r, orange where higher values are worse, and are pale where its 95 % interval contains 0. Mutual information, in bits, measures any kind of \
              dependence. The share is the part of the variance of its logarithm that a parameter explains on its own, in \
              configurations that were left out of the estimate; for pairs, the part beyond that of both alone. Only trials in \
              which a parameter is active count; with fewer than 20 configurations there is no share.</p>\n</main></body></html>\n";
@@ -140,47 +142,28 @@ fn card(page: &mut String, metric: &Metric) {
     *page += "</div>\n";
 }
 
-/// Correlations as bars from the middle.
+/// Correlations as bars from the middle, with their intervals.
 fn bars(parameters: &[Influence], higher_is_better: bool) -> String {
-    const ROW: usize = 18;
-    let ordered: Vec<(&Influence, Correlation)> =
-        parameters.iter().filter_map(|one| Some((one, one.correlation?))).collect();
+    let ordered: Vec<(&str, Correlation)> =
+        parameters.iter().filter_map(|one| Some((one.parameter.as_str(), one.correlation?))).collect();
     if ordered.is_empty() {
         return String::new();
     }
-    let height = ordered.len() * ROW + 20;
-    let mut svg = format!(
-        "<svg viewBox=\"0 0 340 {height}\" role=\"img\" aria-label=\"Correlations\" font-size=\"11\" fill=\"var(--ink)\">"
-    );
-    let at = |r: f64| 230.0 + 100.0 * r;
-    for r in [-1.0, -0.5, 0.0, 0.5, 1.0] {
-        let x = at(r);
-        let _ = write!(
-            svg,
-            "<path d=\"M{x} 0V{}\" stroke=\"var(--line)\"/><text x=\"{x}\" y=\"{}\" text-anchor=\"middle\">{r}</text>",
-            height - 18,
-            height - 4
-        );
+    let names: Vec<&str> = ordered.iter().map(|(name, _)| *name).collect();
+    let mut figure = Figure::of_rows("Correlations", 340.0, Axis::between("r", -1.0, 1.0), &names);
+    for (row, (_, correlation)) in ordered.iter().enumerate() {
+        let Correlation { r, interval: [low, high] } = *correlation;
+        let (colour, name) = match (r < 0.0) == higher_is_better {
+            true => (Colour::Vermilion, "higher is worse"),
+            false => (Colour::Blue, "higher is better"),
+        };
+        let opacity = if correlation.is_there() { 1.0 } else { 0.35 };
+        figure.bar(row, [r.min(0.0), r.max(0.0)], opacity, colour, "");
+        figure.area_key(colour, name);
+        let middle = row as f64 + 0.5;
+        figure.interval([low, middle], [high, middle], Colour::Ink);
     }
-    for (row, (one, correlation)) in ordered.iter().enumerate() {
-        let (from, to) = (at(correlation.r.min(0.0)), at(correlation.r.max(0.0)));
-        let y = row * ROW;
-        let _ = write!(
-            svg,
-            "<text x=\"122\" y=\"{}\" text-anchor=\"end\">{}</text><rect x=\"{from:.1}\" y=\"{}\" width=\"{:.1}\" height=\"11\" \
-             fill=\"var(--{})\" opacity=\"{}\"/><path d=\"M{:.1} {}H{:.1}\" stroke=\"var(--ink)\"/>",
-            y + 12,
-            escaped(&one.parameter),
-            y + 3,
-            (to - from).max(0.5),
-            if (correlation.r < 0.0) == higher_is_better { "more" } else { "less" },
-            if correlation.is_there() { "1" } else { "0.35" },
-            at(correlation.interval[0]),
-            y + 8,
-            at(correlation.interval[1])
-        );
-    }
-    svg + "</svg>"
+    figure.finish()
 }
 
 fn narrowed(page: &mut String, narrowed: &Narrowed) {
@@ -219,49 +202,22 @@ fn narrowed(page: &mut String, narrowed: &Narrowed) {
 
 /// A map as coloured cells, from the best to the worst of its values.
 fn drawn(map: &Map) -> String {
-    let [across, up] = [map.edges[0].len() - 1, map.edges[1].len() - 1];
-    let (low, high) = map.cells.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), cell| {
-        (low.min(cell.relative), high.max(cell.relative))
-    });
+    let values = || map.cells.iter().map(|cell| cell.relative);
+    let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
     let (best, worst) = if map.higher_is_better { (high, low) } else { (low, high) };
-    let (width, height) = (270.0 / across as f64, 200.0 / up as f64);
-    let mut svg = String::from(
-        "<svg viewBox=\"0 0 340 262\" role=\"img\" aria-label=\"Map\" font-size=\"11\" fill=\"var(--ink)\">",
-    );
-    for cell in &map.cells {
-        let share = if high > low { (cell.relative - best) / (worst - best) } else { 0.5 };
-        let _ = write!(
-            svg,
-            "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"color-mix(in srgb,var(--more) {:.0}%,var(--less))\">\
-             <title>{} trials: {:.3}</title></rect>",
-            44.0 + cell.at[0] as f64 * width,
-            8.0 + (up - 1 - cell.at[1]) as f64 * height,
-            share * 100.0,
-            cell.trials,
-            cell.relative
-        );
+    let axis = |which: usize| {
+        let edges = &map.edges[which];
+        let cells = edges.len() - 1;
+        let labels = [0, cells / 2, cells].map(|edge| (edge as f64, rounded(edges[edge])));
+        Axis::labelled(&map.parameters[which], [0.0, cells as f64], labels.into())
+    };
+    let mut figure = Figure::new("Map", [340.0, 270.0], axis(0), axis(1));
+    for Cell { at, trials, relative } in &map.cells {
+        let [x, y] = at.map(|index| [index as f64, index as f64 + 1.0]);
+        let share = if high > low { (relative - best) / (worst - best) } else { 0.5 };
+        figure.cell(x, y, 1.0, Colour::Scale(share), &format!("{trials} trials: {relative:.3}"));
     }
-    for (edges, is_across) in [(&map.edges[0], true), (&map.edges[1], false)] {
-        for share in [0.0, 0.5, 1.0] {
-            let value = rounded(edges[((edges.len() - 1) as f64 * share).round() as usize]);
-            let (x, y, anchor) = match is_across {
-                true => (44.0 + 270.0 * share, 222.0, "middle"),
-                false => (40.0, 212.0 - 200.0 * share, "end"),
-            };
-            let _ = write!(svg, "<text x=\"{x:.0}\" y=\"{y:.0}\" text-anchor=\"{anchor}\">{value}</text>");
-        }
-    }
-    let [x, y] = &map.parameters;
-    let _ = write!(
-        svg,
-        "<text x=\"180\" y=\"238\" text-anchor=\"middle\">x: {}, y: {}</text>\
-         <text x=\"180\" y=\"255\" text-anchor=\"middle\">from {best:.2} (blue) to {worst:.2} (red)</text></svg>",
-        escaped(x),
-        escaped(y)
-    );
-    format!("<div class=\"card\"><h3>{}</h3>{svg}</div>", escaped(&titled(&map.metric, map.higher_is_better)))
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    figure.scale_key(&format!("{best:.2}"), &format!("{worst:.2}"));
+    let title = escaped(&titled(&map.metric, map.higher_is_better));
+    format!("<div class=\"card\"><h3>{title}</h3>{}</div>", figure.finish())
 }
