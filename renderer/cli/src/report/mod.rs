@@ -38,9 +38,6 @@ pub enum ReportError {
     /// The winner does not follow the space.
     #[error(transparent)]
     Configuration(#[from] ConfigurationError),
-    /// The curve cannot be drawn.
-    #[error("the tuning curve cannot be drawn: {0}")]
-    Chart(String),
     /// The template fails.
     #[error("the report cannot be put together: {0}")]
     Template(#[from] askama::Error),
@@ -64,8 +61,6 @@ struct Page<'a> {
     tuned_ms: String,
     best: String,
     gains: String,
-    has_used_well: bool,
-    has_fixed: bool,
     pictures: String,
     what_was_tuned: &'static str,
     standings: Vec<StandingRow>,
@@ -77,8 +72,6 @@ struct Page<'a> {
     prediction: Option<String>,
     configurations: Vec<ConfigurationRow>,
     has_prediction: bool,
-    has_failures: bool,
-    has_stops: bool,
     overhead: String,
     break_even: String,
     machine: String,
@@ -131,21 +124,17 @@ fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<S
         default_ms: format!("{:.1}", frame_ms(&results.baseline)),
         best: results.standing(&results.best).map_or_else(|| results.best.to_string(), Standing::title),
         gains: parts::gains(results),
-        has_used_well: results.standing(&Who::UsedWell).is_some(),
-        has_fixed: results.standing(&Who::BestFixed).is_some(),
         tuned_ms: format!("{:.1}", frame_ms(&results.best)),
         pictures: parts::pictures(results, default.mean_relative_difference(tuned), PICTURE_SAMPLES),
         standings: parts::standings(results),
-        chart: chart::svg(results).map_err(ReportError::Chart)?,
+        chart: chart::svg(results),
         way: parts::on_the_way(results),
         start: &results.began_at,
-        session: session::svg(results).map_err(ReportError::Chart)?,
+        session: session::svg(results),
         search_summary: parts::search_summary(results),
         prediction: parts::prediction(results),
         configurations: parts::configurations(results),
         has_prediction: results.prediction.is_some(),
-        has_failures: results.failed() > 0,
-        has_stops: results.stopped() > 0,
         overhead: parts::overhead(results),
         break_even: parts::break_even(results),
         machine: parts::machine(results),

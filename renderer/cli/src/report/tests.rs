@@ -197,13 +197,8 @@ fn no_gain_is_told_as_none() {
 }
 
 #[test]
-fn the_curve_shows_its_three_lines_in_the_pages_colours() {
-    let svg = chart::svg(&results(50.0, "hall")).expect("the curve is drawn");
-    for colour in ["--ink", "--best", "--predicted", "--overhead", "--failed", "--used-well", "--fixed"] {
-        assert!(svg.contains(&format!("var({colour})")), "{colour}");
-    }
-    assert!(!svg.contains("#030303"), "placeholders are replaced");
-    let html = page(&results(50.0, "hall"), &grey(), &grey()).expect("the page is made");
+fn the_curve_names_its_lines() {
+    let svg = chart::svg(&results(50.0, "hall"));
     for label in [
         "each trial of the search",
         "best of all (roofline)",
@@ -212,11 +207,11 @@ fn the_curve_shows_its_three_lines_in_the_pages_colours() {
         "first prediction, for the other camera",
         "could not be built",
     ] {
-        assert!(html.contains(label), "{label}");
+        assert!(svg.contains(label), "{label}");
     }
     let mut short = results(50.0, "hall");
     short.trials.clear();
-    assert!(chart::svg(&short).is_ok(), "an interrupted search has a curve, too");
+    assert!(chart::svg(&short).contains("<svg"), "an interrupted search has a curve, too");
 }
 
 #[test]
