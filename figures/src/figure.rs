@@ -313,9 +313,11 @@ impl Figure {
         element("", &title, size, &body)
     }
 
-    /// Figures one below the other as a file of its own.
+    /// Figures one below the other, under a heading, as a file of its own.
     pub fn file(title: &str, figures: impl IntoIterator<Item = Self>) -> String {
-        let (mut below, mut across, mut all) = (0.0, 0.0_f64, format!("<style>{STYLE}</style>"));
+        let heading = format!(r#"<text x="8" y="18" font-weight="bold">{}</text>"#, escaped(title));
+        let mut all = format!("<style>{STYLE}</style>{heading}");
+        let (mut below, mut across) = (24.0, 0.0_f64);
         for (_, [width, height], body) in figures.into_iter().map(Self::done) {
             let _ = write!(all, r#"<g transform="translate(0 {below})">{body}</g>"#);
             (below, across) = (below + height, across.max(width));

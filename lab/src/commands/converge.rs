@@ -13,7 +13,7 @@ use crate::converge::metrics::Yardstick;
 use crate::converge::reference::{Reference, TRUSTED_FROM};
 use crate::converge::reference_file;
 use crate::converge::reference_key::ReferenceKey;
-use crate::converge::report::{self, Ground};
+use crate::converge::report;
 use crate::converge::results::{ComparisonResults, ContenderResult, ReferenceFacts};
 use treewright_render_cli::arguments::{Size, ViewArguments};
 use treewright_render_cli::error::{CliError, check_folder, write_file};
@@ -249,7 +249,7 @@ fn write(arguments: &Arguments, results: &ComparisonResults, yardstick: &Yardsti
         save(path, results.csv())?;
     }
     if let Some(path) = &arguments.plot {
-        save(path, report::svg(results, Ground::White)?)?;
+        save(path, report::svg_file(results)?)?;
     }
     if let Some(path) = &arguments.report {
         save(path, report::html(results, yardstick)?)?;

@@ -10,13 +10,13 @@ use base64::engine::general_purpose::STANDARD;
 use super::curve::Shot;
 use super::metrics::Yardstick;
 use super::results::ComparisonResults;
-use parts::{ContenderRow, EqualErrorTable, LegendRow};
+use parts::{ContenderRow, EqualErrorTable};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::report::thousands;
 use treewright_renderer::image_file;
 use treewright_renderer::tuning::who::Who;
 
-pub use chart::{Ground, svg};
+pub use chart::{svg, svg_file};
 pub(crate) use parts::{seconds, target_in_words, verdict_in_words, with_range};
 
 /// Difference pictures are white where the error is this large, relative to the reference.
@@ -46,7 +46,6 @@ struct Page<'a> {
     reference_image: String,
     reference_text: String,
     chart: String,
-    legend: Vec<LegendRow>,
     contenders: Vec<ContenderRow>,
     equal_error: Vec<EqualErrorTable>,
     slope_text: String,
@@ -95,8 +94,7 @@ pub fn html(results: &ComparisonResults, yardstick: &Yardstick) -> Result<String
         still_tuning,
         reference_image: data_url(&reference),
         reference_text: parts::reference(results),
-        chart: svg(results, Ground::Page)?,
-        legend: parts::legend(results),
+        chart: svg(results)?,
         contenders: parts::contenders(results),
         equal_error: parts::equal_error(results),
         slope_text: parts::slopes(results),

@@ -1,6 +1,5 @@
 //! The page's sentences and tables, made from results.
 
-use super::chart::COLOURS;
 use crate::converge::bootstrap::Interval;
 use crate::converge::curve::Point;
 use crate::converge::equal_error::{BASELINES, EqualError, Row};
@@ -8,13 +7,6 @@ use crate::converge::results::{ComparisonResults, ContenderResult};
 use crate::converge::slope::Verdict;
 use treewright_render_cli::report::thousands;
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
-
-/// A line of the legend.
-pub(super) struct LegendRow {
-    pub(super) name: String,
-    pub(super) colour: String,
-    pub(super) dashed: bool,
-}
 
 /// A line of the table of contenders.
 pub(super) struct ContenderRow {
@@ -159,20 +151,6 @@ pub(super) fn reference(results: &ComparisonResults) -> String {
         reference.relative_mse,
         reference.trusted_from
     )
-}
-
-pub(super) fn legend(results: &ComparisonResults) -> Vec<LegendRow> {
-    let mut rows = Vec::new();
-    for (found, colour) in results.contenders.iter().zip(COLOURS.iter().cycle()) {
-        let colour = format!("rgb({} {} {})", colour.0, colour.1, colour.2);
-        let name = found.curve.who.to_string();
-        if found.curve.setup_ms > 0.0 {
-            let name = format!("{name}, configuration known from the start");
-            rows.push(LegendRow { name, colour: colour.clone(), dashed: true });
-        }
-        rows.push(LegendRow { name, colour, dashed: false });
-    }
-    rows
 }
 
 /// A verdict in a few words.
