@@ -31,9 +31,12 @@ impl Colour {
     const SERIES: [Self; 7] =
         [Self::Blue, Self::Vermilion, Self::Green, Self::Purple, Self::Amber, Self::Sky, Self::Ink];
 
-    /// The colour of a series by its number; they begin again after the seventh.
+    /// How many series differ in colour.
+    pub const COUNT: usize = Self::SERIES.len();
+
+    /// The colour of a series by its number; they begin again after [`Self::COUNT`].
     pub fn of(index: usize) -> Self {
-        Self::SERIES[index % Self::SERIES.len()]
+        Self::SERIES[index % Self::COUNT]
     }
 
     /// Red, green and blue, 0 to 255; `None` for the page's own.
@@ -109,6 +112,6 @@ mod tests {
         let [best, middle, worst] = [-1.0, 0.5, 2.0].map(|place| Colour::Scale(place).to_string());
         assert_eq!((best, worst), (Colour::Blue.to_string(), Colour::Vermilion.to_string()));
         assert_eq!((middle, Colour::Scale(f64::NAN).to_string()), ("#b0b0b0".into(), "#b0b0b0".into()));
-        assert_eq!(Colour::of(7), Colour::of(0));
+        assert_eq!(Colour::of(Colour::COUNT), Colour::of(0));
     }
 }

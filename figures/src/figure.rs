@@ -198,6 +198,11 @@ impl Figure {
             let _ = write!(path, "{step}{x:.1} {y:.1}");
         }
         self.path(&path, stroke, colour, name);
+        for point in points {
+            if !self.y.holds(point[1]) {
+                self.dot(*point, Dot::Small, colour, "");
+            }
+        }
     }
 
     /// A line that keeps each value until the next.

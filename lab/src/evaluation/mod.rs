@@ -16,7 +16,6 @@
 //! | `judge` | each answer against the search, its best, the default and the best fixed configuration |
 //! | `summary` | over all cameras: means, intervals, shares |
 //! | `progress` | the searches' best after each number of trials and its time, measured again |
-//! | `plot` | axes and curves |
 //! | `figures`, `part_figures`, `progress_figures` | the paper's figures, as SVG |
 //! | `page`, `part_page` | the report in words, tables and figures |
 
@@ -30,7 +29,6 @@ pub(crate) mod page;
 pub(crate) mod part_figures;
 pub(crate) mod part_page;
 pub(crate) mod parts;
-pub(crate) mod plot;
 pub(crate) mod progress;
 pub(crate) mod progress_figures;
 pub(crate) mod record;

@@ -4,15 +4,15 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use treewright_figures::escaped;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 
 use super::answers::{SERVICE, entrants};
-use super::figures::{boxes, break_even, curve, legend};
+use super::figures::{boxes, break_even, curve};
 use super::folds::Split;
 use super::judge::{BreakEven, Verdict};
 use super::part_page::{self, Strips};
-use super::plot::escaped;
 use super::progress_figures;
 use super::record::{Clock, Record};
 use super::summary::{Mean, Standing, mean_of, standings};
@@ -21,10 +21,8 @@ use super::summary::{Mean, Standing, mean_of, standings};
 const OTHER_CORES: f64 = 0.25;
 
 const STYLE: &str = "\
-:root{color-scheme:light dark;--paper:#fbfaf7;--card:#fff;--ink:#1d1f24;--soft:#5c616b;--line:#dcdad4;--warn:#fff0c9;\
---c0:#1c8a4d;--c1:#7a3fb5;--c2:#b58bd6;--c3:#2167b0;--c4:#c9741a;--c5:#8a6d1d;--c6:#c23a3a;--c7:#4a8f98;--c8:#b0408a}\
-@media(prefers-color-scheme:dark){:root{--paper:#16181c;--card:#1f2228;--ink:#e9e7e2;--soft:#a4a8b1;--line:#3a3e46;--warn:#4a3d14;\
---c0:#58c98a;--c1:#bd8cf0;--c2:#8f6bb0;--c3:#7db4f0;--c4:#f0a050;--c5:#d9bb66;--c6:#ef7d7d;--c7:#7cc4cd;--c8:#e58ac6}}\
+:root{color-scheme:light dark;--paper:#fbfaf7;--card:#fff;--ink:#1d1f24;--soft:#5c616b;--line:#dcdad4;--warn:#fff0c9}\
+@media(prefers-color-scheme:dark){:root{--paper:#16181c;--card:#1f2228;--ink:#e9e7e2;--soft:#a4a8b1;--line:#3a3e46;--warn:#4a3d14}}\
 *{box-sizing:border-box}body{margin:0;background:var(--paper);color:var(--ink);font:1rem/1.55 system-ui,sans-serif}\
 main{max-width:64rem;margin:0 auto;padding:1.2rem .8rem 4rem}h1{line-height:1.2;text-wrap:balance}h2{margin:2.6rem 0 .4rem}h3{margin:1.6rem 0 .3rem}\
 p,li{max-width:46rem}.soft{color:var(--soft);font-size:.9rem}.warn{background:var(--warn);padding:.6rem .8rem;border-radius:.4rem}\
@@ -32,10 +30,9 @@ p,li{max-width:46rem}.soft{color:var(--soft);font-size:.9rem}.warn{background:va
 table{border-collapse:collapse;width:100%;font-size:.86rem;font-variant-numeric:tabular-nums}\
 th,td{padding:.25rem .35rem;text-align:right;border-bottom:1px solid var(--line)}th:first-child,td:first-child{text-align:left}\
 th{color:var(--soft);font-weight:600}svg{display:block;width:100%;height:auto}code{font-size:.88em;overflow-wrap:anywhere}\
-.legend{display:flex;flex-wrap:wrap;gap:.1rem 1.1rem;list-style:none;padding:0;margin:.4rem 0;font-size:.85rem;color:var(--soft)}\
 .strip{aspect-ratio:4/3;max-width:30rem;margin:auto;background-position:0 0;animation:turn 5s infinite}@keyframes turn{to{background-position:0 100%}}\
-@media(prefers-reduced-motion:reduce){.strip{animation:none}}.legend i{display:inline-block;width:.8rem;height:.8rem;margin-right:.35rem;vertical-align:-.1rem}\
-@media(max-width:600px){svg{font-size:17px}.minor{display:none}table,tbody,tr,td{display:block}tr{border-bottom:1px solid var(--line);padding:.4rem 0}\
+@media(prefers-reduced-motion:reduce){.strip{animation:none}}\
+@media(max-width:600px){svg{font-size:17px}table,tbody,tr,td{display:block}tr{border-bottom:1px solid var(--line);padding:.4rem 0}\
 tr:first-child{display:none}td{border:0;text-align:left;padding:.05rem 0}td:first-child{font-weight:650}td[data-l]::before{content:attr(data-l)\": \";color:var(--soft)}}";
 
 /// The predictors on the first page: the paper's two and the service's own choice. They were fixed before
@@ -232,7 +229,6 @@ fn objective(page: &mut String, verdict: &Verdict) {
         }
         let _ = write!(page, "<h3>On {}</h3>", split.words());
         table(page, &names, &all, split);
-        *page += &legend(&names);
         let figures = [
             boxes(
                 verdict,

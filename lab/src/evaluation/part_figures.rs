@@ -2,11 +2,12 @@
 //! splitting by frame size (4.1), and the turning cylinder of needles (Figure 9).
 
 use treewright_client::{Configuration, Value};
+use treewright_figures::{Axis, Colour, Dot, Figure, Stroke};
 use treewright_renderer::statistics::{Ratio, Summary};
 use treewright_renderer::tuning::objective::Objective;
 
+use super::figures::WIDTH;
 use super::parts::Part;
-use super::plot::{Axis, Plot};
 use super::record::{Clock, Group, PartSearch, Record, Versus};
 use crate::converge::bootstrap::student;
 
@@ -91,8 +92,6 @@ impl PartGain {
     }
 }
 
-const RUN_COLOURS: [&str; 8] = ["c0", "c1", "c3", "c4", "c6", "c7", "c5", "c2"];
-
 /// The points that the searches tried (later ones darker), and the evolution of the cost of each run.
 pub(super) fn part(part: &Part, runs: &[Run<'_>], default_ms: Option<f64>) -> [String; 2] {
     let [x_name, y_name] = [part.parameters[0], part.parameters[1]];
@@ -101,36 +100,29 @@ pub(super) fn part(part: &Part, runs: &[Run<'_>], default_ms: Option<f64>) -> [S
     };
     let all: Vec<[f64; 2]> =
         runs.iter().flat_map(|run| &run.points).filter_map(|(_, _, one)| place(one)).collect();
-    let mut points = Plot::new(
-        Axis::linear(all.iter().map(|[x, _]| *x)),
-        Axis::linear(all.iter().map(|[_, y]| *y)),
-        x_name,
-        y_name,
-        340.0,
-    );
-    let mut costs: Vec<f64> = runs.iter().flat_map(|run| &run.points).map(|point| point.1).collect();
-    costs.sort_by(f64::total_cmp);
-    // The few slowest iterations end at the edge.
-    let shown = costs.len() - costs.len() / 50;
-    let mut evolution = Plot::new(
-        Axis::linear(runs.iter().flat_map(|run| &run.points).map(|point| point.0 as f64)),
-        Axis::linear(costs[..shown].iter().copied().chain(default_ms)),
-        "iteration",
-        "ms",
-        260.0,
-    );
-    for (run, colour) in runs.iter().zip(RUN_COLOURS.iter().cycle()) {
+    let x = Axis::linear(x_name, all.iter().map(|[x, _]| *x));
+    let y = Axis::linear(y_name, all.iter().map(|[_, y]| *y));
+    let mut points = Figure::new(&format!("{y_name} over {x_name}"), [WIDTH, 340.0], x, y);
+    let measured = || runs.iter().flat_map(|run| &run.points);
+    let x = Axis::linear("iteration", measured().map(|point| point.0 as f64));
+    let y = Axis::robust("ms", measured().map(|point| point.1), default_ms);
+    let mut evolution = Figure::new("ms over iteration", [WIDTH, 260.0], x, y);
+    for (index, run) in runs.iter().enumerate() {
+        let (colour, name) = (Colour::of(index), format!("run {}", run.run + 1));
         let count = run.points.last().map_or(1, |point| point.0) as f64;
         for (iteration, _, configuration) in &run.points {
             if let Some(at) = place(configuration) {
-                points.dot(at, colour, 0.15 + 0.6 * (*iteration as f64 / count).powi(2));
+                let opacity = 0.15 + 0.6 * (*iteration as f64 / count).powi(2);
+                points.dot(at, Dot::Shade(opacity), colour, "");
             }
         }
         let curve: Vec<[f64; 2]> = run.points.iter().map(|point| [point.0 as f64, point.1]).collect();
-        evolution.line(&curve, colour, false, &format!("run {}", run.run + 1));
+        evolution.line(&curve, Stroke::Solid, colour, &name);
+        points.dot_key(Dot::Small, colour, &name);
     }
     if let Some(default_ms) = default_ms {
-        evolution.level(default_ms, "ink", "recommended default, measured again");
+        let name = "recommended default, measured again";
+        evolution.level(default_ms, Stroke::Dashed, Colour::Ink, name);
     }
     [points.finish(), evolution.finish()]
 }
@@ -213,21 +205,19 @@ pub(super) fn turning_height(heights: &[AtHeight]) -> Option<f64> {
 }
 
 /// Speed of a frame with splitting over one without it, by frame height, a curve a scene.
-pub(super) fn splitting(scenes: &[(&str, Vec<AtHeight>)], colours: &[&str]) -> String {
+pub(super) fn splitting(scenes: &[(&str, Vec<AtHeight>)]) -> String {
     let all = || scenes.iter().flat_map(|(_, heights)| heights);
     let ends = |(_, _, ratio): &AtHeight| ratio.interval.unwrap_or([ratio.median; 2]);
-    let mut plot = Plot::new(
-        Axis::logarithmic(all().map(|one| f64::from(one.0))),
-        Axis::linear(all().flat_map(ends).chain([1.0])),
-        "frame height, pixels",
-        "speed with over without",
-        300.0,
-    );
-    plot.level(1.0, "ink", "as fast with splitting as without");
-    for ((scene, heights), colour) in scenes.iter().zip(colours.iter().cycle()) {
+    let x = Axis::logarithmic("frame height, pixels", all().map(|one| f64::from(one.0)));
+    let y = Axis::linear("speed with over without", all().flat_map(ends).chain([1.0]));
+    let title = "speed with over without over frame height, pixels";
+    let mut figure = Figure::new(title, [WIDTH, 300.0], x, y);
+    figure.level(1.0, Stroke::Dashed, Colour::Ink, "as fast with splitting as without");
+    for (index, (scene, heights)) in scenes.iter().enumerate() {
+        let colour = Colour::of(index);
         let points: Vec<[f64; 2]> =
             heights.iter().map(|(height, _, ratio)| [f64::from(*height), ratio.median]).collect();
-        plot.line(&points, colour, false, scene);
+        figure.line(&points, Stroke::Solid, colour, scene);
         let band: Vec<[f64; 3]> = heights
             .iter()
             .map(|one| {
@@ -235,9 +225,9 @@ pub(super) fn splitting(scenes: &[(&str, Vec<AtHeight>)], colours: &[&str]) -> S
                 [f64::from(one.0), low, high]
             })
             .collect();
-        plot.band(&band, colour);
+        figure.band(&band, colour);
     }
-    plot.finish()
+    figure.finish()
 }
 
 /// Angles of a scene in degrees, with the rounds without and with splitting.
@@ -263,14 +253,13 @@ pub(super) fn needles(angles: &[(f64, [Vec<f64>; 2])], share: Share) -> String {
     // Bands of few rounds may be wide; they end at the edge.
     let most = means().fold(0.0_f64, f64::max) * 1.25;
     let least = means().fold(f64::INFINITY, f64::min) * 0.8;
-    let mut plot = Plot::new(
-        Axis::linear(points.iter().map(|(angle, _)| *angle)),
-        Axis::linear([least, most]),
-        "angle of the cylinder, degrees",
-        &format!("{} time, ms", share.name()),
-        260.0,
-    );
-    for (which, colour, name) in [(0, "c3", "without splitting"), (1, "c4", "with splitting")] {
+    let (of_x, of_y) = ("angle of the cylinder, degrees", format!("{} time, ms", share.name()));
+    let x = Axis::linear(of_x, points.iter().map(|(angle, _)| *angle));
+    let y = Axis::linear(&of_y, [least, most]);
+    let mut figure = Figure::new(&format!("{of_y} over {of_x}"), [WIDTH, 260.0], x, y);
+    for (which, colour, name) in
+        [(0, Colour::Blue, "without splitting"), (1, Colour::Vermilion, "with splitting")]
+    {
         let band: Vec<[f64; 3]> = points
             .iter()
             .filter_map(|(angle, both)| {
@@ -278,11 +267,11 @@ pub(super) fn needles(angles: &[(f64, [Vec<f64>; 2])], share: Share) -> String {
                 Some([*angle, mean - band?, mean + band?])
             })
             .collect();
-        plot.band(&band, colour);
+        figure.band(&band, colour);
         let line: Vec<[f64; 2]> = points.iter().map(|(angle, both)| [*angle, both[which].0]).collect();
-        plot.line(&line, colour, false, name);
+        figure.line(&line, Stroke::Solid, colour, name);
     }
-    plot.finish()
+    figure.finish()
 }
 
 #[cfg(test)]

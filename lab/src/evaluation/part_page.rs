@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use treewright_client::Configuration;
+use treewright_figures::escaped;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
@@ -14,11 +15,7 @@ use super::part_figures::{
     PartGain, Run, Share, angles, heights, mean_and_band, needles, number, part, splitting, turning_height,
 };
 use super::parts::{PARTS, came_to};
-use super::plot::{self, escaped, legend};
 use super::record::{Clock, GroupKind, PartSearch, Record, Versus};
-
-/// Colours of scenes where several share a figure.
-const COLOURS: [&str; 8] = ["c0", "c1", "c3", "c4", "c6", "c7", "c5", "c2"];
 
 /// Moving pictures by scene, as PNG: frames one below the other.
 pub(crate) type Strips = BTreeMap<String, Vec<u8>>;
@@ -64,10 +61,7 @@ fn splitting_section(record: &Record, clock: Clock) -> String {
                     the recommended build, without and with splitting of triangles, in interleaved rounds; medians, and the interval \
                     of 95 % of the median ratio where there are rounds enough.</p>"
         .to_owned();
-    let names: Vec<(&str, &str)> =
-        scenes.iter().map(|(scene, _)| *scene).zip(COLOURS.into_iter().cycle()).collect();
-    text += &legend(&names);
-    let _ = write!(text, "<div class=\"card\">{}</div>", splitting(&scenes, &COLOURS));
+    let _ = write!(text, "<div class=\"card\">{}</div>", splitting(&scenes));
     text += &head(&heads);
     for (scene, heights) in &scenes {
         for (height, [without, with], ratio) in heights {
@@ -131,7 +125,7 @@ fn parts_section(record: &Record, space: &TuningSpace, clock: Clock) -> String {
             for name in one.parameters {
                 let ends = runs.iter().flat_map(Run::end).filter_map(|point| number(point.2, name));
                 let Summary { lower_quartile, upper_quartile, .. } = Summary::of(&ends.collect::<Vec<_>>());
-                cells.push(format!("{} to {}", plot::number(lower_quartile), plot::number(upper_quartile)));
+                cells.push([lower_quartile, upper_quartile].map(treewright_figures::number).join(" to "));
             }
             rows += &row(&heads, &cells);
             let _ = write!(figures, "<h3>{}</h3>", escaped(scene));
@@ -220,7 +214,6 @@ fn needles_section(record: &Record, clock: Clock, strips: &Strips) -> String {
     if scenes.is_empty() {
         return text;
     }
-    text += &legend(&[("without splitting", "c3"), ("with splitting", "c4")]);
     let heads = [
         "scene",
         "build, without",

@@ -3,19 +3,21 @@
 
 use std::fmt::Write as _;
 
-use treewright_renderer::statistics::{Summary, quantile};
+use treewright_figures::{Axis, Colour, Figure, Stroke, escaped, number};
+use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
 
 use super::answers::SERVICE;
+use super::figures::WIDTH;
 use super::folds::Split;
 use super::judge::Verdict;
-use super::plot::{Axis, Plot, escaped, legend, number};
 use super::progress::{DEFAULT, Moment, SEARCH, of_searches, reached, without_search};
 use super::record::{Clock, GroupKind, Place, Record};
 use super::summary::Mean;
 
 /// The paper's two predictors and the service, whom the curves of searches are shown beside.
-const BESIDE: [(&str, &str); 3] = [("nearest_neighbour", "c0"), ("rbf_greedy_gq", "c1"), (SERVICE, "c8")];
+const BESIDE: [(&str, Colour); 3] =
+    [("nearest_neighbour", Colour::Green), ("rbf_greedy_gq", Colour::Purple), (SERVICE, Colour::Vermilion)];
 
 /// Figure 2: what a search for either objective does to both, at a camera of a scene where both were run; of
 /// sponza where there is one, as in the paper.
@@ -32,7 +34,6 @@ pub(crate) fn two_objectives(record: &Record, clock: Clock) -> Option<String> {
         escaped(&place.scene),
         place.camera
     );
-    text += &legend(&[("search for render time", "c0"), ("search for total time", "c6"), ("default", "c1")]);
     for shown in Objective::ALL {
         let of = |searched: Objective| -> Vec<[f64; 2]> {
             let iterations = search(place, searched).into_iter().flat_map(|search| &search.iterations);
@@ -49,24 +50,18 @@ pub(crate) fn two_objectives(record: &Record, clock: Clock) -> Option<String> {
             let costs: Vec<f64> = rounds.iter().filter_map(|times| clock.cost(shown, times)).collect();
             (!costs.is_empty()).then(|| Summary::of(&costs).median)
         });
-        let mut all: Vec<f64> = curves.iter().flatten().map(|[_, ms]| *ms).chain(default).collect();
-        all.sort_by(f64::total_cmp);
-        // The few slowest iterations end at the edge.
-        let most = quantile(&all, 0.97);
-        let mut plot = Plot::new(
-            Axis::linear(curves.iter().flatten().map(|[x, _]| *x)),
-            Axis::linear(all.into_iter().filter(|ms| *ms <= most)),
-            "iteration",
-            &format!("{} time, ms", shown.name()),
-            260.0,
-        );
-        for (curve, (searched, colour)) in curves.iter().zip(Objective::ALL.iter().zip(["c0", "c6"])) {
-            plot.line(curve, colour, false, &format!("search for {} time", searched.name()));
+        let label = format!("{} time, ms", shown.name());
+        let x = Axis::linear("iteration", curves.iter().flatten().map(|[x, _]| *x));
+        let y = Axis::robust(&label, curves.iter().flatten().map(|[_, ms]| *ms), default);
+        let mut figure = Figure::new(&format!("{label} over iteration"), [WIDTH, 260.0], x, y);
+        for (index, (curve, searched)) in curves.iter().zip(Objective::ALL).enumerate() {
+            let name = format!("search for {} time", searched.name());
+            figure.line(curve, Stroke::Solid, Colour::of(index), &name);
         }
         if let Some(default) = default {
-            plot.level(default, "c1", "recommended default");
+            figure.level(default, Stroke::Dashed, Colour::Ink, "recommended default");
         }
-        let _ = write!(text, "<div class=\"card\">{}</div>", plot.finish());
+        let _ = write!(text, "<div class=\"card\">{}</div>", figure.finish());
     }
     Some(text)
 }
@@ -96,9 +91,6 @@ pub(crate) fn progress(record: &Record, verdict: &Verdict, clock: Clock) -> Stri
     }
     text += &table_of(&at_once, &searched);
     if verdict.is_whole() {
-        let mut names = vec![(SEARCH, "c3")];
-        names.extend(at_once.iter().map(|moment| (moment.who.as_str(), colour(&moment.who))));
-        text += &legend(&names);
         for (at, label) in [(trials as fn(&Moment) -> f64, "trials"), (seconds, "seconds")] {
             let _ = write!(text, "<div class=\"card\">{}</div>", figure(&at_once, &searched, at, label));
         }
@@ -114,9 +106,9 @@ fn seconds(moment: &Moment) -> f64 {
     moment.seconds
 }
 
-fn colour(who: &str) -> &'static str {
+fn colour(who: &str) -> Colour {
     let beside = BESIDE.iter().find(|(name, _)| *name == who);
-    beside.map_or(if who == DEFAULT { "ink" } else { "c4" }, |(_, colour)| *colour)
+    beside.map_or(if who == DEFAULT { Colour::Ink } else { Colour::Amber }, |(_, colour)| *colour)
 }
 
 fn table_of(at_once: &[Moment], searched: &[Moment]) -> String {
@@ -153,19 +145,11 @@ fn figure(at_once: &[Moment], searched: &[Moment], at: fn(&Moment) -> f64, label
     let costs: Vec<(f64, Mean)> = searched.iter().filter_map(|one| Some((at(one), one.cost?))).collect();
     let levels: Vec<(&str, Mean)> =
         at_once.iter().filter_map(|one| Some((one.who.as_str(), one.cost?))).collect();
-    let mut plot = Plot::new(
-        Axis::logarithmic(costs.iter().map(|(at, _)| *at)),
-        Axis::linear(
-            costs
-                .iter()
-                .flat_map(|(_, cost)| ends(cost))
-                .chain(levels.iter().map(|(_, cost)| cost.mean))
-                .chain([1.0]),
-        ),
-        label,
-        "cost over that of the roofline",
-        280.0,
-    );
+    let x = Axis::logarithmic(label, costs.iter().map(|(at, _)| *at));
+    let means = levels.iter().map(|(_, cost)| cost.mean).chain([1.0]);
+    let of_y = "cost over that of the roofline";
+    let y = Axis::linear(of_y, costs.iter().flat_map(|(_, cost)| ends(cost)).chain(means));
+    let mut figure = Figure::new(&format!("{of_y} over {label}"), [WIDTH, 280.0], x, y);
     let band: Vec<[f64; 3]> = costs
         .iter()
         .map(|(at, cost)| {
@@ -173,13 +157,13 @@ fn figure(at_once: &[Moment], searched: &[Moment], at: fn(&Moment) -> f64, label
             [*at, low, high]
         })
         .collect();
-    plot.band(&band, "c3");
+    figure.band(&band, Colour::Blue);
     let means: Vec<[f64; 2]> = costs.iter().map(|(at, cost)| [*at, cost.mean]).collect();
-    plot.line(&means, "c3", false, "searches, measured again");
+    figure.line(&means, Stroke::Solid, Colour::Blue, "searches, measured again");
     for (name, cost) in levels {
-        plot.level(cost.mean, colour(name), &format!("{name}: {cost}"));
+        figure.level(cost.mean, Stroke::Dashed, colour(name), &format!("{name}: {cost}"));
     }
-    plot.finish()
+    figure.finish()
 }
 
 /// The numbers behind these figures.

@@ -44,9 +44,6 @@ pub(super) fn svg(results: &TuningResults) -> String {
         }
     }
     figure.line(&curve, Stroke::Solid, Colour::Ink, "each trial of the search");
-    for at in curve.iter().filter(|[_, y]| *y > top) {
-        figure.dot(*at, Dot::Small, Colour::Ink, "");
-    }
     for at in stopped {
         figure.dot(at, Dot::Hollow, Colour::Vermilion, "");
         figure.dot_key(Dot::Hollow, Colour::Vermilion, "stopped: it would have cost more than this");
