@@ -222,7 +222,7 @@ mod tests {
         assert_eq!((axis.share(-5.0), axis.share(50.0), axis.share(f64::NAN)), (0.0, 1.0, 0.5));
         assert_eq!(Axis::linear("", [0.5, 100.0]).low, 0.0, "nothing is below zero");
         assert!(Axis::linear("", [-1.0, 2.0]).low < -1.0);
-        for one in [[7.0].as_slice(), &[], &[0.0, 0.0]] {
+        for one in [&[7.0][..], &[], &[0.0, 0.0]] {
             let axis = Axis::linear("", one.iter().copied());
             assert!(axis.low < axis.high && !axis.marks().is_empty(), "{axis:?}");
         }
@@ -242,14 +242,7 @@ mod tests {
 
     #[test]
     fn numbers_are_short() {
-        for (value, text) in
-            [(0.05, "0.05"), (1200.0, "1200"), (2.0, "2"), (-0.0, "0"), (2e7, "2e7"), (-5e-5, "-5e-5")]
-        {
-            assert_eq!(number(value), text);
-        }
-        assert_eq!(
-            (number(1.5e-9), number(1.234e10), number(f64::INFINITY)),
-            ("1.5e-9".into(), "1.23e10".into(), "inf".into())
-        );
+        let shown = [0.05, 1200.0, 2.0, -0.0, 2e7, -5e-5, 1.5e-9, 1.234e10, f64::INFINITY].map(number);
+        assert_eq!(shown, ["0.05", "1200", "2", "0", "2e7", "-5e-5", "1.5e-9", "1.23e10", "inf"]);
     }
 }

@@ -51,11 +51,12 @@ impl Colour {
             Self::Amber => [230, 159, 0],
             Self::Sky => [86, 180, 233],
             Self::Scale(place) => {
-                let ends: [[f64; 3]; 3] = [[0.0, 114.0, 178.0], [176.0, 176.0, 176.0], [213.0, 94.0, 0.0]];
-                let place = 2.0 * if place.is_nan() { 0.5 } else { place.clamp(0.0, 1.0) };
-                let [from, to] = if place < 1.0 { [ends[0], ends[1]] } else { [ends[1], ends[2]] };
-                let share = if place < 1.0 { place } else { place - 1.0 };
-                std::array::from_fn(|part| (from[part] + share * (to[part] - from[part])).round() as u8)
+                let place = if place.is_nan() { 0.5 } else { place.clamp(0.0, 1.0) };
+                let end = if place < 0.5 { Self::Blue } else { Self::Vermilion };
+                // As much of the end as the place is far from the middle, which is grey.
+                let share = (2.0 * place - 1.0).abs();
+                let mixed = |part: u8| (176.0 + share * (f64::from(part) - 176.0)).round() as u8;
+                end.rgb()?.map(mixed)
             }
         })
     }
@@ -109,9 +110,8 @@ mod tests {
 
     #[test]
     fn a_scale_runs_from_the_best_to_the_worst() {
-        let [best, middle, worst] = [-1.0, 0.5, 2.0].map(|place| Colour::Scale(place).to_string());
-        assert_eq!((best, worst), (Colour::Blue.to_string(), Colour::Vermilion.to_string()));
-        assert_eq!((middle, Colour::Scale(f64::NAN).to_string()), ("#b0b0b0".into(), "#b0b0b0".into()));
+        let shown = [-1.0, 0.5, f64::NAN, 2.0].map(|place| Colour::Scale(place).to_string());
+        assert_eq!(shown, ["#0072b2", "#b0b0b0", "#b0b0b0", "#d55e00"]);
         assert_eq!(Colour::of(Colour::COUNT), Colour::of(0));
     }
 }

@@ -9,8 +9,6 @@ const SWATCH: f64 = 26.0;
 const LETTER: f64 = 8.6;
 /// Down from one row of a legend to the next.
 const LEGEND_ROW: f64 = 20.0;
-/// Steps of a scale in a legend.
-const SCALE_STEPS: u32 = 5;
 /// A page of its own has no colours to take.
 const STYLE: &str = "svg{color:#1d1f24;background:#fff}\
 @media(prefers-color-scheme:dark){svg{color:#e9e7e2;background:#16181c}}";
@@ -161,11 +159,6 @@ impl Figure {
         }
     }
 
-    /// The name of a colour of lines in the legend.
-    pub fn line_key(&mut self, stroke: Stroke, colour: Colour, name: &str) {
-        self.key(name, || format!(r#"<path d="M0 0h22" {} stroke="{colour}"/>"#, stroke.attributes()));
-    }
-
     /// The name of a colour of points in the legend.
     pub fn dot_key(&mut self, dot: Dot, colour: Colour, name: &str) {
         let fill = if matches!(dot, Dot::Hollow | Dot::Ring) { 0.2 } else { 1.0 };
@@ -181,12 +174,11 @@ impl Figure {
 
     /// The scale of colours in the legend, with what its ends are.
     pub fn scale_key(&mut self, best: &str, worst: &str) {
-        let steps = (0..SCALE_STEPS).map(|step| f64::from(step) / f64::from(SCALE_STEPS - 1));
-        let cells = steps.map(|place| {
+        let cell = |place: f64| {
             let (x, colour) = (18.0 * place, Colour::Scale(place));
             format!(r#"<rect x="{x:.1}" y="-6" width="4" height="12" fill="{colour}"/>"#)
-        });
-        let cells: String = cells.collect();
+        };
+        let cells = [0.0, 0.25, 0.5, 0.75, 1.0].map(cell).concat();
         self.key(&format!("from blue: {best}, to orange: {worst}"), || cells);
     }
 
@@ -222,7 +214,7 @@ impl Figure {
         }
         let look = stroke.attributes();
         self.put(format_args!(r#"<path d="{path}" {look} stroke="{colour}">{}</path>"#, hint(name)));
-        self.line_key(stroke, colour, name);
+        self.key(name, || format!(r#"<path d="M0 0h22" {look} stroke="{colour}"/>"#));
     }
 
     /// A line across at one value.
