@@ -50,7 +50,7 @@ impl Axis {
         Self { is_logarithmic: true, ..Self::between(title, low / room, high * room) }
     }
 
-    /// Logarithmic where the largest value is more than ten times the smallest and all are above 0, else even.
+    /// Logarithmic where all values are above 0 and the largest is over ten times the smallest, else even.
     pub fn fitting(title: &str, values: impl IntoIterator<Item = f64>) -> Self {
         let values: Vec<f64> = values.into_iter().collect();
         let (low, high) = ends(values.iter().copied());
