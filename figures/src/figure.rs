@@ -87,7 +87,7 @@ impl Figure {
         let [width, height] = size;
         let longest = up.iter().map(|(_, label)| label.chars().count()).max().unwrap_or(0);
         let left = (14.0 + 7.5 * longest as f64).clamp(24.0, 0.4 * width);
-        let [over, under] = [y.heading(true), x.heading(false)];
+        let [over, under] = [y.heading(), x.heading()];
         let (top, right) = (if over.is_empty() { 8.0 } else { 26.0 }, width - 20.0);
         let bottom = height - if under.is_empty() { 24.0 } else { 42.0 };
         let area = [left, top, right, bottom];
@@ -113,6 +113,9 @@ impl Figure {
         }
         figure.text([(left + right) / 2.0, height - 8.0], "middle", &under);
         figure.text([8.0, 14.0], "start", &over);
+        if figure.y.begins_above_zero() {
+            figure.text([right, 14.0], "end", "not from 0");
+        }
         figure
     }
 
