@@ -86,7 +86,7 @@ impl Figure {
         let (across, up) = (x.marks(), y.marks());
         let [width, height] = size;
         let longest = up.iter().map(|(_, label)| label.chars().count()).max().unwrap_or(0);
-        let left = (14.0 + 7.5 * longest as f64).clamp(24.0, 0.4 * width);
+        let left = (14.0 + 7.5 * longest as f64).clamp(24.0, 0.5 * width);
         let [over, under] = [y.heading(), x.heading()];
         let (top, right) = (if over.is_empty() { 8.0 } else { 26.0 }, width - 20.0);
         let bottom = height - if under.is_empty() { 24.0 } else { 42.0 };
