@@ -3,7 +3,6 @@
 //! | module | contents |
 //! |---|---|
 //! | `converge` | error against run time: whose picture is good enough first |
-//! | `ablation` | a winner taken apart, one value at a time |
 //! | `fleet` | a machine's gain from its own measurements, its group's and the fleet's |
 //! | `leave_scene_out` | the gain from the service on scenes that it has never seen |
 //! | `evaluation` | the paper's section 7: searches along camera paths are recorded, predictors judged by the record |
@@ -13,7 +12,6 @@
 //! The examples of this crate measure the tuner without a renderer: searches, predictors, regret
 //! (`cargo run --release -p treewright-lab --example NAME`). Nothing of the product depends on this crate.
 
-pub mod ablation;
 pub mod commands;
 pub mod converge;
 pub(crate) mod evaluation;

@@ -22,21 +22,6 @@ fn accelerators_are_verified() {
 }
 
 #[test]
-fn a_winner_is_taken_apart() {
-    let folder = folder();
-    let path = folder.path();
-    std::fs::write(path.join("best.json"), r#"{"branching_factor": 4, "bounce": "eight", "staged": true}"#)
-        .expect("it can be written");
-    let ablation = succeeds(
-        path,
-        "ablate --scene builtin:quick --detail 0.1 --rounds 2 --size 24x16 --config-file best.json --json a.json --report a.html",
-    );
-    assert!(ablation.contains("branching_factor") && ablation.contains("backend"));
-    let ablation = std::fs::read_to_string(path.join("a.json")).expect("it was written");
-    assert!(ablation.contains("\"kept\"") && path.join("a.html").exists());
-}
-
-#[test]
 fn errors_are_compared_over_time() {
     let folder = folder();
     let path = folder.path();
@@ -150,7 +135,7 @@ fn a_fleet_is_reported_from_its_record() {
 fn help_shows_examples_and_exit_codes() {
     let help = succeeds(folder().path(), "--help");
     assert!(help.contains("Examples:") && help.contains("Exit codes:"));
-    for command in ["leave-out", "ablate", "converge", "fleet", "verify"] {
+    for command in ["leave-out", "converge", "fleet", "verify"] {
         assert!(help.contains(command), "{command}");
         succeeds(folder().path(), &format!("{command} --help"));
     }

@@ -1,6 +1,5 @@
 //! The command line of `treewright-lab`. Exit codes are those of `treewright-render`.
 
-mod ablate;
 mod converge;
 mod converge_entrants;
 mod converge_output;
@@ -26,7 +25,6 @@ Examples:
   treewright-lab leave-out --scene builtin:model
   treewright-lab leave-scene-out --book scenes.json
   treewright-lab fleet --record fleet.jsonl
-  treewright-lab ablate --scene builtin:city --config-file best.json --report ablation.html
   treewright-lab evaluate record --record paper.jsonl --only gallery,voxels --cameras 20
   treewright-lab evaluate verify --record paper.jsonl --only gallery,voxels
   treewright-lab evaluate parameters --record paper.jsonl --only gallery --cameras 20
@@ -69,8 +67,6 @@ enum Command {
     Evaluate(Box<evaluate::Command>),
     /// Write the results of an evaluation as one page, with figures and numbers.
     Report(evaluate::JudgeArguments),
-    /// Show which parameters of a tuned configuration bring the gain.
-    Ablate(ablate::Arguments),
     /// Check that all acceleration structures give the same hits and pictures.
     Verify(verify::Arguments),
     #[command(flatten)]
@@ -90,7 +86,6 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Converge(arguments) => converge::run(arguments),
         Command::Evaluate(command) => evaluate::run(command),
         Command::Report(arguments) => verify_answers::judge(arguments, true),
-        Command::Ablate(arguments) => ablate::run(arguments),
         Command::Verify(arguments) => verify::run(arguments),
         Command::Manual(command) => command.run(<Cli as clap::CommandFactory>::command()),
     }

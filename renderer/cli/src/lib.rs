@@ -49,7 +49,6 @@ Examples:
   treewright-render sample --scene builtin:hall --cameras 10 --samples 1000 --space paper
   treewright-render play --scene builtin:hall --frames 50 --compare
   treewright-render bench --scene builtin:city --rounds 15
-  treewright-render ablate --scene builtin:city --config-file best.json --report ablation.html
   treewright-render verify --scene bmw.ply --rays 10000
 
 The commands from leave-out on are those of the program treewright-lab, which must lie in the same folder.
@@ -110,8 +109,6 @@ enum Command {
     Evaluate(laboratory::Arguments),
     /// Write the results of an evaluation as one page, with figures and numbers.
     Report(laboratory::Arguments),
-    /// Show which parameters of a tuned configuration bring the gain.
-    Ablate(laboratory::Arguments),
     /// Check that all acceleration structures give the same hits and pictures.
     Verify(laboratory::Arguments),
 }
@@ -188,7 +185,6 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Converge(arguments) => laboratory::run("converge", arguments),
         Command::Evaluate(arguments) => laboratory::run("evaluate", arguments),
         Command::Report(arguments) => laboratory::run("report", arguments),
-        Command::Ablate(arguments) => laboratory::run("ablate", arguments),
         Command::Verify(arguments) => laboratory::run("verify", arguments),
     }
 }

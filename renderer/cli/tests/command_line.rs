@@ -217,9 +217,7 @@ fn an_absent_daemon_is_told_with_the_remedy() {
 fn help_shows_examples_and_exit_codes() {
     let help = succeeds(folder().path(), "--help");
     assert!(help.contains("Examples:") && help.contains("Exit codes:"));
-    for command in
-        ["image", "info", "scenes", "spaces", "tune", "play", "bench", "ablate", "converge", "verify"]
-    {
+    for command in ["image", "info", "scenes", "spaces", "tune", "play", "bench", "converge", "verify"] {
         assert!(help.contains(command), "{command}");
     }
     for command in ["image", "info", "scenes", "spaces", "tune", "play", "animate", "bench", "rays"] {

@@ -50,7 +50,7 @@ pub(crate) struct Arguments {
     size: Size,
 }
 
-/// The output; `image`, `bench` and `ablate` read it with `--config-file`.
+/// The output; `image` reads it with `--config-file`, `bench` with `--contender`.
 #[derive(Debug, Serialize)]
 struct Answer {
     study: String,
