@@ -7,7 +7,7 @@
 //! | `leave_scene_out` | the gain from the service on scenes that it has never seen |
 //! | `evaluation` | the paper's section 7: searches along camera paths are recorded, predictors judged by the record |
 //! | `simulated` | parts of the examples' studies |
-//! | `commands` | the program `treewright-lab`: these, `verify` and `leave-out` |
+//! | `commands` | the program `treewright-lab`: these and `leave-out` |
 //!
 //! The examples of this crate measure the tuner without a renderer: searches, predictors, regret
 //! (`cargo run --release -p treewright-lab --example NAME`). Nothing of the product depends on this crate.

@@ -10,18 +10,6 @@ use program::{FAILED, UNREACHABLE, USAGE, fails, folder, run, succeeds};
 const PROGRAM: &str = env!("CARGO_BIN_EXE_treewright-lab");
 
 #[test]
-fn accelerators_are_verified() {
-    let folder = folder();
-    let path = folder.path();
-    let verified =
-        succeeds(path, "verify --scene builtin:quick --detail 0.1 --rays 500 --size 24x16 --spp 1 --json");
-    let verified: serde_json::Value = serde_json::from_str(&verified).expect("it is JSON");
-    assert_eq!(verified["agrees"], true);
-    assert!(verified["oracle_hits"].as_u64() > Some(100));
-    assert!(verified["accelerators"].as_array().is_some_and(|all| all.len() == 17));
-}
-
-#[test]
 fn errors_are_compared_over_time() {
     let folder = folder();
     let path = folder.path();
@@ -135,7 +123,7 @@ fn a_fleet_is_reported_from_its_record() {
 fn help_shows_examples_and_exit_codes() {
     let help = succeeds(folder().path(), "--help");
     assert!(help.contains("Examples:") && help.contains("Exit codes:"));
-    for command in ["leave-out", "converge", "fleet", "verify"] {
+    for command in ["leave-out", "converge", "fleet"] {
         assert!(help.contains(command), "{command}");
         succeeds(folder().path(), &format!("{command} --help"));
     }

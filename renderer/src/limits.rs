@@ -48,9 +48,6 @@ pub const ROUNDS_MAX: u32 = 10_000;
 /// Most configurations of one benchmark.
 pub const CONTENDERS_MAX: usize = 64;
 
-/// Most rays that accelerators are compared on.
-pub const VERIFY_RAYS_MAX: u32 = 10_000_000;
-
 /// Most independent runs of a comparison of errors.
 pub const RUNS_MAX: u32 = 1000;
 

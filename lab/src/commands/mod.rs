@@ -9,7 +9,6 @@ mod evaluate_setup;
 mod fleet;
 mod leave_out;
 mod leave_scene_out;
-mod verify;
 mod verify_answers;
 
 use std::process::ExitCode;
@@ -21,7 +20,6 @@ use treewright_render_cli::{carry_out, output, parse};
 
 const EXAMPLES: &str = "\
 Examples:
-  treewright-lab verify --scene bmw.ply --rays 10000
   treewright-lab leave-out --scene builtin:model
   treewright-lab leave-scene-out --book scenes.json
   treewright-lab fleet --record fleet.jsonl
@@ -67,8 +65,6 @@ enum Command {
     Evaluate(Box<evaluate::Command>),
     /// Write the results of an evaluation as one page, with figures and numbers.
     Report(evaluate::JudgeArguments),
-    /// Check that all acceleration structures give the same hits and pictures.
-    Verify(verify::Arguments),
     #[command(flatten)]
     Manual(ManualCommand),
 }
@@ -86,7 +82,6 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Converge(arguments) => converge::run(arguments),
         Command::Evaluate(command) => evaluate::run(command),
         Command::Report(arguments) => verify_answers::judge(arguments, true),
-        Command::Verify(arguments) => verify::run(arguments),
         Command::Manual(command) => command.run(<Cli as clap::CommandFactory>::command()),
     }
 }

@@ -49,7 +49,7 @@ Examples:
   treewright-render sample --scene builtin:hall --cameras 10 --samples 1000 --space paper
   treewright-render play --scene builtin:hall --frames 50 --compare
   treewright-render bench --scene builtin:city --rounds 15
-  treewright-render verify --scene bmw.ply --rays 10000
+  treewright-render converge --scene builtin:hall --plot hall.svg
 
 The commands from leave-out on are those of the program treewright-lab, which must lie in the same folder.
 
@@ -109,8 +109,6 @@ enum Command {
     Evaluate(laboratory::Arguments),
     /// Write the results of an evaluation as one page, with figures and numbers.
     Report(laboratory::Arguments),
-    /// Check that all acceleration structures give the same hits and pictures.
-    Verify(laboratory::Arguments),
 }
 
 /// Runs the program with the process's arguments.
@@ -185,7 +183,6 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Converge(arguments) => laboratory::run("converge", arguments),
         Command::Evaluate(arguments) => laboratory::run("evaluate", arguments),
         Command::Report(arguments) => laboratory::run("report", arguments),
-        Command::Verify(arguments) => laboratory::run("verify", arguments),
     }
 }
 

@@ -217,7 +217,7 @@ fn an_absent_daemon_is_told_with_the_remedy() {
 fn help_shows_examples_and_exit_codes() {
     let help = succeeds(folder().path(), "--help");
     assert!(help.contains("Examples:") && help.contains("Exit codes:"));
-    for command in ["image", "info", "scenes", "spaces", "tune", "play", "bench", "converge", "verify"] {
+    for command in ["image", "info", "scenes", "spaces", "tune", "play", "bench", "converge"] {
         assert!(help.contains(command), "{command}");
     }
     for command in ["image", "info", "scenes", "spaces", "tune", "play", "animate", "bench", "rays"] {
@@ -234,19 +234,19 @@ fn the_laboratory_is_looked_for_beside_the_program() {
     // forks.
     let render = folder.path().join("treewright-render");
     std::fs::hard_link(program, &render).expect("the program can be linked");
-    let verify = || {
-        let arguments = ["verify", "--scene", "a b.ply", "--json"];
+    let converge = || {
+        let arguments = ["converge", "--scene", "a b.ply", "--json"];
         Command::new(&render).current_dir(folder.path()).args(arguments).output().expect("the program starts")
     };
-    let alone = verify();
+    let alone = converge();
     let errors = String::from_utf8_lossy(&alone.stderr).into_owned();
     assert_eq!(alone.status.code(), Some(FAILED), "{errors}");
     assert!(errors.contains("treewright-lab") && errors.contains("make build"), "{errors}");
     // A shell in the laboratory's place takes the command's name for a script.
     std::os::unix::fs::symlink("/bin/sh", folder.path().join("treewright-lab")).expect("a link can be made");
-    std::fs::write(folder.path().join("verify"), "printf '[%s]' \"$@\"\nexit 5\n")
+    std::fs::write(folder.path().join("converge"), "printf '[%s]' \"$@\"\nexit 5\n")
         .expect("it can be written");
-    let handed_on = verify();
+    let handed_on = converge();
     assert_eq!(String::from_utf8_lossy(&handed_on.stdout), "[--scene][a b.ply][--json]");
     assert_eq!(handed_on.status.code(), Some(5), "its exit code is the program's");
 }
