@@ -108,15 +108,6 @@ pub fn png_bytes(picture: &Picture, exposure: Exposure) -> Result<Vec<u8>, Image
     encoded(developed(picture, exposure.into()))
 }
 
-/// The bytes of a PNG file of finished colours, row by row from the top left.
-///
-/// # Panics
-/// If there are not `width` × `height` colours.
-pub fn png_bytes_of_colours(width: u32, height: u32, colours: &[[u8; 3]]) -> Result<Vec<u8>, ImageFileError> {
-    let image = RgbImage::from_raw(width, height, colours.as_flattened().to_vec());
-    encoded(image.expect("a picture has a colour for each pixel"))
-}
-
 fn encoded(image: RgbImage) -> Result<Vec<u8>, ImageFileError> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     DynamicImage::ImageRgb8(image)

@@ -41,7 +41,7 @@ How to read the result:
 Read a curve down to twice the reference's own error: more --reference-spp lower that.
 
 Examples:
-  treewright-render converge --scene builtin:hall --report hall.html
+  treewright-render converge --scene builtin:hall --plot hall.svg
   treewright-render tune --scene builtin:city --json tuned.json
   treewright-render converge --scene builtin:city --tuned tuned.json --plot city.svg
   treewright-render converge --scene sponza.glb --server http://127.0.0.1:50611 --json -";
@@ -80,17 +80,9 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE|-")]
     json: Option<PathBuf>,
 
-    /// Write every point of every run as CSV.
-    #[arg(long, value_name = "FILE.csv")]
-    csv: Option<PathBuf>,
-
     /// Write the plot.
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
-
-    /// Write a web page: plot, pictures after equal time, tables.
-    #[arg(long, value_name = "FILE.html")]
-    report: Option<PathBuf>,
 }
 
 impl Arguments {
@@ -101,8 +93,7 @@ impl Arguments {
 
     fn check_files(&self) -> Result<(), CliError> {
         let json = self.json.as_ref().filter(|_| !self.prints_json());
-        let all =
-            [json, self.csv.as_ref(), self.plot.as_ref(), self.report.as_ref(), self.reference.as_ref()];
+        let all = [json, self.plot.as_ref(), self.reference.as_ref()];
         all.into_iter().flatten().try_for_each(|path| check_folder(path))
     }
 }
@@ -190,7 +181,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             .collect(),
         notes,
     };
-    write(arguments, &results, &yardstick)?;
+    write(arguments, &results)?;
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
@@ -228,7 +219,7 @@ fn converge_reference(
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-fn write(arguments: &Arguments, results: &ComparisonResults, yardstick: &Yardstick) -> Result<(), CliError> {
+fn write(arguments: &Arguments, results: &ComparisonResults) -> Result<(), CliError> {
     let quiet = arguments.prints_json();
     if quiet {
         output::json(results)?;
@@ -245,14 +236,8 @@ fn write(arguments: &Arguments, results: &ComparisonResults, yardstick: &Yardsti
     if let Some(path) = arguments.json.as_ref().filter(|_| !quiet) {
         save(path, output::to_json(results)?)?;
     }
-    if let Some(path) = &arguments.csv {
-        save(path, results.csv())?;
-    }
     if let Some(path) = &arguments.plot {
         save(path, report::svg_file(results)?)?;
-    }
-    if let Some(path) = &arguments.report {
-        save(path, report::html(results, yardstick)?)?;
     }
     Ok(())
 }

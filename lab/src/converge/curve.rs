@@ -10,10 +10,11 @@ use treewright_accel::Structure;
 
 use super::bias::Moments;
 use super::metrics::Yardstick;
-use treewright_renderer::film::{Film, Picture};
+use treewright_renderer::film::Film;
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::View;
 use treewright_renderer::measure::Contender;
+use treewright_renderer::render_options::RenderOptions;
 use treewright_renderer::space::Choice;
 use treewright_renderer::tuning::who::Who;
 
@@ -89,30 +90,9 @@ pub struct Curve {
     pub runs: Vec<Run>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
-    /// Pictures of the first run.
-    #[serde(skip)]
-    pub pictures: Pictures,
     /// The last pictures of all runs.
     #[serde(skip)]
     pub ends: Moments,
-}
-
-/// A contender's pictures when the time was up.
-#[derive(Clone, Debug, Default)]
-pub struct Pictures {
-    /// With the time counted from the build on.
-    pub at_budget: Option<Shot>,
-    /// With the time counted from the begin of tuning on; absent while tuning lasts longer than that.
-    pub at_budget_with_setup: Option<Shot>,
-}
-
-/// A picture and its figures.
-#[derive(Clone, Debug)]
-pub struct Shot {
-    /// Linear radiance.
-    pub picture: Picture,
-    /// Its samples, time and errors.
-    pub point: Point,
 }
 
 /// The progress of a comparison.
@@ -141,7 +121,6 @@ pub fn compare(
             setup_ms: *setup_ms,
             runs: Vec::new(),
             failure: None,
-            pictures: Pictures::default(),
             ends: Moments::default(),
         })
         .collect();
@@ -184,8 +163,8 @@ pub fn compare(
             for offset in 0..count {
                 let (index, lane) = &mut lanes[(turn + offset) % count];
                 renderer.set_light_sampling(curves[*index].choice.light);
-                let setup = RunSetup { renderer, view: &view, plan, yardstick, keeps_pictures: run == 0 };
-                lane.advance(&setup, &mut curves[*index]);
+                let setup = RunSetup { renderer, view: &view, plan, yardstick };
+                lane.advance(&setup, &curves[*index].choice.render);
             }
             turn += 1;
         }
@@ -238,21 +217,14 @@ impl Lane {
     }
 
     /// Renders one sample more, if there is time left, and measures where it is due.
-    fn advance(&mut self, setup: &RunSetup, curve: &mut Curve) {
+    fn advance(&mut self, setup: &RunSetup, options: &RenderOptions) {
         if self.end.is_some() {
             return;
         }
-        let budget_ms = setup.plan.budget_ms;
-        let before_ms = self.spent_ms();
-        self.render_ms +=
-            setup.renderer.render_with(&self.structure, setup.view, &curve.choice.render, &mut self.film).0;
+        self.render_ms += setup.renderer.render_with(&self.structure, setup.view, options, &mut self.film).0;
         let samples = self.film.samples();
-        let is_end = self.spent_ms() >= budget_ms || samples >= setup.plan.samples_max;
-        // The frame that goes past the budget is the one that is shown, in both ways to count.
-        let is_end_with_setup = setup.keeps_pictures
-            && before_ms + curve.setup_ms < budget_ms
-            && (is_end || self.spent_ms() + curve.setup_ms >= budget_ms);
-        if !(is_end || is_end_with_setup || is_checkpoint(samples)) {
+        let is_end = self.spent_ms() >= setup.plan.budget_ms || samples >= setup.plan.samples_max;
+        if !(is_end || is_checkpoint(samples)) {
             return;
         }
         let picture = self.film.picture();
@@ -269,12 +241,6 @@ impl Lane {
         if is_end {
             self.end = Some(point);
         }
-        if is_end_with_setup {
-            curve.pictures.at_budget_with_setup = Some(Shot { picture: picture.clone(), point });
-        }
-        if is_end && setup.keeps_pictures {
-            curve.pictures.at_budget = Some(Shot { picture, point });
-        }
     }
 }
 
@@ -284,7 +250,6 @@ struct RunSetup<'a> {
     view: &'a View,
     plan: &'a ComparisonPlan,
     yardstick: &'a Yardstick,
-    keeps_pictures: bool,
 }
 
 #[cfg(test)]
@@ -295,7 +260,6 @@ mod tests {
     use crate::converge::reference::Reference;
     use crate::converge::reference_key::ReferenceKey;
     use crate::converge::testing::matt_scene;
-    use treewright_renderer::render_options::RenderOptions;
 
     #[test]
     fn checkpoints_are_powers_of_the_root_of_two() {
@@ -346,10 +310,6 @@ mod tests {
             assert!(tree.points[8].flip < tree.points[0].flip);
         }
         assert_ne!(curves[0].runs[0].points[0].relative_mse, curves[0].runs[1].points[0].relative_mse);
-        let shot = |curve: usize| curves[curve].pictures.at_budget.as_ref().expect("there was time");
-        assert_eq!(shot(0).point, curves[0].runs[0].end);
-        assert!(curves[0].pictures.at_budget_with_setup.is_some());
-        assert!(curves[1].pictures.at_budget_with_setup.is_none(), "it would still be tuning");
 
         let stopped = compare(&mut renderer, &entrants, &plan, &yardstick, |progress| progress.run < 1);
         assert_eq!(stopped[0].runs.len(), 1, "complete runs are kept");

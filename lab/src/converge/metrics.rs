@@ -50,11 +50,6 @@ impl Yardstick {
         &self.reference
     }
 
-    /// The exposure with which all pictures are shown, so that they can be compared by eye.
-    pub fn exposure(&self) -> Exposure {
-        Exposure::Stops(self.exposure.log2())
-    }
-
     /// Mean over pixels and channels of the squared error over the squared reference. 0 for the same picture.
     ///
     /// # Panics
@@ -103,25 +98,6 @@ impl Yardstick {
         self.appearance.to(&shown_colours(picture, self.exposure))
     }
 
-    /// The relative error of each pixel as a picture of colours that are shown as they are: black where there
-    /// is none, over red and yellow to white where it is as large as `largest` times the reference.
-    ///
-    /// # Panics
-    /// If the sizes differ.
-    pub fn difference(&self, picture: &Picture, largest: f64) -> Vec<[u8; 3]> {
-        self.check(picture);
-        let relative = |(index, weights): (usize, &[f64; 3])| {
-            let squared: f64 = (0..3)
-                .map(|channel| {
-                    let error = picture.pixels[index][channel] - self.reference.pixels[index][channel];
-                    f64::from(error).powi(2) * weights[channel]
-                })
-                .sum();
-            glow((squared / 3.0).sqrt() / largest)
-        };
-        self.weights.iter().enumerate().map(relative).collect()
-    }
-
     fn check(&self, picture: &Picture) {
         assert_eq!(
             (picture.width, picture.height),
@@ -129,12 +105,6 @@ impl Yardstick {
             "pictures are compared with a reference of their size"
         );
     }
-}
-
-/// The colour of glowing metal: black, red, yellow, white.
-fn glow(share: f64) -> [u8; 3] {
-    let heat = share.clamp(0.0, 1.0) * 3.0;
-    [heat, heat - 1.0, heat - 2.0].map(|channel| (channel.clamp(0.0, 1.0) * 255.0).round() as u8)
 }
 
 /// A picture as it is shown.

@@ -32,7 +32,6 @@ fn the_same_picture_has_no_error() {
         let yardstick = Yardstick::new(clean.clone());
         assert_eq!(yardstick.relative_mse(&clean), 0.0);
         assert!((yardstick.ssim(&clean) - 1.0).abs() < 1e-12);
-        assert!(yardstick.difference(&clean, 1.0).iter().all(|&colour| colour == [0; 3]));
     }
 }
 
@@ -45,9 +44,6 @@ fn a_constant_offset_follows_the_formula() {
     // Relative: another unit of radiance changes nothing.
     let scaled = Yardstick::new(picture(|_| 2e6)).relative_mse(&picture(|_| 2.2e6));
     assert!((error - scaled).abs() < 1e-6);
-    let glow = yardstick.difference(&picture(|_| 2.2), 0.1 / 1.01_f64.sqrt() * 3.0);
-    assert!(glow.iter().all(|colour| colour[0] >= 254 && colour[1] <= 1 && colour[2] == 0), "{:?}", glow[0]);
-    assert_eq!(yardstick.difference(&picture(|_| 9e9), 1.0)[0], [255; 3]);
 }
 
 #[test]

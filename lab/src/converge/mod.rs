@@ -17,8 +17,8 @@
 //! | `slope` | is the slope the −1 of an unbiased estimator, or does the curve end on a plateau? |
 //! | `bias` | the error that no time removes |
 //! | `equal_error` | how much earlier one contender reaches an error than another |
-//! | `results` | all results, for JSON and CSV |
-//! | `report` | the results for people: plot and page |
+//! | `results` | all results, for JSON |
+//! | `report` | the results for people: plot and words |
 
 pub mod bias;
 pub mod bootstrap;
@@ -47,7 +47,7 @@ mod testing {
     use treewright_scene::{Material, builtin};
 
     use super::bias::Moments;
-    use super::curve::{Curve, Pictures, Point, Run};
+    use super::curve::{Curve, Point, Run};
     use super::reference_key::ReferenceKey;
 
     /// The key of a picture of this size.
@@ -77,7 +77,6 @@ mod testing {
             setup_ms,
             runs,
             failure: None,
-            pictures: Pictures::default(),
             ends: Moments::default(),
         }
     }

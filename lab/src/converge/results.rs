@@ -1,6 +1,4 @@
-//! All results of a comparison, for JSON and CSV.
-
-use std::fmt::Write;
+//! All results of a comparison, for JSON.
 
 use serde::Serialize;
 use treewright_client::{Configuration, Fingerprint};
@@ -10,7 +8,6 @@ use super::curve::{Curve, Run};
 use super::equal_error::EqualError;
 use super::slope::{Convergence, TimeAndError, judge};
 use treewright_renderer::tuning::results::SceneFacts;
-use treewright_renderer::tuning::who::Who;
 
 /// A finished comparison.
 #[derive(Clone, Debug, Serialize)]
@@ -129,42 +126,4 @@ fn mean_of(values: &[f64]) -> Option<Interval> {
         let sum: f64 = drawn.iter().map(|&run| values[run]).sum();
         (!drawn.is_empty()).then(|| sum / drawn.len() as f64)
     })
-}
-
-impl ComparisonResults {
-    /// Every point of every run as comma-separated values (RFC 4180) with a heading.
-    pub fn csv(&self) -> String {
-        let mut text = String::from(
-            "contender,run,seed,samples,setup_ms,build_ms,render_ms,wall_ms,relative_mse,ssim,flip\n",
-        );
-        for found in &self.contenders {
-            let curve = &found.curve;
-            let name = curve.who.to_string().replace('"', "\"\"");
-            for (number, run) in curve.runs.iter().enumerate() {
-                for point in run.all_points() {
-                    let wall_ms = curve.setup_ms + run.build_ms + point.render_ms;
-                    // Writing to a string cannot fail.
-                    let _ = writeln!(
-                        text,
-                        "\"{name}\",{},{},{},{:.3},{:.3},{:.3},{wall_ms:.3},{:e},{},{}",
-                        number + 1,
-                        run.seed,
-                        point.samples,
-                        curve.setup_ms,
-                        run.build_ms,
-                        point.render_ms,
-                        point.relative_mse,
-                        point.ssim,
-                        point.flip,
-                    );
-                }
-            }
-        }
-        text
-    }
-
-    /// The results of one of them.
-    pub fn contender(&self, who: &Who) -> Option<&ContenderResult> {
-        self.contenders.iter().find(|found| found.curve.who == *who)
-    }
 }

@@ -11,7 +11,6 @@ use askama::Template;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-pub use parts::thousands;
 use parts::{ConfigurationRow, StandingRow, WayRow};
 use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::frame::Renderer;

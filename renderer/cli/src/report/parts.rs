@@ -339,7 +339,7 @@ fn value_in_words(value: &Value) -> String {
 }
 
 /// A number with thin spaces between its thousands.
-pub fn thousands(number: usize) -> String {
+pub(super) fn thousands(number: usize) -> String {
     let digits = number.to_string();
     let mut text = String::new();
     for (index, digit) in digits.chars().enumerate() {
