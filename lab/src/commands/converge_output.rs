@@ -33,8 +33,6 @@ pub(super) fn print(results: &ComparisonResults) {
         "ms a sample",
         "samples",
         "relative error",
-        "similarity",
-        "FLIP",
         "slope",
         "the error",
     ]);
@@ -52,8 +50,6 @@ pub(super) fn print(results: &ComparisonResults) {
             text(found.frame_ms, 2),
             format!("{:.0}", mean(found.samples)),
             format!("{:.2e}", mean(found.relative_mse)),
-            format!("{:.4}", mean(found.ssim)),
-            format!("{:.4}", mean(found.flip)),
             text(found.convergence.slope, 3),
             verdict_in_words(found.convergence.verdict).to_owned(),
         ]);

@@ -49,10 +49,6 @@ pub struct Point {
     pub render_ms: f64,
     /// Relative mean squared error, the reference's own included.
     pub relative_mse: f64,
-    /// Structural similarity to the reference, 1 at best.
-    pub ssim: f64,
-    /// FLIP against the reference, 0 at best.
-    pub flip: f64,
 }
 
 /// One run of one contender.
@@ -227,14 +223,8 @@ impl Lane {
         if !(is_end || is_checkpoint(samples)) {
             return;
         }
-        let picture = self.film.picture();
-        let point = Point {
-            samples,
-            render_ms: self.render_ms,
-            relative_mse: setup.yardstick.relative_mse(&picture),
-            ssim: setup.yardstick.ssim(&picture),
-            flip: setup.yardstick.flip(&picture),
-        };
+        let relative_mse = setup.yardstick.relative_mse(&self.film.picture());
+        let point = Point { samples, render_ms: self.render_ms, relative_mse };
         if is_checkpoint(samples) {
             self.points.push(point);
         }
@@ -306,8 +296,6 @@ mod tests {
                 assert!(a.render_ms > 0.0 && b.render_ms > 0.0);
             }
             assert!(tree.points[8].relative_mse < tree.points[0].relative_mse / 6.0);
-            assert!(tree.points[8].ssim > tree.points[0].ssim);
-            assert!(tree.points[8].flip < tree.points[0].flip);
         }
         assert_ne!(curves[0].runs[0].points[0].relative_mse, curves[0].runs[1].points[0].relative_mse);
 

@@ -1,18 +1,10 @@
-//! The error of a picture against the reference.
+//! The error of a picture against the reference: the relative mean squared error of linear radiance.
 //!
-//! Three numbers. The relative mean squared error is computed on linear radiance and is what theory speaks
-//! about: for an unbiased estimator it falls as one over the number of samples (Rousselle, Knaus, Zwicker:
-//! Adaptive Sampling and Reconstruction using Greedy Error Minimization, SIGGRAPH Asia 2011, with the small
-//! constant taken relative to the scene's brightness). Structural similarity (see `ssim`) and the difference
-//! that people notice (see `flip`) are computed on pictures as people see them, all tone-mapped alike.
+//! For an unbiased estimator it falls as one over the number of samples (Rousselle, Knaus, Zwicker: Adaptive
+//! Sampling and Reconstruction using Greedy Error Minimization, SIGGRAPH Asia 2011, with the small constant
+//! taken relative to the scene's brightness).
 
-use glam::Vec3;
-
-use super::flip::Flip;
-use super::ssim::Similarity;
 use treewright_renderer::film::Picture;
-use treewright_renderer::image_file::{Exposure, exposure_factor};
-use treewright_renderer::tone::displayed;
 
 /// Keeps nearly black pixels from deciding everything, as a share of the squared mean luminance.
 const EPSILON: f64 = 0.01;
@@ -23,10 +15,6 @@ pub struct Yardstick {
     reference: Picture,
     /// One over what a pixel's squared error is divided by, for each channel.
     weights: Vec<[f64; 3]>,
-    /// Factor on radiance before every picture is developed.
-    exposure: f32,
-    structure: Similarity,
-    appearance: Flip,
 }
 
 impl Yardstick {
@@ -37,12 +25,7 @@ impl Yardstick {
         let floor = (EPSILON * mean * mean).max(f64::MIN_POSITIVE.sqrt());
         let weight = |value: f32| 1.0 / (f64::from(value) * f64::from(value) + floor);
         let weights = reference.pixels.iter().map(|pixel| pixel.to_array().map(weight)).collect();
-        let exposure = exposure_factor(&reference, Exposure::Auto);
-        let shown = shown_luminance(&reference, exposure);
-        let width = reference.width as usize;
-        let structure = Similarity::new(width, shown);
-        let appearance = Flip::new(width, &shown_colours(&reference, exposure));
-        Self { reference, weights, exposure, structure, appearance }
+        Self { reference, weights }
     }
 
     /// The reference.
@@ -80,24 +63,6 @@ impl Yardstick {
         sum / (self.weights.len() * 3) as f64
     }
 
-    /// Mean structural similarity of the luminance as shown: 1 for the same picture.
-    ///
-    /// # Panics
-    /// If the sizes differ.
-    pub fn ssim(&self, picture: &Picture) -> f64 {
-        self.check(picture);
-        self.structure.to(&shown_luminance(picture, self.exposure))
-    }
-
-    /// Mean FLIP of the colours as shown: 0 for the same picture, 1 at most.
-    ///
-    /// # Panics
-    /// If the sizes differ.
-    pub fn flip(&self, picture: &Picture) -> f64 {
-        self.check(picture);
-        self.appearance.to(&shown_colours(picture, self.exposure))
-    }
-
     fn check(&self, picture: &Picture) {
         assert_eq!(
             (picture.width, picture.height),
@@ -105,17 +70,6 @@ impl Yardstick {
             "pictures are compared with a reference of their size"
         );
     }
-}
-
-/// A picture as it is shown.
-fn shown_colours(picture: &Picture, exposure: f32) -> Vec<Vec3> {
-    picture.pixels.iter().map(|pixel| displayed(*pixel * exposure)).collect()
-}
-
-/// Luminance of a picture as it is shown, 0 to 1 (ITU-R BT.709, on encoded values as video does it).
-fn shown_luminance(picture: &Picture, exposure: f32) -> Vec<f64> {
-    let weights = Vec3::new(0.2126, 0.7152, 0.0722);
-    picture.pixels.iter().map(|pixel| f64::from(displayed(*pixel * exposure).dot(weights))).collect()
 }
 
 #[cfg(test)]

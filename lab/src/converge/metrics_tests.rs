@@ -1,5 +1,6 @@
 //! Image errors on pictures whose error is known: equal ones, constant offsets, noise of known variance.
 
+use glam::Vec3;
 use proptest::prelude::*;
 
 use super::*;
@@ -31,7 +32,6 @@ fn the_same_picture_has_no_error() {
     for clean in [gradient(), picture(|_| 0.0)] {
         let yardstick = Yardstick::new(clean.clone());
         assert_eq!(yardstick.relative_mse(&clean), 0.0);
-        assert!((yardstick.ssim(&clean) - 1.0).abs() < 1e-12);
     }
 }
 
@@ -62,7 +62,6 @@ fn averaging_noise_lowers_the_error_as_theory_says() {
     let (one, sixteen) = (mean_of(1), mean_of(16));
     let ratio = yardstick.relative_mse(&one) / yardstick.relative_mse(&sixteen);
     assert!((12.0..21.0).contains(&ratio), "16 is expected, {ratio} was found");
-    assert!(yardstick.ssim(&one) < yardstick.ssim(&sixteen) && yardstick.ssim(&sixteen) < 1.0);
 }
 
 #[test]
@@ -80,7 +79,5 @@ proptest! {
         let (less, more) = (noisy(&clean, strength, seed), noisy(&clean, strength * 2.0, seed));
         let ratio = yardstick.relative_mse(&more) / yardstick.relative_mse(&less);
         prop_assert!((ratio - 4.0).abs() < 1e-2, "the error is quadratic: {}", ratio);
-        prop_assert!(yardstick.ssim(&more) < yardstick.ssim(&less));
-        prop_assert!(yardstick.ssim(&more) >= -1.0);
     }
 }

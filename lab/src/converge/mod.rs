@@ -7,8 +7,7 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | `metrics` | error of a picture: relative squared error, structural similarity, FLIP |
-//! | `ssim`, `flip` | the latter two |
+//! | `metrics` | error of a picture: relative squared error |
 //! | `reference` | the converged picture, and its own error |
 //! | `reference_key` | the scene, view and settings of a reference |
 //! | `reference_file` | references on disc, so that each is rendered once |
@@ -24,7 +23,6 @@ pub mod bias;
 pub mod bootstrap;
 pub mod curve;
 pub mod equal_error;
-mod flip;
 pub mod metrics;
 pub mod reference;
 pub mod reference_file;
@@ -32,7 +30,6 @@ pub mod reference_key;
 pub mod report;
 pub mod results;
 pub mod slope;
-mod ssim;
 
 #[cfg(test)]
 mod testing {
@@ -62,8 +59,6 @@ mod testing {
             samples,
             render_ms: frame_ms * f64::from(samples),
             relative_mse: error(f64::from(samples)),
-            ssim: 0.8,
-            flip: 0.1,
         };
         let marks = [1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128].into_iter();
         let points = marks.filter(|samples| *samples <= end).map(point).collect();

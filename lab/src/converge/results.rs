@@ -65,10 +65,6 @@ pub struct ContenderResult {
     pub samples: Option<Interval>,
     /// Relative error when the time was up; mean over runs.
     pub relative_mse: Option<Interval>,
-    /// Structural similarity when the time was up; mean over runs.
-    pub ssim: Option<Interval>,
-    /// FLIP when the time was up; mean over runs.
-    pub flip: Option<Interval>,
     /// Whether its error falls as it should.
     pub convergence: Convergence,
 }
@@ -96,8 +92,6 @@ impl ContenderResult {
             frame_ms: mean(&|run| run.end.render_ms / f64::from(run.end.samples)),
             samples: mean(&|run| f64::from(run.end.samples)),
             relative_mse: mean(&|run| run.end.relative_mse),
-            ssim: mean(&|run| run.end.ssim),
-            flip: mean(&|run| run.end.flip),
             convergence: judge(&paths, floor, squared_bias),
             curve,
             configuration,
