@@ -33,7 +33,7 @@ fn errors_are_compared_over_time() {
         assert!(ends("relative_mse") > floor);
         let first = contenders[0]["relative_mse"]["estimate"].as_f64().expect("it was measured");
         assert!((ends("relative_mse") / first - 1.0).abs() < 0.1);
-        let slope = contender["convergence"]["slope"]["range"].as_array().expect("there are runs enough");
+        let slope = contender["slope"]["range"].as_array().expect("there are runs enough");
         assert!(slope[0].as_f64() < Some(-0.5) && slope[1].as_f64() > Some(-1.5), "{slope:?}");
     }
     assert_eq!(contenders[6]["setup_ms"], 5e6);

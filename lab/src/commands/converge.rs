@@ -34,7 +34,6 @@ compared with the reference. Each of --runs begins anew with other random number
 
 How to read the result:
   slope     of the error over rendering time, both logarithmic; in theory -1
-  plateau   how far above the reference's own error the curve would end: bias
   sooner    a baseline's time to the same error over the contender's
   [ , ]     95 % interval over the runs; five runs are a good start
 
@@ -175,8 +174,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             .into_iter()
             .zip(chosen)
             .map(|(curve, Chosen { configuration, origin, .. })| {
-                let squared_bias = curve.ends.squared_bias(&reference, &yardstick);
-                ContenderResult::new(curve, configuration, origin, floor, squared_bias)
+                ContenderResult::new(curve, configuration, origin, floor)
             })
             .collect(),
         notes,

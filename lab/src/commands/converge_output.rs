@@ -1,9 +1,8 @@
 //! The output of `converge` at the end.
 
 use crate::converge::bootstrap::Interval;
-use crate::converge::report::{seconds, target_in_words, verdict_in_words, with_range};
+use crate::converge::report::{seconds, target_in_words, with_range};
 use crate::converge::results::ComparisonResults;
-use crate::converge::slope::Verdict;
 use treewright_render_cli::output;
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
@@ -34,7 +33,6 @@ pub(super) fn print(results: &ComparisonResults) {
         "samples",
         "relative error",
         "slope",
-        "the error",
     ]);
     for found in &results.contenders {
         let curve = &found.curve;
@@ -50,8 +48,7 @@ pub(super) fn print(results: &ComparisonResults) {
             text(found.frame_ms, 2),
             format!("{:.0}", mean(found.samples)),
             format!("{:.2e}", mean(found.relative_mse)),
-            text(found.convergence.slope, 3),
-            verdict_in_words(found.convergence.verdict).to_owned(),
+            text(found.slope, 3),
         ]);
     }
     println!("{table}");
@@ -83,9 +80,6 @@ pub(super) fn print(results: &ComparisonResults) {
             ]);
         }
         println!("{table}");
-    }
-    if results.contenders.iter().any(|found| found.convergence.verdict == Verdict::Biased) {
-        println!("\nA plateau above the reference's own error is an error that no time removes.");
     }
     for note in results.notes.iter().chain(&results.scene.notes) {
         println!("note: {note}");

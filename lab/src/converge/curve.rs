@@ -8,7 +8,6 @@
 use serde::Serialize;
 use treewright_accel::Structure;
 
-use super::bias::Moments;
 use super::metrics::Yardstick;
 use treewright_renderer::film::Film;
 use treewright_renderer::frame::Renderer;
@@ -86,9 +85,6 @@ pub struct Curve {
     pub runs: Vec<Run>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
-    /// The last pictures of all runs.
-    #[serde(skip)]
-    pub ends: Moments,
 }
 
 /// The progress of a comparison.
@@ -117,7 +113,6 @@ pub fn compare(
             setup_ms: *setup_ms,
             runs: Vec::new(),
             failure: None,
-            ends: Moments::default(),
         })
         .collect();
     let reference = yardstick.reference();
@@ -166,7 +161,6 @@ pub fn compare(
         }
         for (index, lane) in lanes {
             if let Some(end) = lane.end {
-                curves[index].ends.add(&lane.film.picture());
                 let run = Run { seed: view.seed, build_ms: lane.build_ms, points: lane.points, end };
                 curves[index].runs.push(run);
             }

@@ -44,11 +44,6 @@ impl Yardstick {
         })
     }
 
-    /// The weight of squared errors, for each channel of each pixel.
-    pub(super) fn weights(&self) -> &[[f64; 3]] {
-        &self.weights
-    }
-
     /// Mean over pixels and channels of `difference(pixel, channel)²`, divided like the squared error.
     pub(super) fn mean_weighted(&self, difference: impl Fn(usize, usize) -> f64) -> f64 {
         let sum: f64 = self

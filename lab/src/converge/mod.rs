@@ -13,13 +13,11 @@
 //! | `reference_file` | references on disc, so that each is rendered once |
 //! | `curve` | several contenders, interleaved, over several independent runs |
 //! | `bootstrap` | intervals of any statistic of independent runs |
-//! | `slope` | is the slope the −1 of an unbiased estimator, or does the curve end on a plateau? |
-//! | `bias` | the error that no time removes |
+//! | `slope` | is the slope the −1 of an unbiased estimator? |
 //! | `equal_error` | how much earlier one contender reaches an error than another |
 //! | `results` | all results, for JSON |
 //! | `report` | the results for people: plot and words |
 
-pub mod bias;
 pub mod bootstrap;
 pub mod curve;
 pub mod equal_error;
@@ -43,7 +41,6 @@ mod testing {
     use treewright_renderer::tuning::who::Who;
     use treewright_scene::{Material, builtin};
 
-    use super::bias::Moments;
     use super::curve::{Curve, Point, Run};
     use super::reference_key::ReferenceKey;
 
@@ -66,14 +63,7 @@ mod testing {
     }
 
     pub(super) fn curve(who: Who, setup_ms: f64, runs: Vec<Run>) -> Curve {
-        Curve {
-            who,
-            choice: BuildChoice::BruteForce.into(),
-            setup_ms,
-            runs,
-            failure: None,
-            ends: Moments::default(),
-        }
+        Curve { who, choice: BuildChoice::BruteForce.into(), setup_ms, runs, failure: None }
     }
 
     pub(super) fn matt_scene() -> (Renderer, View) {

@@ -7,7 +7,6 @@ use treewright_renderer::tuning::who::NATIVE_DEFAULT;
 
 use super::bootstrap::Interval;
 use super::equal_error::EqualError;
-use super::slope::Verdict;
 
 /// An estimate and its interval, with `digits` digits after the point.
 pub(crate) fn with_range(interval: &Interval, digits: usize) -> String {
@@ -23,15 +22,6 @@ pub(crate) fn seconds(time_ms: f64) -> String {
         ..1e3 => format!("{:.2}", time_ms / 1e3),
         ..1e5 => format!("{:.1}", time_ms / 1e3),
         _ => format!("{:.0}", time_ms / 1e3),
-    }
-}
-
-/// A verdict in a few words.
-pub(crate) fn verdict_in_words(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Unbiased => "falls to the reference's own error",
-        Verdict::Biased => "BIASED: ends on a plateau",
-        Verdict::Unclear => "cannot be told",
     }
 }
 
