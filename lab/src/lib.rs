@@ -6,6 +6,7 @@
 //! | `fleet` | a machine's gain from its own measurements, its group's and the fleet's |
 //! | `leave_scene_out` | the gain from the service on scenes that it has never seen |
 //! | `evaluation` | the paper's section 7: searches along camera paths are recorded, predictors judged by the record |
+//! | `geometry` | the hash of a scene's geometry |
 //! | `simulated` | parts of the examples' studies |
 //! | `commands` | the program `treewright-lab`: these and `leave-out` |
 //!
@@ -16,5 +17,6 @@ pub mod commands;
 pub mod converge;
 pub(crate) mod evaluation;
 pub(crate) mod fleet;
+pub(crate) mod geometry;
 pub(crate) mod leave_scene_out;
 pub mod simulated;

@@ -11,10 +11,9 @@ use crate::converge::curve::{ComparisonPlan, Entrant, compare};
 use crate::converge::equal_error::{BASELINES, equal_error};
 use crate::converge::metrics::Yardstick;
 use crate::converge::reference::{Reference, TRUSTED_FROM};
-use crate::converge::reference_file;
-use crate::converge::reference_key::ReferenceKey;
 use crate::converge::report;
 use crate::converge::results::{ComparisonResults, ContenderResult, ReferenceFacts};
+use crate::geometry::geometry_hash;
 use treewright_render_cli::arguments::{Size, ViewArguments};
 use treewright_render_cli::error::{CliError, check_folder, write_file};
 use treewright_render_cli::interrupt::Interrupt;
@@ -27,7 +26,7 @@ use treewright_renderer::space::{Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::results::SceneFacts;
 
 const MORE_HELP: &str = "\
-A reference is rendered first, with very many samples, or read from --reference; it stands for the truth. \
+A reference is rendered first, with very many samples; it stands for the truth. \
 Then all contenders render the same view progressively, taking turns frame by frame. Their clocks count \
 builds and frames, and for tuned configurations also the tuning; they stand still while pictures are \
 compared with the reference. Each of --runs begins anew with other random numbers.
@@ -66,12 +65,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = SAMPLES_MAX, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(SAMPLES_MAX)))]
     spp: u32,
 
-    /// EXR file with the reference. A fitting file is used, one with too few samples is refined, and a
-    /// missing one is created. Default: render a temporary reference.
-    #[arg(long, value_name = "FILE.exr")]
-    reference: Option<PathBuf>,
-
-    /// Samples per pixel that the reference needs.
+    /// Samples per pixel of the reference.
     #[arg(long, value_name = "N", default_value_t = 2048, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=i64::from(SAMPLES_MAX)))]
     reference_spp: u32,
 
@@ -92,8 +86,7 @@ impl Arguments {
 
     fn check_files(&self) -> Result<(), CliError> {
         let json = self.json.as_ref().filter(|_| !self.prints_json());
-        let all = [json, self.plot.as_ref(), self.reference.as_ref()];
-        all.into_iter().flatten().try_for_each(|path| check_folder(path))
+        [json, self.plot.as_ref()].into_iter().flatten().try_for_each(|path| check_folder(path))
     }
 }
 
@@ -105,12 +98,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let camera = arguments.view.camera.find(&scene)?;
     let view = arguments.view.frame.view(camera);
     let Size { width, height } = arguments.view.size;
-    let key = ReferenceKey::new(&scene, &view, width, height);
-    // Before minutes go into anything else: does the file fit?
-    let stored = match &arguments.reference {
-        Some(path) => reference_file::read_if_there(path, &key)?,
-        None => None,
-    };
     let mut renderer = arguments.view.frame.renderer(&scene)?;
     let interrupt = Interrupt::listen();
     let mut notes = Vec::new();
@@ -127,8 +114,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         )));
     }
 
-    let mut reference = stored.unwrap_or_else(|| Reference::empty(key));
-    converge_reference(arguments, &renderer, &view, &mut reference, interrupt)?;
+    let reference = reference(arguments, &renderer, &view, interrupt)?;
     let yardstick = Yardstick::new(reference.picture());
     let floor = reference.floor(&yardstick);
 
@@ -165,7 +151,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         budget_ms: plan.budget_ms,
         reference: ReferenceFacts {
             samples: reference.samples(),
-            scene_hash: reference.key.scene_hash.clone(),
+            scene_hash: geometry_hash(&scene),
             relative_mse: floor,
             trusted_from: floor * TRUSTED_FROM,
         },
@@ -183,18 +169,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-/// Gives the reference the samples it needs, and stores it where that is wanted, even if Ctrl-C came between.
-fn converge_reference(
+/// Renders the reference.
+fn reference(
     arguments: &Arguments,
     renderer: &Renderer,
     view: &View,
-    reference: &mut Reference,
     interrupt: Interrupt,
-) -> Result<(), CliError> {
-    let before = reference.samples();
-    if before >= arguments.reference_spp {
-        return Ok(());
-    }
+) -> Result<Reference, CliError> {
     // No contender's clock runs, so the fastest way that is known without measuring will do.
     let premises = Premises {
         animated: false,
@@ -204,17 +185,16 @@ fn converge_reference(
     };
     let choice = TuningSpace::new(Preset::Full, &premises).default_choice();
     let (structure, _) = renderer.build(&choice.build)?;
-    let pairs = u64::from((arguments.reference_spp - before).div_ceil(2));
-    let bar = bar(arguments.prints_json(), pairs, "pairs of the reference's samples");
-    reference.extend(renderer, &structure, view, &choice.render, arguments.reference_spp, || {
+    let (Size { width, height }, samples) = (arguments.view.size, arguments.reference_spp);
+    let bar =
+        bar(arguments.prints_json(), u64::from(samples.div_ceil(2)), "pairs of the reference's samples");
+    let options = &choice.render;
+    let found = Reference::rendered(renderer, &structure, view, options, [width, height], samples, || {
         bar.inc(1);
         !interrupt.requested()
     });
     bar.finish_and_clear();
-    if let Some(path) = arguments.reference.as_ref().filter(|_| reference.samples() > before) {
-        reference_file::write(reference, path)?;
-    }
-    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
+    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(found) }
 }
 
 fn write(arguments: &Arguments, results: &ComparisonResults) -> Result<(), CliError> {

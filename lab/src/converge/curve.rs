@@ -242,7 +242,6 @@ mod tests {
 
     use super::*;
     use crate::converge::reference::Reference;
-    use crate::converge::reference_key::ReferenceKey;
     use crate::converge::testing::matt_scene;
 
     #[test]
@@ -265,9 +264,9 @@ mod tests {
             entrant("native", BuildChoice::Native(low), 1e9),
             entrant("impossible", BuildChoice::Tree(impossible), 0.0),
         ];
-        let mut reference = Reference::empty(ReferenceKey::new(renderer.scene(), &view, 24, 16));
         let structure = renderer.build(&entrants[0].contender.choice.build).expect("it can be built").0;
-        reference.extend(&renderer, &structure, &view, &RenderOptions::default(), 512, || true);
+        let options = RenderOptions::default();
+        let reference = Reference::rendered(&renderer, &structure, &view, &options, [24, 16], 512, || true);
         let yardstick = Yardstick::new(reference.picture());
         let plan = ComparisonPlan { view, runs: 3, budget_ms: 1e9, samples_max: 25 };
         let mut last = 0.0;

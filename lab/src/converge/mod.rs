@@ -9,8 +9,6 @@
 //! |---|---|
 //! | `metrics` | error of a picture: relative squared error |
 //! | `reference` | the converged picture, and its own error |
-//! | `reference_key` | the scene, view and settings of a reference |
-//! | `reference_file` | references on disc, so that each is rendered once |
 //! | `curve` | several contenders, interleaved, over several independent runs |
 //! | `bootstrap` | intervals of any statistic of independent runs |
 //! | `slope` | is the slope the −1 of an unbiased estimator? |
@@ -23,8 +21,6 @@ pub mod curve;
 pub mod equal_error;
 pub mod metrics;
 pub mod reference;
-pub mod reference_file;
-pub mod reference_key;
 pub mod report;
 pub mod results;
 pub mod slope;
@@ -42,13 +38,6 @@ mod testing {
     use treewright_scene::{Material, builtin};
 
     use super::curve::{Curve, Point, Run};
-    use super::reference_key::ReferenceKey;
-
-    /// The key of a picture of this size.
-    pub(super) fn key(size: [u32; 2]) -> ReferenceKey {
-        let (scene, scene_hash) = ("box".to_owned(), "00ff".to_owned());
-        ReferenceKey { revision: 1, scene, scene_hash, camera: [0.1; 10], size, bounces: 3 }
-    }
 
     /// A run of frames of one length, with an error by samples, up to `end` of them.
     pub(super) fn run(build_ms: f64, frame_ms: f64, end: u32, error: impl Fn(f64) -> f64) -> Run {

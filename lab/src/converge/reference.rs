@@ -12,7 +12,6 @@ use treewright_renderer::integrator::View;
 use treewright_renderer::render_options::RenderOptions;
 
 use super::metrics::Yardstick;
-use super::reference_key::ReferenceKey;
 
 /// Errors below the floor times this are not trusted.
 pub const TRUSTED_FROM: f64 = 2.0;
@@ -20,58 +19,38 @@ pub const TRUSTED_FROM: f64 = 2.0;
 /// A converged picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference {
-    /// Its scene, view and settings.
-    pub key: ReferenceKey,
     /// Samples a pixel of each of the halves.
-    pub samples_each: u32,
+    samples_each: u32,
     /// Two independent pictures.
-    pub halves: [Picture; 2],
+    halves: [Picture; 2],
 }
 
 impl Reference {
-    /// A reference without samples.
-    pub fn empty(key: ReferenceKey) -> Self {
-        let [width, height] = key.size;
-        let black = Film::new(width, height).picture();
-        Self { key, samples_each: 0, halves: [black.clone(), black] }
+    /// Renders at least `samples` a pixel of a picture of `width` × `height`, unless `go_on` says no, which is
+    /// asked before each pair of frames. No contender has the picture's seeds.
+    pub fn rendered(
+        renderer: &Renderer,
+        structure: &Structure,
+        view: &View,
+        options: &RenderOptions,
+        [width, height]: [u32; 2],
+        samples: u32,
+        mut go_on: impl FnMut() -> bool,
+    ) -> Self {
+        let mut films = [Film::new(width, height), Film::new(width, height)];
+        while films[0].samples() < samples.div_ceil(2) && go_on() {
+            for (half, film) in films.iter_mut().enumerate() {
+                // Far from the small numbers that people give to contenders.
+                let seed = 0x7265_6665_0000_0000 ^ ((half as u64) << 56);
+                renderer.render_with(structure, &View { seed, ..*view }, options, film);
+            }
+        }
+        Self { samples_each: films[0].samples(), halves: films.map(|film| film.picture()) }
     }
 
     /// Samples a pixel of the reference.
     pub fn samples(&self) -> u32 {
         self.samples_each * 2
-    }
-
-    /// Adds samples until there are at least `samples` a pixel, or `go_on` says no, which is asked before
-    /// each pair of frames. No contender has the picture's seeds.
-    pub fn extend(
-        &mut self,
-        renderer: &Renderer,
-        structure: &Structure,
-        view: &View,
-        options: &RenderOptions,
-        samples: u32,
-        mut go_on: impl FnMut() -> bool,
-    ) {
-        let missing = samples.div_ceil(2).saturating_sub(self.samples_each);
-        let [width, height] = self.key.size;
-        let mut films = [Film::new(width, height), Film::new(width, height)];
-        while films[0].samples() < missing && go_on() {
-            for (half, film) in films.iter_mut().enumerate() {
-                let view = View { seed: reference_seed(half as u64, self.samples_each), ..*view };
-                renderer.render_with(structure, &view, options, film);
-            }
-        }
-        let added = films[0].samples();
-        if added == 0 {
-            return;
-        }
-        let share = added as f32 / (self.samples_each + added) as f32;
-        for (half, film) in self.halves.iter_mut().zip(films) {
-            for (old, new) in half.pixels.iter_mut().zip(film.picture().pixels) {
-                *old += (new - *old) * share;
-            }
-        }
-        self.samples_each += added;
     }
 
     /// The best picture there is: the mean of both halves.
@@ -93,12 +72,6 @@ impl Reference {
     }
 }
 
-/// Seeds of references: far from the small numbers that people give to contenders, and another one for each
-/// half and each time that samples are added.
-fn reference_seed(half: u64, from_sample: u32) -> u64 {
-    0x7265_6665_0000_0000 ^ (half << 56) ^ u64::from(from_sample)
-}
-
 #[cfg(test)]
 mod tests {
     use treewright_accel::{BuildChoice, NativeOptions};
@@ -106,20 +79,15 @@ mod tests {
     use super::*;
     use crate::converge::testing::matt_scene;
 
-    fn view_of_a_scene() -> (Renderer, Structure, View) {
-        let (renderer, view) = matt_scene();
-        let structure =
-            renderer.build(&BuildChoice::Native(NativeOptions::default())).expect("it can be built").0;
-        (renderer, structure, view)
-    }
-
     #[test]
     fn the_floor_is_the_error_that_is_left() {
-        let (renderer, structure, view) = view_of_a_scene();
-        let key = ReferenceKey::new(renderer.scene(), &view, 32, 24);
+        let (renderer, view) = matt_scene();
+        let native = BuildChoice::Native(NativeOptions::default());
+        let structure = renderer.build(&native).expect("it can be built").0;
         let rendered = |samples: u32| {
-            let mut reference = Reference::empty(key.clone());
-            reference.extend(&renderer, &structure, &view, &RenderOptions::default(), samples, || true);
+            let options = RenderOptions::default();
+            let reference =
+                Reference::rendered(&renderer, &structure, &view, &options, [32, 24], samples, || true);
             assert_eq!(reference.samples(), samples);
             let yardstick = Yardstick::new(reference.picture());
             (reference.floor(&yardstick), yardstick, reference)
@@ -134,25 +102,5 @@ mod tests {
             "estimated {}, found {true_error}",
             coarse.floor(&fine)
         );
-    }
-
-    #[test]
-    fn samples_can_be_added_later() {
-        let (renderer, structure, view) = view_of_a_scene();
-        let key = ReferenceKey::new(renderer.scene(), &view, 16, 12);
-        let mut reference = Reference::empty(key);
-        reference.extend(&renderer, &structure, &view, &RenderOptions::default(), 8, || true);
-        let before = reference.clone();
-        reference.extend(&renderer, &structure, &view, &RenderOptions::default(), 8, || true);
-        assert_eq!(reference, before, "it has what is asked for");
-        let mut left = 3;
-        reference.extend(&renderer, &structure, &view, &RenderOptions::default(), 100, || {
-            left -= 1;
-            left >= 0
-        });
-        assert_eq!(reference.samples(), 8 + 6, "it stops when told");
-        assert_ne!(reference.halves[0], reference.halves[1]);
-        let mut pairs = before.halves[0].pixels.iter().zip(&reference.halves[0].pixels);
-        assert!(pairs.any(|(a, b)| a != b), "the later samples are others");
     }
 }

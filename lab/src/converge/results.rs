@@ -39,7 +39,7 @@ pub struct ComparisonResults {
 pub struct ReferenceFacts {
     /// Samples a pixel.
     pub samples: u32,
-    /// SHA-256 of the scene it shows.
+    /// SHA-256 of the geometry of the scene it shows.
     pub scene_hash: String,
     /// Its own relative mean squared error, estimated from its halves. It is part of every error.
     pub relative_mse: f64,

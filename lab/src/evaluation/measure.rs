@@ -23,7 +23,7 @@ use treewright_scene::{Camera, Scene};
 use super::record::{
     Clock, Conditions, Group, GroupKind, Iteration, Member, Place, Provenance, Record, Search,
 };
-use crate::converge::reference_key::geometry_hash;
+use crate::geometry::geometry_hash;
 
 /// Seed of the rays, common to all measurements.
 const RAYS_SEED: u64 = 1;
