@@ -5,7 +5,7 @@ mod evaluation;
 #[path = "../../renderer/cli/tests/support/program.rs"]
 mod program;
 
-use program::{FAILED, UNREACHABLE, USAGE, fails, folder, succeeds};
+use program::{FAILED, USAGE, fails, folder, succeeds};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_treewright-lab");
 
@@ -62,8 +62,6 @@ fn comparisons_that_cannot_be_made_are_refused() {
     fails(&format!("{small} --tuned missing.json"), FAILED, &["missing.json"]);
     fails(&format!("{small} --seconds 0"), USAGE, &["above 0"]);
     fails(&format!("{small} --runs 0"), USAGE, &["--runs"]);
-    fails(&format!("{small} --iterations 5"), USAGE, &["--server"]);
-    fails(&format!("{small} --server http://127.0.0.1:9"), UNREACHABLE, &["127.0.0.1:9"]);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::bar;
-use super::converge_entrants::{Chosen, EntrantArguments, EntrantSetting};
+use super::converge_entrants::{Chosen, EntrantArguments};
 use super::converge_output;
 use crate::converge::curve::{ComparisonPlan, Entrant, compare};
 use crate::converge::equal_error::{BASELINES, equal_error};
@@ -41,8 +41,7 @@ Read a curve down to twice the reference's own error: more --reference-spp lower
 Examples:
   treewright-render converge --scene builtin:hall --plot hall.svg
   treewright-render tune --scene builtin:city --json tuned.json
-  treewright-render converge --scene builtin:city --tuned tuned.json --plot city.svg
-  treewright-render converge --scene sponza.glb --server http://127.0.0.1:50611 --json -";
+  treewright-render converge --scene builtin:city --tuned tuned.json --plot city.svg";
 
 /// Arguments of `converge`.
 #[derive(Args, Clone, Debug)]
@@ -93,20 +92,13 @@ impl Arguments {
 /// Compares the configurations and prints the results.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     arguments.check_files()?;
-    let given = arguments.entrants.read(arguments.view.frame.threads)?;
+    let chosen = arguments.entrants.read(arguments.view.frame.threads)?;
     let scene = arguments.view.scene.load()?;
     let camera = arguments.view.camera.find(&scene)?;
     let view = arguments.view.frame.view(camera);
     let Size { width, height } = arguments.view.size;
     let mut renderer = arguments.view.frame.renderer(&scene)?;
     let interrupt = Interrupt::listen();
-    let mut notes = Vec::new();
-    let mut chosen = given;
-    if arguments.entrants.server.is_some() {
-        let setting =
-            EntrantSetting { view, size: arguments.view.size, threads: arguments.view.frame.threads };
-        chosen.extend(arguments.entrants.ask(&mut renderer, &setting, interrupt, &mut notes)?);
-    }
     if chosen.len() > CONTENDERS_MAX {
         return Err(CliError::Usage(format!(
             "{} configurations are more than the limit of {CONTENDERS_MAX}",
@@ -163,7 +155,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
                 ContenderResult::new(curve, configuration, origin, floor)
             })
             .collect(),
-        notes,
     };
     write(arguments, &results)?;
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }

@@ -81,7 +81,7 @@ pub(super) fn print(results: &ComparisonResults) {
         }
         println!("{table}");
     }
-    for note in results.notes.iter().chain(&results.scene.notes) {
+    for note in &results.scene.notes {
         println!("note: {note}");
     }
 }

@@ -30,8 +30,6 @@ pub struct ComparisonResults {
     pub contenders: Vec<ContenderResult>,
     /// Times of contenders to equal errors.
     pub equal_error: Vec<EqualError>,
-    /// Faults that did not end the run, one sentence each.
-    pub notes: Vec<String>,
 }
 
 /// The description of a reference for people.

@@ -54,7 +54,6 @@ fn results() -> ComparisonResults {
             .into_iter()
             .map(|curve| ContenderResult::new(curve, None, "a file".to_owned(), FLOOR))
             .collect(),
-        notes: vec!["something was left out".into()],
     }
 }
 

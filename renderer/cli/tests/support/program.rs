@@ -6,7 +6,6 @@ use std::process::{Command, Output};
 
 pub(crate) const FAILED: i32 = 1;
 pub(crate) const USAGE: i32 = 2;
-pub(crate) const UNREACHABLE: i32 = 3;
 
 /// Runs the program with arguments separated by spaces, in a folder of its own.
 pub(crate) fn run(folder: &Path, arguments: &str) -> Output {
