@@ -3,22 +3,19 @@
 use std::sync::Arc;
 
 use clap::{Args, Subcommand};
-use treewright_core::policy::SearchMethod;
-use treewright_core::words::Word as _;
-use treewright_render_cli::arguments::objective;
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::tuning::objective::Objective;
 
 use super::evaluate_parameters as parameters;
-pub(super) use super::evaluate_parameters::ParametersArguments;
+use super::evaluate_parameters::ParametersArguments;
 use super::evaluate_setup::{ConditionArguments, Progress, add_found, space};
 use super::verify_answers as verify;
-pub(super) use super::verify_answers::{JudgeArguments, VerifyArguments};
+use super::verify_answers::VerifyArguments;
 use crate::evaluation::fixed;
 use crate::evaluation::measure::{Stage, spread};
-use crate::evaluation::record::{GroupKind, Line, Place};
+use crate::evaluation::record::{GroupKind, Line, METHOD, Place};
 
 /// What to do.
 #[derive(Debug, Subcommand)]
@@ -30,8 +27,6 @@ pub(super) enum Command {
     /// Render: what the parameters do (the paper's section 4): a few searched alone, splitting by frame size,
     /// and a cylinder of needles that turns through each scene.
     Parameters(ParametersArguments),
-    /// Compute: compare every answer with search, roofline, default and best fixed configuration.
-    Judge(JudgeArguments),
 }
 
 /// Arguments of `evaluate record`.
@@ -39,15 +34,6 @@ pub(super) enum Command {
 pub(super) struct RecordArguments {
     #[command(flatten)]
     under: ConditionArguments,
-
-    /// What searches minimise: render time, or build and render time.
-    #[arg(long, value_parser = objective(), value_delimiter = ',', default_values = ["render", "total"])]
-    objective: Vec<Objective>,
-
-    /// Searches: `nelder_mead` is the paper's, after Chang; the others are those of `treewright policy
-    /// --search`.
-    #[arg(long, value_name = "NAME,…", value_parser = search_method, value_delimiter = ',', default_value = "nelder_mead")]
-    search: Vec<SearchMethod>,
 
     /// Record only this many cameras, spread over the path; the others can follow later. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
@@ -58,22 +44,12 @@ pub(super) struct RecordArguments {
     rounds: u32,
 }
 
-fn search_method(text: &str) -> Result<SearchMethod, String> {
-    let known = SearchMethod::WORDS.iter().filter(|(method, _)| *method != SearchMethod::Auto);
-    let names = || known.clone().map(|(_, name)| *name).collect::<Vec<_>>().join(", ");
-    let found = known.clone().find(|(_, name)| *name == text.replace('-', "_"));
-    found
-        .map(|(method, _)| *method)
-        .ok_or_else(|| format!("there is no search {text}; there are {}", names()))
-}
-
 /// Runs the command.
 pub(super) fn run(command: &Command) -> Result<(), CliError> {
     match command {
         Command::Record(arguments) => record(arguments),
         Command::Verify(arguments) => verify::run(arguments),
         Command::Parameters(arguments) => parameters::run(arguments),
-        Command::Judge(arguments) => verify::judge(arguments, false),
     }
 }
 
@@ -82,7 +58,7 @@ struct Missing {
     stage: usize,
     camera: u32,
     /// A search, or the fixed configurations.
-    search: Option<(Objective, SearchMethod)>,
+    search: Option<Objective>,
 }
 
 fn record(arguments: &RecordArguments) -> Result<(), CliError> {
@@ -95,19 +71,15 @@ fn record(arguments: &RecordArguments) -> Result<(), CliError> {
     let places: Vec<u32> =
         spread(under.cameras).into_iter().take(arguments.first.unwrap_or(u32::MAX) as usize).collect();
     for camera in &places {
-        let searches = arguments
-            .objective
-            .iter()
-            .flat_map(|objective| arguments.search.iter().map(move |method| Some((*objective, *method))));
         // The best of each search is measured again beside the fixed ones.
-        for search in searches.chain([None]) {
+        for search in Objective::ALL.map(Some).into_iter().chain([None]) {
             missing.extend((0..entries.len()).map(|stage| Missing { stage, camera: *camera, search }));
         }
     }
     missing.retain(|one| {
         let place = Place { scene: entries[one.stage].name.clone(), camera: one.camera };
         match one.search {
-            Some((objective, method)) => !open.record.has_search(objective, method.name(), &place),
+            Some(objective) => !open.record.has_search(objective, &place),
             None => !open.record.groups.contains_key(&(GroupKind::Fixed, place)),
         }
     });
@@ -128,9 +100,7 @@ fn record(arguments: &RecordArguments) -> Result<(), CliError> {
         };
         let go_on = || !interrupt.requested();
         let line = match one.search {
-            Some((objective, method)) => {
-                stage.search(one.camera, objective, method, go_on)?.map(Line::Search)
-            }
+            Some(objective) => stage.search(one.camera, objective, go_on)?.map(Line::Search),
             None => {
                 let mut all = fixed.clone();
                 add_found(&open.record, &stage.place(one.camera), &[], &mut all);
@@ -142,7 +112,7 @@ fn record(arguments: &RecordArguments) -> Result<(), CliError> {
         };
         open.add(line)?;
         let what = match one.search {
-            Some((objective, method)) => format!("{} for {} time", method.name(), objective.name()),
+            Some(objective) => format!("{} for {} time", METHOD.name(), objective.name()),
             None => "fixed configurations".to_owned(),
         };
         progress.step(&format!("{} camera {}: {what}", entry.name, one.camera));

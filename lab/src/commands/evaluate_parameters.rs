@@ -5,8 +5,6 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use treewright_client::Configuration;
-use treewright_core::policy::SearchMethod;
-use treewright_render_cli::arguments::objective;
 use treewright_render_cli::error::{CliError, write_file};
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_renderer::film::Picture;
@@ -26,6 +24,9 @@ const NEEDLES: usize = 3_000;
 
 /// The camera of a path from which everything here is seen: the first.
 const CAMERA: u32 = 0;
+
+/// What the searches over a few parameters minimise.
+const OBJECTIVE: Objective = Objective::Render;
 
 /// Samples a pixel of the moving picture.
 const PICTURE_SPP: u32 = 16;
@@ -53,10 +54,6 @@ pub(super) struct ParametersArguments {
     /// What to measure.
     #[arg(long, value_enum, value_delimiter = ',', default_values = ["parts", "splitting", "needles"])]
     experiment: Vec<Experiment>,
-
-    /// What the searches over a few parameters minimise.
-    #[arg(long, value_parser = objective(), default_value = "render")]
-    objective: Objective,
 
     /// Searches over each few parameters, each with points of its own.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
@@ -183,7 +180,7 @@ impl Bench<'_> {
         match task {
             Task::Part(part, run) => record.parts.iter().any(|one| {
                 (one.part.as_str(), one.run, one.search.place.scene.as_str()) == (part.name, run, scene)
-                    && one.search.objective == self.arguments.objective.name()
+                    && one.search.objective == OBJECTIVE.name()
             }),
             Task::Parts => {
                 let searches = tasks(self.arguments);
@@ -221,7 +218,7 @@ impl Bench<'_> {
         let space = Arc::new(part.space(&self.whole)?);
         let mut stage = Stage::new(name, scene, &space, &self.open.record)?;
         stage.set_seed(self.open.record.conditions.seed.wrapping_add(u64::from(run)));
-        let found = stage.search(CAMERA, self.arguments.objective, SearchMethod::NelderMead, go_on)?;
+        let found = stage.search(CAMERA, OBJECTIVE, go_on)?;
         Ok(found.map(|search| Line::Part(PartSearch { part: part.name.to_owned(), run, search })))
     }
 

@@ -8,7 +8,7 @@ use treewright_accel::Device;
 use treewright_client::{Configuration, detect_fingerprint};
 use treewright_render_cli::arguments::Size;
 use treewright_render_cli::error::{CliError, check_folder};
-use treewright_renderer::limits::{BOUNCES_MAX, ITERATIONS_MAX, THREADS_MAX};
+use treewright_renderer::limits::{ITERATIONS_MAX, THREADS_MAX};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
 
@@ -18,6 +18,12 @@ use crate::leave_scene_out::suite::Entry;
 
 /// Scenes of this program that stand in for those of the paper that cannot be had, in about their sizes.
 const BUILT_IN: [&str; 2] = ["gallery=builtin:gallery:1:7", "voxels=builtin:voxels:0.6:7"];
+
+/// Most bounces of a path.
+const BOUNCES: u32 = 3;
+
+/// Of the searches.
+const SEED: u64 = 1;
 
 /// Where the record is, and under which conditions it is made.
 #[derive(Args, Clone, Debug)]
@@ -45,21 +51,9 @@ pub(super) struct ConditionArguments {
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 
-    /// Maximum number of bounces of a path.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=i64::from(BOUNCES_MAX)))]
-    bounces: u32,
-
     /// Clock for the searches.
     #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
-
-    /// Parameters: the paper's eleven, or all.
-    #[arg(long, value_name = "paper|full", value_parser = ["paper", "full"], default_value = "paper")]
-    space: String,
-
-    /// Seed of the searches.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
 
     /// Start no measurement after this many seconds.
     #[arg(long, value_name = "S")]
@@ -171,12 +165,12 @@ impl ConditionArguments {
             machine,
             threads,
             size: [self.size.width, self.size.height],
-            bounces: self.bounces,
+            bounces: BOUNCES,
             clock: self.clock,
             iterations: self.iterations,
             cameras: self.cameras,
-            seed: self.seed,
-            space: self.space.clone(),
+            seed: SEED,
+            space: Preset::Paper.name().to_owned(),
         })
     }
 }

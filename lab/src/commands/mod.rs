@@ -64,7 +64,7 @@ enum Command {
     #[command(subcommand)]
     Evaluate(Box<evaluate::Command>),
     /// Write the results of an evaluation as one page, with figures and numbers.
-    Report(evaluate::JudgeArguments),
+    Report(verify_answers::ReportArguments),
     #[command(flatten)]
     Manual(ManualCommand),
 }
@@ -81,7 +81,7 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Fleet(arguments) => fleet::run(arguments),
         Command::Converge(arguments) => converge::run(arguments),
         Command::Evaluate(command) => evaluate::run(command),
-        Command::Report(arguments) => verify_answers::judge(arguments, true),
+        Command::Report(arguments) => verify_answers::report(arguments),
         Command::Manual(command) => command.run(<Cli as clap::CommandFactory>::command()),
     }
 }

@@ -1,4 +1,4 @@
-//! `evaluate verify` and `evaluate judge`: the answers of predictors to a record are measured, and compared
+//! `evaluate verify` and `report`: the answers of predictors to a record are measured, and compared
 //! with the searches.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,12 +18,15 @@ use treewright_renderer::tuning::objective::Objective;
 use super::evaluate_setup::{Progress, SceneArguments, add_found, space, strip_path};
 use crate::evaluation::answers::{Answers, School};
 use crate::evaluation::folds::{Fold, folds};
-use crate::evaluation::judge::{Verdict, best_fixed, judge as judged};
+use crate::evaluation::judge::{Verdict, best_fixed, judge};
 use crate::evaluation::measure::{MILESTONES, Stage};
 use crate::evaluation::page::{Report, html, markdown, tables};
 use crate::evaluation::part_page::Strips;
-use crate::evaluation::record::{Clock, GroupKind, Line, OpenRecord, Place, Record, Search};
+use crate::evaluation::record::{GroupKind, Line, METHOD, OpenRecord, Place, Record, Search};
 use crate::evaluation::summary::standings;
+
+/// Seed of the random splits.
+const FOLD_SEED: u64 = 1;
 
 /// How cameras are parted, the same in both commands.
 #[derive(Args, Clone, Debug)]
@@ -35,14 +38,6 @@ pub(super) struct FoldArguments {
     /// Random splits of the cameras into training and test sets.
     #[arg(long, value_name = "N", default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=1000))]
     folds: u32,
-
-    /// Seed of these splits.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    fold_seed: u64,
-
-    /// The search to use as the baseline.
-    #[arg(long, value_name = "NAME", default_value = "nelder_mead")]
-    search: String,
 }
 
 /// Arguments of `evaluate verify`.
@@ -57,24 +52,15 @@ pub(super) struct VerifyArguments {
     /// Rounds for measuring answers.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
-
-    /// Start no measurement after this many seconds.
-    #[arg(long, value_name = "S")]
-    seconds: Option<u64>,
 }
 
-/// Arguments of `evaluate judge` and `report`.
+/// Arguments of `report`.
 #[derive(Args, Clone, Debug)]
-pub(super) struct JudgeArguments {
+pub(super) struct ReportArguments {
     #[command(flatten)]
     folds: FoldArguments,
 
-    /// Use costs from this clock instead of the one that the searches used. What they found, and what was
-    /// answered, stays what it is by theirs.
-    #[arg(long, value_enum)]
-    clock: Option<Clock>,
-
-    /// Folder for the numbers, and for the page with `report`.
+    /// Folder for the page and its numbers.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
 
@@ -83,7 +69,7 @@ pub(super) struct JudgeArguments {
     pictures: Option<PathBuf>,
 }
 
-impl JudgeArguments {
+impl ReportArguments {
     /// Moving pictures of the scenes that have one.
     fn strips(&self, record: &Record) -> Strips {
         let scenes: BTreeSet<&String> = record.pairs.keys().map(|(scene, _)| scene).collect();
@@ -108,7 +94,7 @@ struct Examined {
 impl Examined {
     fn new(arguments: &FoldArguments) -> Result<Self, CliError> {
         let mut record = Record::read(&arguments.record)?;
-        record.searches.retain(|search| search.method == arguments.search);
+        record.searches.retain(|search| search.method == METHOD.name());
         let space = space(&record.conditions);
         let objectives: Vec<Objective> = Objective::ALL
             .into_iter()
@@ -121,7 +107,7 @@ impl Examined {
                 arguments.record.display()
             )));
         }
-        let parted = folds(&complete, arguments.folds, arguments.fold_seed);
+        let parted = folds(&complete, arguments.folds, FOLD_SEED);
         let mut by_objective = Vec::new();
         for objective in &objectives {
             let searches = searches(&record, *objective, &complete);
@@ -195,7 +181,7 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
     }
     let count = missing.values().map(Vec::len).sum();
     eprintln!("what is compared at {count} cameras is not measured in the same rounds yet");
-    let (interrupt, mut progress) = (Interrupt::listen(), Progress::new(count, arguments.seconds));
+    let (interrupt, mut progress) = (Interrupt::listen(), Progress::new(count, None));
     let space = Arc::new(examined.space.clone());
     for (scene, places) in missing {
         let entry = entries.iter().find(|entry| entry.name == scene);
@@ -206,10 +192,6 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
         })?;
         let mut stage = Stage::new(scene, &entry.load()?, &space, &open.record)?;
         for (place, configurations) in places {
-            if progress.is_over() {
-                eprintln!("the time is up; the same command goes on from here");
-                return Ok(());
-            }
             let go_on = || !interrupt.requested();
             let group =
                 stage.group(GroupKind::Answers, place.camera, &configurations, arguments.rounds, go_on);
@@ -224,15 +206,15 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Judges a record and writes what that says, as a page too where it is asked for.
-pub(super) fn judge(arguments: &JudgeArguments, page: bool) -> Result<(), CliError> {
+/// Judges a record and writes the page and its numbers.
+pub(super) fn report(arguments: &ReportArguments) -> Result<(), CliError> {
     let examined = Examined::new(&arguments.folds)?;
-    let clock = arguments.clock.unwrap_or(examined.record.conditions.clock);
+    let clock = examined.record.conditions.clock;
     let mut verdicts: Vec<Verdict> = Vec::new();
     for (objective, answered) in examined.objectives.iter().zip(&examined.by_objective) {
         let searches = searches(&examined.record, *objective, &examined.complete);
         let searches = searches.map(|search| (search.place.clone(), search)).collect();
-        verdicts.push(judged(&examined.record, *objective, clock, &searches, answered)?);
+        verdicts.push(judge(&examined.record, *objective, clock, &searches, answered)?);
     }
     let report = Report {
         record: &examined.record,
@@ -251,9 +233,7 @@ pub(super) fn judge(arguments: &JudgeArguments, page: bool) -> Result<(), CliErr
     write_file(&arguments.out.join("evaluation.json"), output::to_json(&all)?.as_bytes())?;
     let text = markdown(&report);
     write_file(&arguments.out.join("evaluation.md"), text.as_bytes())?;
-    if page {
-        write_file(&arguments.out.join("report.html"), html(&report).as_bytes())?;
-    }
+    write_file(&arguments.out.join("report.html"), html(&report).as_bytes())?;
     print!("{text}");
     Ok(())
 }

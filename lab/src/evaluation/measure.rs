@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use treewright_client::{Configuration, Indicators, Outcome};
-use treewright_core::policy::SearchMethod;
 use treewright_core::search::{AnySearch, Feedback, Layout, SearchSetup, Verdict, levels};
 use treewright_render_cli::error::CliError;
 use treewright_renderer::disturbance::Watch;
@@ -21,7 +20,7 @@ use treewright_scene::indicators::SceneIndicators;
 use treewright_scene::{Camera, Scene};
 
 use super::record::{
-    Clock, Conditions, Group, GroupKind, Iteration, Member, Place, Provenance, Record, Search,
+    Clock, Conditions, Group, GroupKind, Iteration, METHOD, Member, Place, Provenance, Record, Search,
 };
 use crate::geometry::geometry_hash;
 
@@ -123,18 +122,17 @@ impl Stage {
         }
     }
 
-    /// Runs a search of the core. Every iteration builds and renders, also a repeated configuration, as in
+    /// Runs a search of the core by [`METHOD`]. Every iteration builds and renders, also a repeated configuration, as in
     /// the paper. `None` when it was stopped.
     pub(crate) fn search(
         &mut self,
         camera: u32,
         objective: Objective,
-        method: SearchMethod,
         mut go_on: impl FnMut() -> bool,
     ) -> Result<Option<Search>, CliError> {
         let setting = self.setting(camera, objective);
         let space = self.space.space();
-        let mut search = AnySearch::new(method, self.setup(camera));
+        let mut search = AnySearch::new(METHOD, self.setup(camera));
         let mut known: BTreeMap<Configuration, u32> = BTreeMap::new();
         let mut iterations = Vec::new();
         // The first frames of a process or scene are slower than all others.
@@ -146,7 +144,7 @@ impl Stage {
                 return Ok(None);
             }
             let Some(point) = search.ask() else {
-                return Err(CliError::Failed(format!("the search {} has no further point", method.name())));
+                return Err(CliError::Failed(format!("the search {} has no further point", METHOD.name())));
             };
             let configuration: Configuration = space.decode(&point.x).to_raw().into();
             let (outcome, times) = trial(&mut self.renderer, &configuration, None, &setting, &mut self.film);
@@ -160,7 +158,7 @@ impl Stage {
         }
         Ok(Some(Search {
             objective: objective.name().to_owned(),
-            method: method.name().to_owned(),
+            method: METHOD.name().to_owned(),
             place: self.place(camera),
             state: setting.indicators.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
             iterations,

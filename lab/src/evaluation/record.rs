@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use treewright_client::{Configuration, Fingerprint, Outcome};
+use treewright_core::policy::SearchMethod;
 use treewright_render_cli::error::CliError;
 use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::statistics::Summary;
@@ -22,6 +23,9 @@ use treewright_renderer::tuning::objective::Objective;
 
 /// Version of the form.
 const VERSION: u32 = 3;
+
+/// The searches' method: the paper's, after Chang.
+pub(crate) const METHOD: SearchMethod = SearchMethod::NelderMead;
 
 /// Which clock costs are read from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
@@ -291,10 +295,9 @@ impl Record {
     }
 
     /// Whether a search is there already.
-    pub(crate) fn has_search(&self, objective: Objective, method: &str, place: &Place) -> bool {
-        self.searches
-            .iter()
-            .any(|one| one.objective == objective.name() && one.method == method && one.place == *place)
+    pub(crate) fn has_search(&self, objective: Objective, place: &Place) -> bool {
+        let is_it = |one: &Search| one.objective == objective.name() && one.method == METHOD.name();
+        self.searches.iter().any(|one| is_it(one) && one.place == *place)
     }
 
     /// Refuses a scene under the name of one that has another geometry.

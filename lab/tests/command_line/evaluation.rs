@@ -8,7 +8,7 @@ use crate::program::{FAILED, USAGE, fails, folder, run, succeeds};
 
 /// Two scenes, tiny frames, short searches.
 const UNDER: &str = "--record r.jsonl --scene hill=builtin:quick:0.05:3 --scene city=builtin:city:0.02:5 --only hill,city --threads 1 \
-                     --size 24x16 --bounces 1 --cameras 5 --iterations 6";
+                     --size 24x16 --cameras 5 --iterations 6";
 
 fn files(folder: &Path) -> BTreeMap<String, String> {
     let entries = std::fs::read_dir(folder).expect("it was written");
@@ -29,7 +29,7 @@ fn an_evaluation_is_recorded_in_pieces_and_judged_to_the_same_bytes() {
     let lines = || std::fs::read_to_string(path.join("r.jsonl")).expect("it is there").lines().count();
     // The conditions; two scenes, two cameras, two searches and the fixed configurations.
     assert_eq!(lines(), 1 + 2 * 2 * 3);
-    let unverified = run(path, "evaluate judge --record r.jsonl --out j");
+    let unverified = run(path, "report --record r.jsonl --out j");
     assert_eq!(unverified.status.code(), Some(FAILED));
     assert!(String::from_utf8_lossy(&unverified.stderr).contains("evaluate verify"));
     succeeds(path, &record);
@@ -100,7 +100,7 @@ fn a_record_of_other_conditions_or_without_a_camera_is_refused() {
     assert_eq!(empty.status.code(), Some(FAILED));
     assert!(String::from_utf8_lossy(&empty.stderr).contains("no camera yet"), "no page of zeros is written");
     assert!(!path.join("a/report.html").exists());
-    let other = run(path, &begin.replace("--bounces 1", "--bounces 2"));
+    let other = run(path, &begin.replace("--size 24x16", "--size 24x18"));
     assert_eq!(other.status.code(), Some(USAGE));
     assert!(String::from_utf8_lossy(&other.stderr).contains("begun under other conditions"));
     fails("evaluate parameters --record a.jsonl --only nowhere", USAGE, &["no scene is called nowhere"]);
