@@ -122,8 +122,8 @@ impl Stage {
         }
     }
 
-    /// Runs a search of the core by [`METHOD`]. Every iteration builds and renders, also a repeated configuration, as in
-    /// the paper. `None` when it was stopped.
+    /// Runs a search of the core by [`METHOD`]. Every iteration builds and renders, also a repeated
+    /// configuration, as in the paper. `None` when it was stopped.
     pub(crate) fn search(
         &mut self,
         camera: u32,

@@ -347,9 +347,9 @@ pub(crate) fn markdown(report: &Report<'_>) -> String {
     text
 }
 
-/// The numbers behind the figures: file names and contents.
+/// What was computed from the record, as CSV: file names and contents.
 pub(crate) fn tables(report: &Report<'_>) -> BTreeMap<String, String> {
-    let mut files = part_page::tables(report.record, report.clock);
+    let mut files = BTreeMap::new();
     for verdict in report.verdicts {
         let name = verdict.objective.name();
         files.insert(
@@ -385,20 +385,6 @@ pub(crate) fn tables(report: &Report<'_>) -> BTreeMap<String, String> {
             );
         }
         files.insert(format!("answers-{name}.csv"), rows);
-        let mut searches = String::from("scene,camera,iteration,cost_ms\n");
-        for ground in &verdict.grounds {
-            for (number, cost) in ground.curve_ms.iter().enumerate() {
-                let cost = cost.map_or(String::new(), |cost| format!("{cost:.4}"));
-                let _ = writeln!(
-                    searches,
-                    "{},{},{},{cost}",
-                    ground.place.scene,
-                    ground.place.camera,
-                    number + 1
-                );
-            }
-        }
-        files.insert(format!("searches-{name}.csv"), searches);
     }
     files
 }

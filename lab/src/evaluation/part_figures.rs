@@ -26,7 +26,6 @@ pub(super) fn number(configuration: &Configuration, name: &str) -> Option<f64> {
 /// One search over a part: costs of its iterations with their configurations, failed ones left out.
 pub(super) struct Run<'a> {
     pub(super) run: u32,
-    pub(super) objective: Objective,
     /// Number of the iteration from 1, cost in milliseconds, configuration.
     pub(super) points: Vec<(usize, f64, &'a Configuration)>,
 }
@@ -37,7 +36,7 @@ impl<'a> Run<'a> {
         let points = part.search.iterations.iter().enumerate().filter_map(|(number, one)| {
             Some((number + 1, clock.cost(objective, one.times.as_ref()?)?, &one.configuration))
         });
-        Some(Self { run: part.run, objective, points: points.collect() })
+        Some(Self { run: part.run, points: points.collect() })
     }
 
     /// The last quarter of its iterations: where it has come to, by more than one measurement.

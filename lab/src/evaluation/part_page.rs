@@ -272,69 +272,6 @@ fn frames(strip: &[u8]) -> Option<u32> {
     (width >= 4).then(|| height / (width * 3 / 4)).filter(|frames| *frames > 1)
 }
 
-/// The rounds in which the default and what searches over parts came to were measured again.
-fn again_table(record: &Record, clock: Clock) -> String {
-    let mut text = String::from("scene,configuration,round,build_ms,render_ms\n");
-    for ((_, place), group) in record.groups.iter().filter(|((kind, _), _)| *kind == GroupKind::Parts) {
-        for member in &group.members {
-            for (round, times) in member.rounds.iter().enumerate() {
-                if let Some([build_ms, render_ms]) = clock.read(times) {
-                    let (scene, configuration) = (&place.scene, &member.configuration);
-                    let _ = writeln!(
-                        text,
-                        "{scene},\"{configuration}\",{},{build_ms:.4},{render_ms:.4}",
-                        round + 1
-                    );
-                }
-            }
-        }
-    }
-    text
-}
-
-/// The numbers behind the figures: file names and contents.
-pub(crate) fn tables(record: &Record, clock: Clock) -> BTreeMap<String, String> {
-    let mut files = BTreeMap::new();
-    if !record.parts.is_empty() {
-        let mut text = String::from("part,scene,run,objective,iteration,cost_ms,configuration\n");
-        for search in &record.parts {
-            let Some(run) = Run::of(search, clock) else { continue };
-            let (part, scene, objective) = (&search.part, &search.search.place.scene, run.objective.name());
-            for (iteration, cost_ms, configuration) in &run.points {
-                let _ = writeln!(
-                    text,
-                    "{part},{scene},{},{objective},{iteration},{cost_ms:.4},\"{configuration}\"",
-                    run.run + 1
-                );
-            }
-        }
-        files.insert("parts.csv".to_owned(), text);
-        files.insert("parts-again.csv".to_owned(), again_table(record, clock));
-    }
-    let mut text = String::from("scene,height,angle,angles,splitting,round,build_ms,render_ms\n");
-    for ((scene, versus), group) in &record.pairs {
-        let versus = match versus {
-            Versus::Height(height) => format!("{height},,"),
-            Versus::Needles { angle, angles } => format!(",{angle},{angles}"),
-        };
-        for (member, splitting) in group.members.iter().zip(["without", "with"]) {
-            for (round, times) in member.rounds.iter().enumerate() {
-                if let Some([build_ms, render_ms]) = clock.read(times) {
-                    let _ = writeln!(
-                        text,
-                        "{scene},{versus},{splitting},{},{build_ms:.4},{render_ms:.4}",
-                        round + 1
-                    );
-                }
-            }
-        }
-    }
-    if !record.pairs.is_empty() {
-        files.insert("splitting.csv".to_owned(), text);
-    }
-    files
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::parts::compared;
@@ -377,7 +314,5 @@ mod tests {
         for cell in ["100.00", "+100.0 % [+100.0, +100.0]", "+0.0 % [+0.0, +0.0]", "-50.0 to +100.0 %"] {
             assert!(page.contains(&format!(">{cell}</td>")), "{cell} in {page}");
         }
-        let table = &tables(&record, Clock::Wall)["parts-again.csv"];
-        assert_eq!(table.lines().count(), 1 + 3 * 6);
     }
 }
