@@ -51,8 +51,6 @@ pub(crate) struct Fixed {
     pub(crate) configuration: Configuration,
     /// In units of native Embree's default.
     pub(crate) mean_cost: f64,
-    /// The worst of the scenes.
-    pub(crate) worst: f64,
 }
 
 /// All configurations that ran on each of these scenes, best first; `without` those in it.
@@ -69,8 +67,7 @@ pub(crate) fn fixed(
                 scenes.iter().map(|scene| scene.get(text).map(|(_, cost)| *cost)).collect();
             let costs = costs?;
             let mean_cost = (costs.iter().map(|cost| cost.ln()).sum::<f64>() / costs.len() as f64).exp();
-            let worst = costs.iter().copied().fold(0.0, f64::max);
-            Some(Fixed { configuration: configuration.clone(), mean_cost, worst })
+            Some(Fixed { configuration: configuration.clone(), mean_cost })
         });
     let mut all: Vec<Fixed> = on_all.filter(|one| one.mean_cost.is_finite()).collect();
     all.sort_by(|a, b| a.mean_cost.total_cmp(&b.mean_cost));
@@ -217,12 +214,11 @@ fn row(
 }
 
 /// Median, least and geometric mean of some ratios.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Overall {
     pub(crate) median: f64,
     pub(crate) least: f64,
     pub(crate) mean: f64,
-    pub(crate) count: usize,
 }
 
 impl Overall {
@@ -230,12 +226,7 @@ impl Overall {
         let mut all: Vec<f64> = ratios.filter(|ratio| *ratio > 0.0).collect();
         all.sort_by(f64::total_cmp);
         let mean = (all.iter().map(|ratio| ratio.ln()).sum::<f64>() / all.len().max(1) as f64).exp();
-        Self {
-            median: quantile(&all, 0.5),
-            least: all.first().copied().unwrap_or(0.0),
-            mean,
-            count: all.len(),
-        }
+        Self { median: quantile(&all, 0.5), least: all.first().copied().unwrap_or(0.0), mean }
     }
 }
 
@@ -273,7 +264,7 @@ mod tests {
         let all = fixed(&costs, &BTreeSet::new());
         let names: Vec<String> = all.iter().map(|one| one.configuration.to_string()).collect();
         assert_eq!(names, ["name=a", "name=b"]);
-        assert!((all[0].mean_cost - 0.5).abs() < 1e-9 && (all[1].worst - 2.0).abs() < 1e-9);
+        assert!((all[0].mean_cost - 0.5).abs() < 1e-9);
         let without = BTreeSet::from(["name=a".to_owned()]);
         assert_eq!(fixed(&costs, &without).len(), 1);
     }
