@@ -10,7 +10,7 @@ use treewright_render_cli::error::{CliError, check_folder};
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
 use treewright_render_cli::server::machine;
-use treewright_renderer::limits::{ITERATIONS_MAX, ROUNDS_MAX, THREADS_MAX};
+use treewright_renderer::limits::{ROUNDS_MAX, THREADS_MAX};
 
 use super::evaluate_setup::{Progress, SceneArguments};
 use crate::converge::bootstrap::Interval;
@@ -32,6 +32,13 @@ const BUILT_IN: [(&str, &str); 6] = [
     ("sea", "0.15"),
 ];
 
+/// Seed of the built-in scenes.
+const SEED: u64 = 7;
+/// Trials of a machine in each scene that its predictors will know.
+const FRAMES: u32 = 24;
+/// Trials in an unseen scene before the answer is frozen.
+const FIRST_FRAMES: u32 = 8;
+
 /// The environment's name for the instruction set that a process is kept to.
 const ISA: &str = "TREEWRIGHT_ISA";
 
@@ -42,10 +49,10 @@ Measure what a machine gains from its own measurements, from its group's, and fr
 Machines are emulated on this one: each combination of --isa, --threads and --size is a machine, and runs in a
 process of its own. Machines with the same instruction set are a group.
 
-1. Each machine searches each scene for --frames frames, by a daemon that knows nothing else.
+1. Each machine searches each scene for 24 frames, by a daemon that knows nothing else.
 2. Each scene is then unseen once. Of the other scenes a predictor knows nothing, what the machine measured
    itself (node), what its group measured, or what the whole fleet measured. It answers for the unseen scene
-   before the first frame there, and once more, frozen, after --first-frames frames.
+   before the first frame there, and once more, frozen, after eight frames.
 3. These answers, the recommended configuration, native Embree's default, and what the machine's own search
    found in the scene are measured in interleaved rounds.
 
@@ -61,7 +68,7 @@ pub(super) const EXAMPLES: &str = "\
 Examples:
   treewright-lab fleet --record fleet.jsonl
   treewright-lab fleet --record small.jsonl --only hall,sea --isa sse2,avx2,avx512 --threads 1
-  treewright-lab fleet --record other.jsonl --seed 11 --frames 60 --rounds 31
+  treewright-lab fleet --record long.jsonl --rounds 31
   treewright-lab fleet --report fleet.jsonl --json";
 
 /// Arguments of `fleet`.
@@ -93,18 +100,6 @@ pub(super) struct Arguments {
 
     #[command(flatten)]
     scenes: SceneArguments,
-
-    /// Seed of the built-in scenes: another one makes others.
-    #[arg(long, value_name = "N", default_value_t = 7)]
-    seed: u64,
-
-    /// Trials of a machine in each scene that its predictors will know.
-    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(2..=i64::from(ITERATIONS_MAX)))]
-    frames: u32,
-
-    /// Trials in an unseen scene before the answer is frozen.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
-    first_frames: u32,
 
     /// How often each answer is measured.
     #[arg(long, value_name = "N", default_value_t = 11, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
@@ -148,7 +143,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
 
 impl Arguments {
     fn entries(&self) -> Result<Vec<Entry>, CliError> {
-        let text = |(name, detail)| format!("{name}=builtin:{name}:{detail}:{}", self.seed);
+        let text = |(name, detail)| format!("{name}=builtin:{name}:{detail}:{SEED}");
         let built_in: Result<_, String> = BUILT_IN.into_iter().map(|one| text(one).parse()).collect();
         let entries = self.scenes.beside(built_in.map_err(CliError::Usage)?)?;
         if entries.len() < 2 {
@@ -168,8 +163,8 @@ impl Arguments {
             processor,
             machines: Machine::all(&self.isa, &threads, &self.size),
             scenes: entries.iter().map(ToString::to_string).collect(),
-            frames: self.frames,
-            first_frames: self.first_frames,
+            frames: FRAMES,
+            first_frames: FIRST_FRAMES,
             rounds: self.rounds,
         }
     }
@@ -300,12 +295,12 @@ mod tests {
     }
 
     #[test]
-    fn the_default_fleet_has_two_groups_and_scenes_of_the_seed() {
-        let arguments = parsed("fleet --record a.jsonl --seed 11");
+    fn the_default_fleet_has_two_groups_and_all_scenes() {
+        let arguments = parsed("fleet --record a.jsonl");
         let entries = arguments.entries().expect("built-in scenes");
         let conditions = arguments.conditions(&entries);
         assert_eq!((conditions.machines.len(), conditions.scenes.len()), (8, BUILT_IN.len()));
-        assert_eq!(conditions.scenes[0], "hall=builtin:hall:0.1:11");
+        assert_eq!(conditions.scenes[0], "hall=builtin:hall:0.1:7");
         assert!(parsed("fleet --record a.jsonl --only hall").entries().is_err(), "nothing would be known");
     }
 }
