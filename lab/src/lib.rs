@@ -7,6 +7,7 @@
 //! | `leave_scene_out` | the gain from the service on scenes that it has never seen |
 //! | `evaluation` | the paper's section 7: searches along camera paths are recorded, predictors judged by the record |
 //! | `geometry` | the hash of a scene's geometry |
+//! | `json_lines` | records on disk |
 //! | `simulated` | parts of the examples' studies |
 //! | `commands` | the program `treewright-lab`: these and `leave-out` |
 //!
@@ -18,5 +19,6 @@ pub mod converge;
 pub(crate) mod evaluation;
 pub(crate) mod fleet;
 pub(crate) mod geometry;
+pub(crate) mod json_lines;
 pub(crate) mod leave_scene_out;
 pub mod simulated;

@@ -18,7 +18,8 @@ use crate::converge::report::with_range;
 use crate::fleet::judge::{Row, rows};
 use crate::fleet::machines::Machine;
 use crate::fleet::measure::{Node, OWN_SEARCH};
-use crate::fleet::record::{At, Conditions, Line, Record, add};
+use crate::fleet::record::{At, Conditions, Line, Record};
+use crate::json_lines;
 use crate::leave_scene_out::steps::Stage;
 use crate::leave_scene_out::suite::Entry;
 
@@ -232,7 +233,7 @@ fn be_node(
         if interrupt.requested() {
             return Err(CliError::Interrupted);
         }
-        add(path, &line)?;
+        json_lines::add(path, &line)?;
     }
     Ok(())
 }

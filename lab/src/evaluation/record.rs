@@ -1,15 +1,12 @@
 //! The measurements as JSON Lines: a first line with the conditions, then one line a search, group or pair.
 //!
-//! Lines are only added, each flushed to the disk before the next measurement begins. A line that a killed
-//! run left unfinished is cut off when the file is opened for more, and its work done again. Each line holds
-//! the hash of its scene and the version of the program; a second scene under one name is refused.
+//! Each line holds the hash of its scene and the version of the program; a second scene under one name is
+//! refused.
 //!
 //! Records of older forms can be read and judged. None is added to, as its first line would say the wrong
 //! form of what follows.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{File, OpenOptions};
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
@@ -20,6 +17,8 @@ use treewright_render_cli::error::CliError;
 use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::Objective;
+
+use crate::json_lines::{self, wrong};
 
 /// Version of the form.
 const VERSION: u32 = 3;
@@ -291,7 +290,22 @@ impl Record {
 
     /// Reads a file; the line that a killed run left unfinished is passed over.
     pub(crate) fn read(path: &Path) -> Result<Self, CliError> {
-        Ok(read(path)?.0)
+        let mut lines = json_lines::read::<Line>(path)?;
+        let Some(Line::Conditions(conditions)) = lines.next().transpose()? else {
+            return Err(wrong(path, "its first line says no conditions"));
+        };
+        if conditions.version > VERSION {
+            let found = conditions.version;
+            return Err(wrong(path, &format!("it is of version {found}, and this program knows {VERSION}")));
+        }
+        let mut record = Self::new(conditions);
+        for (number, line) in lines.enumerate() {
+            let line = line?;
+            let failed = |error: CliError| wrong(path, &format!("line {}: {error}", number + 2));
+            record.check(&line).map_err(failed)?;
+            record.take(line);
+        }
+        Ok(record)
     }
 
     /// Whether a search is there already.
@@ -344,7 +358,6 @@ impl Record {
 #[derive(Debug)]
 pub(crate) struct OpenRecord {
     path: PathBuf,
-    file: File,
     pub(crate) record: Record,
 }
 
@@ -352,13 +365,10 @@ impl OpenRecord {
     /// Opens a record, or begins one. One that was begun under other conditions, or is of an older form, is
     /// refused.
     pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
-        if !is_begun(path).map_err(|error| wrong(path, &error.to_string()))? {
-            let file = File::create(path).map_err(|error| wrong(path, &error.to_string()))?;
-            let mut open = Self { path: path.to_owned(), file, record: Record::new(conditions.clone()) };
-            open.write(&Line::Conditions(conditions.clone()))?;
-            return Ok(open);
+        if !json_lines::is_begun(path)? {
+            json_lines::add(path, &Line::Conditions(conditions.clone()))?;
         }
-        let (record, whole) = read(path)?;
+        let record = Record::read(path)?;
         let (found, asked) = (&record.conditions, conditions);
         if found.version < VERSION {
             return Err(CliError::Usage(format!(
@@ -380,71 +390,16 @@ impl OpenRecord {
             let cpu = &found.machine.cpu_model;
             return Err(CliError::Usage(format!("{} was begun on {cpu}; use another file", path.display())));
         }
-        let file =
-            OpenOptions::new().append(true).open(path).map_err(|error| wrong(path, &error.to_string()))?;
-        file.set_len(whole).map_err(|error| wrong(path, &error.to_string()))?;
-        Ok(Self { path: path.to_owned(), file, record })
+        Ok(Self { path: path.to_owned(), record })
     }
 
     /// Adds a line; it is on the disk when this returns. One of another scene is refused.
     pub(crate) fn add(&mut self, line: Line) -> Result<(), CliError> {
         self.record.check(&line)?;
-        self.write(&line)?;
+        json_lines::add(&self.path, &line)?;
         self.record.take(line);
         Ok(())
     }
-
-    fn write(&mut self, line: &Line) -> Result<(), CliError> {
-        let failed =
-            |error: String| CliError::Failed(format!("{} cannot be written: {error}", self.path.display()));
-        let mut text = serde_json::to_vec(line).map_err(|error| failed(error.to_string()))?;
-        text.push(b'\n');
-        self.file
-            .write_all(&text)
-            .and_then(|()| self.file.sync_data())
-            .map_err(|error| failed(error.to_string()))
-    }
-}
-
-/// How the first line of every record begins.
-const BEGINNING: &[u8] = b"{\"conditions\":";
-
-/// Whether there is something in a file that is not to be lost. A record whose first line was left unfinished
-/// is begun again.
-pub(crate) fn is_begun(path: &Path) -> std::io::Result<bool> {
-    if !path.exists() {
-        return Ok(false);
-    }
-    let there = std::fs::read(path)?;
-    let is_beginning = BEGINNING.starts_with(&there) || there.starts_with(BEGINNING);
-    Ok(there.contains(&b'\n') || !is_beginning)
-}
-
-fn wrong(path: &Path, cause: &str) -> CliError {
-    CliError::Failed(format!("{} is no record of an evaluation: {cause}", path.display()))
-}
-
-/// A record, and how many bytes of the file are whole lines.
-fn read(path: &Path) -> Result<(Record, u64), CliError> {
-    let text = std::fs::read(path).map_err(|error| wrong(path, &error.to_string()))?;
-    let whole = text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
-    let mut lines = text[..whole].split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
-    let first = lines.next().ok_or_else(|| wrong(path, "its first line is missing"))?;
-    let Ok(Line::Conditions(conditions)) = serde_json::from_slice(first) else {
-        return Err(wrong(path, "its first line says no conditions"));
-    };
-    if conditions.version > VERSION {
-        let found = conditions.version;
-        return Err(wrong(path, &format!("it is of version {found}, and this program knows {VERSION}")));
-    }
-    let mut record = Record::new(conditions);
-    for (number, line) in lines.enumerate() {
-        let failed = |error: String| wrong(path, &format!("line {}: {error}", number + 2));
-        let line = serde_json::from_slice(line).map_err(|error| failed(error.to_string()))?;
-        record.check(&line).map_err(|error| failed(error.to_string()))?;
-        record.take(line);
-    }
-    Ok((record, whole as u64))
 }
 
 fn words(conditions: &Conditions) -> String {
@@ -512,42 +467,15 @@ mod tests {
     }
 
     #[test]
-    fn what_was_cut_short_is_cut_off_and_the_rest_stays() {
+    fn a_record_is_gone_on_with_under_the_same_conditions_only() {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let path = folder.path().join("record.jsonl");
-        let mut open = OpenRecord::open(&path, &conditions(80)).expect("it is begun");
-        open.add(group(0)).expect("it is written");
-        drop(open);
-        let whole = std::fs::read(&path).expect("it is there");
-        let mut cut = whole.clone();
-        cut.extend_from_slice(b"{\"group\":{\"kin");
-        std::fs::write(&path, cut).expect("it can be written");
-        let mut open = OpenRecord::open(&path, &conditions(80)).expect("it is read");
-        assert_eq!(open.record.groups.len(), 1);
-        assert_eq!(std::fs::read(&path).expect("it is there"), whole);
-        open.add(group(1)).expect("it is written");
-        assert_eq!(Record::read(&path).expect("it is read").groups.len(), 2);
+        let open = || OpenRecord::open(&path, &conditions(80)).expect("it is begun");
+        open().add(group(0)).expect("it is written");
+        open().add(group(1)).expect("it is written");
+        assert_eq!(open().record.groups.len(), 2);
         let message = OpenRecord::open(&path, &conditions(40)).expect_err("other conditions").to_string();
         assert!(message.contains("80 iterations") && message.contains("40 iterations"), "{message}");
-    }
-
-    #[test]
-    fn a_first_line_that_was_cut_short_is_begun_again() {
-        let folder = tempfile::tempdir().expect("a scratch folder");
-        let path = folder.path().join("record.jsonl");
-        drop(OpenRecord::open(&path, &conditions(80)).expect("it is begun"));
-        let whole = std::fs::read(&path).expect("it is there");
-        for left in [0, 5, whole.len() - 1] {
-            std::fs::write(&path, &whole[..left]).expect("it can be written");
-            let mut open = OpenRecord::open(&path, &conditions(80)).expect("it is begun again");
-            assert_eq!(std::fs::read(&path).expect("it is there"), whole, "{left}");
-            open.add(group(0)).expect("it is written");
-            assert_eq!(Record::read(&path).expect("it is read").groups.len(), 1, "{left}");
-        }
-        // What is no record stays.
-        std::fs::write(&path, "{\"model\":").expect("it can be written");
-        OpenRecord::open(&path, &conditions(80)).expect_err("another file");
-        assert_eq!(std::fs::read(&path).expect("it is there"), b"{\"model\":");
     }
 
     #[test]

@@ -1,10 +1,5 @@
 //! The measurements as JSON Lines: a first line with the conditions, then a line a search or examination.
-//!
-//! Lines are only added. One that a killed run left unfinished is cut off before more are added, and its work
-//! done again.
 
-use std::fs::OpenOptions;
-use std::io::Write as _;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -12,7 +7,7 @@ use treewright_client::Fingerprint;
 use treewright_render_cli::error::CliError;
 
 use super::machines::Machine;
-use crate::evaluation::record::is_begun;
+use crate::json_lines::{self, wrong};
 use crate::leave_scene_out::book::{RecordedRounds, RecordedSearch};
 
 /// Under which conditions everything in a record was measured.
@@ -73,11 +68,7 @@ pub(crate) struct Record {
 impl Record {
     /// Reads a record. A last line without an end does not count.
     pub(crate) fn read(path: &Path) -> Result<Self, CliError> {
-        let text = std::fs::read_to_string(path).map_err(|error| wrong(path, &error.to_string()))?;
-        let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
-        let mut lines = whole.lines().enumerate().map(|(number, line)| {
-            serde_json::from_str(line).map_err(|error| wrong(path, &format!("line {}: {error}", number + 1)))
-        });
+        let mut lines = json_lines::read::<Line>(path)?;
         let Some(Line::Conditions(conditions)) = lines.next().transpose()? else {
             return Err(wrong(path, "its first line says no conditions"));
         };
@@ -94,8 +85,8 @@ impl Record {
 
     /// Begins a record, or continues one with the same conditions.
     pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
-        if !is_begun(path).map_err(|error| wrong(path, &error.to_string()))? {
-            add(path, &Line::Conditions(conditions.clone()))?;
+        if !json_lines::is_begun(path)? {
+            json_lines::add(path, &Line::Conditions(conditions.clone()))?;
         }
         let record = Self::read(path)?;
         if record.conditions == *conditions {
@@ -104,25 +95,6 @@ impl Record {
         let path = path.display();
         Err(CliError::Usage(format!("{path} was begun under other conditions; use another file")))
     }
-}
-
-/// Adds a line, in place of one that was left unfinished; it is on the disk when this returns.
-pub(crate) fn add(path: &Path, line: &Line) -> Result<(), CliError> {
-    let failed = |error: String| CliError::Failed(format!("{} cannot be written: {error}", path.display()));
-    let mut text = serde_json::to_vec(line).map_err(|error| failed(error.to_string()))?;
-    text.push(b'\n');
-    let write = || {
-        let mut file = OpenOptions::new().append(true).create(true).open(path)?;
-        let there = std::fs::read(path)?;
-        file.set_len(there.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end as u64 + 1))?;
-        file.write_all(&text)?;
-        file.sync_data()
-    };
-    write().map_err(|error: std::io::Error| failed(error.to_string()))
-}
-
-fn wrong(path: &Path, cause: &str) -> CliError {
-    CliError::Failed(format!("{} is no record of a fleet: {cause}", path.display()))
 }
 
 #[cfg(test)]
@@ -151,21 +123,8 @@ pub(crate) mod tests {
         Record::open(&path, &conditions).expect("it is begun");
         let rounds = RecordedRounds { contenders: Vec::new(), disturbed: false };
         let at = At::of(&conditions.machines[0], "hall", rounds);
-        let line = Line::Answers(at);
-        add(&path, &line).expect("it can be written");
-        let mut killed = std::fs::read(&path).expect("it is there");
-        killed.extend_from_slice(b"{\"answers\":{\"mach");
-        std::fs::write(&path, killed).expect("it can be written");
-        let count = || Record::open(&path, &conditions).expect("it is a record").answers.len();
-        assert_eq!(count(), 1, "half a line does not count");
-        add(&path, &line).expect("it can be written");
-        assert_eq!(count(), 2, "and gives way to the next");
-        let first = serde_json::to_string(&Line::Conditions(conditions.clone())).expect("it is text");
-        for left in ["", &first[..9], first.as_str()] {
-            std::fs::write(&path, left).expect("it can be written");
-            assert_eq!(count(), 0, "a first line that was left unfinished is begun again");
-            assert_eq!(std::fs::read_to_string(&path).expect("it is there"), first.clone() + "\n");
-        }
+        json_lines::add(&path, &Line::Answers(at)).expect("it can be written");
+        assert_eq!(Record::open(&path, &conditions).expect("it is a record").answers.len(), 1);
         let other = Conditions { rounds: 99, ..conditions.clone() };
         assert!(matches!(Record::open(&path, &other), Err(CliError::Usage(_))));
         std::fs::write(&path, "{}\n").expect("it can be written");
