@@ -12,9 +12,6 @@
 
 mod problem;
 
-use std::collections::BTreeMap;
-use std::time::Instant;
-
 use problem::Problem;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -28,28 +25,19 @@ const FROM: usize = 40;
 /// Standard deviation of the relative noise.
 const NOISE: f64 = 0.05;
 
-/// Regret of each round, the time that asking and telling took, in microseconds, and the predictors' errors.
-fn run(problem: &Problem, policy: &Policy, seed: u64) -> (Vec<f64>, Vec<f64>, Vec<(PredictorMethod, f64)>) {
+/// Regret of each round.
+fn run(problem: &Problem, policy: &Policy, seed: u64) -> Vec<f64> {
     let mut tuner = problem.tuner(policy.clone(), seed);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let (mut regrets, mut times) = (Vec::new(), Vec::new());
-    for round in 0..ROUNDS as i64 {
+    let round = |round: i64| {
         let context: [f64; 2] = [random.random(), random.random()];
         let ask = ask([("u", context[0]), ("v", context[1])]);
-        let begin = Instant::now();
         let (trial, _) = tuner.suggest(&ask, round).expect("a valid question");
-        let mut spent = begin.elapsed();
         let cost = problem.cost(&context, &problem.point(&trial.configuration));
-        regrets.push(problem.regret(cost, &context));
-        let noisy = cost * (1.0 + NOISE * normal(&mut random)).max(0.01);
-        let begin = Instant::now();
-        report(&mut tuner, &trial, Some(noisy));
-        spent += begin.elapsed();
-        times.push(spent.as_secs_f64() * 1e6);
-    }
-    let errors =
-        tuner.predictor_errors().into_iter().map(|(method, interval)| (method, interval.mean)).collect();
-    (regrets, times, errors)
+        report(&mut tuner, &trial, Some(cost * (1.0 + NOISE * normal(&mut random)).max(0.01)));
+        problem.regret(cost, &context)
+    };
+    (0..ROUNDS as i64).map(round).collect()
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -73,17 +61,10 @@ fn main() {
     for problem in problem::all() {
         for (predictor, epsilon) in methods.into_iter().filter(|(method, _)| wanted(*method)) {
             let policy = Policy { predictor, epsilon, ..Policy::default() };
-            let (mut regrets, mut times, mut errors) = (vec![0.0; ROUNDS], Vec::new(), BTreeMap::new());
-            for seed in 0..seeds {
-                let (regret, time, error) = run(&problem, &policy, seed);
-                regrets.iter_mut().zip(regret).for_each(|(sum, regret)| *sum += regret / seeds as f64);
-                times.extend(time);
-                for (method, error) in error {
-                    *errors.entry(method.name()).or_insert(0.0) += error / seeds as f64;
-                }
-            }
-            times.sort_by(f64::total_cmp);
-            let part = |from: usize, to: usize| mean(&regrets[from..to]);
+            let regrets: Vec<Vec<f64>> = (0..seeds).map(|seed| run(&problem, &policy, seed)).collect();
+            let part = |from: usize, to: usize| {
+                regrets.iter().map(|regrets| mean(&regrets[from..to])).sum::<f64>() / seeds as f64
+            };
             println!(
                 "{}",
                 json!({
@@ -93,13 +74,6 @@ fn main() {
                     "seeds": seeds,
                     "regret_1_to_40": part(0, FROM),
                     "regret_41_to_80": part(FROM, ROUNDS),
-                    "regret_41_to_60": part(FROM, 60),
-                    "regret_61_to_80": part(60, ROUNDS),
-                    "best_fixed": 0.6,
-                    "random": problem.random_regret(),
-                    "prequential_error": errors,
-                    "answer_us": { "mean": mean(&times), "p50": times[times.len() / 2],
-                        "p99": times[times.len() * 99 / 100] },
                 })
             );
         }

@@ -29,7 +29,6 @@ pub(crate) struct Problem {
     integers: bool,
     /// A regret of one in units of cost.
     unit: f64,
-    random: f64,
 }
 
 fn wave(&[u, v]: &[f64; 2]) -> [f64; 4] {
@@ -102,7 +101,7 @@ fn hill(&[u, v]: &[f64; 2]) -> f64 {
 /// All problems.
 pub(crate) fn all() -> Vec<Problem> {
     let problem = |name, optimum, rise, least, integers| {
-        let mut problem = Problem { name, optimum, rise, least, integers, unit: 1.0, random: 0.0 };
+        let mut problem = Problem { name, optimum, rise, least, integers, unit: 1.0 };
         problem.scale();
         problem
     };
@@ -138,11 +137,6 @@ impl Problem {
         (cost - (self.least)(context)) / self.unit
     }
 
-    /// The mean regret of random configurations.
-    pub(crate) fn random_regret(&self) -> f64 {
-        self.random
-    }
-
     /// Finds the best fixed configuration by pattern search, and takes its mean regret for [`FIXED`].
     fn scale(&mut self) {
         let mut random = ChaCha8Rng::seed_from_u64(1);
@@ -169,10 +163,7 @@ impl Problem {
                 step /= 2.0;
             }
         }
-        let anywhere: Vec<[f64; 4]> = (0..200).map(|_| std::array::from_fn(|_| random.random())).collect();
-        let mean = anywhere.iter().map(|point| regret(point)).sum::<f64>() / 200.0;
         self.unit = least / FIXED;
-        self.random = mean / self.unit;
     }
 
     fn name_of(axis: usize) -> String {

@@ -12,26 +12,15 @@ use treewright_lab::simulated::normal;
 
 use crate::problem::Problem;
 
-/// The result of a run.
-pub(crate) struct Run {
-    /// Score of the configuration that measured best, after each of the marks.
-    pub(crate) scores: Vec<f64>,
-    /// Score of the best that was ever tried.
-    pub(crate) touched: Vec<f64>,
-    /// Time of asking and telling, a trial, in microseconds.
-    pub(crate) micros: Vec<f64>,
-    pub(crate) infeasible: usize,
-    pub(crate) repeats: usize,
-}
-
 impl Problem {
     /// The cost of the optimum over a cost: more is better.
     fn score(&self, truth: f64) -> f64 {
         if truth.is_finite() { self.optimum / truth } else { 0.0 }
     }
 
-    /// Runs a search the way the tuner does, one point at a time.
-    pub(crate) fn run(&self, method: SearchMethod, seed: u64, marks: &[usize]) -> Run {
+    /// Runs a search the way the tuner does, one point at a time. The scores are those of the configuration
+    /// that measured best, after each of the marks.
+    pub(crate) fn run(&self, method: SearchMethod, seed: u64, marks: &[usize]) -> Vec<f64> {
         let budget = marks[marks.len() - 1];
         let start = self.space.encode(&self.space.default_configuration());
         let setup = SearchSetup {
@@ -46,12 +35,9 @@ impl Problem {
         let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x5eed);
         let mut known: BTreeMap<Configuration, (Verdict, f64, u32)> = BTreeMap::new();
         let (mut trials, mut in_a_row) = (0, 0);
-        let mut run = Run { scores: vec![], touched: vec![], micros: vec![], infeasible: 0, repeats: 0 };
-        let mut spent = 0.0;
+        let mut scores = Vec::new();
         while trials < budget {
-            let clock = std::time::Instant::now();
             let point = search.ask().expect("only searches with points out wait");
-            spent += clock.elapsed().as_secs_f64() * 1e6;
             let mut configuration = self.space.decode(&point.x);
             let before = known.get(&configuration).filter(|_| point.step != Step::Replicate);
             if let Some((verdict, ..)) = before {
@@ -70,30 +56,23 @@ impl Problem {
             let truth = (self.truth)(&configuration);
             let measured = truth.map(|truth| truth * (self.noise * normal(&mut random)).exp());
             let verdict = measured.map_or(Verdict::Infeasible, Verdict::Cost);
-            run.infeasible += usize::from(truth.is_none());
-            run.repeats += usize::from(point.step == Step::Replicate);
             let entry = known.entry(configuration).or_insert((verdict, truth.unwrap_or(f64::INFINITY), 0));
             entry.2 += 1;
             if let (Verdict::Cost(mean), Some(cost)) = (&mut entry.0, measured) {
                 *mean += (cost - *mean) / f64::from(entry.2);
             }
-            let clock = std::time::Instant::now();
             if !lost {
                 search.tell(point.id, Feedback { verdict, fresh: true });
             }
-            run.micros.push(spent + clock.elapsed().as_secs_f64() * 1e6);
-            spent = 0.0;
             if marks.contains(&trials) {
                 let cost = |entry: &&(Verdict, f64, u32)| match entry.0 {
                     Verdict::Cost(cost) => cost,
                     _ => f64::INFINITY,
                 };
                 let best = known.values().min_by(|a, b| cost(a).total_cmp(&cost(b)));
-                run.scores.push(self.score(best.map_or(f64::INFINITY, |best| best.1)));
-                let touched = known.values().map(|entry| entry.1).fold(f64::INFINITY, f64::min);
-                run.touched.push(self.score(touched));
+                scores.push(self.score(best.map_or(f64::INFINITY, |best| best.1)));
             }
         }
-        run
+        scores
     }
 }
