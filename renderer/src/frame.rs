@@ -140,7 +140,6 @@ pub struct Renderer {
     pub(crate) prepared: Arc<Prepared>,
     /// The scene at the moments of an episode.
     pub(crate) moments: Vec<Arc<Prepared>>,
-    leave_out: bool,
     /// The structure that frames are rendered with.
     current: Option<Built>,
     shelf: Shelf,
@@ -177,7 +176,6 @@ impl Renderer {
             delays,
             prepared,
             moments: Vec::new(),
-            leave_out: true,
             current: None,
             shelf: Shelf::default(),
             studied: None,
@@ -187,12 +185,6 @@ impl Renderer {
     /// The scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.prepared.scene
-    }
-
-    /// Whether shading leaves out features that the scene does not need, which is the default. Pictures do
-    /// not change.
-    pub fn set_leave_out(&mut self, leave_out: bool) {
-        self.leave_out = leave_out;
     }
 
     /// Looks for light in another way from now on. What needs to be learnt is, by [`Self::learn_light`].
@@ -279,7 +271,7 @@ impl Renderer {
 
     /// The needs that the shading kernel in use covers.
     pub fn needs(&self) -> Needs {
-        if self.leave_out { self.prepared.needs } else { Needs::ALL }
+        self.prepared.needs
     }
 
     /// Number of render threads.

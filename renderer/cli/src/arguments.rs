@@ -6,7 +6,7 @@ use std::sync::Arc;
 use clap::builder::TypedValueParser;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
-use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Update};
+use treewright_accel::{BuildChoice, NativeOptions, NativeQuality};
 use treewright_client::{Configuration, Indicators};
 
 use crate::error::CliError;
@@ -107,27 +107,12 @@ pub struct FrameArguments {
     /// Threads for building and rendering; 0 for one per core.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub threads: usize,
-
-    /// Shading features to leave out. Pictures are the same.
-    #[arg(long, value_enum, default_value_t = LeaveOut::All)]
-    pub leave_out: LeaveOut,
-}
-
-/// What shading leaves out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum LeaveOut {
-    /// Everything the scene does not use.
-    All,
-    /// Nothing: use the kernel that renders any scene.
-    None,
 }
 
 impl FrameArguments {
     /// A renderer of a scene.
     pub fn renderer(&self, scene: &Arc<Scene>) -> Result<Renderer, RendererError> {
-        let mut renderer = Renderer::new(scene.clone(), self.threads)?;
-        renderer.set_leave_out(self.leave_out == LeaveOut::All);
-        Ok(renderer)
+        Renderer::new(scene.clone(), self.threads)
     }
 
     /// The workload of its frames.
@@ -348,45 +333,6 @@ impl StructureArguments {
             (None, None) => Configuration::new(),
         };
         Ok(space.choice(&configuration)?)
-    }
-}
-
-/// How a structure follows a moving scene.
-#[derive(Args, Clone, Copy, Debug)]
-pub struct UpdateArguments {
-    /// How the structure follows a moving scene. Default: tuned, if the space includes it.
-    #[arg(long, value_enum)]
-    pub update: Option<UpdateKind>,
-
-    /// With `--update partial`: rebuild a subtree when its cost exceeds that of its last build by this
-    /// factor.
-    #[arg(long, value_name = "FACTOR", default_value_t = Update::REBUILD_THRESHOLD)]
-    pub rebuild_threshold: f32,
-}
-
-/// Ways to follow a moving scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum UpdateKind {
-    /// Rebuild.
-    Rebuild,
-    /// Keep the tree and refit its boxes.
-    Refit,
-    /// Refit, and rebuild subtrees that have degraded.
-    Partial,
-}
-
-impl UpdateArguments {
-    /// As the accelerators want it, if it is said.
-    pub fn update(self) -> Result<Option<Update>, CliError> {
-        let update = self.update.map(|kind| match kind {
-            UpdateKind::Rebuild => Update::Rebuild,
-            UpdateKind::Refit => Update::Refit,
-            UpdateKind::Partial => Update::partial(self.rebuild_threshold),
-        });
-        if let Some(update) = update {
-            update.check().map_err(|error| CliError::Usage(error.to_string()))?;
-        }
-        Ok(update)
     }
 }
 

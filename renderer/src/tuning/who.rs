@@ -33,8 +33,6 @@ pub enum Who {
     BestFixedFor(Objective),
     /// The configuration that is recommended where a tree serves a thousand frames.
     ForStills,
-    /// A configuration of the paper's space that was found elsewhere.
-    PaperTuned,
     /// What a search found, as long as it is not known to be the best.
     Found,
     /// The search's best, once it has beaten all rivals.
@@ -73,7 +71,6 @@ impl fmt::Display for Who {
             Self::BestFixed => "best fixed configuration",
             Self::BestFixedFor(objective) => return write!(f, "{} ({})", Self::BestFixed, objective.name()),
             Self::ForStills => "best fixed for stills",
-            Self::PaperTuned => "tuned in the paper's space",
             Self::Found => "found by the search",
             Self::Tuned => "tuned",
             Self::YourStart => "your start",
@@ -102,7 +99,7 @@ impl<'de> Deserialize<'de> for Who {
             let [plain, fitted] = [false, true].map(|fitted| UsedWellIn(NativeUse { quality, fitted }));
             [Native(quality), plain, fitted]
         });
-        let fixed = [Nobody, PaperDefault, UsedWell, BestFixed, ForStills, PaperTuned];
+        let fixed = [Nobody, PaperDefault, UsedWell, BestFixed, ForStills];
         let others = [Found, Tuned, YourStart, PlainLight, Predicted];
         let known = uses.chain(fixed).chain(others).find(|one| one.to_string() == text);
         let frames = text.strip_prefix("after ").and_then(|rest| rest.strip_suffix(" frames"));

@@ -4,7 +4,8 @@
 //! little or answers at once by a prediction. In progressive rendering a structure is kept as long as the
 //! configuration does not change; in real-time rendering each frame builds its own.
 //!
-//! With `--rounds` the scene moves as well, and each frame updates the structure in the way of `--update`.
+//! With `--rounds` the scene moves as well, and each frame updates the structure in the way of its
+//! configuration.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,9 +18,7 @@ use treewright_client::{
     Configuration, Finished, Mode, OpenEnum, Outcome, Policy, SessionPolicy, Source, Stats,
 };
 
-use crate::arguments::{
-    FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, UpdateArguments, unit_interval,
-};
+use crate::arguments::{FrameArguments, SceneArguments, Size, SpaceArguments, StartArguments, unit_interval};
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
 use crate::output;
@@ -79,13 +78,6 @@ pub(crate) struct Arguments {
     /// gets its own structure.
     #[arg(long, value_name = "N", default_value_t = 0.0, allow_negative_numbers = true)]
     rounds: f32,
-
-    /// Share of the flight, 0 to 1, at its end in which an animated scene stands still.
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = unit_interval)]
-    rest: f32,
-
-    #[command(flatten)]
-    update: UpdateArguments,
 
     /// Probability of exploring when the state changes. Default: the study's own.
     #[arg(long, value_name = "P", value_parser = unit_interval)]
@@ -157,7 +149,6 @@ struct FlightResults {
 
 /// Flies.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    let update = arguments.update.update()?;
     let moves = arguments.rounds != 0.0;
     let moving = moves.then(|| arguments.scene.moving()).transpose()?;
     // Objectives that single frames cannot measure are not tuned while it plays.
@@ -168,8 +159,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let threads = arguments.frame.threads;
     let mut reuse = Reuse::default();
     let objective = arguments.objective.objective(&reuse);
-    // Where it is said how the structure follows, that is not tuned.
-    let space = match moves && update.is_none() {
+    let space = match moves {
         true => arguments.space.of_moving(&scene, threads)?,
         false => arguments.space.of(&scene, objective, threads)?,
     };
@@ -188,7 +178,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     );
 
     let baseline = verdict::baseline_from(&space, &start);
-    let mut flight = Flight::new(renderer, space, baseline.choice, update, arguments)?;
+    let mut flight = Flight::new(renderer, space, baseline.choice, arguments)?;
     let (path, mut scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
     let mut workload = arguments.frame.workload(&scene, arguments.size);
     let interrupt = Interrupt::listen();
@@ -200,7 +190,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let share = number as f32 / (arguments.frames - 1).max(1) as f32;
         let camera_at = arguments.from + (arguments.to - arguments.from) * share;
         let camera = path.sample(camera_at);
-        let time = arguments.rounds * (share / (1.0 - arguments.rest).max(f32::EPSILON)).min(1.0);
+        let time = arguments.rounds * share;
         let moved = moves && (number == 0 || time != time_before);
         time_before = time;
         if let Some(moving) = moving.as_ref().filter(|_| moved) {
@@ -270,8 +260,6 @@ struct Flight {
     view: View,
     film: Film,
     each_frame: bool,
-    /// The update of the structure in a scene that moves; `None` for that of the configuration.
-    update: Option<Update>,
     /// The scene as it is from this frame on, if it moved. After a failed build it waits for the next one.
     moment: Option<Arc<Scene>>,
     /// Whether there was such a moment when this frame began.
@@ -298,7 +286,6 @@ impl Flight {
         renderer: Renderer,
         space: TuningSpace,
         baseline: Choice,
-        update: Option<Update>,
         arguments: &Arguments,
     ) -> Result<Self, CliError> {
         let view = View {
@@ -318,7 +305,6 @@ impl Flight {
             view,
             film,
             each_frame,
-            update,
             moment: None,
             moved: false,
             kept: None,
@@ -381,7 +367,7 @@ impl Flight {
     /// Brings the structure to another moment. A structure of another choice is first rebuilt over the moment
     /// before, so that only the update is timed.
     fn follow(&mut self, scene: Arc<Scene>, choice: &Choice) -> Result<f64, BuildError> {
-        let mut update = self.update.unwrap_or(choice.update);
+        let mut update = choice.update;
         let stranger = self.kept.as_ref().is_none_or(|kept| kept.choice.build != choice.build);
         if stranger {
             self.wear = Wear::default();
@@ -500,9 +486,8 @@ mod tests {
         let scene = arguments.scene.load().expect("it is built in");
         let renderer = arguments.frame.renderer(&scene).expect("Embree starts");
         let space = TuningSpace::paper();
-        let good = verdict::baseline(space.preset()).choice;
-        let update = Some(Update::Refit);
-        let mut flight = Flight::new(renderer, space, good, update, &arguments).expect("it can be built");
+        let good = Choice { update: Update::Refit, ..verdict::baseline(space.preset()).choice };
+        let mut flight = Flight::new(renderer, space, good, &arguments).expect("it can be built");
         flight.build(good).expect("it can be built");
 
         let moment = arguments.scene.moving().expect("it moves").at(0.4).expect("it is built in");

@@ -44,6 +44,9 @@ const PAUSE: Duration = Duration::from_millis(500);
 /// Interval of lines of progress where no bar is shown.
 const TELL_EVERY: Duration = Duration::from_secs(30);
 
+/// Of the drawn configurations.
+const SAMPLE_SEED: u64 = 1;
+
 /// Arguments of `sample`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
@@ -90,10 +93,6 @@ pub(crate) struct Arguments {
     /// Frames of each sample; their median counts.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_PER_TRIAL_MAX)))]
     frames: u32,
-
-    /// Of the samples: another one draws others.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    sample_seed: u64,
 
     /// Who this is, unique among renderers at one time. One that is restarted under its old name takes up at
     /// once what it held; else that waits for the end of a lease.
@@ -150,7 +149,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
                 frames: arguments.frames,
                 indicators: state,
             };
-            let sequence = Sequence::new(&part, &setting.indicators, arguments.sample_seed);
+            let sequence = Sequence::new(&part, &setting.indicators, SAMPLE_SEED);
             places.push(Place { renderer: renderers.len(), setting, sequence });
         }
         renderers.push(arguments.frame.renderer(&scene)?);

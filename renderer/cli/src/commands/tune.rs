@@ -43,6 +43,10 @@ const ROUNDS_TIME: Duration = Duration::from_secs(120);
 /// Longest time for the last reports to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
 
+/// How long to wait for an answer of the daemon before the search goes on with what it has. A daemon that is
+/// slow, or is started again, loses no trial.
+const PATIENCE: Duration = Duration::from_secs(300);
+
 /// Tunes and prints the results.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let arguments = &arguments.with_space()?;
@@ -58,9 +62,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
     let candidates = arguments.candidate.iter().map(|path| read_configuration(path));
     let candidates = candidates.collect::<Result<Vec<_>, _>>()?;
-    let paper = arguments.paper_config_file.as_deref().map(read_configuration).transpose()?;
-    let limit = Duration::from_secs(arguments.patience_s);
-    let client = arguments.server.connect_within(arguments.frame.threads, limit)?;
+    let client = arguments.server.connect_within(arguments.frame.threads, PATIENCE)?;
     let scene = arguments.scene.load()?;
     let recommended = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
     let (start, whole) = arguments.start.of(&recommended)?;
@@ -110,7 +112,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         workload,
     });
     let go_on = || !interrupt.requested();
-    let patience = Patience { limit, go_on: &go_on };
+    let patience = Patience { limit: PATIENCE, go_on: &go_on };
     // Gone before the confirmation begins, so that the trial that it has asked for ahead is given back.
     let mut tuner = PatientTuner::new(&study, patience);
     // A camera that moves has another best configuration in each frame.
@@ -163,7 +165,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     spinner.set_message("measuring everybody in fresh rounds");
     let start_name = verdict::start_name(space.preset(), &start);
     let (mut standings, disturbance) =
-        judge.standings(&winner, &rivals, paper.as_ref(), &milestones, &baseline.who, &conditions)?;
+        judge.standings(&winner, &rivals, &milestones, &baseline.who, &conditions)?;
     let milestones = judge.milestones(milestones, &mut standings, &winner, &start_name);
     let is_proven = proof.as_ref().is_some_and(|proof| proof.confirmation.stage == ConfirmationStage::Better);
     let may_win = |who: &Who| verdict::is_had(who, &start);
@@ -393,15 +395,11 @@ impl Judge<'_> {
         &mut self,
         found: &Configuration,
         rivals: &[Rival],
-        paper: Option<&Configuration>,
         milestones: &[Milestone],
         baseline: &Who,
         conditions: &Conditions,
     ) -> Result<(Vec<Standing>, Disturbance), CliError> {
         let mut contenders: Vec<Contender> = rivals.iter().map(|rival| rival.contender.clone()).collect();
-        if let Some(paper) = paper {
-            contenders.push(verdict::contender(Who::PaperTuned, &TuningSpace::paper(), paper)?);
-        }
         contenders.push(verdict::contender(Who::Found, self.space, found)?);
         // Each answer on the way runs once, and those that run anyway not again.
         let mut seen = vec![found.clone()];
@@ -460,10 +458,7 @@ impl Judge<'_> {
         if self.interrupt.requested() {
             return Ok(None);
         }
-        let camera_at = self
-            .arguments
-            .fresh_at
-            .unwrap_or_else(|| (self.arguments.camera.at.unwrap_or(0.0) + FRESH_STEP) % 1.0);
+        let camera_at = (self.arguments.camera.at.unwrap_or(0.0) + FRESH_STEP) % 1.0;
         let camera = CameraPath::of(scene).sample(camera_at);
         let begin = Instant::now();
         let answer =

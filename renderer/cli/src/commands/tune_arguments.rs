@@ -89,10 +89,6 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub(super) candidate: Vec<PathBuf>,
 
-    /// A configuration of the paper's space to measure next to the winner, as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub(super) paper_config_file: Option<PathBuf>,
-
     /// Probability of exploring in a new state while this command runs.
     #[arg(long, value_name = "P", default_value_t = 1.0, value_parser = unit_interval)]
     pub(super) epsilon: f32,
@@ -102,16 +98,6 @@ pub(crate) struct Arguments {
     /// `error`. Default: 4.
     #[arg(long, value_name = "FACTOR", conflicts_with = "paper", allow_negative_numbers = true, value_parser = factor)]
     abort_above: Option<f64>,
-
-    /// How long to wait for an answer of the daemon, in seconds, before the search goes on with what it has.
-    /// A daemon that is slow, or is started again, loses no trial.
-    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    pub(super) patience_s: u64,
-
-    /// Position on the camera path, 0 to 1, at which to ask the predictor without a search. Default: 0.2
-    /// further on.
-    #[arg(long, value_name = "T", value_parser = unit_interval)]
-    pub(super) fresh_at: Option<f32>,
 
     /// Move the camera along its path during the search, from `--at` on and over this share of the path.
     /// Cameras that are close together count as the same state.
