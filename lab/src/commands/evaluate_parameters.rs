@@ -1,20 +1,17 @@
 //! `evaluate parameters`: the paper's section 4, measured into the record of section 7.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use treewright_client::Configuration;
-use treewright_render_cli::error::{CliError, write_file};
+use treewright_render_cli::error::CliError;
 use treewright_render_cli::interrupt::Interrupt;
-use treewright_renderer::film::Picture;
-use treewright_renderer::image_file::{Exposure, png_bytes};
 use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 use treewright_scene::Scene;
 
-use super::evaluate_setup::{ConditionArguments, Progress, space, strip_path};
+use super::evaluate_setup::{ConditionArguments, Progress, space};
 use crate::evaluation::measure::Stage;
 use crate::evaluation::parts::{PARTS, Part, compared, pair};
 use crate::evaluation::record::{GroupKind, Line, OpenRecord, Pair, PartSearch, Place, Versus};
@@ -27,12 +24,6 @@ const CAMERA: u32 = 0;
 
 /// What the searches over a few parameters minimise.
 const OBJECTIVE: Objective = Objective::Render;
-
-/// Samples a pixel of the moving picture.
-const PICTURE_SPP: u32 = 16;
-
-/// Pixels across and down a frame of the moving picture.
-const PICTURE_SIZE: [u32; 2] = [160, 120];
 
 /// What is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -71,11 +62,6 @@ pub(super) struct ParametersArguments {
     /// Angles of a round at which the cylinder stands.
     #[arg(long, value_name = "N", default_value_t = 36, value_parser = clap::value_parser!(u32).range(4..=720))]
     angles: u32,
-
-    /// Also render the turning cylinder into this folder: a strip of frames as PNG, one a scene, which
-    /// `report` shows moving.
-    #[arg(long, value_name = "FOLDER")]
-    pictures: Option<PathBuf>,
 }
 
 /// One thing to measure in a scene.
@@ -120,15 +106,6 @@ pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
         };
         bench.open.add(line.ok_or(CliError::Interrupted)?)?;
         progress.step(&format!("{name}: {}", describe(task)));
-    }
-    let Some(folder) = &arguments.pictures else { return Ok(()) };
-    std::fs::create_dir_all(folder)
-        .map_err(|error| CliError::Failed(format!("{}: {error}", folder.display())))?;
-    for entry in &entries {
-        let path = strip_path(folder, &entry.name);
-        if !path.exists() {
-            write_file(&path, &bench.strip(&entry.name, &entry.load()?, go_on)?)?;
-        }
     }
     Ok(())
 }
@@ -238,27 +215,5 @@ impl Bench<'_> {
         }
         let group = stage.group(GroupKind::Pair, CAMERA, &pair(&self.whole)?, self.arguments.rounds, go_on);
         Ok(group.map(|group| Line::Pair(Pair { versus, group })))
-    }
-
-    /// The frames of the turning cylinder, one below the other, all exposed alike.
-    fn strip(
-        &self,
-        name: &str,
-        scene: &Arc<Scene>,
-        mut go_on: impl FnMut() -> bool,
-    ) -> Result<Vec<u8>, CliError> {
-        let mut stage = Stage::new(name, scene, &self.whole, &self.open.record)?;
-        stage.resize(PICTURE_SIZE);
-        let [width, height] = PICTURE_SIZE;
-        let angles = self.arguments.angles;
-        let mut all = Picture { width, height: height * angles, pixels: Vec::new() };
-        for angle in 0..angles {
-            if !go_on() {
-                return Err(CliError::Interrupted);
-            }
-            stage.set_scene(scene.with_needles(angle as f32 / angles as f32, NEEDLES)?);
-            all.pixels.extend(stage.picture(CAMERA, PICTURE_SPP)?.pixels);
-        }
-        Ok(png_bytes(&all, Exposure::Auto)?)
     }
 }

@@ -1,6 +1,6 @@
 //! The common part of the commands below `treewright-lab evaluate`: scenes, conditions, record, progress.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -114,11 +114,6 @@ impl Progress {
         let left = spent / self.done as f64 * (self.all - self.done) as f64;
         eprintln!("{}/{} {what}; about {:.0} min left", self.done, self.all, left / 60.0);
     }
-}
-
-/// Where the moving picture of a scene is.
-pub(super) fn strip_path(folder: &Path, scene: &str) -> PathBuf {
-    folder.join(format!("needles-{scene}.png"))
 }
 
 /// The space of a record.

@@ -15,13 +15,12 @@ use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 
-use super::evaluate_setup::{Progress, SceneArguments, add_found, space, strip_path};
+use super::evaluate_setup::{Progress, SceneArguments, add_found, space};
 use crate::evaluation::answers::{Answers, School};
 use crate::evaluation::folds::{Fold, folds};
 use crate::evaluation::judge::{Verdict, best_fixed, judge};
 use crate::evaluation::measure::{MILESTONES, Stage};
 use crate::evaluation::page::{Report, html, markdown, tables};
-use crate::evaluation::part_page::Strips;
 use crate::evaluation::record::{GroupKind, Line, METHOD, OpenRecord, Place, Record, Search};
 use crate::evaluation::summary::standings;
 
@@ -63,22 +62,6 @@ pub(super) struct ReportArguments {
     /// Folder for the page and its numbers.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-
-    /// Show the moving pictures that `evaluate parameters --pictures` wrote into this folder.
-    #[arg(long, value_name = "FOLDER")]
-    pictures: Option<PathBuf>,
-}
-
-impl ReportArguments {
-    /// Moving pictures of the scenes that have one.
-    fn strips(&self, record: &Record) -> Strips {
-        let scenes: BTreeSet<&String> = record.pairs.keys().map(|(scene, _)| scene).collect();
-        let read = |scene: &String| {
-            let strip = std::fs::read(strip_path(self.pictures.as_ref()?, scene)).ok()?;
-            Some((scene.clone(), strip))
-        };
-        scenes.into_iter().filter_map(read).collect()
-    }
 }
 
 /// A record with everything that can be computed from it.
@@ -219,7 +202,6 @@ pub(super) fn report(arguments: &ReportArguments) -> Result<(), CliError> {
     let report = Report {
         record: &examined.record,
         space: &examined.space,
-        strips: arguments.strips(&examined.record),
         clock,
         complete: examined.complete.len(),
         verdicts: &verdicts,

@@ -7,7 +7,7 @@ use treewright_client::{Configuration, Indicators, Outcome};
 use treewright_core::search::{AnySearch, Feedback, Layout, SearchSetup, Verdict, levels};
 use treewright_render_cli::error::CliError;
 use treewright_renderer::disturbance::Watch;
-use treewright_renderer::film::{Film, Picture};
+use treewright_renderer::film::Film;
 use treewright_renderer::frame::{FrameTimes, Renderer};
 use treewright_renderer::integrator::View;
 use treewright_renderer::space::TuningSpace;
@@ -83,17 +83,6 @@ impl Stage {
     /// Changes what searches draw by.
     pub(crate) fn set_seed(&mut self, seed: u64) {
         self.conditions.seed = seed;
-    }
-
-    /// A picture of `samples` samples of a camera, with the recommended structure.
-    pub(crate) fn picture(&mut self, camera: u32, samples: u32) -> Result<Picture, CliError> {
-        let (setting, choice) = (self.setting(camera, Objective::Render), self.space.default_choice());
-        self.renderer.rebuild(&choice.build)?;
-        self.film.clear();
-        for _ in 0..samples {
-            self.renderer.render(&setting.view, &choice.render, &mut self.film);
-        }
-        Ok(self.film.picture())
     }
 
     /// One of its cameras by name.

@@ -12,7 +12,7 @@ use super::answers::{SERVICE, entrants};
 use super::figures::{boxes, break_even, curve};
 use super::folds::Split;
 use super::judge::{BreakEven, Verdict};
-use super::part_page::{self, Strips};
+use super::part_page;
 use super::progress_figures;
 use super::record::{Clock, Record};
 use super::summary::{Mean, Standing, mean_of, standings};
@@ -30,8 +30,6 @@ p,li{max-width:46rem}.soft{color:var(--soft);font-size:.9rem}.warn{background:va
 table{border-collapse:collapse;width:100%;font-size:.86rem;font-variant-numeric:tabular-nums}\
 th,td{padding:.25rem .35rem;text-align:right;border-bottom:1px solid var(--line)}th:first-child,td:first-child{text-align:left}\
 th{color:var(--soft);font-weight:600}svg{display:block;width:100%;height:auto}code{font-size:.88em;overflow-wrap:anywhere}\
-.strip{aspect-ratio:4/3;max-width:30rem;margin:auto;background-position:0 0;animation:turn 5s infinite}@keyframes turn{to{background-position:0 100%}}\
-@media(prefers-reduced-motion:reduce){.strip{animation:none}}\
 @media(max-width:600px){svg{font-size:17px}table,tbody,tr,td{display:block}tr{border-bottom:1px solid var(--line);padding:.4rem 0}\
 tr:first-child{display:none}td{border:0;text-align:left;padding:.05rem 0}td:first-child{font-weight:650}td[data-l]::before{content:attr(data-l)\": \";color:var(--soft)}}";
 
@@ -49,8 +47,6 @@ const FIRST_PAGE: [(&str, &str); 4] = [
 pub(crate) struct Report<'a> {
     pub(crate) record: &'a Record,
     pub(crate) space: &'a TuningSpace,
-    /// The needles that turn, by scene.
-    pub(crate) strips: Strips,
     pub(crate) clock: Clock,
     /// Cameras that are complete.
     pub(crate) complete: usize,
@@ -192,7 +188,7 @@ pub(crate) fn html(report: &Report<'_>) -> String {
         page += &progress_figures::progress(report.record, verdict, report.clock);
     }
     page += &progress_figures::two_objectives(report.record, report.clock).unwrap_or_default();
-    page += &part_page::html(report.record, report.space, report.clock, &report.strips);
+    page += &part_page::html(report.record, report.space, report.clock);
     // A figure and its unit stay on one line.
     page = page.replace(" %", "\u{a0}%");
     page + "<h2>How to read this</h2><p>The roofline is the best configuration that the search found at a camera, measured again in the \

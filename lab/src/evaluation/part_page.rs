@@ -3,8 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
 use treewright_client::Configuration;
 use treewright_figures::escaped;
 use treewright_renderer::space::TuningSpace;
@@ -17,14 +15,10 @@ use super::part_figures::{
 use super::parts::{PARTS, came_to};
 use super::record::{Clock, GroupKind, PartSearch, Record, Versus};
 
-/// Moving pictures by scene, as PNG: frames one below the other.
-pub(crate) type Strips = BTreeMap<String, Vec<u8>>;
 
 /// The page's sections; empty where nothing of the kind was recorded.
-pub(crate) fn html(record: &Record, space: &TuningSpace, clock: Clock, strips: &Strips) -> String {
-    splitting_section(record, clock)
-        + &parts_section(record, space, clock)
-        + &needles_section(record, clock, strips)
+pub(crate) fn html(record: &Record, space: &TuningSpace, clock: Clock) -> String {
+    splitting_section(record, clock) + &parts_section(record, space, clock) + &needles_section(record, clock)
 }
 
 fn scenes(record: &Record, wanted: fn(&Versus) -> bool) -> BTreeSet<&str> {
@@ -190,7 +184,7 @@ fn round(record: &Record, scene: &str) -> (usize, usize) {
     all.fold((0, 0), |(measured, _), angles| (measured + 1, angles))
 }
 
-fn needles_section(record: &Record, clock: Clock, strips: &Strips) -> String {
+fn needles_section(record: &Record, clock: Clock) -> String {
     let begun = scenes(record, |versus| matches!(versus, Versus::Needles { .. }));
     if begun.is_empty() {
         return String::new();
@@ -241,35 +235,12 @@ fn needles_section(record: &Record, clock: Clock, strips: &Strips) -> String {
     text += "</table></div>";
     for scene in &scenes {
         let _ = write!(text, "<h3>{}</h3>", escaped(scene));
-        if let Some(strip) = strips.get(*scene) {
-            text += &moving(strip, scene);
-        }
         for share in Share::ALL {
             let angles = angles(record, scene, share, clock);
             let _ = write!(text, "<div class=\"card\">{}</div>", needles(&angles, share));
         }
     }
     text
-}
-
-/// A strip of frames that moves up behind a window, frame by frame; it stands still for who asks for less
-/// motion. The window is as high as a frame of four across to three down.
-fn moving(strip: &[u8], scene: &str) -> String {
-    let Some(frames) = frames(strip) else { return String::new() };
-    format!(
-        "<div class=\"card\"><div class=\"strip\" role=\"img\" aria-label=\"the cylinder turning through {}\" \
-         style=\"animation-timing-function:steps({frames},jump-none);background-size:100% {frames}00%;\
-         background-image:url(data:image/png;base64,{})\"></div></div>",
-        escaped(scene),
-        STANDARD.encode(strip)
-    )
-}
-
-/// Number of frames of four across to three down in a strip, by the size in the PNG's first chunk.
-fn frames(strip: &[u8]) -> Option<u32> {
-    let edge = |at: usize| Some(u32::from_be_bytes(strip.get(at..at + 4)?.try_into().ok()?));
-    let (width, height) = (edge(16)?, edge(20)?);
-    (width >= 4).then(|| height / (width * 3 / 4)).filter(|frames| *frames > 1)
 }
 
 #[cfg(test)]
@@ -302,13 +273,13 @@ mod tests {
             all[1].get("quality").is_some()
                 && all[1].get("max_leaf_size") == leaves(1, 8).get("max_leaf_size")
         );
-        let page = || html(&record, &space, Clock::Wall, &Strips::new());
+        let page = || html(&record, &space, Clock::Wall);
         assert!(page().contains("Gains are left out") && !page().contains("+"), "{}", page());
         let rounds = [[100.0; 6], [50.0; 6], [200.0; 6]];
         let measured: Vec<(Configuration, &[f64])> =
             all.into_iter().zip(rounds.iter().map(|rounds| &rounds[..])).collect();
         record.take(Line::Group(group(GroupKind::Parts, "hall", &measured)));
-        let page = html(&record, &space, Clock::Wall, &Strips::new());
+        let page = html(&record, &space, Clock::Wall);
         assert!(!page.contains("Gains are left out"), "{page}");
         // The best of both searches takes half the time; the last iterations twice as long and half.
         for cell in ["100.00", "+100.0 % [+100.0, +100.0]", "+0.0 % [+0.0, +0.0]", "-50.0 to +100.0 %"] {
