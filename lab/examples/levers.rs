@@ -4,7 +4,7 @@
 //! `cargo run --release -p treewright-lab --example levers -- --lever light|follow [--rounds N] [--width N]
 //! [--winners FOLDER] WORLD...` A world is a file or `builtin:NAME`; for `follow` a motion (`itself` for
 //! scenes that move by themselves) and cycles in an episode of 24 frames stand behind it, as in
-//! `builtin:city@sway@0.25`. Without winners a few ways are compared by hand. With a folder of files that
+//! `builtin:city@sway@0.25`. Without winners a few ways to follow are compared. With a folder of files that
 //! `treewright-render tune --objective error|motion --json` wrote, named like the worlds
 //! (`city-sway-0.25.json`), every world's winner runs in every world, and each is compared with the one way
 //! that is best in all worlds of other scenes.
@@ -23,22 +23,7 @@ use treewright_scene::{Scene, SceneError, builtin, load};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Ways to sample light that are compared by hand; other values are the recommended ones.
-const LIGHT: [(&str, &str); 11] = [
-    ("candidates 1", "candidates=1"),
-    ("candidates 4", "candidates=4"),
-    ("candidates 16", "candidates=16"),
-    ("lamp weight 4", "lamp_weight=4"),
-    ("candidates 16, weight 64", "candidates=16,lamp_weight=64"),
-    ("sun 0.2", "sun_share=0.2"),
-    ("sun 0.8", "sun_share=0.8"),
-    ("sky plain", "sky=plain"),
-    ("sky learnt, 0.3", "sky=learnt,shares=fixed,sky_share=0.3"),
-    ("shadow roulette 0", "shadow_roulette=0"),
-    ("path roulette 0.5", "path_roulette=0.5"),
-];
-
-/// Ways to follow that are compared by hand.
+/// Ways to follow that are compared by hand; other values are the recommended ones.
 const FOLLOW: [(&str, &str); 13] = [
     ("quick, rebuilt", "tree=quick,period=1"),
     ("quick, 1.15", "tree=quick,repair_above=1.15"),
@@ -164,10 +149,10 @@ fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choic
     };
     let mut all = vec![("untuned".to_owned(), plain), ("recommended".to_owned(), recommended)];
     match &arguments.winners {
+        None if arguments.lever == Lever::Light => return Err("--lever light wants --winners".into()),
         None => {
-            let by_hand: &[(&str, &str)] = if arguments.lever == Lever::Light { &LIGHT } else { &FOLLOW };
-            for (name, text) in by_hand {
-                all.push(((*name).to_owned(), space.choice(&parse(text)?)?));
+            for (name, text) in FOLLOW {
+                all.push((name.to_owned(), space.choice(&parse(text)?)?));
             }
         }
         Some(folder) => {

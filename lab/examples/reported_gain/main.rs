@@ -37,23 +37,16 @@ fn gains(name: &str, world: World, machine: Machine, seeds: u64, trials: usize) 
         let runs: Vec<_> =
             (0..seeds).map(|seed| Search { world, machine, trials, confirms, auxiliary }.run(seed)).collect();
         let all = |of: &dyn Fn(&world::Run) -> f64| -> Vec<f64> { runs.iter().map(of).collect() };
-        let off = |reported: f64, truth: f64| reported - truth;
         let covered = runs.iter().filter(|run| run.low <= run.truth + 1e-9 && run.truth <= run.high + 1e-9);
         println!(
-            "{name:14} {:>9} | told {:6.2} % true {:6.2} % off by {:5.2} | covered {:2} of {} | width {:5.2} | before: told \
-             {:6.2} % true {:6.2} % off by {:5.2} | start kept {:2} | frames {:5.1}",
+            "{name:14} {:>9} | told {:6.2} % true {:6.2} % | covered {:2} of {} | before: told {:6.2} % true {:6.2} %",
             if confirms { "confirmed" } else { "searched" },
             100.0 * mean(&all(&|run| run.reported)),
             100.0 * mean(&all(&|run| run.truth)),
-            100.0 * mean(&all(&|run| off(run.reported, run.truth))),
             covered.count(),
             runs.len(),
-            100.0 * mean(&all(&|run| run.high - run.low)),
             100.0 * mean(&all(&|run| run.naive_reported)),
             100.0 * mean(&all(&|run| run.naive_truth)),
-            100.0 * mean(&all(&|run| off(run.naive_reported, run.naive_truth))),
-            runs.iter().filter(|run| run.is_start).count(),
-            mean(&all(&|run| run.frames as f64)),
         );
     }
 }
@@ -63,7 +56,7 @@ fn disturbed(name: &str, machine: Machine, auxiliary: bool, seeds: u64, trials: 
     let search =
         |machine, auxiliary| Search { world: World::Bowl, machine, trials, confirms: true, auxiliary };
     let (mut near, mut naive_near, mut below, mut naive_below) = (0, 0, 0, 0);
-    let (mut ratios, mut naive_ratios, mut noticed) = (Vec::new(), Vec::new(), 0);
+    let (mut ratios, mut naive_ratios) = (Vec::new(), Vec::new());
     for seed in 0..seeds {
         let quiet = search(Machine::Quiet, false).run(seed);
         let run = search(machine, auxiliary).run(seed);
@@ -74,10 +67,9 @@ fn disturbed(name: &str, machine: Machine, auxiliary: bool, seeds: u64, trials: 
         naive_near += usize::from(ratio(run.naive_truth) <= NEAR);
         below += usize::from(1.0 - run.truth > BELOW_START);
         naive_below += usize::from(1.0 - run.naive_truth > BELOW_START);
-        noticed += usize::from(run.disturbances > 0);
     }
     println!(
-        "{name:22} | within 3 % of quiet {near:2} of {seeds}, below the start {below} | mean ratio {:.3} | noticed {noticed:2} \
+        "{name:22} | within 3 % of quiet {near:2} of {seeds}, below the start {below} | mean ratio {:.3} \
          | before: {naive_near:2}, {naive_below}, {:.3}",
         mean(&ratios),
         mean(&naive_ratios),

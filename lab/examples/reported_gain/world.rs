@@ -68,13 +68,9 @@ pub(crate) struct Run {
     pub low: f64,
     pub high: f64,
     pub truth: f64,
-    /// The default is exploited.
-    pub is_start: bool,
     /// The gain by the lowest mean of the measurements.
     pub naive_reported: f64,
     pub naive_truth: f64,
-    pub disturbances: u64,
-    pub frames: usize,
 }
 
 fn space() -> Space {
@@ -200,11 +196,8 @@ impl Search {
             low: reported.low.unwrap_or(f64::NEG_INFINITY),
             high: reported.high.unwrap_or(1.0),
             truth: gain(&best.configuration),
-            is_start: best.configuration == default,
             naive_reported: 1.0 - naive_cost / naive_default,
             naive_truth: gain(&naive),
-            disturbances: best.standing.disturbances,
-            frames,
         }
     }
 }

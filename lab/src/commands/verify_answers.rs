@@ -20,7 +20,7 @@ use crate::evaluation::answers::{Answers, School};
 use crate::evaluation::folds::{Fold, folds};
 use crate::evaluation::judge::{Verdict, best_fixed, judge};
 use crate::evaluation::measure::{MILESTONES, Stage};
-use crate::evaluation::page::{Report, html, markdown, tables};
+use crate::evaluation::page::{Report, html, tables};
 use crate::evaluation::record::{GroupKind, Line, METHOD, OpenRecord, Place, Record, Search};
 use crate::evaluation::summary::standings;
 
@@ -213,9 +213,9 @@ pub(super) fn report(arguments: &ReportArguments) -> Result<(), CliError> {
     }
     let all: Vec<_> = verdicts.iter().flat_map(standings).collect();
     write_file(&arguments.out.join("evaluation.json"), output::to_json(&all)?.as_bytes())?;
-    let text = markdown(&report);
-    write_file(&arguments.out.join("evaluation.md"), text.as_bytes())?;
     write_file(&arguments.out.join("report.html"), html(&report).as_bytes())?;
-    print!("{text}");
+    for sentence in report.warnings().into_iter().chain(report.words()) {
+        println!("{sentence}");
+    }
     Ok(())
 }

@@ -307,42 +307,6 @@ fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
     *page += "</table></div>";
 }
 
-/// The table for a README, as Markdown: a line an entrant.
-pub(crate) fn markdown(report: &Report<'_>) -> String {
-    let mut text = String::new();
-    for warning in report.warnings() {
-        let _ = writeln!(text, "> {warning}\n");
-    }
-    for sentence in report.words() {
-        let _ = writeln!(text, "- {sentence}");
-    }
-    for verdict in report.verdicts {
-        for split in [Split::Random, Split::Scene] {
-            let _ = writeln!(
-                text,
-                "\n{} time, {}:\n\n| predictor | of the roofline | over search | over default | over best fixed | overhead saved |\n|---|---|---|---|---|---|",
-                verdict.objective.name(),
-                split.words()
-            );
-            let all = standings(verdict);
-            for name in entrants() {
-                if let Some(one) = overall(&all, split, &name) {
-                    let _ = writeln!(
-                        text,
-                        "| {name} | {} | {} | {} | {} | {} |",
-                        percent(one.of_roofline),
-                        one.over_search,
-                        one.over_default,
-                        one.over_fixed,
-                        saved(one.overhead_reduction)
-                    );
-                }
-            }
-        }
-    }
-    text
-}
-
 /// What was computed from the record, as CSV: file names and contents.
 pub(crate) fn tables(report: &Report<'_>) -> BTreeMap<String, String> {
     let mut files = BTreeMap::new();

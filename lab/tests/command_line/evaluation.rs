@@ -51,7 +51,6 @@ fn an_evaluation_is_recorded_in_pieces_and_judged_to_the_same_bytes() {
         "answers-render.csv",
         "answers-total.csv",
         "evaluation.json",
-        "evaluation.md",
         "progress-render.csv",
         "progress-total.csv",
         "report.html",
