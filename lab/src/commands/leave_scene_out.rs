@@ -60,9 +60,9 @@ pub(super) struct Arguments {
     #[command(flatten)]
     scenes: SceneArguments,
 
-    /// Thread counts and picture sizes.
-    #[arg(long, value_name = "THREADS@WIDTHxHEIGHT,…", value_delimiter = ',', default_value = "2@320x240")]
-    context: Vec<Context>,
+    /// Number of render threads and size of pictures. Further runs with the same book measure others.
+    #[arg(long, value_name = "THREADS@WIDTHxHEIGHT", default_value = "2@320x240")]
+    context: Context,
 
     /// Rounds of candidates.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
@@ -81,14 +81,7 @@ struct Judged {
 
 /// Takes the measurements that the book lacks, and judges all.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    let threads = arguments.context.first().map_or(0, |context| context.threads);
-    if arguments.context.iter().any(|context| context.threads != threads) {
-        return Err(CliError::Usage(
-            "a process has one number of render threads; measure other numbers by further runs with the same book"
-                .to_owned(),
-        ));
-    }
-    let (major, minor, patch) = Device::open(threads)?.version();
+    let (major, minor, patch) = Device::open(arguments.context.threads)?.version();
     let machine = machine()
         .software("treewright-lab", env!("CARGO_PKG_VERSION"))
         .software("embree", format!("{major}.{minor}.{patch}"));
@@ -103,29 +96,28 @@ fn measure(arguments: &Arguments, open: &mut OpenBook) -> Result<(), CliError> {
     let entries = arguments.scenes.beside(built_in())?;
     let interrupt = Interrupt::listen();
     let begin = Instant::now();
-    for context in &arguments.context {
-        for step in Step::ALL {
-            for entry in &entries {
-                let name = |objective| key(step.kind(), objective, &entry.name, &context.to_string());
-                let is_missing = |objective: &Objective| !is_taken(&open.book, step, &name(*objective));
-                let missing: Vec<Objective> = Objective::ALL.into_iter().filter(is_missing).collect();
-                if missing.is_empty() {
-                    continue;
-                }
-                let scene = entry.load()?;
-                let facts =
-                    SceneFacts { triangles: scene.placed().count(), instanced: scene.instances.is_some() };
-                open.book.scenes.insert(entry.name.clone(), facts);
-                let mut stage = Stage::new(&entry.name, &scene, *context, interrupt)?;
-                for objective in missing {
-                    take(arguments, open, &mut stage, step, objective, name(objective))?;
-                }
-                if interrupt.requested() {
-                    return Err(CliError::Interrupted);
-                }
-                open.save()?;
-                eprintln!("{step:?} {} {context}: {:.0} s so far", entry.name, begin.elapsed().as_secs_f64());
+    let context = arguments.context;
+    for step in Step::ALL {
+        for entry in &entries {
+            let name = |objective| key(step.kind(), objective, &entry.name, &context.to_string());
+            let is_missing = |objective: &Objective| !is_taken(&open.book, step, &name(*objective));
+            let missing: Vec<Objective> = Objective::ALL.into_iter().filter(is_missing).collect();
+            if missing.is_empty() {
+                continue;
             }
+            let scene = entry.load()?;
+            let facts =
+                SceneFacts { triangles: scene.placed().count(), instanced: scene.instances.is_some() };
+            open.book.scenes.insert(entry.name.clone(), facts);
+            let mut stage = Stage::new(&entry.name, &scene, context, interrupt)?;
+            for objective in missing {
+                take(arguments, open, &mut stage, step, objective, name(objective))?;
+            }
+            if interrupt.requested() {
+                return Err(CliError::Interrupted);
+            }
+            open.save()?;
+            eprintln!("{step:?} {} {context}: {:.0} s so far", entry.name, begin.elapsed().as_secs_f64());
         }
     }
     Ok(())

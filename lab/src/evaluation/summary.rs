@@ -51,8 +51,6 @@ pub(crate) struct Standing {
     pub(crate) of_roofline: Mean,
     /// Least of all answers.
     pub(crate) of_roofline_least: f64,
-    /// Share of the answers that reach 95 % of it.
-    pub(crate) of_roofline_95: f64,
     pub(crate) of_roofline_once: Mean,
     pub(crate) over_default: Mean,
     pub(crate) over_fixed: Mean,
@@ -65,9 +63,7 @@ pub(crate) struct Standing {
 /// Break-even points, and those that no figure shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct BreakEvens {
-    pub(crate) drawn: usize,
     /// Of those that are drawn, in iterations.
-    pub(crate) mean: Option<f64>,
     pub(crate) median: Option<f64>,
     /// The prediction is at least as good as the search's best.
     pub(crate) never: usize,
@@ -87,8 +83,6 @@ impl BreakEvens {
             }
         }
         at.sort_by(f64::total_cmp);
-        all.drawn = at.len();
-        all.mean = (!at.is_empty()).then(|| at.iter().sum::<f64>() / at.len() as f64);
         all.median = (!at.is_empty()).then(|| quantile(&at, 0.5));
         all
     }
@@ -106,7 +100,6 @@ pub(crate) fn standings(verdict: &Verdict) -> Vec<Standing> {
         let of = |value: fn(&Row) -> f64| mean(&rows, value);
         let cameras: BTreeSet<&Place> = rows.iter().map(|row| &row.place).collect();
         let sum = |value: fn(&Row) -> f64| rows.iter().map(|row| value(row)).sum::<f64>();
-        let reached = rows.iter().filter(|row| row.of_roofline >= 0.95).count();
         Standing {
             objective: verdict.objective,
             split,
@@ -118,7 +111,6 @@ pub(crate) fn standings(verdict: &Verdict) -> Vec<Standing> {
             over_search: of(|row| row.over_search),
             of_roofline: of(|row| row.of_roofline),
             of_roofline_least: rows.iter().map(|row| row.of_roofline).fold(f64::INFINITY, f64::min),
-            of_roofline_95: reached as f64 / rows.len() as f64,
             of_roofline_once: of(|row| row.of_roofline_once),
             over_default: of(|row| row.over_default),
             over_fixed: of(|row| row.over_fixed),
