@@ -2,16 +2,13 @@
 //!
 //! Each thing left out is put back on its own, and at last all at once. All variants render the same frame on
 //! the same structure, one after the other in each round, beginning with another one each time; told are the
-//! ratios within rounds. Pictures must be identical bit for bit. Tables that the scene leaves out are counted
-//! in bytes.
+//! ratios within rounds. Pictures must be identical bit for bit.
 
 use clap::Args;
-use glam::{Vec2, Vec3, Vec3A};
 use serde::Serialize;
 
 use super::bar;
 
-use treewright_accel::Structure;
 use treewright_render_cli::arguments::{StructureArguments, ViewArguments};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::interrupt::Interrupt;
@@ -21,7 +18,6 @@ use treewright_renderer::integrator::Needs;
 use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::space::Choice;
 use treewright_renderer::statistics::Summary;
-use treewright_scene::Scene;
 
 /// Arguments of `leave-out`.
 #[derive(Args, Clone, Debug)]
@@ -54,41 +50,6 @@ struct LeaveOutResults {
     render_ms: Summary,
     /// One thing each, and everything at the end.
     put_back: Vec<PutBack>,
-    memory: Memory,
-}
-
-/// Megabytes (10⁶ bytes) of the scene and its structure.
-#[derive(Debug, Serialize)]
-struct Memory {
-    /// Corners and vertices of the triangles.
-    triangles_mb: f64,
-    structure_mb: f64,
-    /// Tables for each vertex, with what they take, or would take in a scene that needs them.
-    tables: Vec<Table>,
-}
-
-/// A table with an entry for each vertex.
-#[derive(Debug, Serialize)]
-struct Table {
-    what: &'static str,
-    mb: f64,
-    left_out: bool,
-}
-
-impl Memory {
-    fn of(scene: &Scene, structure: &Structure) -> Self {
-        let mb = |bytes: usize| bytes as f64 / 1e6;
-        let (vertices, triangles) = (scene.triangles.positions().len(), scene.triangles.indices().len());
-        let table = |what, each: usize, left_out| Table { what, mb: mb(vertices * each), left_out };
-        Self {
-            triangles_mb: mb(vertices * size_of::<Vec3A>() + triangles * size_of::<[u32; 3]>()),
-            structure_mb: mb(structure.statistics().bytes),
-            tables: vec![
-                table("normals of vertices", size_of::<Vec3>(), scene.normals.is_empty()),
-                table("texture coordinates", size_of::<Vec2>(), scene.uvs.is_empty()),
-            ],
-        }
-    }
 }
 
 /// Something put back.
@@ -176,7 +137,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
                 identical: one.picture == first.picture,
             })
             .collect(),
-        memory: Memory::of(&scene, &structure),
     };
     if arguments.json {
         output::json(&results)?;
@@ -213,10 +173,5 @@ fn print(results: &LeaveOutResults) {
     println!("{table}");
     for one in &results.put_back {
         println!("{}: {}", one.what, one.why);
-    }
-    let memory = &results.memory;
-    println!("\ntriangles {:.1} MB, structure {:.1} MB", memory.triangles_mb, memory.structure_mb);
-    for table in &memory.tables {
-        println!("{}: {:.1} MB{}", table.what, table.mb, if table.left_out { ", left out" } else { "" });
     }
 }
