@@ -117,7 +117,7 @@ fn encoded(image: RgbImage) -> Result<Vec<u8>, ImageFileError> {
 }
 
 /// The factor on radiance that an exposure means for a picture.
-pub fn exposure_factor(picture: &Picture, exposure: Exposure) -> f32 {
+fn exposure_factor(picture: &Picture, exposure: Exposure) -> f32 {
     match exposure {
         Exposure::Stops(stops) => stops.exp2(),
         Exposure::Auto => {
