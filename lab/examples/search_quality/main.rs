@@ -63,7 +63,7 @@ fn main() {
     problems.dedup();
     println!("{suite_name}, {seeds} seeds, {} problems; scores at 20, 40, 80", problems.len());
     let print = |title: &str, index: usize, of: &str| {
-        let own = || rows.iter().filter(|row| of.is_empty() || row.0 == of);
+        let own = || rows.iter().filter(move |row| of.is_empty() || row.0 == of);
         let at = |mark: usize| mean(own().map(|row| row.1[index][mark]));
         println!("{title:18}{:7.3}{:7.3}{:7.3}", at(0), at(1), at(2));
     };

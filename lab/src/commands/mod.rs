@@ -51,7 +51,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Measure the gain from leaving out shading features that a scene does not use.
-    LeaveOut(leave_out::Arguments),
+    LeaveOut(Box<leave_out::Arguments>),
     /// Measure the service on scenes it has never seen.
     LeaveSceneOut(leave_scene_out::Arguments),
     /// Measure what a machine gains from its own measurements, from its group's, and from the fleet's.
