@@ -12,14 +12,15 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use treewright_render_cli::arguments::{SceneArguments, read_configuration};
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::View;
 use treewright_renderer::measure::{Conditions, Contender, Standing, Yardstick, interleaved, standings};
 use treewright_renderer::space::{Choice, Premises, Preset, TuningSpace, parse};
 use treewright_renderer::statistics::{Ratio, Summary};
 use treewright_renderer::tuning::who::Who;
-use treewright_scene::motion::{Motion, Mover};
-use treewright_scene::{Scene, SceneError, builtin, load};
+use treewright_scene::Scene;
+use treewright_scene::motion::Motion;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -94,13 +95,6 @@ struct World {
     moments: Vec<Arc<Scene>>,
 }
 
-fn still(name: &str) -> Result<Scene, SceneError> {
-    match name.strip_prefix("builtin:") {
-        Some(name) => builtin::build(name, &builtin::Options::default()),
-        None => load(name),
-    }
-}
-
 fn stem(scene: &str) -> String {
     let path = Path::new(scene.trim_start_matches("builtin:"));
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
@@ -119,20 +113,16 @@ fn parts(world: &str) -> (String, String, Option<&str>, f32) {
 fn world(written: &str) -> Result<World, Failure> {
     let (name, scene, motion, cycles) = parts(written);
     let moment = |frame: u32| cycles * frame as f32 / EPISODE as f32;
+    let mut arguments = SceneArguments::plain(scene.clone(), 1.0, None, 0.0);
     let moments = match motion {
-        None => vec![Arc::new(still(&scene)?)],
-        Some("itself") => {
-            let built_in = scene.strip_prefix("builtin:").ok_or("only built-in scenes move by themselves")?;
-            let at = |frame| {
-                let options = builtin::Options { time: moment(frame), ..builtin::Options::default() };
-                Ok::<_, Failure>(Arc::new(builtin::build(built_in, &options)?))
-            };
-            (0..EPISODE).map(at).collect::<Result<_, _>>()?
-        }
+        None => vec![arguments.load()?],
         Some(motion) => {
-            let motion = Motion::ALL.into_iter().find(|known| known.name() == motion);
-            let mover = Mover::new(Arc::new(still(&scene)?), motion.ok_or("no such motion")?)?;
-            (0..EPISODE).map(|frame| mover.at(moment(frame))).collect::<Result<_, _>>()?
+            if motion != "itself" {
+                let known = Motion::ALL.into_iter().find(|known| known.name() == motion);
+                arguments.motion = Some(known.ok_or("no such motion")?);
+            }
+            let moving = arguments.moving()?;
+            (0..EPISODE).map(|frame| moving.at(moment(frame))).collect::<Result<_, _>>()?
         }
     };
     Ok(World { name, scene, moments })
@@ -157,15 +147,8 @@ fn ways(arguments: &Arguments, space: &TuningSpace) -> Result<Vec<(String, Choic
         }
         Some(folder) => {
             for name in arguments.worlds.iter().map(|world| parts(world).0) {
-                let text = std::fs::read_to_string(folder.join(format!("{name}.json")))?;
-                let results: serde_json::Value = serde_json::from_str(&text)?;
-                let tuned = results["tuned"].as_object().ok_or("a file without a configuration")?;
-                let value = |value: &serde_json::Value| {
-                    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
-                };
-                let text: Vec<String> =
-                    tuned.iter().map(|(name, of)| format!("{name}={}", value(of))).collect();
-                all.push((name, space.choice(&parse(&text.join(","))?)?));
+                let tuned = read_configuration(&folder.join(format!("{name}.json")))?;
+                all.push((name, space.choice(&tuned)?));
             }
         }
     }
