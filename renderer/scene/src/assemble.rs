@@ -9,6 +9,7 @@ use glam::{Affine3A, DVec3, Vec2, Vec3, Vec3A};
 use treewright_accel::limits::{COORDINATE_MAX, TRIANGLES_MAX};
 use treewright_accel::{GeometryError, Triangles};
 
+use super::animation::{Animated, Rig};
 use super::bounds::Bounds;
 use super::framing::{self, CameraPose};
 use super::images::Pixels;
@@ -51,6 +52,12 @@ pub struct Assembler {
     placement: Placement,
     /// The box around everything outside objects.
     world: Bounds,
+    /// What the file's animations move.
+    rig: Option<Rig>,
+    /// By position: the vertex of the rig that it is.
+    sources: Vec<u32>,
+    /// The first vertex of the mesh that is added next, among those of the rig.
+    first_source: Option<u32>,
 }
 
 /// The light of a scene from outside.
@@ -98,6 +105,9 @@ impl Assembler {
             in_world: Vec::new(),
             placement: Placement::default(),
             world: Bounds::NOTHING,
+            rig: None,
+            sources: Vec::new(),
+            first_source: None,
         }
     }
 
@@ -175,12 +185,22 @@ impl Assembler {
         self.objects.place(object, Affine3A::from_mat3(self.up.matrix()) * to_world);
     }
 
+    /// Says that the mesh that is added next moves: the number of its first vertex among those of the rig.
+    pub(crate) fn moves_from(&mut self, first: u32) {
+        self.first_source = Some(first);
+    }
+
+    /// Gives the scene what its animations move.
+    pub(crate) fn animate(&mut self, rig: Rig) {
+        self.rig = Some(rig);
+    }
+
     /// Adds a mesh in world space or, inside an object, in the object's. Triangles whose winding contradicts
     /// their normals are turned round: front sides are those that the normals point away from. Triangles with
     /// a corner that is not finite or too far out are dropped and counted; a mesh without triangles leaves no
     /// trace.
     pub fn mesh(&mut self, name: impl Into<String>, material: u32, part: &Part) -> Result<(), SceneError> {
-        let name = name.into();
+        let (name, first_source) = (name.into(), self.first_source.take());
         let refuse = |source| SceneError::Geometry { path: self.origin.clone(), mesh: name.clone(), source };
         let vertices = part.positions.len();
         if self.indices.len() + part.indices.len() > TRIANGLES_MAX {
@@ -215,6 +235,7 @@ impl Assembler {
                     renumbered[vertex] = self.positions.len() as u32;
                     let position = up.turned(part.positions[vertex]);
                     self.positions.push(position.into());
+                    self.sources.push(first_source.map_or(UNUSED, |first| first + vertex as u32));
                     let uv = if has_uvs { part.uvs[vertex] } else { Vec2::ZERO };
                     self.uvs.push(if uv.is_finite() { uv } else { Vec2::ZERO });
                     if !self.objects.is_open() {
@@ -330,6 +351,7 @@ impl Assembler {
             environment: None,
             cameras,
             path_keys: Vec::new(),
+            animated: self.rig.map(|rig| Animated::new(rig, self.sources, &self.placement, self.up)),
             placement: self.placement,
             notes: self.notes,
         })
@@ -369,6 +391,8 @@ impl Assembler {
                 self.positions.extend(corners);
                 let uvs = triangle.map(|vertex| self.uvs[vertex as usize]);
                 self.uvs.extend(uvs);
+                let sources = triangle.map(|vertex| self.sources[vertex as usize]);
+                self.sources.extend(sources);
                 self.normals.extend([Vec3::from(normal); 3]);
                 *triangle = [first, first + 1, first + 2];
             }

@@ -86,6 +86,18 @@ pub enum SceneError {
         /// The scene.
         name: String,
     },
+    /// The file has no such animation.
+    #[error(
+        "{name} has no animation \"{wanted}\" that moves a mesh; it has: {known}. Choose one of these, or another motion"
+    )]
+    NoAnimation {
+        /// The scene.
+        name: String,
+        /// The name or number asked for.
+        wanted: String,
+        /// Numbers and names of those there are, comma-separated.
+        known: String,
+    },
     /// Moving parts have left the range of coordinates.
     #[error("the motion leads too far: {0}; move the scene less, or make it smaller")]
     Moved(#[from] GeometryError),

@@ -28,7 +28,7 @@ impl Scene {
             return Err(too_many());
         }
         let (mut positions, mut normals) = (Vec::<Vec3A>::new(), Vec::<Vec3>::new());
-        let (mut uvs, mut cards) = (Vec::new(), Vec::new());
+        let (mut uvs, mut cards, mut origins) = (Vec::new(), Vec::new(), Vec::new());
         let (mut indices, mut meshes) = (Vec::with_capacity(count), Vec::<Mesh>::new());
         let mut copies = vec![NONE; self.triangles.positions().len()];
         let mut copied: Vec<u32> = Vec::new();
@@ -57,6 +57,7 @@ impl Scene {
                             normals.push((upright * *normal).normalize_or(Vec3::Y));
                         }
                         uvs.extend(self.uvs.get(vertex as usize));
+                        origins.push(vertex);
                     }
                     *copy
                 });
@@ -85,6 +86,8 @@ impl Scene {
         if !cards.is_empty() {
             triangles = triangles.masked(self.triangles.masks().to_vec(), cards).map_err(refuse)?;
         }
-        Ok(Self { triangles: Arc::new(triangles), instances: None, normals, uvs, meshes, ..self.clone() })
+        let animated = self.animated.as_ref().map(|animated| animated.copied(&origins));
+        let triangles = Arc::new(triangles);
+        Ok(Self { triangles, instances: None, normals, uvs, meshes, animated, ..self.clone() })
     }
 }

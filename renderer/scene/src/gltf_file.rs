@@ -1,24 +1,28 @@
 //! Reads glTF 2.0, as text or binary: nodes with their transforms, meshes shared by several nodes (copied, or
 //! instances where [`INSTANCING_SAVES_MIN`] says so), metallic-roughness materials with their textures and
 //! the extensions for emissive strength, transmission, volume, index of refraction and texture transforms,
-//! copies of a mesh below a node, cameras, and punctual lights. Lengths are metres and stay so.
+//! copies of a mesh below a node, skins, morph targets, animations of nodes, cameras, and punctual lights.
+//! Lengths are metres and stay so.
 
 use std::path::Path;
 
 use glam::{Affine3A, DMat4, DVec3, Mat4, Vec3};
 use gltf::camera::Projection;
 use gltf::khr_lights_punctual::{Kind, Light};
-use gltf::{Document, Mesh, Node};
+use gltf::{Document, Mesh, Node, Primitive};
 
+use super::animation::{Pose, Rig};
 use super::assemble::{Assembler, Lighting};
 use super::error::one_line;
 use super::framing::CameraPose;
+use super::gltf_animation;
 use super::gltf_extras;
 use super::gltf_geometry::{self, Buffers};
 use super::gltf_instances::{self, Copies};
 use super::gltf_json::{self, Refusal};
 use super::gltf_material::{self, Materials};
 use super::limits::{DISTANCE_MAX, INSTANCING_SAVES_MIN, NODE_DEPTH_MAX};
+use super::part::Part;
 use super::{Cone, Punctual, Scene, SceneError, Up};
 
 /// Reads one file. See [`super::load`].
@@ -69,8 +73,13 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
         lights: Vec::new(),
         ignored_primitives: 0,
         orthographic: 0,
-        instanced: shared_meshes(&document, &copies),
+        instanced: Vec::new(),
         copies,
+        rig: Rig::default(),
+        moving: Default::default(),
+        pose: Pose::default(),
+        posed: 0,
+        unposed: Vec::new(),
         malformed: &malformed,
     };
     walk.scene(&document)?;
@@ -93,12 +102,19 @@ fn parse_message(error: &gltf::Error) -> String {
 }
 
 /// An empty list for each mesh that is to become an object: those that several nodes name, if that saves
-/// enough triangles in all.
-fn shared_meshes(document: &Document, copies: &Copies) -> Vec<Option<Vec<Affine3A>>> {
+/// enough triangles in all. None that is skinned or morphed, or that a moving node names.
+fn shared_meshes(document: &Document, copies: &Copies, moving: &[bool]) -> Vec<Option<Vec<Affine3A>>> {
     let mut uses = vec![0u64; document.meshes().len()];
+    let mut is_own = vec![false; uses.len()];
     for node in document.nodes() {
         if let Some(mesh) = node.mesh() {
             uses[mesh.index()] += copies.get(&node.index()).map_or(1, |copies| copies.len() as u64);
+            is_own[mesh.index()] |= moving[node.index()] || node.skin().is_some();
+        }
+    }
+    for mesh in document.meshes() {
+        if is_own[mesh.index()] || mesh.primitives().any(|one| one.morph_targets().next().is_some()) {
+            uses[mesh.index()] = 0;
         }
     }
     let saved: u64 = document
@@ -139,7 +155,23 @@ struct Walk<'a> {
     copies: Copies,
     /// By mesh: where it stands, for one that becomes an object with instances.
     instanced: Vec<Option<Vec<Affine3A>>>,
+    rig: Rig,
+    /// By node: whether an animation moves it; and whether one morphs its mesh.
+    moving: [Vec<bool>; 2],
+    /// Where all is at rest.
+    pose: Pose,
+    /// Vertices of pieces of the rig, and their changes.
+    posed: usize,
+    /// Why skins and morph targets of meshes are left out.
+    unposed: Vec<String>,
     malformed: &'a dyn Fn(String) -> SceneError,
+}
+
+/// A mesh's place in the world: the node, and where the mesh stands in it and in the world.
+struct Stand<'a> {
+    node: &'a Node<'a>,
+    to_node: Mat4,
+    to_world: Mat4,
 }
 
 impl Walk<'_> {
@@ -151,10 +183,10 @@ impl Walk<'_> {
             None => document.nodes().collect(),
         };
         let mut seen = vec![false; document.nodes().len()];
-        let mut stack: Vec<(Node, DMat4, usize)> =
-            roots.into_iter().rev().map(|node| (node, DMat4::IDENTITY, 0)).collect();
-        let mut found = Vec::new();
-        while let Some((node, parent, depth)) = stack.pop() {
+        let mut stack: Vec<(Node, Option<usize>, DMat4, usize)> =
+            roots.into_iter().rev().map(|node| (node, None, DMat4::IDENTITY, 0)).collect();
+        let (mut found, mut order) = (Vec::new(), Vec::new());
+        while let Some((node, above, parent, depth)) = stack.pop() {
             if std::mem::replace(&mut seen[node.index()], true) {
                 return Err((self.malformed)(format!(
                     "node {} has two parents or is its own ancestor",
@@ -167,13 +199,20 @@ impl Walk<'_> {
             let to_world = parent * Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
             // The copy in `children` keeps the order of the file, which makes mesh order stable.
             let children: Vec<Node> = node.children().collect();
-            stack.extend(children.into_iter().rev().map(|child| (child, to_world, depth + 1)));
+            let here = Some(node.index());
+            stack.extend(children.into_iter().rev().map(|child| (child, here, to_world, depth + 1)));
+            order.push((node.index(), above));
             found.push((node, to_world));
         }
         let origin = far_origin(&found);
         self.assembler.moved_to(origin);
+        let to_scene = DMat4::from_translation(-origin);
+        self.rig = gltf_animation::read(document, order, self.buffers, &mut self.assembler);
+        self.moving = self.rig.moving();
+        self.pose = self.rig.pose(None, to_scene);
+        self.instanced = shared_meshes(document, &self.copies, &self.moving[0]);
         for (node, to_world) in found {
-            self.node(&node, &(DMat4::from_translation(-origin) * to_world).as_mat4())?;
+            self.node(&node, &(to_scene * to_world).as_mat4())?;
         }
         Ok(())
     }
@@ -198,11 +237,10 @@ impl Walk<'_> {
         let Some(mesh) = node.mesh() else {
             return Ok(());
         };
-        let name = mesh.name().or(node.name()).map(str::to_owned);
         let here = [Mat4::IDENTITY];
         let copies = std::mem::take(&mut self.copies);
         for copy in copies.get(&node.index()).map_or(&here[..], Vec::as_slice) {
-            self.placed(&mesh, name.clone(), &(*to_world * *copy))?;
+            self.placed(&mesh, &Stand { node, to_node: *copy, to_world: *to_world * *copy })?;
         }
         self.copies = copies;
         Ok(())
@@ -224,26 +262,62 @@ impl Walk<'_> {
     }
 
     /// Adds a mesh where it stands, or sets the place aside for its object.
-    fn placed(&mut self, mesh: &Mesh, name: Option<String>, to_world: &Mat4) -> Result<(), SceneError> {
+    fn placed(&mut self, mesh: &Mesh, stand: &Stand) -> Result<(), SceneError> {
         if let Some(places) = &mut self.instanced[mesh.index()]
-            && to_world.determinant() != 0.0
+            && stand.to_world.determinant() != 0.0
         {
-            places.push(Affine3A::from_mat4(*to_world));
+            places.push(Affine3A::from_mat4(stand.to_world));
             return Ok(());
         }
-        self.mesh(mesh, name, Some(to_world))
+        self.mesh(mesh, mesh.name().or(stand.node.name()).map(str::to_owned), Some(stand))
+    }
+
+    /// Brings the triangles of a primitive from its mesh's space to the world, through skins and morph targets
+    /// at rest, and remembers those that animations move.
+    fn bring(&mut self, primitive: &Primitive, part: &mut Part, stand: &Stand) {
+        let node = stand.node.index();
+        let has_targets = primitive.morph_targets().next().is_some();
+        let skin = stand.node.skin().map_or(&[][..], |skin| &self.rig.skins[skin.index()][..]);
+        let is_carried = match skin {
+            [] => self.moving[0][node],
+            joints => joints.iter().any(|(joint, _)| self.moving[0][*joint]),
+        };
+        let moves = is_carried || (has_targets && self.moving[1][node]);
+        if !moves && !has_targets && skin.is_empty() {
+            return part.transform(&stand.to_world);
+        }
+        let place = (stand.node, stand.to_node);
+        let piece = gltf_animation::piece(primitive, part, place, &self.rig, self.buffers, &mut self.posed);
+        let piece = match piece {
+            Ok(piece) => piece,
+            Err(fault) => {
+                self.unposed.push(fault);
+                return part.transform(&stand.to_world);
+            }
+        };
+        if piece.skin.is_some() {
+            [part.positions, part.normals] = piece.posed(&self.pose);
+        } else {
+            [part.positions, part.normals] = piece.morphed(&piece.weights);
+            part.transform(&stand.to_world);
+        }
+        if moves {
+            self.assembler.moves_from(self.rig.vertex_count);
+            self.rig.vertex_count += part.positions.len() as u32;
+            self.rig.pieces.push(piece);
+        }
     }
 
     /// Adds a mesh in the world, or as it is to the object that is being made.
-    fn mesh(&mut self, mesh: &Mesh, name: Option<String>, to_world: Option<&Mat4>) -> Result<(), SceneError> {
+    fn mesh(&mut self, mesh: &Mesh, name: Option<String>, stand: Option<&Stand>) -> Result<(), SceneError> {
         let name = name.unwrap_or_else(|| format!("mesh {}", mesh.index()));
         for primitive in mesh.primitives() {
             let place = |cause: String| (self.malformed)(format!("mesh \"{name}\": {cause}"));
             let coordinates = self.materials.coordinates(&primitive.material());
             match gltf_geometry::read(&primitive, self.buffers, &coordinates).map_err(place)? {
                 Some(mut part) => {
-                    if let Some(to_world) = to_world {
-                        part.transform(to_world);
+                    if let Some(stand) = stand {
+                        self.bring(&primitive, &mut part, stand);
                     }
                     let material = self.materials.of(&primitive.material(), &mut self.assembler);
                     self.assembler.mesh(name.clone(), material, &part)?;
@@ -269,6 +343,26 @@ impl Walk<'_> {
         Ok(())
     }
 
+    /// Gives the scene its animations, and says which there are.
+    fn animate(&mut self) {
+        let count = self.rig.clips.len();
+        if self.rig.pieces.is_empty() {
+            if count > 0 {
+                self.assembler.note(format!("Ignored {count} animations, which move no mesh."));
+            }
+            return;
+        }
+        let names = self.rig.clips.iter().enumerate().map(|(number, clip)| match &clip.name {
+            Some(name) => format!("{number} {name}"),
+            None => format!("{number}"),
+        });
+        let names = one_line(&names.collect::<Vec<_>>().join(", "));
+        self.assembler.note(format!(
+            "The file has {count} animations ({names}), for the motion of its file; without it the scene stands as its nodes say."
+        ));
+        self.assembler.animate(std::mem::take(&mut self.rig));
+    }
+
     fn finish(mut self, document: &Document) -> Result<Scene, SceneError> {
         if self.ignored_primitives > 0 {
             let count = self.ignored_primitives;
@@ -279,6 +373,13 @@ impl Walk<'_> {
             let count = self.orthographic;
             self.assembler.note(format!("Ignored {count} orthographic cameras."));
         }
+        if let Some(first) = self.unposed.first() {
+            let count = self.unposed.len();
+            self.assembler.note(format!(
+                "Took {count} primitives without their skins, morph targets and animations: {first}."
+            ));
+        }
+        self.animate();
         if document.meshes().len() == 0 {
             self.assembler.note("no meshes");
         }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::Vec3;
-use gltf::accessor::{Accessor, DataType, Dimensions};
+use gltf::accessor::{Accessor, DataType, Dimensions, Item, Iter};
 use gltf::buffer::Source;
 use gltf::mesh::Mode;
 use gltf::{Primitive, Semantic};
@@ -110,6 +110,24 @@ pub(super) fn read(
     Ok(Some(part))
 }
 
+/// The elements of an accessor, checked. An accessor without any is refused.
+///
+/// # Errors
+/// One sentence about an accessor of another type, or one that reaches outside its buffer.
+pub(super) fn items<'a, T: Item>(
+    accessor: &Accessor,
+    expected: (Dimensions, &[DataType]),
+    buffers: &'a Buffers,
+) -> Result<Iter<'a, T>, String> {
+    check(accessor, expected, buffers)?;
+    let fault = |what: &str| format!("accessor {} {what}", accessor.index());
+    if accessor.count() == 0 {
+        return Err(fault("has no elements"));
+    }
+    let data = move |buffer: gltf::Buffer<'_>| buffers.get(buffer.index()).map(|data| &data.0[..]);
+    Iter::new(accessor.clone(), data).ok_or_else(|| fault("reaches outside its buffer"))
+}
+
 /// The approximate number of triangles of a primitive, from its accessors alone.
 pub(super) fn triangle_count(primitive: &Primitive) -> u64 {
     let positions = primitive.get(&Semantic::Positions).map_or(0, |positions| positions.count());
@@ -122,7 +140,7 @@ pub(super) fn triangle_count(primitive: &Primitive) -> u64 {
 }
 
 /// The types of positions and normals.
-const VECTORS: (Dimensions, &[DataType]) = (Dimensions::Vec3, &[DataType::F32]);
+pub(super) const VECTORS: (Dimensions, &[DataType]) = (Dimensions::Vec3, &[DataType::F32]);
 /// The types of texture coordinates.
 const PAIRS: (Dimensions, &[DataType]) = (Dimensions::Vec2, &[DataType::F32, DataType::U8, DataType::U16]);
 /// The types of indices.

@@ -4,12 +4,13 @@ use std::collections::HashMap;
 
 use glam::{Mat4, Quat, Vec3};
 use gltf::Document;
-use gltf::accessor::{DataType, Dimensions, Iter};
+use gltf::accessor::{DataType, Dimensions};
 use serde_json::Value;
 use treewright_accel::limits::INSTANCES_MAX;
 
+use super::animation::turn;
 use super::assemble::Assembler;
-use super::gltf_geometry::{Buffers, check};
+use super::gltf_geometry::{Buffers, items};
 
 /// By the number of a node: where the copies of its mesh stand, in its own space.
 pub(super) type Copies = HashMap<usize, Vec<Mat4>>;
@@ -62,8 +63,7 @@ fn of_node(attributes: &Value, document: &Document, buffers: &Buffers) -> Option
         Err(default) => *default,
     };
     let place = |place: usize| {
-        let turn = rotations.as_ref().map_or(Quat::IDENTITY, |all| Quat::from_array(all[place]));
-        let turn = if turn.length_squared() > 0.0 { turn.normalize() } else { Quat::IDENTITY };
+        let turn = rotations.as_ref().map_or(Quat::IDENTITY, |all| turn(&all[place]));
         Mat4::from_scale_rotation_translation(of(&scales, place), turn, of(&translations, place))
     };
     Some((0..count).map(place).collect())
@@ -107,10 +107,8 @@ fn values<T: gltf::accessor::Item>(
     (dimensions, kind): (Dimensions, DataType),
     buffers: &Buffers,
 ) -> Option<Vec<T>> {
-    check(accessor, (dimensions, &[kind]), buffers).ok()?;
     if accessor.count() > INSTANCES_MAX {
         return None;
     }
-    let data = |buffer: gltf::Buffer<'_>| buffers.get(buffer.index()).map(|data| &data.0[..]);
-    Some(Iter::new(accessor.clone(), data)?.collect())
+    Some(items(accessor, (dimensions, &[kind]), buffers).ok()?.collect())
 }

@@ -81,7 +81,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Document, Refusal> {
     document.check_required()?;
     document.tell_extensions();
     document.scenes();
-    document.stand_still();
+    document.movement();
     document.materials();
     document.textures();
     document.primitives();
@@ -218,22 +218,72 @@ impl Document {
         self.json["scene"] = json!(shown);
     }
 
-    /// Takes out what moves.
-    fn stand_still(&mut self) {
-        let animations =
-            take(&mut self.json, "animations").map_or(0, |all| all.as_array().map_or(0, Vec::len));
-        self.note(animations, "Ignored {} animations: everything stands where its node says.");
-        take(&mut self.json, "skins");
-        let skinned = list_mut(&mut self.json, "nodes").filter_map(|node| take(node, "skin")).count();
-        self.note(skinned, "Took {} skinned meshes in their rest pose, without their skins.");
-        let mut morphed = 0;
-        for mesh in list_mut(&mut self.json, "meshes") {
-            let targets = list_mut(mesh, "primitives").filter_map(|part| take(part, "targets")).count();
-            take(mesh, "weights");
-            morphed += usize::from(targets > 0);
+    /// Takes out of animations, skins and morph targets what leads nowhere, for which the parser would refuse
+    /// the whole file. Numbers of animations, samplers and skins stay.
+    fn movement(&mut self) {
+        let [nodes, accessors, skins] =
+            ["nodes", "accessors", "skins"].map(|key| list(&self.json, key).len());
+        let is_in =
+            |value: &Value, key: &str, count: usize| index(value, key).is_some_and(|found| found < count);
+        let (mut channels, mut skinned, mut morphed) = (0, 0, 0);
+        for animation in list_mut(&mut self.json, "animations") {
+            let samplers = list(animation, "samplers");
+            let are_sound = samplers.iter().all(|sampler| {
+                is_in(sampler, "input", accessors)
+                    && is_in(sampler, "output", accessors)
+                    && matches!(
+                        sampler["interpolation"].as_str(),
+                        None | Some("LINEAR" | "STEP" | "CUBICSPLINE")
+                    )
+            });
+            let leads = |channel: &&Value| {
+                let target = &channel["target"];
+                let path = target["path"].as_str();
+                is_in(target, "node", nodes)
+                    && matches!(path, Some("translation" | "rotation" | "scale" | "weights"))
+                    && are_sound
+                    && is_in(channel, "sampler", samplers.len())
+            };
+            let all = list(animation, "channels");
+            let kept: Vec<Value> = all.iter().filter(leads).cloned().collect();
+            channels += all.len() - kept.len();
+            let samplers = if are_sound { samplers.to_vec() } else { Vec::new() };
+            let name = animation["name"].as_str();
+            *animation = json!({ "name": name, "channels": kept, "samplers": samplers });
         }
-        list_mut(&mut self.json, "nodes").for_each(|node| drop(take(node, "weights")));
-        self.note(morphed, "Took {} meshes without their morph targets.");
+        for skin in list_mut(&mut self.json, "skins") {
+            let joints = list(skin, "joints");
+            let is_node = |joint: &Value| joint.as_u64().is_some_and(|joint| joint < nodes as u64);
+            let bind = skin.get("inverseBindMatrices").cloned();
+            let is_sound = joints.iter().all(is_node)
+                && (bind.is_none() || is_in(skin, "inverseBindMatrices", accessors));
+            *skin = if is_sound { json!({ "joints": joints }) } else { json!({ "joints": [] }) };
+            if let Some(bind) = bind.filter(|_| is_sound) {
+                skin["inverseBindMatrices"] = bind;
+            }
+        }
+        for node in list_mut(&mut self.json, "nodes") {
+            if node.get("skin").is_some() && !is_in(node, "skin", skins) {
+                skinned += 1;
+                take(node, "skin");
+            }
+        }
+        for primitive in list_mut(&mut self.json, "meshes").flat_map(|mesh| list_mut(mesh, "primitives")) {
+            let is_known = |number: &Value| number.as_u64().is_some_and(|number| number < accessors as u64);
+            let is_sound = |target: &Value| {
+                target.as_object().is_some_and(|attributes| attributes.values().all(is_known))
+            };
+            if !list(primitive, "targets").iter().all(is_sound) {
+                morphed += 1;
+                take(primitive, "targets");
+            }
+        }
+        self.note(
+            channels,
+            "Left out {} channels of animations that lead nowhere, or in no way that is known.",
+        );
+        self.note(skinned, "Took {} meshes without skins that there are not.");
+        self.note(morphed, "Took {} primitives without morph targets that there are not.");
     }
 
     /// Materials of diffuse, specular and gloss in the terms of metal and roughness, where they have no
@@ -335,26 +385,35 @@ impl Document {
             |accessor: &Value| accessor.get("bufferView").is_none() && accessor.get("sparse").is_none();
         let void: Vec<bool> = accessors.iter().map(is_void).collect();
         let is_void = |number: Option<usize>| number.is_some_and(|number| void.get(number) == Some(&true));
-        let (mut coloured, mut left_out, mut places) = (0, 0, Vec::new());
+        let (mut coloured, mut many_joints, mut left_out, mut places) = (0, 0, 0, Vec::new());
         for mesh in list_mut(&mut self.json, "meshes") {
             let Some(primitives) = mesh.get_mut("primitives").and_then(Value::as_array_mut) else {
                 continue;
             };
             primitives.retain_mut(|primitive| {
                 let no_indices = is_void(index(primitive, "indices"));
+                let is_filled = |_: &String, accessor: &mut Value| {
+                    !is_void(accessor.as_u64().map(|number| number as usize))
+                };
+                // Targets of zeros change nothing.
+                for target in list_mut(primitive, "targets").filter_map(Value::as_object_mut) {
+                    target.retain(is_filled);
+                }
                 let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) else {
                     return true;
                 };
-                attributes.retain(|_, accessor| !is_void(accessor.as_u64().map(|number| number as usize)));
+                attributes.retain(is_filled);
                 let place = attributes.get("POSITION").and_then(Value::as_u64);
                 let is_drawn = place.is_some() && !no_indices;
                 coloured += usize::from(is_drawn && attributes.contains_key("COLOR_0"));
+                many_joints += usize::from(is_drawn && attributes.contains_key("JOINTS_1"));
                 left_out += usize::from(!is_drawn);
                 places.extend(place);
                 is_drawn
             });
         }
         self.note(coloured, "Ignored the vertex colours (COLOR_0) of {} primitives.");
+        self.note(many_joints, "Took the first four joints a vertex of {} primitives with more.");
         self.note(left_out, "Left out {} primitives without data for their positions or indices.");
         // The parser wants each to have its box, which is not used.
         for place in places {

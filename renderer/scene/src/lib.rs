@@ -3,6 +3,7 @@
 //! Every source (glTF, OBJ, PLY, a built-in generator) gives one [`Scene`]; the integrator and the indicators
 //! know nothing else.
 
+mod animation;
 pub mod assemble;
 mod bounds;
 pub mod builtin;
@@ -11,6 +12,7 @@ mod environment;
 mod error;
 mod flatten;
 pub mod framing;
+mod gltf_animation;
 mod gltf_extras;
 mod gltf_file;
 mod gltf_geometry;
@@ -21,6 +23,8 @@ mod images;
 pub mod indicators;
 pub mod limits;
 mod load;
+#[cfg(test)]
+mod load_animation_tests;
 #[cfg(test)]
 mod load_far_tests;
 #[cfg(test)]
@@ -58,6 +62,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use treewright_accel::{Instances, Triangles};
 
+pub use animation::Animated;
 pub use bounds::Bounds;
 pub use environment::Environment;
 pub use error::SceneError;
@@ -102,6 +107,8 @@ pub struct Scene {
     pub path_keys: Vec<Camera>,
     /// The transform from places of the file to places of the scene.
     pub placement: Placement,
+    /// The animations of the file, where they move what is drawn (see [`motion::Motion::File`]).
+    pub animated: Option<Animated>,
     /// Omissions and additions of the loader, one sentence each.
     pub notes: Vec<String>,
 }

@@ -22,6 +22,13 @@ pub const INSTANCING_SAVES_MIN: u64 = 1_000_000;
 /// Deepest nesting of nodes in a glTF file.
 pub const NODE_DEPTH_MAX: usize = 256;
 
+/// Most numbers in the keys of a file's animations: 256 MB.
+pub const KEY_NUMBERS_MAX: usize = 1 << 26;
+
+/// Most vertices with skins, morph targets or animations, each counted again for each of its targets: some
+/// 1.6 GB.
+pub const POSED_VERTICES_MAX: usize = 1 << 26;
+
 /// Longest edge of a texture in pixels.
 pub const TEXTURE_EDGE_MAX: u32 = 1 << 14;
 

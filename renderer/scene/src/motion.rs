@@ -2,7 +2,8 @@
 //!
 //! Three deform everything (`sway`, `twist`, `ripple`), four move parts: each about itself (`rigid`), apart
 //! (`explode`), through one another (`swarm`), or down and up again (`fall`). A part is a connected set of
-//! triangles, which share corners. All come round after a cycle, and time 0 is the scene at rest.
+//! triangles, which share corners. All come round after a cycle, and time 0 is the scene at rest. The last
+//! (`file`) is an animation of the scene's own file, which keeps to neither.
 
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
@@ -32,12 +33,22 @@ pub enum Motion {
     Swarm,
     /// Parts fall to the ground, one after the other, and rise again.
     Fall,
+    /// As an animation of the scene's file says; a cycle is its duration.
+    File,
 }
 
 impl Motion {
     /// All, in the order in which they are listed.
-    pub const ALL: [Self; 7] =
-        [Self::Sway, Self::Twist, Self::Ripple, Self::Rigid, Self::Explode, Self::Swarm, Self::Fall];
+    pub const ALL: [Self; 8] = [
+        Self::Sway,
+        Self::Twist,
+        Self::Ripple,
+        Self::Rigid,
+        Self::Explode,
+        Self::Swarm,
+        Self::Fall,
+        Self::File,
+    ];
 
     /// As it is written, e.g. `sway`.
     pub fn name(self) -> &'static str {
@@ -49,6 +60,7 @@ impl Motion {
             Self::Explode => "explode",
             Self::Swarm => "swarm",
             Self::Fall => "fall",
+            Self::File => "file",
         }
     }
 
@@ -62,6 +74,7 @@ impl Motion {
             Self::Explode => "Parts fly apart and come back",
             Self::Swarm => "Parts circle the middle, each at its own speed",
             Self::Fall => "Parts fall to the ground one by one, and rise again",
+            Self::File => "As an animation of the glTF file says (see --animation)",
         }
     }
 }
@@ -75,6 +88,8 @@ pub struct Mover {
     /// The part of each vertex.
     part_of: Vec<u32>,
     parts: Vec<Part>,
+    /// The number of the file's animation.
+    clip: usize,
 }
 
 /// Triangles that move as one.
@@ -90,8 +105,11 @@ impl Mover {
     /// Prepares a scene: O(vertices).
     ///
     /// # Errors
-    /// [`SceneError::Instanced`] for a scene of instances.
+    /// [`SceneError::Instanced`] for a scene of instances, and those of [`Mover::of_file`].
     pub fn new(base: Arc<Scene>, motion: Motion) -> Result<Self, SceneError> {
+        if motion == Motion::File {
+            return Self::of_file(base, None);
+        }
         if base.instances.is_some() {
             return Err(SceneError::Instanced { name: base.name.clone() });
         }
@@ -111,7 +129,31 @@ impl Mover {
             own: std::array::from_fn(|_| random.random_range(-1.0..1.0)),
         });
         let parts = parts.collect();
-        Ok(Self { base, motion, bounds, part_of, parts })
+        Ok(Self { base, motion, bounds, part_of, parts, clip: 0 })
+    }
+
+    /// Prepares a scene that moves by an animation of its file: that of this name or number, from 0, or the
+    /// first one.
+    ///
+    /// # Errors
+    /// [`SceneError::Instanced`] for a scene of instances, [`SceneError::NoAnimation`] where there is none.
+    pub fn of_file(base: Arc<Scene>, animation: Option<&str>) -> Result<Self, SceneError> {
+        let animated = base.animated.as_ref();
+        let Some(clip) = animated.and_then(|animated| animated.find(animation)) else {
+            let named =
+                |(number, name): (usize, Option<&str>)| format!("{number} {}", name.unwrap_or_default());
+            let known = animated.map(|animated| animated.all().map(named).collect::<Vec<_>>().join(", "));
+            return Err(SceneError::NoAnimation {
+                name: base.name.clone(),
+                wanted: animation.unwrap_or("0").to_owned(),
+                known: known.unwrap_or("none".to_owned()),
+            });
+        };
+        if base.instances.is_some() {
+            return Err(SceneError::Instanced { name: base.name.clone() });
+        }
+        let (bounds, part_of, parts) = (Bounds::NOTHING, Vec::new(), Vec::new());
+        Ok(Self { base, motion: Motion::File, bounds, part_of, parts, clip })
     }
 
     /// The scene at a moment, where 0 to 1 is one cycle. Triangles keep their numbers.
@@ -119,7 +161,21 @@ impl Mover {
     /// # Errors
     /// [`SceneError::Moved`] where a vertex leaves the coordinates that there are.
     pub fn at(&self, time: f32) -> Result<Arc<Scene>, SceneError> {
-        let time = time.rem_euclid(1.0);
+        let (time, base) = (time.rem_euclid(1.0), &self.base);
+        let (positions, normals) = match &base.animated {
+            Some(animated) if self.motion == Motion::File => {
+                animated.at(self.clip, time, &base.triangles, &base.normals)
+            }
+            _ => self.made(time),
+        };
+        let triangles = Arc::new(base.triangles.moved(positions)?);
+        let number = if self.clip > 0 { self.clip.to_string() } else { String::new() };
+        let name = format!("{}-{}{number}", base.name, self.motion.name());
+        Ok(Arc::new(Scene { name, triangles, normals, ..(**base).clone() }))
+    }
+
+    /// Positions and normals in a motion that is made up.
+    fn made(&self, time: f32) -> (Vec<Vec3A>, Vec<Vec3>) {
         let places: Vec<Affine3A> = match self.motion {
             Motion::Sway | Motion::Twist | Motion::Ripple => Vec::new(),
             _ => self.parts.iter().map(|part| self.place(part, time)).collect(),
@@ -143,9 +199,7 @@ impl Mover {
             if here.is_finite() { upright } else { *normal }
         };
         let normals = self.base.normals.par_iter().enumerate().map(turned).collect();
-        let triangles = Arc::new(self.base.triangles.moved(positions)?);
-        let name = format!("{}-{}", self.base.name, self.motion.name());
-        Ok(Arc::new(Scene { name, triangles, normals, ..(*self.base).clone() }))
+        (positions, normals)
     }
 
     /// Where a part is.
@@ -160,7 +214,7 @@ impl Mover {
         };
         let shifted = |by: Vec3, turn: Quat| Affine3A::from_translation(by) * about(turn);
         match self.motion {
-            Motion::Sway | Motion::Twist | Motion::Ripple => Affine3A::IDENTITY,
+            Motion::Sway | Motion::Twist | Motion::Ripple | Motion::File => Affine3A::IDENTITY,
             Motion::Rigid => {
                 let rise = 0.02 * size * two * ((TAU * time + PI * four).sin() - (PI * four).sin());
                 let turns = if one < 0.0 { -1.0 } else { 1.0 };
@@ -267,7 +321,7 @@ mod tests {
     fn every_motion_begins_with_the_scene_as_it_was_and_comes_round() {
         let base = scene("quick");
         let reach = Bounds::of(&base.triangles).diagonal();
-        for motion in Motion::ALL {
+        for motion in Motion::ALL.into_iter().filter(|motion| *motion != Motion::File) {
             let mover = Mover::new(base.clone(), motion).expect("it has no instances");
             let far = |time: f32| {
                 let now = mover.at(time).expect("it stays in range");
@@ -321,5 +375,7 @@ mod tests {
     fn instances_are_refused_with_the_remedy() {
         let error = Mover::new(scene("forest"), Motion::Sway).expect_err("it is made of instances");
         assert!(error.to_string().contains("--flatten"), "{error}");
+        let error = Mover::new(scene("quick"), Motion::File).expect_err("it is from no file");
+        assert!(error.to_string().contains("no animation"), "{error}");
     }
 }

@@ -18,26 +18,29 @@ pub struct Part {
     pub indices: Vec<[u32; 3]>,
 }
 
+/// What moves normals, but for their length, where this moves positions. The cofactor matrix does so like the
+/// inverse transpose, and exists for flattened meshes too.
+pub(super) fn normal_matrix(linear: &Mat3) -> Mat3 {
+    Mat3::from_cols(
+        linear.y_axis.cross(linear.z_axis),
+        linear.z_axis.cross(linear.x_axis),
+        linear.x_axis.cross(linear.y_axis),
+    ) * linear.determinant().signum()
+}
+
 impl Part {
     /// Moves everything by an affine transform. A mirroring one turns the winding too, so that front sides
     /// stay front sides.
     pub fn transform(&mut self, transform: &Mat4) {
         let linear = Mat3::from_mat4(*transform);
-        let determinant = linear.determinant();
         for position in &mut self.positions {
             *position = transform.transform_point3(*position);
         }
-        // The cofactor matrix moves normals like the inverse transpose does, and exists for flattened
-        // meshes too.
-        let cofactor = Mat3::from_cols(
-            linear.y_axis.cross(linear.z_axis),
-            linear.z_axis.cross(linear.x_axis),
-            linear.x_axis.cross(linear.y_axis),
-        ) * determinant.signum();
+        let upright = normal_matrix(&linear);
         for normal in &mut self.normals {
-            *normal = (cofactor * *normal).normalize_or_zero();
+            *normal = (upright * *normal).normalize_or_zero();
         }
-        if determinant < 0.0 {
+        if linear.determinant() < 0.0 {
             for triangle in &mut self.indices {
                 triangle.swap(1, 2);
             }

@@ -44,6 +44,7 @@ pub(super) fn scene(parts: &[(Vec<[Vec3; 3]>, Material)], sky: Sky) -> Arc<Scene
         cameras: vec![camera(Vec3::new(0.0, 0.0, 3.0), Vec3::ZERO)],
         path_keys: Vec::new(),
         placement: Default::default(),
+        animated: None,
         notes: Vec::new(),
     })
 }

@@ -1,0 +1,293 @@
+//! Scenes that move by the animations of their file, as glTF 2.0 defines them: nodes that go from key to key,
+//! meshes that joints bend, and meshes that morph towards targets.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::{DMat4, DVec3, Mat3, Mat4, Quat, Vec3, Vec3A};
+use gltf::animation::{Interpolation, Property};
+use gltf::scene::Transform;
+use rayon::prelude::*;
+use treewright_accel::Triangles;
+
+use super::part::normal_matrix;
+use super::{Placement, Up};
+
+/// The keys of one property of a node.
+#[derive(Clone, Debug)]
+pub(super) struct Track {
+    pub(super) node: usize,
+    pub(super) property: Property,
+    pub(super) interpolation: Interpolation,
+    /// Rising, in seconds; at least one.
+    pub(super) times: Vec<f32>,
+    /// For each key `width` numbers, or in a cubic spline three times as many: the tangent before it, its
+    /// value, and the tangent after it.
+    pub(super) values: Vec<f32>,
+    pub(super) width: usize,
+}
+
+impl Track {
+    /// The value at a time; before the first key its value, and after the last one that.
+    fn at(&self, seconds: f32) -> Vec<f32> {
+        let next = self.times.partition_point(|key| *key <= seconds);
+        let key = next.saturating_sub(1);
+        let is_cubic = self.interpolation == Interpolation::CubicSpline;
+        let parts = if is_cubic { 3 } else { 1 };
+        let part = |key: usize, part: usize| &self.values[(key * parts + part) * self.width..][..self.width];
+        let from = part(key, parts / 2);
+        if next == 0 || next == self.times.len() || self.interpolation == Interpolation::Step {
+            return from.to_vec();
+        }
+        let to = part(next, parts / 2);
+        let step = self.times[next] - self.times[key];
+        let share = (seconds - self.times[key]) / step;
+        if is_cubic {
+            let (square, cube) = (share * share, share * share * share);
+            let shares = [
+                2.0 * cube - 3.0 * square + 1.0,
+                step * (cube - 2.0 * square + share),
+                3.0 * square - 2.0 * cube,
+                step * (cube - square),
+            ];
+            let terms = [from, part(key, 2), to, part(next, 0)];
+            let mixed = |place: usize| (0..4).map(|term| shares[term] * terms[term][place]).sum::<f32>();
+            (0..self.width).map(mixed).collect()
+        } else if self.property == Property::Rotation {
+            turn(from).slerp(turn(to), share).to_array().to_vec()
+        } else {
+            from.iter().zip(to).map(|(from, to)| from + (to - from) * share).collect()
+        }
+    }
+}
+
+/// The rotation of four numbers, which need not be of unit length; none for zeros.
+pub(super) fn turn(numbers: &[f32]) -> Quat {
+    let turn = Quat::from_slice(numbers);
+    if turn.length_squared() > 0.0 { turn.normalize() } else { Quat::IDENTITY }
+}
+
+/// One animation of a file.
+#[derive(Clone, Debug)]
+pub(super) struct Clip {
+    pub(super) name: Option<String>,
+    /// The time of its last key.
+    pub(super) duration_s: f32,
+    pub(super) tracks: Vec<Track>,
+}
+
+/// The four joints of a skinned vertex and their weights.
+pub(super) type Influence = ([u16; 4], [f32; 4]);
+
+/// A primitive in its mesh's own space, where a node shows it.
+#[derive(Clone, Debug)]
+pub(super) struct Piece {
+    pub(super) node: usize,
+    /// From the mesh's space to the node's.
+    pub(super) to_node: Mat4,
+    /// Positions and normals; no normals for a flat one.
+    pub(super) vertices: [Vec<Vec3>; 2],
+    /// By morph target: the changes of positions and normals.
+    pub(super) targets: Vec<[Vec<Vec3>; 2]>,
+    /// Weights of the targets at rest.
+    pub(super) weights: Vec<f32>,
+    /// The number of the skin, and by vertex what it hangs on.
+    pub(super) skin: Option<(usize, Vec<Influence>)>,
+}
+
+impl Piece {
+    /// Positions and normals in the mesh's own space, with targets of these weights.
+    pub(super) fn morphed(&self, weights: &[f32]) -> [Vec<Vec3>; 2] {
+        let mut vertices = self.vertices.clone();
+        for (target, weight) in self.targets.iter().zip(weights).filter(|(_, weight)| **weight != 0.0) {
+            for (vectors, changes) in vertices.iter_mut().zip(target) {
+                vectors.par_iter_mut().zip(changes).for_each(|(vector, change)| *vector += *change * *weight);
+            }
+        }
+        vertices
+    }
+
+    /// Positions and normals in the space of a pose. A skinned mesh stands where its joints are, wherever its
+    /// node is.
+    pub(super) fn posed(&self, pose: &Pose) -> [Vec<Vec3>; 2] {
+        let fixed = pose.worlds[self.node].as_mat4() * self.to_node;
+        let place = |vertex: usize| match &self.skin {
+            Some((skin, influences)) => {
+                let (joints, weights) = &influences[vertex];
+                joints
+                    .iter()
+                    .zip(weights)
+                    .map(|(joint, weight)| pose.joints[*skin][usize::from(*joint)] * *weight)
+                    .sum::<Mat4>()
+            }
+            None => fixed,
+        };
+        let [mut positions, mut normals] =
+            self.morphed(pose.weights.get(&self.node).unwrap_or(&self.weights));
+        let moved = |(vertex, at): (usize, &mut Vec3)| *at = place(vertex).transform_point3(*at);
+        positions.par_iter_mut().enumerate().for_each(moved);
+        let turned = |(vertex, normal): (usize, &mut Vec3)| {
+            *normal = (normal_matrix(&Mat3::from_mat4(place(vertex))) * *normal).normalize_or_zero();
+        };
+        normals.par_iter_mut().enumerate().for_each(turned);
+        [positions, normals]
+    }
+}
+
+/// Where everything is at a moment.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Pose {
+    /// By node: from its space to the scene's.
+    worlds: Vec<DMat4>,
+    /// By node: weights of morph targets that an animation gives.
+    weights: HashMap<usize, Vec<f32>>,
+    /// By skin and joint: from the space of a skinned mesh to the scene's.
+    joints: Vec<Vec<Mat4>>,
+}
+
+/// The nodes of a file, and the meshes that move with them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rig {
+    pub(super) clips: Vec<Clip>,
+    /// By node: where it stands in its parent's space at rest.
+    pub(super) rest: Vec<Transform>,
+    /// The nodes of the scene that is shown, each with its parent and after it.
+    pub(super) order: Vec<(usize, Option<usize>)>,
+    /// By skin: joints with their inverse bind matrices. Empty for one that cannot be read.
+    pub(super) skins: Vec<Vec<(usize, Mat4)>>,
+    pub(super) pieces: Vec<Piece>,
+    /// The number of their vertices.
+    pub(super) vertex_count: u32,
+}
+
+impl Rig {
+    /// By node: whether an animation moves it or a node above it; and whether one changes its weights.
+    pub(super) fn moving(&self) -> [Vec<bool>; 2] {
+        let mut moving = [vec![false; self.rest.len()], vec![false; self.rest.len()]];
+        for track in self.clips.iter().flat_map(|clip| &clip.tracks) {
+            moving[usize::from(track.property == Property::MorphTargetWeights)][track.node] = true;
+        }
+        for (node, parent) in &self.order {
+            let is_carried = parent.is_some_and(|parent| moving[0][parent]);
+            moving[0][*node] |= is_carried;
+        }
+        moving
+    }
+
+    /// The pose at a time of a clip in seconds, or at rest.
+    pub(super) fn pose(&self, moment: Option<(&Clip, f32)>, to_scene: DMat4) -> Pose {
+        let (mut moved, mut weights) = (HashMap::new(), HashMap::new());
+        let tracks =
+            moment.iter().flat_map(|(clip, seconds)| clip.tracks.iter().map(move |track| (track, *seconds)));
+        for (track, seconds) in tracks {
+            let now = track.at(seconds);
+            if track.property == Property::MorphTargetWeights {
+                weights.insert(track.node, now);
+                continue;
+            }
+            let (shift, turned, scale) = moved.entry(track.node).or_insert_with(|| {
+                let (shift, turned, scale) = self.rest[track.node].clone().decomposed();
+                (Vec3::from(shift), turn(&turned), Vec3::from(scale))
+            });
+            match track.property {
+                Property::Rotation => *turned = turn(&now),
+                Property::Scale => *scale = Vec3::from_slice(&now),
+                _ => *shift = Vec3::from_slice(&now),
+            }
+        }
+        let mut worlds = vec![to_scene; self.rest.len()];
+        for (node, parent) in &self.order {
+            let local = match moved.get(node) {
+                Some((shift, turned, scale)) => {
+                    Mat4::from_scale_rotation_translation(*scale, *turned, *shift)
+                }
+                None => Mat4::from_cols_array_2d(&self.rest[*node].clone().matrix()),
+            };
+            worlds[*node] = parent.map_or(to_scene, |parent| worlds[parent]) * local.as_dmat4();
+        }
+        let of_skin = |skin: &Vec<(usize, Mat4)>| {
+            let matrices = skin.iter().map(|(joint, bind)| (worlds[*joint] * bind.as_dmat4()).as_mat4());
+            matrices.collect::<Vec<_>>()
+        };
+        let joints = self.skins.iter().map(of_skin).collect();
+        Pose { worlds, weights, joints }
+    }
+}
+
+/// The animations of a scene's file.
+#[derive(Clone, Debug)]
+pub struct Animated {
+    rig: Arc<Rig>,
+    /// From places of the file to places of the scene.
+    to_scene: DMat4,
+    /// By vertex of the scene: its number among those of all pieces, or any larger one where it stands still.
+    sources: Arc<[u32]>,
+}
+
+impl Animated {
+    /// Of a scene whose vertices come from these of the rig.
+    pub(super) fn new(rig: Rig, sources: Vec<u32>, placement: &Placement, up: Up) -> Self {
+        let to_scene = DMat4::from_scale(DVec3::splat(placement.factor))
+            * DMat4::from_translation(-placement.origin)
+            * DMat4::from_mat3(up.matrix().as_dmat3());
+        Self { rig: Arc::new(rig), to_scene, sources: sources.into() }
+    }
+
+    /// Of the same scene with its vertices copied: each by the number of the one that it was.
+    pub(super) fn copied(&self, copies: &[u32]) -> Self {
+        let sources = copies.iter().map(|vertex| self.sources[*vertex as usize]).collect();
+        Self { rig: Arc::clone(&self.rig), sources, ..*self }
+    }
+
+    /// The animations that move something: the number of each, and its name.
+    pub fn all(&self) -> impl Iterator<Item = (usize, Option<&str>)> {
+        let clips = self.rig.clips.iter().enumerate().filter(|(_, clip)| !clip.tracks.is_empty());
+        clips.map(|(number, clip)| (number, clip.name.as_deref()))
+    }
+
+    /// The number of the animation of this name, or of this number from 0; of the first without any.
+    pub fn find(&self, wanted: Option<&str>) -> Option<usize> {
+        let Some(wanted) = wanted else { return self.all().next().map(|(number, _)| number) };
+        let named = self.all().find(|(_, name)| *name == Some(wanted));
+        let found = named.or_else(|| self.all().find(|(number, _)| number.to_string() == wanted));
+        found.map(|(number, _)| number)
+    }
+
+    /// Positions and normals of the scene at a share of an animation, from those at rest.
+    pub(super) fn at(
+        &self,
+        clip: usize,
+        share: f32,
+        rest: &Triangles,
+        normals: &[Vec3],
+    ) -> (Vec<Vec3A>, Vec<Vec3>) {
+        let clip = &self.rig.clips[clip];
+        let pose = self.rig.pose(Some((clip, share * clip.duration_s)), self.to_scene);
+        let (mut posed, mut turned) = (Vec::new(), Vec::new());
+        for piece in &self.rig.pieces {
+            let [positions, normals] = piece.posed(&pose);
+            posed.extend(positions);
+            turned.extend(normals);
+            turned.resize(posed.len(), Vec3::ZERO);
+        }
+        let sources = self.sources.par_iter().map(|source| *source as usize);
+        let place = |(source, at): (usize, &Vec3A)| posed.get(source).map_or(*at, |at| Vec3A::from(*at));
+        let positions: Vec<Vec3A> = sources.clone().zip(rest.positions()).map(place).collect();
+        let upright = |(source, normal): (usize, &Vec3)| turned.get(source).copied().unwrap_or(*normal);
+        let mut normals: Vec<Vec3> = sources.zip(normals).map(upright).collect();
+        if normals.is_empty() {
+            return (positions, normals);
+        }
+        // Flat triangles have vertices of their own.
+        for corners in rest.indices().iter().map(|corners| corners.map(|corner| corner as usize)) {
+            if corners.iter().any(|corner| normals[*corner] == Vec3::ZERO) {
+                let [a, b, c] = corners.map(|corner| positions[corner]);
+                let flat = Vec3::from((b - a).cross(c - a).normalize_or(Vec3A::Y));
+                for corner in corners.into_iter().filter(|corner| normals[*corner] == Vec3::ZERO) {
+                    normals[corner] = flat;
+                }
+            }
+        }
+        (positions, normals)
+    }
+}
