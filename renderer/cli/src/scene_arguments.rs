@@ -29,9 +29,14 @@ pub struct SceneArguments {
     #[arg(long, value_name = "N")]
     pub scene_seed: Option<u64>,
 
-    /// Make a scene move that stands still. Built-in scenes that are animated move by themselves.
+    /// Make a scene move that stands still. Built-in scenes that are animated move by themselves, and so do
+    /// files with an animation where motion is asked for; `file` shows its moments elsewhere.
     #[arg(long, value_name = "NAME", value_parser = motion())]
     pub motion: Option<Motion>,
+
+    /// The animation of a glTF file to move by: its name, or its number from 0. The first one otherwise.
+    #[arg(long, value_name = "NAME|N")]
+    pub animation: Option<String>,
 
     /// Time in a scene that moves; 0 to 1 is one cycle.
     #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
@@ -89,6 +94,7 @@ impl SceneArguments {
             scene_seed,
             time,
             motion: None,
+            animation: None,
             up_axis: UpAxis::Y,
             environment: None,
             environment_rotation: 0.0,
@@ -102,27 +108,46 @@ impl SceneArguments {
     /// # Errors
     /// Nothing moves in it, or it cannot be loaded.
     pub fn moving(&self) -> Result<Moving, CliError> {
-        if let Some(motion) = self.motion {
-            return Ok(Moving::Made(Box::new(Mover::new(self.still()?, motion)?)));
+        match self.motion {
+            Some(Motion::File) => return self.of_file(self.still()?),
+            Some(motion) if self.animation.is_none() => {
+                return Ok(Moving::Made(Box::new(Mover::new(self.still()?, motion)?)));
+            }
+            Some(motion) => {
+                return Err(CliError::Usage(format!(
+                    "--animation chooses among those of a file, and --motion {} is none of them; leave one out",
+                    motion.name()
+                )));
+            }
+            None => {}
         }
         if self.scene.strip_prefix(BUILTIN).is_some_and(builtin::is_animated) {
             return Ok(Moving::Itself(Box::new(self.clone())));
         }
+        let still = self.still()?;
+        if still.animated.is_some() || self.animation.is_some() {
+            return self.of_file(still);
+        }
         let animated = builtin::names().filter(|name| builtin::is_animated(name));
         let known: Vec<String> = animated.map(|name| format!("{BUILTIN}{name}")).collect();
+        let made = Motion::ALL.into_iter().filter(|motion| *motion != Motion::File).map(Motion::name);
         Err(CliError::Usage(format!(
             "nothing moves in {}; add --motion with one of {}, or take {}",
             self.scene,
-            Motion::ALL.map(Motion::name).join(", "),
+            made.collect::<Vec<_>>().join(", "),
             known.join(" or ")
         )))
     }
 
+    fn of_file(&self, still: Arc<Scene>) -> Result<Moving, CliError> {
+        Ok(Moving::Made(Box::new(Mover::of_file(still, self.animation.as_deref())?)))
+    }
+
     /// Loads or generates the scene, at its time.
     pub fn load(&self) -> Result<Arc<Scene>, CliError> {
-        match self.motion {
-            Some(_) => self.moving()?.at(self.time),
-            None => self.still(),
+        match self.motion.is_some() || self.animation.is_some() {
+            true => self.moving()?.at(self.time),
+            false => self.still(),
         }
     }
 

@@ -125,6 +125,8 @@ fn moving_scenes_are_followed() {
     fails("animate --scene builtin:quick", USAGE, &["nothing moves", "builtin:sea", "--motion", "explode"]);
     fails("animate --scene builtin:forest --detail 0.02 --motion sway", FAILED, &["--flatten"]);
     fails("animate --scene builtin:quick --motion fly", USAGE, &["fly", "ripple"]);
+    fails("animate --scene builtin:quick --motion sway --animation 0", USAGE, &["--animation", "sway"]);
+    fails("animate --scene builtin:quick --motion file", FAILED, &["no animation"]);
 }
 
 #[test]
