@@ -17,7 +17,7 @@ const CRATES: &[(&str, usize)] = &[
     ("server/src", 0),
     ("client/src", 0),
     ("cli/src", 0),
-    ("figures/src", 0),
+    ("server/figures/src", 0),
     ("renderer/accel/src", 0),
     ("renderer/indicators/src", 0),
     ("renderer/scene/src", 0),

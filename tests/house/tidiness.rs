@@ -27,7 +27,7 @@ pub(crate) fn rust_files() -> impl Iterator<Item = File> {
     let mut found = Vec::new();
     let top = workspace();
     for folder in
-        ["model", "proto", "server", "client", "cli", "figures", "renderer", "integrations", "lab", "tests"]
+        ["model", "proto", "server", "client", "cli", "renderer", "integrations", "lab", "tests"]
     {
         collect(&top, &top.join(folder), &mut found);
     }

@@ -13,7 +13,7 @@ const CRATES: &[&str] = &[
     "server/src",
     "client/src",
     "cli/src",
-    "figures/src",
+    "server/figures/src",
     "renderer/accel/src",
     "renderer/indicators/src",
     "renderer/scene/src",

@@ -283,8 +283,10 @@ impl Animated {
             if corners.iter().any(|corner| normals[*corner] == Vec3::ZERO) {
                 let [a, b, c] = corners.map(|corner| positions[corner]);
                 let flat = Vec3::from((b - a).cross(c - a).normalize_or(Vec3A::Y));
-                for corner in corners.into_iter().filter(|corner| normals[*corner] == Vec3::ZERO) {
-                    normals[corner] = flat;
+                for corner in corners {
+                    if normals[corner] == Vec3::ZERO {
+                        normals[corner] = flat;
+                    }
                 }
             }
         }

@@ -8,11 +8,6 @@ use crate::converge::results::{ComparisonResults, ContenderResult};
 /// Of the largest error: what is smaller does not stretch the plot.
 const ERROR_LEAST: f64 = 1e-12;
 
-/// The plot as an SVG element for the inside of a page.
-pub fn svg(results: &ComparisonResults) -> Result<String, CliError> {
-    Ok(figure(results)?.finish())
-}
-
 /// The plot as a file of its own.
 pub fn svg_file(results: &ComparisonResults) -> Result<String, CliError> {
     let title = format!("{}, {}×{}", results.scene.name, results.size[0], results.size[1]);

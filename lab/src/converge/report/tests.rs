@@ -69,5 +69,5 @@ fn the_plot_has_all_curves() {
     // Five runs: 14 marks on each of three contenders.
     assert_eq!(plot.matches("<circle").count(), 3 * 14);
     let nothing = ComparisonResults { contenders: Vec::new(), ..results };
-    assert!(svg(&nothing).is_err_and(|error| error.to_string().contains("rendered")));
+    assert!(svg_file(&nothing).is_err_and(|error| error.to_string().contains("rendered")));
 }
