@@ -43,6 +43,8 @@ pub const AUXILIARY_METRICS_MAX: usize = 8;
 pub const MEASUREMENT_LIMITS_MAX: usize = 16;
 /// Most frames of a trial.
 pub const EPISODE_FRAMES_MAX: u32 = 64;
+/// Most cheaper levels of measurements of an objective.
+pub const FIDELITIES_MAX: usize = 4;
 /// Most terms of an objective.
 pub const OBJECTIVE_TERMS_MAX: usize = 16;
 /// Most measurements of a report.

@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use serde::{Deserialize, Deserializer, Serialize, de};
 use thiserror::Error;
 
+use crate::fidelity::Fidelity;
 use crate::indicator::{Indicator, IndicatorError, IndicatorSchema};
 use crate::limits::DISPLAY_NAME_CHARACTERS_MAX;
 use crate::objective::{MeasurementLimit, Objective, ObjectiveError, ObjectiveTerm};
@@ -161,6 +162,10 @@ impl StudySpec {
         if mine != theirs {
             return Some(format!("episode_frames is {mine} against {theirs}"));
         }
+        let (mine, theirs) = (self.objective.fidelities(), other.objective.fidelities());
+        if let Some(found) = list_difference("fidelity", mine, theirs, |level| level.name.clone()) {
+            return Some(found);
+        }
         if self.state_tolerance != other.state_tolerance {
             return Some(format!(
                 "state_tolerance is {} against {}",
@@ -208,6 +213,7 @@ impl StudySpec<PolicySettings> {
             limits: Vec::new(),
             maximised: Vec::new(),
             episode_frames: 1,
+            fidelities: Vec::new(),
             state_tolerance: STATE_TOLERANCE_DEFAULT,
             policy: PolicySettings::new(),
             seed: 0,
@@ -240,6 +246,7 @@ pub struct StudyBuilder {
     limits: Vec<MeasurementLimit>,
     maximised: Vec<String>,
     episode_frames: u32,
+    fidelities: Vec<Fidelity>,
     state_tolerance: f64,
     policy: PolicySettings,
     seed: u64,
@@ -302,6 +309,15 @@ impl StudyBuilder {
         self
     }
 
+    /// Adds a cheaper level, such as fewer samples or a shorter input: its name, and the cost of a trial there
+    /// as a share of a full one. The cheapest comes first; at most 4. Clients that know them may be given
+    /// trials at these levels.
+    #[must_use]
+    pub fn fidelity(mut self, name: impl Into<String>, cost: f64) -> Self {
+        self.fidelities.push(Fidelity { name: name.into(), cost });
+        self
+    }
+
     /// Two states are the same when every normalised indicator differs by at most this, 0 to 1. Unset: 0.01.
     #[must_use]
     pub fn state_tolerance(mut self, tolerance: f64) -> Self {
@@ -336,7 +352,8 @@ impl StudyBuilder {
                 .with_auxiliary(self.auxiliary)?
                 .with_limits(self.limits)?
                 .with_maximised(self.maximised)?
-                .with_episode_frames(self.episode_frames)?,
+                .with_episode_frames(self.episode_frames)?
+                .with_fidelities(self.fidelities)?,
             state_tolerance: self.state_tolerance,
             policy: self.policy,
             seed: self.seed,

@@ -5,6 +5,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::{Index, select, subsequence};
 use proptest::test_runner::{Config, RngSeed};
+use treewright_model::fidelity::Fidelity;
 use treewright_model::indicator::{Indicator, IndicatorSchema};
 use treewright_model::limits::EPISODE_FRAMES_MAX;
 use treewright_model::objective::{MeasurementLimit, Objective, ObjectiveTerm};
@@ -146,7 +147,9 @@ fn objectives() -> impl Strategy<Value = Objective> {
     let terms = vec((1e-6f64..1e6, any::<bool>()), 1..5);
     let limits = vec((0..3, -1e9f64..1e9, -1e9f64..1e9), 0..4);
     let episodes = prop_oneof![Just(1u32), 1..=EPISODE_FRAMES_MAX];
-    (terms, 0..4, limits, episodes).prop_map(|(terms, auxiliary, limits, episode_frames)| {
+    let fidelities = vec(0.001f64..0.2, 0..5);
+    let parts = (terms, 0..4, limits, episodes, fidelities);
+    parts.prop_map(|(terms, auxiliary, limits, episode_frames, steps)| {
         let name = |index: usize| format!("metric_{index}");
         let maximised = (0..terms.len()).rev().filter(|&index| terms[index].1).map(name).collect();
         let term = |(index, (weight, _)): (usize, (f64, bool))| ObjectiveTerm { metric: name(index), weight };
@@ -156,11 +159,18 @@ fn objectives() -> impl Strategy<Value = Objective> {
             at_least: (sides != 0).then_some(a.min(b)),
             at_most: (sides != 1).then_some(a.max(b)),
         };
+        let mut share = 0.0;
+        let fidelities = steps.into_iter().enumerate().map(|(index, step)| {
+            share += step;
+            Fidelity { name: format!("{index}.level"), cost: share }
+        });
+        let fidelities = fidelities.collect();
         Objective::new(terms.into_iter().enumerate().map(term).collect())
             .and_then(|terms| terms.with_auxiliary(auxiliary))
             .and_then(|terms| terms.with_limits(limits.into_iter().enumerate().map(limit).collect()))
             .and_then(|terms| terms.with_maximised(maximised))
             .and_then(|terms| terms.with_episode_frames(episode_frames))
+            .and_then(|terms| terms.with_fidelities(fidelities))
             .expect("valid")
     })
 }

@@ -168,7 +168,7 @@ pub struct Trial<C = Configuration> {
     /// The raw measurements of the final report, finite and not negative. Empty before.
     pub measurements: BTreeMap<String, f64>,
     /// The objective computed from the measurements; the lower bound of an aborted trial. `None` before
-    /// the report, and for infeasible and failed trials.
+    /// the report, for infeasible and failed trials, and for trials at a cheaper level.
     pub cost: Option<f64>,
     /// `None` before the report.
     pub outcome: Option<Outcome>,

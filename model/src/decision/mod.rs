@@ -40,6 +40,10 @@ pub struct Decision {
     /// Its client renewed the lease and so shows that it lives, which makes its silence significant.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub heartbeat: bool,
+    /// The name of the cheaper level at which the trial runs; `None` at the full one. What is measured there
+    /// is no cost of the configuration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fidelity: Option<String>,
 }
 
 fn is_zero(session: &u64) -> bool {
@@ -391,6 +395,7 @@ impl Choice {
             session: 0,
             lost_leases: 0,
             heartbeat: false,
+            fidelity: None,
         }
     }
 }

@@ -28,7 +28,8 @@ pub(super) fn reason(decision: &Decision) -> Reason {
         summary: decision.said.clone().unwrap_or_else(|| match &decision.origin {
             Some(origin) => format!("It was measured elsewhere, as {origin}, and carried over."),
             None => summary(&decision.choice),
-        }) + of_lost(decision.lost_leases),
+        }) + of_lost(decision.lost_leases)
+            + &of_level(decision.fidelity.as_deref()),
         source: source.to_owned(),
         step: step.to_owned(),
         neighbours: neighbours(&decision.choice),
@@ -134,6 +135,13 @@ fn of_lost(leases: u32) -> &'static str {
         1 => " A lease of it was lost here; after another it counts as infeasible in this state.",
         _ => " Its leases were lost here again and again: it counts as infeasible in this state.",
     }
+}
+
+/// The words about a cheaper level.
+fn of_level(fidelity: Option<&str>) -> String {
+    fidelity.map_or_else(String::new, |level| {
+        format!(" It runs at the level {level}, to see whether a full trial is worth its cost.")
+    })
 }
 
 fn of_point(point: &ExploredPoint) -> String {

@@ -3,6 +3,7 @@
 use serde::{Serialize, Serializer};
 
 use super::Plain;
+use crate::fidelity::Fidelity;
 use crate::indicator::Indicator;
 use crate::objective::{MeasurementLimit, ObjectiveTerm};
 use crate::policy::PolicySettings;
@@ -80,6 +81,8 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
             maximised: &'a [String],
             #[serde(skip_serializing_if = "Option::is_none")]
             episode_frames: Option<u32>,
+            #[serde(skip_serializing_if = "<[Fidelity]>::is_empty")]
+            fidelities: &'a [Fidelity],
             state_tolerance: f64,
             policy: &'a PolicySettings,
             seed: u64,
@@ -94,6 +97,7 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
             limits: objective.limits(),
             maximised: objective.maximised(),
             episode_frames: Some(objective.episode_frames()).filter(|frames| *frames > 1),
+            fidelities: objective.fidelities(),
             state_tolerance: *state_tolerance,
             policy,
             seed: *seed,
@@ -152,6 +156,7 @@ mod tests {
                 "directed_terms": json["objective"], "auxiliary": json["auxiliary"],
                 "limits": json["limits"], "maximised": maximised,
                 "episode_frames": json.get("episode_frames").unwrap_or(&one),
+                "fidelities": json.get("fidelities").unwrap_or(&empty),
             });
             let policy = serde_json::to_value(&spec.policy).expect("plain data");
             prop_assert_eq!(&json["policy"], &policy);

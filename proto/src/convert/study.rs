@@ -1,5 +1,6 @@
 //! Specifications of studies.
 
+use treewright_model::fidelity::Fidelity;
 use treewright_model::indicator::{Indicator, IndicatorSchema};
 use treewright_model::objective::{MeasurementLimit, Objective, ObjectiveTerm};
 use treewright_model::policy::PolicySettings;
@@ -28,6 +29,7 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
         at_least: limit.at_least,
         at_most: limit.at_most,
     };
+    let fidelity = |level: &Fidelity| v1::Fidelity { name: level.name.clone(), cost: level.cost };
     let term = |term: &ObjectiveTerm| v1::ObjectiveTerm { metric: term.metric.clone(), weight: term.weight };
     v1::Study {
         name: String::new(),
@@ -43,6 +45,7 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
                 1 => 0, // as before there were several
                 frames => frames,
             },
+            fidelities: spec.objective.fidelities().iter().map(fidelity).collect(),
         }),
         state_tolerance: Some(spec.state_tolerance),
         policy: Some(policy_to_wire(spec.policy.clone().into())),
@@ -67,6 +70,8 @@ pub fn spec_from_wire(study: v1::Study) -> Result<StudySpec<PolicySettings>, Mal
         let v1::MeasurementLimit { metric, at_least, at_most } = wire;
         MeasurementLimit { metric, at_least, at_most }
     });
+    let fidelities = objective.fidelities.into_iter();
+    let fidelities = fidelities.map(|level| Fidelity { name: level.name, cost: level.cost }).collect();
     let indicator = |wire: v1::Indicator| {
         let scale = scale_from_wire("study.indicators", wire.scale)?;
         Ok(Indicator { name: wire.name, min: wire.min, max: wire.max, scale })
@@ -82,6 +87,7 @@ pub fn spec_from_wire(study: v1::Study) -> Result<StudySpec<PolicySettings>, Mal
             .and_then(|terms| terms.with_limits(limits.collect()))
             .and_then(|terms| terms.with_maximised(objective.maximised))
             .and_then(|terms| terms.with_episode_frames(objective.episode_frames.max(1)))
+            .and_then(|terms| terms.with_fidelities(fidelities))
             .map_err(|error| Malformed::new("study.objective", error))?,
         state_tolerance: study.state_tolerance.unwrap_or(STATE_TOLERANCE_DEFAULT),
         policy: policy_from_wire("study.policy", study.policy.unwrap_or_default())?,

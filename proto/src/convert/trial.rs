@@ -28,6 +28,7 @@ pub fn trial_to_wire<C: Values>(name: String, trial: &Trial<C>) -> v1::Trial {
         fingerprint: trial.fingerprint.as_ref().map(fingerprint_to_wire),
         abort_above: trial.decision.abort_above(),
         origin: trial.decision.origin.clone().unwrap_or_default(),
+        fidelity: trial.decision.fidelity.clone().unwrap_or_default(),
     }
 }
 

@@ -232,6 +232,22 @@ pub struct Objective {
     /// configuration for so many frames, and report then. OPTIONAL, 1 to 64; 0 means 1.
     #[prost(uint32, tag = "5")]
     pub episode_frames: u32,
+    /// Cheaper levels at which a trial can run, such as fewer samples or a shorter input, the cheapest first. The search
+    /// asks clients that know of levels (`SuggestRequest.fidelities`) for a new configuration at a cheaper one first, and
+    /// at the next one only where that is promising and the levels rank alike. Answers rest on full trials alone.
+    /// OPTIONAL, at most 4.
+    #[prost(message, repeated, tag = "6")]
+    pub fidelities: ::prost::alloc::vec::Vec<Fidelity>,
+}
+/// A level below the full one.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct Fidelity {
+    /// REQUIRED: 1 to 64 of `A-Z`, `a-z`, `0-9`, `_`, `-` and `.`; distinct, and not `full`.
+    #[prost(string, tag = "1")]
+    pub name: ::prost::alloc::string::String,
+    /// The cost of a trial at this level, as a share of that of a full one. REQUIRED, above that of the level before, below 1.
+    #[prost(double, tag = "2")]
+    pub cost: f64,
 }
 /// A limit on a measurement, which every report with a cost then has to hold.
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -547,7 +563,8 @@ pub struct Trial {
         ::prost::alloc::string::String,
         f64,
     >,
-    /// The objective computed from the measurements. Unset before the report and for INFEASIBLE and FAILED.
+    /// The objective computed from the measurements. Unset before the report, for INFEASIBLE and FAILED, and at a cheaper
+    /// level (`fidelity`).
     #[prost(double, optional, tag = "12")]
     pub cost: ::core::option::Option<f64>,
     /// The final outcome. Unset before the report.
@@ -570,6 +587,10 @@ pub struct Trial {
     /// for one that was measured here.
     #[prost(string, tag = "19")]
     pub origin: ::prost::alloc::string::String,
+    /// The name of the cheaper level at which the client is to run the trial (`Objective.fidelities`). Only for a client that
+    /// said that it knows of levels. Empty at the full one.
+    #[prost(string, tag = "20")]
+    pub fidelity: ::prost::alloc::string::String,
 }
 /// How an answer came about, for people and for logs.
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -958,6 +979,9 @@ pub struct SuggestRequest {
     /// it shows whether daemon and network keep up. OPTIONAL.
     #[prost(uint32, tag = "10")]
     pub reports_waiting: u32,
+    /// The client runs a trial at the level that `Trial.fidelity` names. OPTIONAL. Without it every trial is a full one.
+    #[prost(bool, tag = "11")]
+    pub fidelities: bool,
 }
 /// What replaces a study's policy for one session of one client. Unset fields are as in the study. Pinned configurations, the
 /// operation and the regret budget are the operator's and cannot be replaced.

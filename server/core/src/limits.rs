@@ -52,6 +52,9 @@ pub const CHECKPOINT_TRIALS_MIN: u64 = 4096;
 /// trials.
 pub const CHECKPOINT_BYTES_PER_TRIAL: u64 = 512;
 
+/// Most configurations of a state whose costs at cheaper levels are remembered. New ones run in full then.
+pub const LADDER_ENTRIES_MAX: usize = 512;
+
 /// Most clients whose machines' speed is remembered: those that reported last.
 pub const SPEEDS_MAX: usize = 4096;
 /// Most open rechecks of a study: states in which either the state or a machine has changed.

@@ -88,6 +88,7 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
             can_abort: request.can_abort,
             session_policy: session_policy(request.session_policy)?,
             origin: origin(request.origin, request.wanted.is_some())?,
+            fidelities: request.fidelities,
         },
         wanted: request.wanted.map(|wanted| configuration_from_wire("wanted", wanted)).transpose()?,
     })

@@ -10,6 +10,7 @@ use crate::packed::{PackedError, pack, unpack};
 use crate::search::{AnySearch, Feedback};
 use crate::space::Space;
 use crate::tuner::confirmation::{Confirming, Stored};
+use crate::tuner::ladder::Ladder;
 
 /// The search of one state and its points in flight. Once its budget is spent the search itself is dropped,
 /// because the state's table holds its results. Opaque, exact through serde.
@@ -35,6 +36,9 @@ pub struct Exploration {
     /// Leases that were lost in the state, of configurations that were never measured there; the latest last.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     lost: Vec<LostLeases>,
+    /// What ran at cheaper levels, if anything did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) ladder: Option<Ladder>,
     /// No search was begun yet.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     is_unbegun: bool,
@@ -64,6 +68,7 @@ impl Exploration {
             confirming: None,
             confirmed: None,
             lost: Vec::new(),
+            ladder: None,
             is_unbegun: true,
         }
     }
@@ -73,11 +78,11 @@ impl Exploration {
         !self.is_unbegun
     }
 
-    /// Replaces the search by a new one. Lost leases are remembered.
+    /// Replaces the search by a new one. Lost leases and what ran at cheaper levels are remembered.
     pub(super) fn restart(&mut self, search: AnySearch) {
-        let lost = std::mem::take(&mut self.lost);
+        let (lost, ladder) = (std::mem::take(&mut self.lost), self.ladder.take());
         let (confirming, confirmed) = (self.confirming.take(), self.confirmed.take());
-        *self = Exploration { lost, confirming, confirmed, ..Exploration::new(search) };
+        *self = Exploration { lost, ladder, confirming, confirmed, ..Exploration::new(search) };
     }
 
     /// Forgets the search and its confirmed winner. Lost leases are remembered.

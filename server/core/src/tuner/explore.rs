@@ -335,9 +335,10 @@ impl Tuner {
             Some(own) if own.search.is_some() => is_spent(own, results, policy, room),
             _ => return NextPoint::Wait,
         };
-        let Some(Exploration { search: Some(search), .. }) = self.searches.change(state) else {
+        let Some(Exploration { search: Some(search), ladder, .. }) = self.searches.change(state) else {
             return NextPoint::Wait;
         };
+        let dropped = |configuration: &Configuration| ladder.as_ref()?.dropped(configuration);
         if let Some(point) = planned.take_point(state) {
             search.adopt(point);
         }
@@ -357,7 +358,7 @@ impl Tuner {
             let settled = match point.step {
                 // The search knows the point and wants another measurement.
                 Step::Replicate => None,
-                _ => results.settled(&configuration, policy.replicates),
+                _ => results.settled(&configuration, policy.replicates).or_else(|| dropped(&configuration)),
             };
             if let Some(verdict) = settled {
                 search.tell(point.id, Feedback { verdict, fresh: false });

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use proptest::prelude::*;
 
-use super::tests::{ask, cost, measured, spec};
+use super::tests::{ask, cost, measured, spec, with_levels};
 use super::*;
 use crate::limits::{CLIENTS_MAX, MACHINES_MAX};
 use crate::policy::{Operation, Policy, PredictorMethod, SearchMethod};
@@ -148,7 +148,8 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
             let machine = (rows.trials.len() / 8 + 2 * *client) % (MACHINES_MAX + 2);
             let fingerprint = (machine > 0).then(|| machine_of(machine));
             let client_id = format!("client {client}");
-            let question = Ask { session, can_abort: *client > 0, fingerprint, ..ask(&client_id, x, y) };
+            let (can_abort, fidelities) = (*client > 0, *client < 2);
+            let question = Ask { session, can_abort, fidelities, fingerprint, ..ask(&client_id, x, y) };
             let answer = match tuner.models.defers() {
                 true => plan_apart(tuner, &question, *now_ms),
                 false => tuner.suggest(&question, *now_ms),
@@ -242,8 +243,12 @@ proptest! {
     #![proptest_config(crate::testing::cases(96))]
 
     #[test]
-    fn a_restored_tuner_gives_the_same_next_answers(events in prop::collection::vec(event(), 1..160)) {
-        let fresh = || Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
+    fn a_restored_tuner_gives_the_same_next_answers(
+        has_levels: bool, events in prop::collection::vec(event(), 1..160),
+    ) {
+        let plain = || spec(policy(0));
+        let spec = || if has_levels { with_levels(plain()) } else { plain() };
+        let fresh = || Tuner::new(Arc::new(spec())).expect("valid");
         let (mut steady, mut steady_rows, mut steady_ms) = (fresh(), Rows::default(), 0);
         let (mut restarted, mut rows, mut now_ms) = (fresh(), Rows::default(), 0);
         let mut saved = None;
@@ -272,7 +277,7 @@ proptest! {
 
     #[test]
     fn a_tuner_that_is_planned_for_gives_the_same_answers(events in prop::collection::vec(event(), 1..160)) {
-        let fresh = || Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
+        let fresh = || Tuner::new(Arc::new(with_levels(spec(policy(0))))).expect("valid");
         let (mut here, mut here_rows, mut here_ms) = (fresh(), Rows::default(), 0);
         let (mut apart, mut apart_rows, mut apart_ms) = (fresh(), Rows::default(), 0);
         apart.defer_updates();

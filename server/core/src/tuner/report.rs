@@ -37,8 +37,10 @@ impl Tuner {
         outcome: Outcome,
         now_ms: i64,
     ) -> Result<Trial, TunerError> {
+        // A limit holds for full trials, and so does a cost.
+        let is_full = trial.decision.fidelity.is_none();
         let beyond = match outcome {
-            Outcome::Ok => self.spec.objective.beyond(&measurements)?,
+            Outcome::Ok if is_full => self.spec.objective.beyond(&measurements)?,
             _ => None,
         };
         let outcome = beyond.map_or(outcome, Outcome::infeasible);
@@ -51,7 +53,7 @@ impl Tuner {
             late: trial.state == TrialState::Expired || now_ms > trial.lease_expire_ms,
             state: TrialState::Completed,
             measurements,
-            cost,
+            cost: cost.filter(|_| is_full),
             outcome: Some(outcome),
             complete_ms: Some(now_ms),
             completion: Some(self.last_completion + 1),
@@ -65,6 +67,9 @@ impl Tuner {
         let before = self.searches.changes(state);
         self.end(number);
         let learnt = self.complete(completed);
+        if completed.decision.fidelity.is_some() {
+            return self.take_cheaper(completed, before);
+        }
         if learnt.has_changed {
             self.searches.begin_again(state);
             self.states.forget_search(state);
@@ -93,6 +98,11 @@ impl Tuner {
             (Some(cost), Some(Verdict::Cost(_))) if record.is_some_and(is_first) => Some(Verdict::Cost(cost)),
             _ => settled,
         };
+        if let (Some(Outcome::Ok), Some(cost), false) =
+            (&completed.outcome, learnt.believed, completed.decision.silent)
+        {
+            self.searches.pair(state, &completed.configuration, cost);
+        }
         self.tell_of_transfer(completed, state, verdict);
         self.tell_race(completed, learnt.cost);
         self.release(completed, verdict.map(|verdict| Feedback { verdict, fresh: true }));
@@ -100,6 +110,45 @@ impl Tuner {
             change.states.push(self.state_record(state));
         }
         change
+    }
+
+    /// Takes a completed trial at a cheaper level. The search hears of it only where its configuration does
+    /// not climb; else the point goes back, and comes again at once. `before` counts the search's changes.
+    fn take_cheaper(&mut self, completed: &Trial, before: u64) -> Change {
+        let state = StateId(completed.state_id);
+        if !matches!(completed.outcome, Some(Outcome::Failed { .. })) {
+            self.searches.forgive(state, &completed.configuration);
+        }
+        let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
+        change.visits.extend(self.settle(completed));
+        let verdict = self.climb(completed);
+        self.release(completed, verdict.map(|verdict| Feedback { verdict, fresh: true }));
+        if self.searches.changes(state) != before {
+            change.states.push(self.state_record(state));
+        }
+        change
+    }
+
+    /// Enters a trial at a cheaper level into the state's ladder. Returns the verdict for the search where
+    /// its configuration does not climb.
+    fn climb(&mut self, trial: &Trial) -> Option<Verdict> {
+        let name = trial.decision.fidelity.as_ref();
+        let mut levels = self.spec.objective.fidelities().iter().zip(0u32..);
+        let (level, place) = levels.find(|(level, _)| Some(&level.name) == name)?;
+        let at = (place, level.cost);
+        let factor = if self.spec.policy.track_speed { self.speeds.factor(&trial.client_id) } else { 1.0 };
+        let at_factor = |cost: f64| (cost / factor).min(f64::MAX);
+        let verdict = match &trial.outcome {
+            _ if trial.decision.silent => return None,
+            Some(Outcome::Ok) => {
+                self.spec.objective.cost(&trial.measurements).ok().map(|cost| Verdict::Cost(at_factor(cost)))
+            }
+            Some(Outcome::Aborted { lower_bound }) => Some(Verdict::AtLeast(at_factor(*lower_bound))),
+            Some(Outcome::Infeasible { .. }) => Some(Verdict::Infeasible),
+            Some(Outcome::Failed { .. }) | None => None,
+        };
+        let own = self.searches.change(StateId(trial.state_id))?;
+        own.ladder.get_or_insert_default().learn(at, &trial.configuration, verdict)
     }
 
     /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt. Returns the
@@ -367,9 +416,10 @@ impl Tuner {
     }
 }
 
-/// Whether only the infeasibility of a trial is learnt.
+/// Whether only the infeasibility of a trial is learnt, or at a cheaper level nothing of it.
 fn is_silent(trial: &Trial) -> bool {
-    trial.decision.silent && !matches!(trial.outcome, Some(Outcome::Infeasible { .. }))
+    let is_infeasible = matches!(trial.outcome, Some(Outcome::Infeasible { .. }));
+    trial.decision.fidelity.is_some() || trial.decision.silent && !is_infeasible
 }
 
 /// The verdict of a completed trial on its configuration; `None` where it has none.

@@ -12,6 +12,7 @@ use crate::space::Space;
 use crate::tuner::Exploration;
 use crate::tuner::confirmation::Stored;
 use crate::tuner::few::{self, FewConfigurations};
+use crate::tuner::ladder::Ladder;
 use crate::tuner::states::place;
 
 /// The search of each state, in the order of their ids.
@@ -24,7 +25,8 @@ pub(super) struct Searches {
 /// See [`Searches::taken`].
 pub(super) fn taken(exploration: Option<&Exploration>, results: &ResultTable, replicates: u32) -> usize {
     let repeats = exploration.map_or(0, |own| own.repeats() as usize);
-    (results.runs() / replicates.max(1) as usize).max(results.searched() + repeats)
+    let cheaper = exploration.and_then(|own| own.ladder.as_ref()).map_or(0, Ladder::full_trials);
+    (results.runs() / replicates.max(1) as usize).max(results.searched() + repeats) + cheaper
 }
 
 /// The search of one state.
@@ -103,6 +105,15 @@ impl Searches {
         begun
     }
 
+    /// Enters the cost of a full trial, where its configuration ran at a cheaper level before.
+    pub(super) fn pair(&mut self, state: StateId, configuration: &Configuration, cost: f64) {
+        let own = &mut self.of_states[place(state)];
+        let ladder = own.exploration.as_mut().and_then(|exploration| exploration.ladder.as_mut());
+        if ladder.is_some_and(|ladder| ladder.pair(configuration, cost)) {
+            own.changes += 1;
+        }
+    }
+
     /// Begins a search in a state. An earlier search is dropped, and its confirmed winner stays. Without one,
     /// `incumbent` takes its place: the configuration that other states expect to be best.
     pub(super) fn begin(&mut self, state: StateId, search: AnySearch, incumbent: Option<Configuration>) {
@@ -125,8 +136,8 @@ impl Searches {
 
     /// The number of a state's trials that count towards the budget of its search: every one that explored
     /// it, with any configuration. Where the policy wants replicates, those of one configuration count as
-    /// one. Of states that an earlier version searched, only trials of new configurations and the search's
-    /// own repeats are known.
+    /// one. Trials at cheaper levels count as the share of a full one that they cost. Of states that an
+    /// earlier version searched, only trials of new configurations and the search's own repeats are known.
     pub(super) fn taken(&self, state: StateId, results: &ResultTable, policy: &Policy) -> usize {
         taken(self.of(state), results, policy.replicates)
     }

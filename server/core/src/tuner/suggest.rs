@@ -4,6 +4,7 @@ use crate::decision::{BudgetStatus, Choice, Decision, ExploitRule, ExplorationEs
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX, STATES_OF_NEW_MACHINES_MAX};
 use crate::policy::Operation;
+use crate::search::Step;
 use crate::trial::{Mode, Rule, Trial, TrialState};
 use crate::tuner::decide::Ground;
 use crate::tuner::plan::Planned;
@@ -114,6 +115,7 @@ impl Tuner {
                 trial.mode() == fixed.decision.mode() && trial.configuration == fixed.configuration
             }
             None if trial.mode() == Mode::Pinned => false,
+            None if trial.decision.fidelity.is_some() && !ask.fidelities => false,
             None if trial.decision.explores() => {
                 // The budget does not cover an exploring trial of an earlier session or of a time without a
                 // budget, nor another run where too little is left.
@@ -160,7 +162,42 @@ impl Tuner {
             let known = self.exploitation(normalised, Some(state), Ground::Measured, planned);
             return known.by(ExploitRule::Frozen, ExplorationEstimate::default(), BudgetStatus::default());
         }
-        self.explore_within_budget(ask, number, normalised, state, decided, planned)
+        let mut prediction = self.explore_within_budget(ask, number, normalised, state, decided, planned);
+        if let Some(level) = self.cheaper_level(ask, number, state, &prediction)
+            && let Choice::Explore(explore) = &mut prediction.decision.choice
+        {
+            // A cost at another level says nothing of the reference.
+            explore.abort_above = None;
+            prediction.decision.fidelity = Some(level);
+        }
+        prediction
+    }
+
+    /// The name of the cheaper level at which the next trial is to run, if it is a point of the state's
+    /// search that was never measured. Spaces that are exhausted anyway, and budgets of regret, have none.
+    fn cheaper_level(
+        &self,
+        ask: &Ask,
+        number: TrialNumber,
+        state: StateId,
+        prediction: &Prediction,
+    ) -> Option<String> {
+        let levels = self.spec.objective.fidelities();
+        let own = self.searches.of(state).filter(|own| own.open.contains_key(&number.0))?;
+        let step = prediction.decision.search_step()?;
+        let is_new = !matches!(step, Step::Default | Step::Elsewhere | Step::Replicate)
+            && !self.states.results(state).is_tried(&prediction.configuration);
+        let is_open =
+            ask.fidelities && self.spec.policy.regret_budget.is_none() && !self.searches.few().are_few();
+        if levels.is_empty() || !(is_new && is_open) {
+            return None;
+        }
+        let count = u32::try_from(levels.len()).unwrap_or(u32::MAX);
+        let next = match &own.ladder {
+            Some(ladder) => ladder.next(&prediction.configuration, count)?,
+            None => 0,
+        };
+        levels.get(next as usize).map(|level| level.name.clone())
     }
 
     fn hand_out(

@@ -42,6 +42,8 @@ pub struct Ask {
     pub session_policy: SessionPolicy,
     /// The origin of a wanted configuration that was measured before; at most 200 printable characters.
     pub origin: Option<String>,
+    /// The client runs a trial at the cheaper level that the trial names.
+    pub fidelities: bool,
 }
 
 impl Ask {

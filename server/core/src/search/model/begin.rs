@@ -23,6 +23,7 @@ use crate::gp::Hyperparameters;
 use crate::limits::REWARD_COST_MIN;
 use crate::search::latin_hypercube::design;
 use crate::search::{MainEffects, SearchSetup};
+use crate::statistics::correlation::pearson;
 
 /// The reach of a Latin hypercube along continuous axes, as a share of the cube, and the number of axes from
 /// which on it is limited: a cube of many dimensions is mostly corners, which say nothing of the rest.
@@ -105,7 +106,7 @@ impl ModelSearch {
             }
         }
         assert_eq!(pairs.len(), measured, "every measured point has a guided value");
-        if correlation(&pairs) < GUIDE_CORRELATION_LEAST {
+        if pearson(&pairs) < GUIDE_CORRELATION_LEAST {
             self.setup.layout.drop_guide();
             let kinds = self.setup.layout.kinds();
             (self.cost, self.failure) =
@@ -114,16 +115,6 @@ impl ModelSearch {
             self.elsewhere.clear();
         }
     }
-}
-
-/// Pearson's correlation; 0 where one side does not vary.
-fn correlation(pairs: &[(f64, f64)]) -> f64 {
-    let n = pairs.len() as f64;
-    let (a, b) = pairs.iter().fold((0.0, 0.0), |(a, b), pair| (a + pair.0 / n, b + pair.1 / n));
-    let sum = |of: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>();
-    let (aa, bb) = (sum(&|pair| (pair.0 - a).powi(2)), sum(&|pair| (pair.1 - b).powi(2)));
-    let ab = sum(&|pair| (pair.0 - a) * (pair.1 - b));
-    if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
 /// Whether a space is begun by [`steps`].
@@ -172,16 +163,6 @@ mod tests {
 
     fn setup(start: f64, levels: Vec<u32>) -> SearchSetup {
         SearchSetup::plain(3, vec![start; 6], 80, levels)
-    }
-
-    #[test]
-    fn correlations_are_pearsons() {
-        assert_eq!(correlation(&[(1.0, 5.0), (2.0, 5.0)]), 0.0, "one side does not vary");
-        // Means 1 and 5/3; sums of squares 2 and 26/3; of products 4.
-        let three = correlation(&[(0.0, 0.0), (1.0, 1.0), (2.0, 4.0)]);
-        assert!((three - 4.0 / (2.0_f64 * 26.0 / 3.0).sqrt()).abs() < 1e-12, "{three}");
-        let far = correlation(&[(100.0, -7.0), (101.0, -8.0), (102.0, -9.0)]);
-        assert!((far + 1.0).abs() < 1e-9, "{far}");
     }
 
     #[test]

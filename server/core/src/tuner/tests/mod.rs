@@ -6,6 +6,7 @@ mod changed;
 mod decisions;
 mod exploiting;
 mod exploring;
+mod fidelities;
 mod fleet;
 mod leases;
 mod limits;
@@ -22,6 +23,7 @@ use std::sync::Arc;
 
 use super::*;
 use crate::configuration::Configuration;
+use crate::fidelity::Fidelity;
 use crate::indicator::{Indicator, IndicatorSchema};
 use crate::objective::{Objective, ObjectiveTerm};
 use crate::policy::{Policy, PredictorMethod, SearchMethod};
@@ -63,6 +65,14 @@ pub(super) fn spec_of(space: Space, policy: Policy) -> StudySpec {
         policy,
         seed: 42,
     }
+}
+
+/// The study with two cheaper levels.
+pub(super) fn with_levels(spec: StudySpec) -> StudySpec {
+    let level = |(name, cost): (&str, f64)| Fidelity { name: name.into(), cost };
+    let levels = [("16", 0.1), ("64", 0.4)].map(level).to_vec();
+    let objective = spec.objective.clone().with_fidelities(levels).expect("valid");
+    StudySpec { objective, ..spec }
 }
 
 fn tuner(policy: Policy) -> Tuner {

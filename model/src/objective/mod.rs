@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::cost_view::CostView;
+use crate::fidelity::{self, Fidelity};
 use crate::limits::{AUXILIARY_METRICS_MAX, EPISODE_FRAMES_MAX, MEASUREMENT_LIMITS_MAX, OBJECTIVE_TERMS_MAX};
 use crate::names::{NAME_RULE, is_name};
 
@@ -55,7 +56,8 @@ impl fmt::Display for MeasurementLimit {
 }
 
 /// 1 to 16 terms with distinct metrics, each minimised or maximised, at most 8 auxiliary metrics that are
-/// none of them, at most 16 limits on distinct measurements, and 1 to 64 frames a trial.
+/// none of them, at most 16 limits on distinct measurements, 1 to 64 frames a trial, and at most 4 cheaper
+/// levels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Stored", into = "Stored")]
 pub struct Objective {
@@ -64,6 +66,7 @@ pub struct Objective {
     limits: Vec<MeasurementLimit>,
     maximised: Vec<String>,
     episode_frames: u32,
+    fidelities: Vec<Fidelity>,
 }
 
 /// The stored form of an objective: the list of its terms where it has no other parts.
@@ -79,8 +82,8 @@ enum Stored {
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         maximised: Vec<String>,
     },
-    /// Its terms have a name that earlier versions do not read, because those would minimise them all, and
-    /// take a frame for a trial.
+    /// Its terms have a name that earlier versions do not read, because those would minimise them all, take a
+    /// frame for a trial, and a trial at a cheaper level for a full one.
     Directed {
         directed_terms: Vec<ObjectiveTerm>,
         auxiliary: Vec<String>,
@@ -88,6 +91,8 @@ enum Stored {
         maximised: Vec<String>,
         #[serde(default = "one_frame", skip_serializing_if = "is_one_frame")]
         episode_frames: u32,
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        fidelities: Vec<Fidelity>,
     },
 }
 
@@ -206,6 +211,12 @@ pub enum ObjectiveError {
         /// As given.
         frames: u32,
     },
+    /// The cheaper levels are not valid.
+    #[error("fidelities: {problem}")]
+    Fidelities {
+        /// What is wrong, and how to put it right.
+        problem: String,
+    },
     /// The sum left the range of a double.
     #[error("the weighted sum of the measurements is not finite; use smaller measurements or weights")]
     Overflow,
@@ -230,7 +241,7 @@ impl Objective {
             }
         }
         let (auxiliary, limits, maximised) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Objective { terms, auxiliary, limits, maximised, episode_frames: 1 })
+        Ok(Objective { terms, auxiliary, limits, maximised, episode_frames: 1, fidelities: Vec::new() })
     }
 
     /// This objective with metrics that explain costs without being part of them; see
@@ -296,6 +307,19 @@ impl Objective {
     /// single frame does not: costs that rise or fall while a configuration is in use.
     pub fn episode_frames(&self) -> u32 {
         self.episode_frames
+    }
+
+    /// This objective with cheaper levels at which it can be measured, the cheapest first.
+    pub fn with_fidelities(self, fidelities: Vec<Fidelity>) -> Result<Self, ObjectiveError> {
+        match fidelity::problem(&fidelities) {
+            Some(problem) => Err(ObjectiveError::Fidelities { problem }),
+            None => Ok(Objective { fidelities, ..self }),
+        }
+    }
+
+    /// The levels below the full one, the cheapest first.
+    pub fn fidelities(&self) -> &[Fidelity] {
+        &self.fidelities
     }
 
     /// The metrics that are maximised, in the order of the terms.
@@ -410,12 +434,13 @@ impl TryFrom<Stored> for Objective {
                 .with_auxiliary(auxiliary)?
                 .with_limits(limits)?
                 .with_maximised(maximised),
-            Stored::Directed { directed_terms, auxiliary, limits, maximised, episode_frames } => {
+            Stored::Directed { directed_terms, auxiliary, limits, maximised, episode_frames, fidelities } => {
                 Objective::new(directed_terms)?
                     .with_auxiliary(auxiliary)?
                     .with_limits(limits)?
                     .with_maximised(maximised)?
-                    .with_episode_frames(episode_frames)
+                    .with_episode_frames(episode_frames)?
+                    .with_fidelities(fidelities)
             }
         }
     }
@@ -423,170 +448,22 @@ impl TryFrom<Stored> for Objective {
 
 impl From<Objective> for Stored {
     fn from(objective: Objective) -> Self {
-        let Objective { terms, auxiliary, limits, maximised, episode_frames } = objective;
-        match (maximised.is_empty() && episode_frames == 1, auxiliary.is_empty() && limits.is_empty()) {
-            (true, true) => Stored::Terms(terms),
-            (true, false) => Stored::Whole { terms, auxiliary, limits, maximised },
-            (false, _) => {
-                Stored::Directed { directed_terms: terms, auxiliary, limits, maximised, episode_frames }
-            }
+        let Objective { terms, auxiliary, limits, maximised, episode_frames, fidelities } = objective;
+        let is_directed = !maximised.is_empty() || episode_frames != 1 || !fidelities.is_empty();
+        match (is_directed, auxiliary.is_empty() && limits.is_empty()) {
+            (false, true) => Stored::Terms(terms),
+            (false, false) => Stored::Whole { terms, auxiliary, limits, maximised },
+            (true, _) => Stored::Directed {
+                directed_terms: terms,
+                auxiliary,
+                limits,
+                maximised,
+                episode_frames,
+                fidelities,
+            },
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn term(metric: &str, weight: f64) -> ObjectiveTerm {
-        ObjectiveTerm { metric: metric.into(), weight }
-    }
-
-    #[test]
-    fn the_cost_is_the_weighted_sum() {
-        let objective =
-            Objective::new(vec![term("build_ms", 1.0 / 4.0), term("render_ms", 1.0)]).expect("valid");
-        let mut measurements = BTreeMap::from([("build_ms".to_owned(), 8.0), ("render_ms".to_owned(), 3.0)]);
-        assert_eq!(objective.cost(&measurements), Ok(5.0));
-        measurements.insert("render_ms".into(), f64::NAN);
-        assert!(matches!(objective.cost(&measurements), Err(ObjectiveError::MetricValue { .. })));
-        measurements.insert("render_ms".into(), f64::MAX);
-        measurements.insert("build_ms".into(), f64::MAX);
-        assert_eq!(objective.cost(&measurements), Err(ObjectiveError::Overflow));
-        measurements.remove("build_ms");
-        assert!(
-            objective
-                .cost(&measurements)
-                .expect_err("missing")
-                .to_string()
-                .contains("\"build_ms\" is missing")
-        );
-    }
-
-    #[test]
-    fn what_is_maximised_costs_its_reciprocal() {
-        let plain = Objective::new(vec![term("build_ms", 0.5), term("fps", 1000.0)]).expect("valid");
-        for wrong in [vec!["frames"], vec!["fps", "fps"]] {
-            let wrong = wrong.into_iter().map(str::to_owned).collect();
-            assert!(matches!(plain.clone().with_maximised(wrong), Err(ObjectiveError::Maximised { .. })));
-        }
-        let both = plain.clone().with_maximised(vec!["fps".to_owned()]).expect("valid");
-        let measured = |fps: f64| BTreeMap::from([("build_ms".to_owned(), 8.0), ("fps".to_owned(), fps)]);
-        assert_eq!(both.cost(&measured(50.0)), Ok(24.0));
-        assert_eq!(both.cost(&measured(100.0)), Ok(14.0), "more is better");
-        for wrong in [0.0, 1e-320] {
-            let refused = both.cost(&measured(wrong));
-            assert!(matches!(refused, Err(ObjectiveError::MaximisedValue { .. })), "{wrong}: {refused:?}");
-        }
-        assert_eq!(both.view(), CostView::default(), "it is not alone");
-        assert_eq!(both.to_string(), "minimises 0.5 × build_ms + 1000 / fps");
-        let one = Objective::new(vec![term("fps", 1000.0)]).expect("valid");
-        assert_eq!(one.view(), CostView::default(), "it is minimised");
-        let one = one.with_maximised(vec!["fps".to_owned()]).expect("valid");
-        assert_eq!((one.to_string().as_str(), one.view().value(20.0)), ("maximises fps", 50.0));
-        let text = serde_json::to_string(&one).expect("plain data");
-        assert_eq!(serde_json::from_str::<Objective>(&text).expect("its own form"), one);
-        // A version without maximised metrics finds no terms, and so cannot minimise them.
-        assert!(!text.contains("\"terms\""), "{text}");
-        let older = text.replace("directed_terms", "terms");
-        assert_eq!(serde_json::from_str::<Objective>(&older).expect("an earlier form"), one);
-    }
-
-    #[test]
-    fn trials_of_several_frames_are_checked_stored_and_told() {
-        let plain = Objective::new(vec![term("render_ms", 1.0)]).expect("valid");
-        let text = |objective: &Objective| serde_json::to_string(objective).expect("plain data");
-        for wrong in [0, EPISODE_FRAMES_MAX + 1] {
-            let refused = plain.clone().with_episode_frames(wrong);
-            assert_eq!(refused, Err(ObjectiveError::EpisodeFrames { frames: wrong }));
-        }
-        let one = plain.clone().with_episode_frames(1).expect("valid");
-        assert_eq!(text(&one), r#"[{"metric":"render_ms","weight":1.0}]"#, "as ever");
-        let many = plain.with_episode_frames(EPISODE_FRAMES_MAX).expect("valid");
-        assert_eq!(many.to_string(), "minimises 1 × render_ms, the mean of 64 frames");
-        assert_eq!(serde_json::from_str::<Objective>(&text(&many)).expect("its own form"), many);
-        // A version that knows no episodes finds no terms, and so cannot take a frame for a trial.
-        assert!(!text(&many).contains("\"terms\""), "{}", text(&many));
-        assert!(serde_json::from_str::<Objective>(&text(&many).replace("64", "65")).is_err());
-    }
-
-    #[test]
-    fn bad_terms_are_refused() {
-        for terms in [
-            vec![],
-            vec![term("a", 1.0); 2],
-            vec![term("A", 1.0)],
-            vec![term("a", 0.0)],
-            vec![term("a", f64::INFINITY)],
-            (0..17).map(|i| term(&format!("m{i}"), 1.0)).collect(),
-        ] {
-            assert!(Objective::new(terms).is_err());
-        }
-        assert!(serde_json::from_str::<Objective>(r#"[{"metric":"a","weight":-1.0}]"#).is_err());
-    }
-
-    #[test]
-    fn limits_are_checked_stored_and_told() {
-        let plain = Objective::new(vec![term("render_ms", 1.0)]).expect("valid");
-        let limit =
-            |metric: &str, at_least, at_most| MeasurementLimit { metric: metric.into(), at_least, at_most };
-        for wrong in [
-            vec![limit("no name", None, Some(1.0))],
-            vec![limit("a", None, None)],
-            vec![limit("a", Some(2.0), Some(1.0))],
-            vec![limit("a", None, Some(f64::NAN))],
-            vec![limit("a", None, Some(1.0)), limit("a", Some(0.0), None)],
-            (0..17).map(|i| limit(&format!("m{i}"), Some(0.0), None)).collect(),
-        ] {
-            assert!(plain.clone().with_limits(wrong.clone()).is_err(), "{wrong:?}");
-        }
-        let limits = vec![limit("memory_mb", None, Some(2000.0)), limit("psnr_db", Some(30.0), Some(90.0))];
-        let both = plain.clone().with_limits(limits).expect("valid");
-        let beyond = |memory_mb: f64, psnr_db: f64| {
-            let measured = [("memory_mb", memory_mb), ("psnr_db", psnr_db)];
-            both.beyond(&measured.map(|(name, value)| (name.to_owned(), value)).into())
-        };
-        assert_eq!(beyond(2000.0, 30.0), Ok(None));
-        let message = beyond(2300.0, 31.0).expect("it is there").expect("too much");
-        assert_eq!(message, "memory_mb is 2300, and the study asks for memory_mb <= 2000");
-        assert!(
-            beyond(1.0, 91.0)
-                .expect("it is there")
-                .is_some_and(|message| message.contains("30 <= psnr_db <= 90"))
-        );
-        let missing = both.beyond(&BTreeMap::from([("memory_mb".to_owned(), 1.0)])).expect_err("no psnr");
-        assert!(missing.to_string().contains("\"psnr_db\" is missing"), "{missing}");
-        assert_eq!(plain.beyond(&BTreeMap::new()), Ok(None));
-        let text = serde_json::to_string(&both).expect("plain data");
-        assert_eq!(serde_json::from_str::<Objective>(&text).expect("its own form"), both);
-        let before = r#"{"terms":[{"metric":"render_ms","weight":1.0}],"auxiliary":["nodes"]}"#;
-        assert!(serde_json::from_str::<Objective>(before).expect("an earlier form").limits().is_empty());
-    }
-
-    #[test]
-    fn auxiliary_metrics_are_checked_and_stored() {
-        let plain = Objective::new(vec![term("render_ms", 1.0)]).expect("valid");
-        let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
-        let with = |given: &[&str]| plain.clone().with_auxiliary(names(given));
-        assert!(
-            with(&["render_ms"]).is_err() && with(&["cpu", "cpu"]).is_err() && with(&["no name"]).is_err()
-        );
-        assert!(with(&["a", "b", "c", "d", "e", "f", "g", "h", "i"]).is_err());
-        let both = with(&["render_cpu_ms", "nodes"]).expect("valid");
-        let measured = |pairs: &[(&str, f64)]| -> BTreeMap<String, f64> {
-            pairs.iter().map(|&(name, value)| (name.to_owned(), value)).collect()
-        };
-        let whole = measured(&[("render_ms", 3.0), ("nodes", 7.0), ("render_cpu_ms", 5.0)]);
-        assert_eq!(both.auxiliary_of(&whole), Some(vec![5.0, 7.0]));
-        assert_eq!(both.cost(&whole), Ok(3.0));
-        assert_eq!(both.auxiliary_of(&measured(&[("nodes", 7.0)])), None);
-        assert_eq!(both.auxiliary_of(&measured(&[("nodes", 7.0), ("render_cpu_ms", 0.0)])), None);
-        assert_eq!(plain.auxiliary_of(&whole), None);
-        for objective in [plain.clone(), both] {
-            let text = serde_json::to_string(&objective).expect("plain data");
-            assert_eq!(serde_json::from_str::<Objective>(&text).expect("its own form"), objective);
-        }
-        let old = r#"[{"metric":"render_ms","weight":1.0}]"#;
-        assert_eq!(serde_json::from_str::<Objective>(old).expect("an earlier form"), plain);
-    }
-}
+mod tests;

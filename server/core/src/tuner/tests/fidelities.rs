@@ -1,0 +1,135 @@
+//! Cheaper levels: which trials run at them, and that no answer rests on them.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::objective::MeasurementLimit;
+
+fn climber(policy: Policy) -> Tuner {
+    Tuner::new(Arc::new(with_levels(spec(policy)))).expect("valid")
+}
+
+fn knowing() -> Ask {
+    Ask { fidelities: true, ..ask("a", 0.5, 0.5) }
+}
+
+/// Runs until the search ends. At a cheaper level a trial measures what `cheap` makes of its full cost.
+fn searched(tuner: &mut Tuner, cheap: impl Fn(f64) -> f64) -> Vec<Trial> {
+    let mut trials = Vec::new();
+    for _ in 0..300 {
+        let trial = tuner.suggest(&knowing(), 0).expect("valid").0;
+        if trial.mode() == Mode::Exploit {
+            break;
+        }
+        let full = cost(&trial);
+        let ms = if trial.decision.fidelity.is_some() { cheap(full) } else { full };
+        trials.push(tuner.report(&trial, measured(ms), Outcome::Ok, 1).expect("valid").0);
+    }
+    trials
+}
+
+fn is_cheap(trial: &&Trial) -> bool {
+    trial.decision.fidelity.is_some()
+}
+
+#[test]
+fn the_best_third_climbs_and_answers_rest_on_full_trials() {
+    let mut tuner = climber(explore_always());
+    let trials = searched(&mut tuner, |full| 0.1 * full);
+    assert!(trials[0].decision.fidelity.is_none() && trials[0].mode() == Mode::Default);
+    for level in ["16", "64"] {
+        assert!(trials.iter().any(|trial| trial.decision.fidelity.as_deref() == Some(level)), "{level}");
+    }
+    for trial in trials.iter().filter(is_cheap) {
+        assert_eq!((trial.cost, &trial.outcome), (None, &Some(Outcome::Ok)));
+        assert!(trial.measurements.contains_key("render_ms"));
+        assert!(trial.reason().summary.contains("at the level"), "{}", trial.reason().summary);
+    }
+    let levels = tuner.spec().objective.fidelities();
+    let share = |trial: &Trial| {
+        let level = levels.iter().find(|level| Some(&level.name) == trial.decision.fidelity.as_ref());
+        level.map_or(1.0, |level| level.cost)
+    };
+    let spent: f64 = trials.iter().map(share).sum();
+    assert!((28.0..31.5).contains(&spent), "a budget of 30, and {spent}");
+    let (cheap, full): (Vec<&Trial>, Vec<&Trial>) = trials.iter().partition(is_cheap);
+    let in_full: BTreeSet<&Configuration> = full.iter().map(|trial| &trial.configuration).collect();
+    let dropped = cheap.iter().filter(|trial| !in_full.contains(&trial.configuration)).count();
+    assert!(dropped >= 3, "{dropped} configurations did not climb");
+    let best = tuner.best(None, None).expect("valid").expect("measured");
+    let own = full.iter().filter(|trial| trial.configuration == best.configuration).count();
+    assert_eq!(best.measurements, own as u64);
+}
+
+#[test]
+fn levels_that_rank_the_other_way_are_given_up() {
+    let mut tuner = climber(explore_always());
+    let trials = searched(&mut tuner, |full| 100.0 - full);
+    let cheap = trials.iter().filter(is_cheap).count();
+    assert!((12..=20).contains(&cheap), "{cheap} trials at cheaper levels");
+    assert!(trials.iter().rev().take(10).all(|trial| trial.decision.fidelity.is_none()));
+}
+
+#[test]
+fn a_level_knows_no_limits_and_its_crashes_are_not_tried_in_full() {
+    let spec = with_levels(spec(explore_always()));
+    let limit = MeasurementLimit { metric: "render_ms".into(), at_least: None, at_most: Some(1e6) };
+    let objective = spec.objective.clone().with_limits(vec![limit]).expect("valid");
+    let mut tuner = Tuner::new(Arc::new(StudySpec { objective, ..spec })).expect("valid");
+    let default = tuner.suggest(&knowing(), 0).expect("valid").0;
+    finish(&mut tuner, &default, Outcome::Ok);
+    let first = tuner.suggest(&knowing(), 0).expect("valid").0;
+    assert_eq!(first.decision.fidelity.as_deref(), Some("16"));
+    let beyond = tuner.report(&first, measured(1e7), Outcome::Ok, 1).expect("valid").0;
+    assert_eq!(beyond.outcome, Some(Outcome::Ok), "limits are those of full trials");
+    assert!(tuner.report(&first, measured(1.0), Outcome::Ok, 1).is_err(), "only once");
+    let second = tuner.suggest(&knowing(), 0).expect("valid").0;
+    assert_eq!(second.configuration, first.configuration);
+    assert_eq!(second.decision.fidelity.as_deref(), Some("64"));
+    assert!(tuner.report(&second, BTreeMap::new(), infeasible(), 1).is_ok());
+    for _ in 0..20 {
+        let trial = tuner.suggest(&knowing(), 0).expect("valid").0;
+        assert_ne!(trial.configuration, first.configuration);
+        finish(&mut tuner, &trial, Outcome::Ok);
+    }
+}
+
+#[test]
+fn a_client_that_knows_levels_no_more_gets_a_full_trial() {
+    let mut tuner = climber(explore_always());
+    let default = tuner.suggest(&knowing(), 0).expect("valid").0;
+    finish(&mut tuner, &default, Outcome::Ok);
+    let cheap = tuner.suggest(&knowing(), 0).expect("valid").0;
+    assert_eq!(cheap.decision.fidelity.as_deref(), Some("16"));
+    assert_eq!(tuner.suggest(&knowing(), 0).expect("valid").0.number, cheap.number, "its answer was lost");
+    let full = suggest(&mut tuner, "a", 0.5, 0.5);
+    assert_eq!((&full.configuration, &full.decision.fidelity), (&cheap.configuration, &None));
+    assert_ne!(full.number, cheap.number);
+}
+
+proptest! {
+    #![proptest_config(crate::testing::cases(32))]
+
+    #[test]
+    fn without_levels_or_clients_that_know_them_nothing_changes(
+        seed: u64, places in prop::collection::vec(0usize..3, 1..60),
+    ) {
+        let policy = Policy { epsilon: 0.7, trials_per_state: 12, ..Policy::default() };
+        let run = |has_levels: bool, fidelities: bool| {
+            let spec = StudySpec { seed, ..spec(policy.clone()) };
+            let spec = if has_levels { with_levels(spec) } else { spec };
+            let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
+            let mut answers = Vec::new();
+            for place in &places {
+                let ask = Ask { fidelities, ..ask("a", 0.3 * *place as f64, 0.5) };
+                let (trial, handed) = tuner.suggest(&ask, 0).expect("valid");
+                let report = tuner.report(&trial, measured(cost(&trial)), Outcome::Ok, 1).expect("valid");
+                answers.push((report.0, handed.states, report.1.states));
+            }
+            answers
+        };
+        let plain = run(false, false);
+        prop_assert!(run(false, true) == plain, "the study has no levels");
+        prop_assert!(run(true, false) == plain, "the client knows none");
+    }
+}
