@@ -37,6 +37,9 @@ pub struct Question {
     /// Where `wanted` was measured before, if its result is only carried over; at most 200 printable
     /// characters.
     pub origin: Option<String>,
+    /// The client runs a trial at the level that [`TrialRecord::fidelity`] names. Without it every trial is a
+    /// full one.
+    pub fidelities: bool,
 }
 
 impl Client {
@@ -58,6 +61,7 @@ impl Client {
             session_policy: session_policy_to_wire(question.session_policy),
             origin: question.origin.clone().unwrap_or_default(),
             reports_waiting: core.outbox.queued(),
+            fidelities: question.fidelities,
         };
         let mut rpc = core.rpc();
         let trial = core.admin("Suggest", rpc.suggest(request)).await?;

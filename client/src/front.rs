@@ -426,7 +426,7 @@ impl FrontHistory {
 }
 
 fn is_measured(trial: &TrialRecord) -> bool {
-    trial.outcome == Some(OpenEnum::Known(Outcome::Ok))
+    trial.outcome == Some(OpenEnum::Known(Outcome::Ok)) && trial.fidelity.is_none()
 }
 
 /// The number of the run whose result a trial of this study repeats for its own direction.

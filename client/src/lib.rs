@@ -90,6 +90,7 @@ pub use study::Study;
 pub use suggestion::{Finished, Source, Suggestion};
 pub use treewright_model::assignment::{Assignment as Configuration, NoSuchValue};
 pub use treewright_model::cost_view::CostView;
+pub use treewright_model::fidelity::Fidelity;
 pub use treewright_model::indicator::Indicator;
 pub use treewright_model::objective::{MeasurementLimit, ObjectiveTerm};
 pub use treewright_model::plain::{Plain, plain};

@@ -23,6 +23,9 @@ pub struct Options {
     /// [`crate::Suggestion::abort_above`], even within a frame. A regret budget then sets far less aside for
     /// each trial. Default false.
     pub can_abort: bool,
+    /// Every trial runs at the level that [`crate::Suggestion::fidelity`] names, where the study has cheaper
+    /// ones. Default false: all trials are full ones.
+    pub fidelities: bool,
     /// Longest wait of a frame for a suggestion, connecting included. Default 50 ms.
     pub deadline: Duration,
     /// Longest time of any other call. Default 5 s.
@@ -43,6 +46,7 @@ impl Default for Options {
             fingerprint: detect_fingerprint(),
             credentials: Credentials::new(),
             can_abort: false,
+            fidelities: false,
             deadline: Duration::from_millis(50),
             call_deadline: Duration::from_secs(5),
             queue: limits::DEFAULT_QUEUE,
@@ -84,6 +88,13 @@ impl Options {
     #[must_use]
     pub fn can_abort(mut self, can_abort: bool) -> Self {
         self.can_abort = can_abort;
+        self
+    }
+
+    /// Promises that trials run at the level that they name.
+    #[must_use]
+    pub fn fidelities(mut self, fidelities: bool) -> Self {
+        self.fidelities = fidelities;
         self
     }
 

@@ -65,7 +65,7 @@ pub struct TrialRecord {
     pub state: OpenEnum<TrialState>,
     /// The raw measurements of the report.
     pub measurements: Measurements,
-    /// The objective computed from the measurements.
+    /// The objective computed from the measurements; `None` at a cheaper level.
     pub cost: Option<f64>,
     /// The reported outcome; `None` before the report.
     pub outcome: Option<OpenEnum<Outcome>>,
@@ -84,6 +84,9 @@ pub struct TrialRecord {
     /// Where it was measured, if it was carried over from another study or database.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub origin: Option<String>,
+    /// The name of the cheaper level at which it is to run; `None` at the full one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fidelity: Option<String>,
 }
 
 impl TrialRecord {

@@ -144,7 +144,9 @@ impl Shared {
             let what = trial.unreadable.join(", ");
             return Err(malformed(format!("{} has values of an unknown kind for {what}", trial.name)));
         }
-        self.context.remember(&trial.configuration);
+        if trial.fidelity.is_none() {
+            self.context.remember(&trial.configuration);
+        }
         Ok(Suggestion::of_trial(Arc::clone(&self.context), trial, lease))
     }
 
@@ -160,6 +162,7 @@ impl Shared {
             session_policy: session_policy_to_wire(*lock(&self.session_policy)),
             origin: String::new(),
             reports_waiting: self.context.core.outbox.queued(),
+            fidelities: self.context.core.options.fidelities,
         }
     }
 

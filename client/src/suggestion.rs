@@ -44,6 +44,7 @@ pub struct Suggestion {
     lease: Option<Lease>,
     lease_expire_time: Option<SystemTime>,
     abort_above: Option<f64>,
+    fidelity: Option<String>,
     /// Of a frame loop whose trials have several frames.
     episode: Option<Box<Episode>>,
 }
@@ -61,6 +62,7 @@ impl Suggestion {
             lease: Some(lease),
             lease_expire_time: trial.lease_expire_time,
             abort_above: trial.abort_above,
+            fidelity: trial.fidelity,
             episode: None,
         }
     }
@@ -90,6 +92,7 @@ impl Suggestion {
             lease: None,
             lease_expire_time: None,
             abort_above: None,
+            fidelity: None,
             episode: None,
         }
     }
@@ -162,6 +165,14 @@ impl Suggestion {
         }
     }
 
+    /// The cheaper level of the study at which to run; `None` for a full trial, as all are unless
+    /// [`crate::Options::fidelities`] is set. What is measured there only says whether the configuration is
+    /// worth a full trial.
+    #[must_use]
+    pub fn fidelity(&self) -> Option<&str> {
+        self.fidelity.as_deref()
+    }
+
     /// The reason of the answer.
     #[must_use]
     pub fn reason(&self) -> &Reason {
@@ -213,7 +224,9 @@ impl Suggestion {
                 }
             }
         };
-        self.study.learn(&self.configuration, &outcome);
+        if self.fidelity.is_none() {
+            self.study.learn(&self.configuration, &outcome);
+        }
         let lease = self.lease.take();
         match &lease {
             Some(lease) => self.study.core.outbox.mark_reported(&lease.trial),

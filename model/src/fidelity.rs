@@ -7,9 +7,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::limits::{FIDELITIES_MAX, NAME_CHARACTERS_MAX};
 
-/// The word for the full level, which no other level has for a name.
-pub const FULL: &str = "full";
-
 /// A level below the full one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fidelity {
@@ -17,6 +14,11 @@ pub struct Fidelity {
     pub name: String,
     /// The cost of a trial at this level, as a share of a full one; above 0, below 1.
     pub cost: f64,
+}
+
+impl Fidelity {
+    /// The word for the full level, which no other level has for a name.
+    pub const FULL: &str = "full";
 }
 
 /// The first problem of a list of levels, cheapest first, in words.
@@ -30,7 +32,7 @@ pub(crate) fn problem(fidelities: &[Fidelity]) -> Option<String> {
         if name.is_empty() || name.len() > NAME_CHARACTERS_MAX || !name.chars().all(is_plain) {
             return Some(format!("{name:?} is not a name; use 1 to 64 of A-Z, a-z, 0-9, _, - and ."));
         }
-        if name == FULL || !seen.insert(name) {
+        if name == Fidelity::FULL || !seen.insert(name) {
             return Some(format!("{name:?} is taken; give each level, but for the full one, its own name"));
         }
         if !(*cost > before && *cost < 1.0) {

@@ -159,6 +159,7 @@ fn suggest(wanted: Option<wire::Configuration>) -> wire::SuggestRequest {
         session_policy: None,
         origin: String::new(),
         reports_waiting: 3,
+        fidelities: false,
     }
 }
 

@@ -155,7 +155,8 @@ impl Table {
             Some(OpenEnum::Known(Outcome::Infeasible { .. })) => !ok,
             _ => false,
         };
-        let measured: Vec<&TrialRecord> = trials.iter().filter(|trial| ended(trial, true)).collect();
+        let trials: Vec<&TrialRecord> = trials.iter().filter(|trial| trial.fidelity.is_none()).collect();
+        let measured: Vec<&TrialRecord> = trials.iter().copied().filter(|trial| ended(trial, true)).collect();
         let names = if metrics.is_empty() { usual(&measured) } else { metrics.to_vec() };
         Self {
             parameters: spec.space.parameters().iter().map(|one| Column::of(one, &measured)).collect(),

@@ -9,7 +9,8 @@ use super::{indicator, parameter};
 use crate::exec::program::MetricSource;
 use crate::failure::Failure;
 use crate::study_file::{
-    ConstraintEntry, IndicatorEntry, LimitEntry, ParameterEntry, Plain, PolicyEntry, StudyFile, TermEntry,
+    ConstraintEntry, FidelityEntry, IndicatorEntry, LimitEntry, ParameterEntry, Plain, PolicyEntry,
+    StudyFile, TermEntry,
 };
 
 pub(crate) const EXEC_EXAMPLES: &str = "\
@@ -47,6 +48,17 @@ pub(crate) struct Exec {
     /// infeasible. May be repeated
     #[arg(long = "limit", value_name = "METRIC<=NUMBER", requires = "tune", value_parser = LimitEntry::inline)]
     pub(crate) limits: Vec<LimitEntry>,
+    /// Cheaper level of a new study at which a run says whether a full one is worth its time, the cheapest
+    /// first: its name, and the cost of a run there as a share of a full one, e.g. 'small=0.1'. The command has
+    /// {fidelity} or {fidelity:FULL} in its place, or reads TREEWRIGHT_FIDELITY. At most four
+    #[arg(
+        long = "fidelity",
+        value_name = "NAME=COST",
+        requires = "tune",
+        conflicts_with = "front",
+        value_parser = FidelityEntry::inline
+    )]
+    pub(crate) fidelities: Vec<FidelityEntry>,
     /// Metric to maximise in a new study, such as a rate; its reciprocal is the cost
     #[arg(long, value_name = "METRIC", requires = "tune", conflicts_with = "minimise")]
     pub(crate) maximise: Option<String>,
@@ -122,8 +134,9 @@ impl Exec {
         let objective = vec![TermEntry { metric, weight: 1.0, maximise: self.maximise.is_some() }];
         let constraints = self.constraints.iter().cloned().map(ConstraintEntry::Expression).collect();
         let parameters = self.tune.clone();
-        let limits = self.limits.clone();
-        let file = StudyFile { parameters, constraints, objective, limits, ..StudyFile::default() };
+        let (limits, fidelities) = (self.limits.clone(), self.fidelities.clone());
+        let file =
+            StudyFile { parameters, constraints, objective, limits, fidelities, ..StudyFile::default() };
         let Some(front) = front else { return Ok(Some(file)) };
         Ok(Some(StudyFile {
             display_name: self.front_name(),

@@ -117,6 +117,7 @@ fn damaged_parquet_files_are_refused() {
         fingerprint: None,
         abort_above: None,
         origin: None,
+        fidelity: None,
     };
     let mut whole = Vec::new();
     let header = jsonl::Header::new("here", study());

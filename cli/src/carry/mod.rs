@@ -59,14 +59,14 @@ pub(crate) struct CarriedTrial {
 }
 
 impl CarriedTrial {
-    /// A trial with a result that says something of its configuration; `None` for any other, and for what
-    /// repeats a run of a front.
+    /// A trial with a result that says something of its configuration; `None` for any other, for what repeats
+    /// a run of a front, and at a cheaper level.
     pub(crate) fn of(trial: &TrialRecord, site: &str) -> Option<Self> {
         let outcome = match &trial.outcome {
             Some(OpenEnum::Known(Outcome::Failed { .. }) | OpenEnum::Unrecognised(_)) | None => return None,
             Some(OpenEnum::Known(outcome)) => outcome.clone(),
         };
-        if !trial.unreadable.is_empty() || Front::is_repeated(trial) {
+        if !trial.unreadable.is_empty() || Front::is_repeated(trial) || trial.fidelity.is_some() {
             return None;
         }
         let time = |time| humantime::format_rfc3339_millis(time).to_string();

@@ -61,6 +61,8 @@ fn write(client: &Client, export: &Export, out: &mut (impl Write + Send)) -> Res
     let site = export.site.clone().unwrap_or_else(files::host);
     let study = client.get_study(&export.study)?;
     let trials = client.trials(&study.identified_name(), TrialQuery::all().filter(&export.filter));
+    // In a table, what a trial at a cheaper level measured would look like a result.
+    let trials = trials.filter(|trial| !trial.as_ref().is_ok_and(|trial| trial.fidelity.is_some()));
     match export.format {
         ExportFormat::Csv => {
             csv_table::write(out, study.spec()?, trials.map(|trial| trial.map_err(Failure::from)), &site)

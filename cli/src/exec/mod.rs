@@ -6,6 +6,7 @@
 //! be reported are left out, and the session waits for a daemon that is away. It shows its result at the end,
 //! also after an interruption.
 
+mod confirm;
 mod daemon;
 mod front;
 mod pairs;
@@ -23,8 +24,8 @@ use std::time::{Duration, Instant};
 use treewright_cli::printed::{LeftOut, Wanted};
 use treewright_client::blocking::Client;
 use treewright_client::{
-    Configuration, Few, Front, FrontHistory, Indicators, Measurements, ObjectiveTerm, OpenEnum, Outcome,
-    Question, Rule, SessionPolicy, StudyRecord, StudySpec, TrialRecord,
+    Configuration, Few, Fidelity, Front, FrontHistory, Indicators, Measurements, ObjectiveTerm, OpenEnum,
+    Outcome, Question, Rule, SessionPolicy, StudyRecord, StudySpec, TrialRecord,
 };
 
 use crate::arguments::exec::Exec;
@@ -33,9 +34,8 @@ use crate::output::either;
 use crate::progress::{self, Progress};
 use crate::study_file::find::find_or_create;
 use daemon::PatientClient;
-use pairs::Gain;
 use program::{MetricSource, Run, Runner};
-use summary::{Confirmed, OwnRuns, Summary, Winner, WinnerSource};
+use summary::{OwnRuns, Summary, Winner, WinnerSource};
 use template::Template;
 
 /// Leases are renewed after this share of their time.
@@ -72,6 +72,8 @@ struct Job<'a> {
     indicators: Indicators,
     client_id: String,
     can_abort: bool,
+    /// The program is known to look at the level.
+    fidelities: bool,
     session_policy: SessionPolicy,
 }
 
@@ -83,6 +85,8 @@ struct Session<'a> {
     front: Option<FrontHistory>,
     /// Runs that failed since one worked.
     failures_in_vain: u32,
+    /// What the runs have cost, in full ones.
+    full_runs: f64,
     left_out: BTreeSet<LeftOut>,
 }
 
@@ -92,6 +96,8 @@ enum Step {
     Infeasible(String),
     Failed(String),
     Aborted,
+    /// Measured at a cheaper level.
+    Cheaper,
     Stopped,
 }
 
@@ -102,7 +108,7 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
     let study = daemon.ask(|client| find_or_create(client, &exec.study, exec.inline_study()?))?;
     let spec = study.spec()?.clone();
     let template = Template::read(&exec.command, &spec).map_err(Failure::Usage)?;
-    note_unused(&template, &spec);
+    note_unused(&template, &spec, exec);
     program::note_same_variables(&spec);
     let front = exec.front()?;
     let needed = needed(&spec, front.as_ref());
@@ -128,6 +134,7 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
     let job = Job {
         daemon,
         can_abort: only_wall_time(&spec).is_some(),
+        fidelities: front.is_none() && (!exec.fidelities.is_empty() || template.has_level()),
         client_id: exec.client.clone().unwrap_or_else(default_client),
         indicators: exec.indicators(),
         default: spec.space.default_configuration().into(),
@@ -137,9 +144,14 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
         runner,
         session_policy,
     };
-    let front = front.map(|front| job.front(front, exec)).transpose()?;
-    let mut session =
-        Session { job: &job, own: OwnRuns::default(), front, failures_in_vain: 0, left_out: BTreeSet::new() };
+    let mut session = Session {
+        job: &job,
+        own: OwnRuns::default(),
+        front: front.map(|front| job.front(front, exec)).transpose()?,
+        failures_in_vain: 0,
+        full_runs: 0.0,
+        left_out: BTreeSet::new(),
+    };
     let mut summary = Summary::new(job.id(), &spec);
     let done = session.tune(exec, &mut summary);
     match &session.front {
@@ -157,7 +169,15 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
     Err(Failure::Unfinished { found, cause: Box::new(problem) })
 }
 
-fn note_unused(template: &Template, spec: &StudySpec) {
+fn note_unused(template: &Template, spec: &StudySpec, exec: &Exec) {
+    if !spec.objective.fidelities().is_empty() && !template.has_level() {
+        progress::note(match exec.fidelities.is_empty() {
+            true => {
+                "the study has cheaper levels, but the command has no {fidelity}: every run is a full one"
+            }
+            false => "the level of a run is in the program's environment, as TREEWRIGHT_FIDELITY",
+        });
+    }
     let unused = template.unused(spec);
     if !unused.is_empty() {
         progress::note(&format!(
@@ -213,6 +233,7 @@ impl Job<'_> {
             can_abort: self.can_abort,
             session_policy: self.session_policy,
             wanted: wanted.cloned(),
+            fidelities: self.fidelities,
             ..Question::default()
         }
     }
@@ -221,15 +242,27 @@ impl Job<'_> {
         self.daemon.ask(|client| client.ask(&self.study.identified_name(), &self.question(wanted)))
     }
 
+    fn command(&self, trial: &TrialRecord) -> Vec<String> {
+        self.template.fill(&trial.configuration, trial.fidelity.as_deref())
+    }
+
+    /// The cost of a trial, in full ones.
+    fn share(&self, trial: &TrialRecord) -> f64 {
+        let mut levels = self.spec.objective.fidelities().iter();
+        levels.find(|level| Some(&level.name) == trial.fidelity.as_ref()).map_or(1.0, |level| level.cost)
+    }
+
     /// Runs the program for a trial.
     fn run(&self, trial: &TrialRecord) -> Result<Run, Failure> {
-        let command = self.template.fill(&trial.configuration);
+        let command = self.command(trial);
         let abort_after = match (trial.abort_above, only_wall_time(self.spec)) {
             (Some(cost), Some(weight)) => Some(Duration::from_secs_f64((cost / weight / 1e3).min(1e9))),
             _ => None,
         };
         let renew = self.renewal(trial);
-        self.runner.run(&command, &trial.configuration, abort_after, renew).map_err(|problem| {
+        let has_levels = !self.spec.objective.fidelities().is_empty();
+        let level = has_levels.then(|| trial.fidelity.as_deref().unwrap_or(Fidelity::FULL));
+        self.runner.run(&command, &trial.configuration, level, abort_after, renew).map_err(|problem| {
             let program = command.first().map_or("", String::as_str);
             Failure::Program(format!("{program} cannot be started: {problem}"))
         })
@@ -289,7 +322,7 @@ impl Job<'_> {
         costs: (f64, Option<f64>),
         source: WinnerSource,
     ) -> Winner {
-        let command = self.template.fill(&configuration);
+        let command = self.template.fill(&configuration, None);
         let (cost, default_cost) = costs;
         let view = self.spec.objective.view();
         let (value, default_value) = (view.maximum(cost), default_cost.and_then(|cost| view.maximum(cost)));
@@ -317,7 +350,7 @@ impl Session<'_> {
         let spec = self.job.spec;
         let mut progress = Progress::new(self.most(exec), summary::objective(spec), spec.objective.view());
         loop {
-            if self.most(exec).is_some_and(|most| summary.trials >= u64::from(most)) {
+            if self.most(exec).is_some_and(|most| self.full_runs >= f64::from(most)) {
                 summary.end = "the requested number of trials is reached";
                 break;
             }
@@ -344,12 +377,20 @@ impl Session<'_> {
                     summary.end = "interrupted";
                     break;
                 }
+                Step::Cheaper => {
+                    summary.cheaper += 1;
+                    self.full_runs += self.job.share(&trial);
+                    let level = trial.fidelity.as_deref().unwrap_or(Fidelity::FULL);
+                    progress::status(&format!("at the level {level}  {}", trial.configuration));
+                    continue;
+                }
                 Step::Measured(cost) => learnt.map_or(Ok(*cost), Err),
                 Step::Aborted => Err("stopped early".to_owned()),
                 Step::Infeasible(reason) => Err(format!("not usable: {reason}")),
                 Step::Failed(reason) => Err(format!("failed: {reason}")),
             };
             summary.trials += 1;
+            self.full_runs += self.job.share(&trial);
             summary.infeasible += u64::from(matches!(step, Step::Infeasible(_)));
             summary.failed += u64::from(matches!(step, Step::Failed(_)));
             progress.trial(&trial, result.as_ref().map(|cost| *cost).map_err(String::as_str));
@@ -389,6 +430,10 @@ impl Session<'_> {
                 // Beyond a limit of the study.
                 if let Some(OpenEnum::Known(Outcome::Infeasible { reason })) = stored.outcome {
                     return Ok(Step::Infeasible(reason));
+                }
+                if stored.fidelity.is_some() {
+                    self.failures_in_vain = 0;
+                    return Ok(Step::Cheaper);
                 }
                 let cost =
                     stored.cost.ok_or_else(|| Failure::Data(format!("{} has no cost", stored.name)))?;
@@ -436,7 +481,7 @@ impl Session<'_> {
             self.job.give_back(trial);
             return Err(Failure::Program(format!(
                 "the last {FAILURES_IN_VAIN_MAX} runs failed, and none worked: {reason}\n{}\n{said}",
-                shell_words(&self.job.template.fill(&trial.configuration))
+                shell_words(&self.job.command(trial))
             )));
         }
         self.job.tell(trial, &Measurements::new(), &Outcome::failed(&reason))?;
@@ -445,7 +490,7 @@ impl Session<'_> {
 
     fn useless_default(&self, trial: &TrialRecord, reason: &str, said: &str) -> Failure {
         self.job.give_back(trial);
-        let command = shell_words(&self.job.template.fill(&trial.configuration));
+        let command = shell_words(&self.job.command(trial));
         Failure::Program(format!(
             "the program fails even with the default parameters: {reason}\n{command}\n{said}"
         ))
@@ -475,62 +520,6 @@ impl Session<'_> {
         let (configuration, cost) = self.own.best()?;
         let costs = (cost, self.own.mean_cost(&job.default));
         Some(job.winner_of(configuration.clone(), costs, WinnerSource::Runs))
-    }
-
-    /// Lets the best run against the default, in turns, and says which of the two to use.
-    fn confirm(&mut self, pairs: u32, summary: &mut Summary) -> Result<(), Failure> {
-        let default = &self.job.default;
-        // Where nothing is proven yet, the pairs may prove it.
-        let found = summary.best.as_ref().map(|best| &best.configuration).filter(|best| *best != default);
-        let Some(candidate) = found.cloned().or_else(|| self.own.lowest(default)) else {
-            progress::note("nothing better than the default was found, so there is nothing to confirm");
-            return Ok(());
-        };
-        let Some(gain) = self.pairs(&candidate, pairs)? else { return Ok(()) };
-        let is_certain = gain.is_certain();
-        let configuration = match (is_certain, gain.low > 0.0) {
-            (true, true) => &candidate,
-            (true, false) => default,
-            // All runs together, these among them, may know more.
-            (false, _) => match self.winner() {
-                Some(best) if best.configuration == candidate => &candidate,
-                _ => default,
-            },
-        };
-        let cost = if configuration == default { gain.default_cost } else { gain.cost };
-        let costs = (cost, Some(gain.default_cost));
-        summary.best = Some(self.job.winner_of(configuration.clone(), costs, WinnerSource::Pairs));
-        summary.confirmation = Some(Confirmed { configuration: candidate, gain, is_certain });
-        Ok(())
-    }
-
-    /// Each run of the pairs is reported.
-    fn pairs(&mut self, candidate: &Configuration, pairs: u32) -> Result<Option<Gain>, Failure> {
-        let job = self.job;
-        let mut measured = Vec::new();
-        'pairs: for pair in 0..pairs {
-            progress::status(&format!("confirming: pair {} of {pairs}", pair + 1));
-            // The order changes, so that neither always profits from the other's caches.
-            let order = if pair % 2 == 0 { [&job.default, candidate] } else { [candidate, &job.default] };
-            let mut costs = [None, None];
-            for configuration in order {
-                let step = match job.next(Some(configuration)) {
-                    Ok(trial) => self.step(&TrialRecord { abort_above: None, ..trial })?,
-                    Err(_) if self.is_stopped() => Step::Stopped,
-                    Err(problem) => return Err(problem),
-                };
-                match step {
-                    Step::Measured(cost) => costs[usize::from(configuration == candidate)] = Some(cost),
-                    Step::Stopped => break 'pairs,
-                    Step::Infeasible(_) | Step::Failed(_) | Step::Aborted => {}
-                }
-            }
-            if let [Some(default), Some(winner)] = costs {
-                measured.push((default, winner));
-            }
-        }
-        progress::status_end();
-        Ok(Gain::of(&measured))
     }
 }
 

@@ -31,6 +31,8 @@ const DRAIN: Duration = Duration::from_millis(250);
 const KILLED: Duration = Duration::from_secs(5);
 /// Prefix of a parameter's name in the program's environment.
 const VARIABLE: &str = "TREEWRIGHT_PARAM_";
+/// The level of a run in the program's environment.
+const LEVEL: &str = "TREEWRIGHT_FIDELITY";
 
 /// Which numbers count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -78,7 +80,7 @@ pub(crate) enum Run {
 }
 
 impl Runner<'_> {
-    /// Runs a command. `abort_after` ends it early; `alive` is called now and then while it runs, and must
+    /// Runs a command, at a level where the study has several. `abort_after` ends it early; `alive` is called now and then while it runs, and must
     /// not wait.
     ///
     /// # Errors
@@ -87,6 +89,7 @@ impl Runner<'_> {
         &self,
         command: &[String],
         configuration: &Configuration,
+        level: Option<&str>,
         abort_after: Option<Duration>,
         alive: impl FnMut(),
     ) -> Result<Run, std::io::Error> {
@@ -95,6 +98,7 @@ impl Runner<'_> {
         };
         let variables =
             configuration.iter().map(|(name, value)| (variable(VARIABLE, name), value.to_string()));
+        let variables = variables.chain(level.map(|level| (LEVEL.to_owned(), level.to_owned())));
         let (socket, theirs) = UnixStream::pair()?;
         let mut started = supervisor::command(program, arguments)?
             .envs(variables)

@@ -21,6 +21,9 @@ pub(super) struct Summary {
     pub(super) objective: String,
     /// Trials of this call, the pairs left out.
     pub(super) trials: u64,
+    /// Measurements at cheaper levels, which are not among them.
+    #[serde(skip_serializing_if = "is_none")]
+    pub(super) cheaper: u64,
     /// In how many of them the configuration cannot be used.
     pub(super) infeasible: u64,
     /// The number that failed otherwise.
@@ -85,6 +88,7 @@ impl Summary {
             study: study.to_owned(),
             objective: objective(spec),
             trials: 0,
+            cheaper: 0,
             infeasible: 0,
             failed: 0,
             end: "the search has ended",
@@ -98,7 +102,12 @@ impl Summary {
 
     pub(super) fn words(&self, default: &Configuration) -> String {
         let mut text = format!("{}: {} trial(s), {}", self.study, self.trials, self.end);
-        for (count, what) in [(self.infeasible, "could not be used"), (self.failed, "failed")] {
+        let parts = [
+            (self.cheaper, "more at cheaper levels"),
+            (self.infeasible, "could not be used"),
+            (self.failed, "failed"),
+        ];
+        for (count, what) in parts {
             if count > 0 {
                 text += &format!("; {count} {what}");
             }
@@ -219,6 +228,11 @@ impl OwnRuns {
     pub(super) fn mean_cost(&self, configuration: &Configuration) -> Option<f64> {
         self.costs.get(&configuration.to_string()).map(|(_, costs)| mean(costs))
     }
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde hands over a reference
+fn is_none(count: &u64) -> bool {
+    *count == 0
 }
 
 fn mean(costs: &[f64]) -> f64 {

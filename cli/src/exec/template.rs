@@ -4,14 +4,20 @@
 //! |---|---|
 //! | `{name}` | the parameter's value |
 //! | `{name?yes}`, `{name?yes:no}` | `yes` where a boolean parameter is true, else `no` |
+//! | `{fidelity}`, `{fidelity:256}` | the cheaper level of the run; in full `full`, `256` |
 //! | `{{name}}` | the text `{name}` |
+//!
+//! The level has a place only where the study has cheaper levels, and no parameter of that name.
 //!
 //! An argument that asks for an inactive parameter is left out, and so is one that a choice leaves empty. All
 //! other braces stay as written, so that programs of awk or JSON need no escapes.
 
 use std::collections::BTreeSet;
 
-use treewright_client::{Configuration, StudySpec, Value};
+use treewright_client::{Configuration, Fidelity, StudySpec, Value};
+
+/// The place of the level.
+const LEVEL: &str = "fidelity";
 
 /// A command whose arguments hold places for parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,7 +29,13 @@ pub(crate) struct Template {
 enum Piece {
     Text(String),
     Value(String),
-    Choice { name: String, yes: String, no: String },
+    Choice {
+        name: String,
+        yes: String,
+        no: String,
+    },
+    /// The name of a cheaper level, or else this text.
+    Level(String),
 }
 
 /// An argument after its places were filled.
@@ -37,7 +49,9 @@ impl Template {
     pub(crate) fn read(command: &[String], spec: &StudySpec) -> Result<Self, String> {
         let names: Vec<&str> =
             spec.space.parameters().iter().map(|parameter| parameter.name.as_str()).collect();
-        let arguments: Vec<Vec<Piece>> = command.iter().map(|argument| pieces(argument, &names)).collect();
+        let has_levels = !spec.objective.fidelities().is_empty() && !names.contains(&LEVEL);
+        let arguments: Vec<Vec<Piece>> =
+            command.iter().map(|argument| pieces(argument, &names, has_levels)).collect();
         for name in arguments.iter().flatten().filter_map(Piece::name) {
             if !names.contains(&name) {
                 return Err(format!(
@@ -57,9 +71,14 @@ impl Template {
         names.filter(|name| !used.contains(name.as_str())).collect()
     }
 
-    /// The command for a configuration.
-    pub(crate) fn fill(&self, configuration: &Configuration) -> Vec<String> {
-        let filled = self.arguments.iter().map(|pieces| fill(pieces, configuration));
+    /// Whether the command mentions the level.
+    pub(crate) fn has_level(&self) -> bool {
+        self.arguments.iter().flatten().any(|piece| matches!(piece, Piece::Level(_)))
+    }
+
+    /// The command for a configuration, at a cheaper level where one is named.
+    pub(crate) fn fill(&self, configuration: &Configuration, level: Option<&str>) -> Vec<String> {
+        let filled = self.arguments.iter().map(|pieces| fill(pieces, configuration, level));
         filled
             .filter_map(|filled| match filled {
                 Filled::Argument(text) => Some(text),
@@ -72,17 +91,18 @@ impl Template {
 impl Piece {
     fn name(&self) -> Option<&str> {
         match self {
-            Self::Text(_) => None,
+            Self::Text(_) | Self::Level(_) => None,
             Self::Value(name) | Self::Choice { name, .. } => Some(name),
         }
     }
 }
 
-fn fill(pieces: &[Piece], configuration: &Configuration) -> Filled {
+fn fill(pieces: &[Piece], configuration: &Configuration, level: Option<&str>) -> Filled {
     let mut text = String::new();
     for piece in pieces {
         match piece {
             Piece::Text(piece) => text.push_str(piece),
+            Piece::Level(full) => text.push_str(level.unwrap_or(full)),
             Piece::Value(name) => match configuration.get(name) {
                 Some(value) => text.push_str(&value.to_string()),
                 None => return Filled::LeftOut,
@@ -98,7 +118,7 @@ fn fill(pieces: &[Piece], configuration: &Configuration) -> Filled {
     if has_choice && text.is_empty() { Filled::LeftOut } else { Filled::Argument(text) }
 }
 
-fn pieces(argument: &str, names: &[&str]) -> Vec<Piece> {
+fn pieces(argument: &str, names: &[&str], has_levels: bool) -> Vec<Piece> {
     let mut found = Vec::new();
     let mut text = String::new();
     let mut rest = argument;
@@ -108,7 +128,7 @@ fn pieces(argument: &str, names: &[&str]) -> Vec<Piece> {
         if let Some((literal, end)) = after.strip_prefix('{').and_then(|after| literal(after, names)) {
             text.push_str(&format!("{{{literal}}}"));
             rest = end;
-        } else if let Some((piece, end)) = place(after, names) {
+        } else if let Some((piece, end)) = place(after, names, has_levels) {
             if !text.is_empty() {
                 found.push(Piece::Text(std::mem::take(&mut text)));
             }
@@ -132,10 +152,14 @@ fn literal<'a>(after: &'a str, names: &[&str]) -> Option<(&'a str, &'a str)> {
     is_name(&after[..end], names).then(|| (&after[..end], &after[end + 2..]))
 }
 
-/// `name}` or `name?yes:no}` and what follows.
-fn place<'a>(after: &'a str, names: &[&str]) -> Option<(Piece, &'a str)> {
+/// `name}`, `name?yes:no}` or the level, and what follows.
+fn place<'a>(after: &'a str, names: &[&str], has_levels: bool) -> Option<(Piece, &'a str)> {
     let end = after.find('}')?;
     let (inner, rest) = (&after[..end], &after[end + 1..]);
+    let (word, full) = inner.split_once(':').unwrap_or((inner, Fidelity::FULL));
+    if has_levels && word == LEVEL {
+        return Some((Piece::Level(full.to_owned()), rest));
+    }
     let piece = match inner.split_once('?') {
         None if is_name(inner, names) => Piece::Value(inner.to_owned()),
         Some((name, choice)) if is_name(name, names) => {
@@ -175,7 +199,7 @@ mod tests {
 
     fn filled(command: &[&str], configuration: Configuration) -> Vec<String> {
         let command: Vec<String> = command.iter().map(|&text| text.to_owned()).collect();
-        Template::read(&command, &spec()).expect("a command").fill(&configuration)
+        Template::read(&command, &spec()).expect("a command").fill(&configuration, None)
     }
 
     #[test]
@@ -198,9 +222,30 @@ mod tests {
         let spec = StudySpec::builder(space).minimise("wall_ms", 1.0).build().expect("a study");
         let command = ["{learning-rate} {learning-date}".to_owned()];
         let template = Template::read(&command, &spec).expect("a command");
-        let filled = template.fill(&Configuration::new().with("learning-rate", 5));
+        let filled = template.fill(&Configuration::new().with("learning-rate", 5), None);
         assert_eq!(filled, ["5 {learning-date}"]);
         assert_eq!(super::super::program::variable("P_", "learning-rate.ä"), "P_LEARNING_RATE__");
+    }
+
+    #[test]
+    fn the_level_has_its_place_where_there_are_some() {
+        let command = ["render", "--spp={fidelity:256}", "{fidelity}", "{{fidelity}}"].map(str::to_owned);
+        let studies = |name: &str| {
+            let space = Space::builder().integer(name, 1..=9).default(3).build().expect("a space");
+            StudySpec::builder(space).minimise("wall_ms", 1.0)
+        };
+        let configuration = Configuration::new().with("level", 5).with("fidelity", 7);
+        let filled = |spec: &StudySpec, level: Option<&str>| {
+            let template = Template::read(&command, spec).expect("a command");
+            (template.has_level(), template.fill(&configuration, level)[1..].join(" "))
+        };
+        let some = studies("level").fidelity("16", 0.1).build().expect("a study");
+        assert_eq!(filled(&some, Some("16")), (true, "--spp=16 16 {fidelity}".to_owned()));
+        assert_eq!(filled(&some, None), (true, "--spp=256 full {fidelity}".to_owned()));
+        let taken = studies("fidelity").fidelity("16", 0.1).build().expect("a study");
+        assert_eq!(filled(&taken, Some("16")), (false, "--spp={fidelity:256} 7 {fidelity}".to_owned()));
+        let none = studies("level").build().expect("a study");
+        assert!(Template::read(&command, &none).expect_err("no levels").contains("{fidelity}"));
     }
 
     #[test]

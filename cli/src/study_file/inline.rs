@@ -1,10 +1,61 @@
-//! Parameters and limits in one word, as options have them.
+//! Limits and cheaper levels, and how options have these and parameters in one word.
 
 use std::ops::RangeInclusive;
 
-use treewright_client::Value;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use treewright_client::{Fidelity, MeasurementLimit, Value};
 
-use super::{IndicatorEntry, Kind, LimitEntry, Number, ParameterEntry, Plain, ScaleWord};
+use super::{IndicatorEntry, Kind, Number, ParameterEntry, Plain, ScaleWord};
+
+/// A limit on a measurement, on either side or both.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LimitEntry {
+    /// Name of a measurement.
+    pub(crate) metric: String,
+    /// What it is at least.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) at_least: Option<f64>,
+    /// What it is at most.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) at_most: Option<f64>,
+}
+
+impl LimitEntry {
+    pub(super) fn of(limit: &MeasurementLimit) -> Self {
+        let MeasurementLimit { metric, at_least, at_most } = limit.clone();
+        Self { metric, at_least, at_most }
+    }
+}
+
+/// A cheaper level at which a trial can run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct FidelityEntry {
+    /// 1 to 64 of `A-Z`, `a-z`, `0-9`, `_`, `-` and `.`, in quotes.
+    pub(crate) name: String,
+    /// What a trial costs there, as a share of a full one; above that of the level before, below 1.
+    pub(crate) cost: f64,
+}
+
+impl FidelityEntry {
+    pub(super) fn of(level: &Fidelity) -> Self {
+        let Fidelity { name, cost } = level.clone();
+        Self { name, cost }
+    }
+
+    /// Reads `NAME=COST`.
+    pub(crate) fn inline(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('=').map(|(name, cost)| (name.trim(), cost.trim().parse::<f64>()));
+        match parts {
+            Some((name, Ok(cost))) => Ok(Self { name: name.to_owned(), cost }),
+            _ => Err(format!(
+                "`{text}` is not NAME=COST, the cost as a share of a full run: for example 'small=0.1'"
+            )),
+        }
+    }
+}
 
 impl ParameterEntry {
     /// `NAME=LOW..HIGH:DEFAULT`, `NAME=ONE|OTHER:DEFAULT` or `NAME=bool:DEFAULT`, numbers with `:log` if

@@ -15,12 +15,13 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use treewright_client::{
-    Condition, Configuration, Constraint, Domain, MeasurementLimit, Parameter, Policy, Scale, Space,
-    StudyRecord, StudySpec, Value,
+    Condition, Configuration, Constraint, Domain, Parameter, Policy, Scale, Space, StudyRecord, StudySpec,
+    Value,
 };
 
 use crate::failure::Failure;
 
+pub(crate) use inline::{FidelityEntry, LimitEntry};
 pub(crate) use schema::schema;
 
 /// A study: what can be tuned, what describes the input, what is minimised, and how the service decides.
@@ -53,6 +54,9 @@ pub(crate) struct StudyFile {
     /// Frames of a trial, 1 to 64, for costs that rise or fall while a configuration is in use. Default 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) episode_frames: Option<u32>,
+    /// Cheaper levels at which a trial can run, such as fewer samples, the cheapest first; at most 4.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) fidelities: Vec<FidelityEntry>,
     /// What can be tuned, 1 to 128. A condition may only name a parameter that stands earlier.
     pub(crate) parameters: Vec<ParameterEntry>,
     /// What every configuration fulfils, such as `block_x * block_y <= 1024`; at most 64.
@@ -282,27 +286,6 @@ pub(crate) struct TermEntry {
     pub(crate) maximise: bool,
 }
 
-/// A limit on a measurement, on either side or both.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct LimitEntry {
-    /// Name of a measurement.
-    pub(crate) metric: String,
-    /// What it is at least.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) at_least: Option<f64>,
-    /// What it is at most.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) at_most: Option<f64>,
-}
-
-impl LimitEntry {
-    fn of(limit: &MeasurementLimit) -> Self {
-        let MeasurementLimit { metric, at_least, at_most } = limit.clone();
-        Self { metric, at_least, at_most }
-    }
-}
-
 fn one() -> f64 {
     1.0
 }
@@ -408,6 +391,9 @@ impl StudyFile {
         for limit in &self.limits {
             builder = builder.limit(&limit.metric, limit.at_least, limit.at_most);
         }
+        for level in &self.fidelities {
+            builder = builder.fidelity(&level.name, level.cost);
+        }
         builder.build().map_err(|error| Failure::Usage(error.to_string()))
     }
 
@@ -467,6 +453,7 @@ impl StudyFile {
             auxiliary: spec.objective.auxiliary().to_vec(),
             limits: spec.objective.limits().iter().map(LimitEntry::of).collect(),
             episode_frames: Some(spec.objective.episode_frames()).filter(|frames| *frames > 1),
+            fidelities: spec.objective.fidelities().iter().map(FidelityEntry::of).collect(),
             parameters: spec.space.parameters().iter().map(ParameterEntry::of).collect(),
             constraints: spec
                 .space

@@ -16,6 +16,7 @@ state_tolerance = 0.02
 seed = 7
 episode_frames = 24
 auxiliary = ["cpu_ms", "page_faults"]
+fidelities = [{ name = "small", cost = 0.1 }, { name = "64", cost = 0.5 }]
 limits = [{ metric = "memory_mb", at_most = 2000 }, { metric = "ratio", at_least = 1.5, at_most = 9 }]
 constraints = ["level*2 <= 40", "strategy == 'fast' or ratio >= 2", { lesser = "level", greater = "ratio" }]
 
@@ -92,6 +93,9 @@ fn a_file_is_read_as_people_write_it() {
     assert_eq!(spec.objective.auxiliary(), ["cpu_ms", "page_faults"]);
     assert_eq!(spec.objective.episode_frames(), 24);
     let limits: Vec<String> = spec.objective.limits().iter().map(ToString::to_string).collect();
+    let levels: Vec<_> =
+        spec.objective.fidelities().iter().map(|one| (one.name.as_str(), one.cost)).collect();
+    assert_eq!(levels, [("small", 0.1), ("64", 0.5)]);
     assert_eq!(limits, ["memory_mb <= 2000", "1.5 <= ratio <= 9"]);
     let constraints: Vec<String> = spec.space.constraints().iter().map(ToString::to_string).collect();
     assert_eq!(constraints, ["level * 2 <= 40", "strategy == \"fast\" or ratio >= 2", "level <= ratio"]);
@@ -147,6 +151,7 @@ fn mistakes_are_named() {
     assert!(spec(&FILE.replace("seed = 7", "seed = \"x\"")).contains("seed"));
     assert!(spec(&FILE.replace("level*2 <= 40", "level*2 <=")).contains("at character 11: a name, a value"));
     assert!(spec(&FILE.replace("level*2 <= 40", "levle < 9")).contains("did you mean \"level\""));
+    assert!(spec(&FILE.replace("cost = 0.5", "cost = 0.05")).contains("the cheapest first"));
     assert!(spec(&FILE.replace("max = 19", "max = 19.5")).contains("19.5 is no whole number"));
     assert!(spec(&FILE.replace("default = 3", "default = 20")).contains("level"));
     assert!(spec(&FILE.replace("search = \"nelder_mead\"", "search = \"best\"")).contains("nelder_mead"));
@@ -182,6 +187,9 @@ fn parameters_are_written_in_one_word() {
     let of_words =
         ParameterEntry { step: Some(2), ..ParameterEntry::inline("a=b|c:b").expect("a parameter") };
     assert!(of_words.parameter(&[]).expect_err("words").contains("only a whole number has a `step`"));
+    let level = FidelityEntry { name: "16".into(), cost: 0.06 };
+    assert_eq!(FidelityEntry::inline("16 = 0.06"), Ok(level));
+    assert!(["16", "16=", "16=a"].iter().all(|wrong| FidelityEntry::inline(wrong).is_err()));
     for wrong in ["level", "level=3", "level=a..b:3", "level=1..9/x:3"] {
         assert!(ParameterEntry::inline(wrong).is_err(), "{wrong}");
     }

@@ -33,6 +33,7 @@ pub(crate) fn trial_from_wire(trial: v1::Trial) -> Result<TrialRecord, Problem> 
         fingerprint: trial.fingerprint.and_then(|fingerprint| fingerprint_from_wire(fingerprint).ok()),
         abort_above: trial.abort_above.filter(|cost| cost.is_finite() && *cost >= 0.0),
         origin: Some(trial.origin).filter(|origin| !origin.is_empty()),
+        fidelity: Some(trial.fidelity).filter(|level| !level.is_empty()),
         name: trial.name,
     })
 }
