@@ -47,6 +47,35 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
 }
 
 #[test]
+fn cheaper_levels_say_what_is_worth_a_full_run() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    // At the level `small` a tenth of the loss. Where the level is in the environment, it is the same.
+    let script = r#"s={fidelity:10}; [ "$s" = small ] && s=1; [ "$TREEWRIGHT_FIDELITY" = {fidelity} ] || exit 9
+        x={level}; y={depth}; echo "{\"loss\": $(( s * ((x-13)*(x-13) + (y-21)*(y-21) + 5) ))}""#;
+    let more = ["--tune", "depth=1..30:3", "--fidelity", "small=0.1", "--trials", "30"];
+    let done = json(&exec(daemon.url(), &more, script));
+    all_fields_are_documented(&done);
+    let cheaper = done["cheaper"].as_u64().expect("a count");
+    assert!(cheaper > 6 && done["failed"] == 0, "{done}");
+    assert!(done["trials"].as_u64().is_some_and(|trials| trials < 30), "{done}");
+    let best = &done["best"];
+    assert_eq!(best["default_cost"], 4290.0, "{done}");
+    assert!(best["cost"].as_f64().is_some_and(|cost| (50.0..1000.0).contains(&cost)), "{done}");
+    assert!(best["command"][2].as_str().is_some_and(|script| script.contains("s=10;")), "{done}");
+    let all = json(&run("treewright", &["--server", daemon.url(), "--json", "trials", "toy", "--all"]));
+    let small = |trial: &&Value| trial["fidelity"] == "small" && trial["state"] == "COMPLETED";
+    let small: Vec<&Value> = all.as_array().expect("trials").iter().filter(small).collect();
+    assert_eq!(small.len() as u64, cheaper);
+    assert!(small.iter().all(|trial| trial["cost"].is_null() && trial["measurements"]["loss"].is_number()));
+    // A command that does not look at the level runs in full.
+    let plain =
+        ["--server", daemon.url(), "--json", "exec", "toy", "--metric", "json", "--trials", "3", "--"];
+    let plain = json(&run("treewright", &[&plain[..], &["sh", "-c", TOY]].concat()));
+    assert!(plain["trials"] == 3 && plain["cheaper"].is_null(), "{plain}");
+}
+
+#[test]
 fn a_front_holds_the_ends_and_what_lies_between() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::start(&folder.path().join("tuning.db"));

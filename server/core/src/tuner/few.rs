@@ -31,6 +31,11 @@ impl FewConfigurations {
         FewConfigurations(space.enumerate().map(Arc::from))
     }
 
+    /// Their number, where they are few.
+    pub(super) fn count(&self) -> Option<usize> {
+        self.0.as_ref().map(|all| all.len())
+    }
+
     /// Whether they are few.
     pub(super) fn are_few(&self) -> bool {
         self.0.is_some()

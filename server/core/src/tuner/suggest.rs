@@ -174,7 +174,8 @@ impl Tuner {
     }
 
     /// The name of the cheaper level at which the next trial is to run, if it is a point of the state's
-    /// search that was never measured. Spaces that are exhausted anyway, and budgets of regret, have none.
+    /// search that was never measured. Where the search tries every configuration, and with a budget of
+    /// regret, there is none.
     fn cheaper_level(
         &self,
         ask: &Ask,
@@ -187,8 +188,10 @@ impl Tuner {
         let step = prediction.decision.search_step()?;
         let is_new = !matches!(step, Step::Default | Step::Elsewhere | Step::Replicate)
             && !self.states.results(state).is_tried(&prediction.configuration);
-        let is_open =
-            ask.fidelities && self.spec.policy.regret_budget.is_none() && !self.searches.few().are_few();
+        let room = self.room_of(&ask.session_policy);
+        let is_open = ask.fidelities
+            && self.spec.policy.regret_budget.is_none()
+            && self.searches.few().count().is_none_or(|count| count > room);
         if levels.is_empty() || !(is_new && is_open) {
             return None;
         }
