@@ -104,6 +104,8 @@ void tw_options_call_deadline_ms(tw_options *options, double ms);
 void tw_options_queue(tw_options *options, size_t reports);
 /* Promises that every trial is stopped at tw_suggestion_abort_above. Default false. */
 void tw_options_can_abort(tw_options *options, bool can_abort);
+/* Promises that every trial runs at the level of tw_suggestion_fidelity. Default false: all are full ones. */
+void tw_options_fidelities(tw_options *options, bool fidelities);
 /* Names a piece of software whose version decides how fast something is, such as ("embree", "4.4.0"). */
 void tw_options_software(tw_options *options, const char *name, const char *version);
 /* Shows a token, as `treewrightd token create` printed it; or the one that a file holds. */
@@ -150,6 +152,8 @@ void tw_spec_limit(tw_spec *spec, const char *metric, double at_least, double at
 /* Frames of a trial, 1 to 64, for costs that rise or fall while a configuration is in use. A tw_tuner keeps a trial for so many
  * frames and reports their means; a trial of tw_study_suggest is reported with the means of so many. Default 1. */
 void tw_spec_episode_frames(tw_spec *spec, uint32_t frames);
+/* A cheaper level, such as fewer samples, the cheapest first: the cost of a trial there as a share of a full one. At most 4. */
+void tw_spec_fidelity(tw_spec *spec, const char *name, double cost);
 /* A field of the policy, written as on the command line: ("epsilon", "0.1"). */
 void tw_spec_policy(tw_spec *spec, const char *field, const char *value);
 /* A line for people. */
@@ -278,6 +282,8 @@ const char *tw_suggestion_problem(const tw_suggestion *suggestion);
 double tw_suggestion_predicted_cost(const tw_suggestion *suggestion);
 /* Stop as soon as the objective exceeds this, and call tw_suggestion_aborted. Infinite: never. */
 double tw_suggestion_abort_above(const tw_suggestion *suggestion);
+/* The name of the cheaper level at which to run; NULL for a full trial. Valid as long as the suggestion. */
+const char *tw_suggestion_fidelity(const tw_suggestion *suggestion);
 
 /* Each CONSUMES the suggestion and returns at once; the result is sent in the background. Fails: TW_INVALID, e.g. for a
  * measurement that is not finite; the trial is then given back. */

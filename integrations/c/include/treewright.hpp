@@ -120,6 +120,11 @@ class Suggestion {
   }
   double predicted_cost() const { return tw_suggestion_predicted_cost(owned_.get()); }
   double abort_above() const { return tw_suggestion_abort_above(owned_.get()); }
+  // Empty for a full trial.
+  std::string fidelity() const {
+    const char *level = tw_suggestion_fidelity(owned_.get());
+    return level ? level : "";
+  }
   // Each of these ends it.
   void report(const Numbers &measurements) {
     end([&](tw_suggestion *it, tw_error **error) {
@@ -241,6 +246,7 @@ class Spec {
     return tw_spec_limit(handle(), metric, at_least, at_most), *this;
   }
   Spec &episode_frames(uint32_t frames) { return tw_spec_episode_frames(handle(), frames), *this; }
+  Spec &fidelity(const char *name, double cost) { return tw_spec_fidelity(handle(), name, cost), *this; }
   Spec &policy(const char *field, const char *value) { return tw_spec_policy(handle(), field, value), *this; }
   Spec &state_tolerance(double tolerance) { return tw_spec_state_tolerance(handle(), tolerance), *this; }
   Spec &seed(uint64_t seed) { return tw_spec_seed(handle(), seed), *this; }
@@ -260,6 +266,7 @@ class Options {
   Options &call_deadline_ms(double ms) { return tw_options_call_deadline_ms(handle(), ms), *this; }
   Options &queue(size_t reports) { return tw_options_queue(handle(), reports), *this; }
   Options &can_abort(bool can) { return tw_options_can_abort(handle(), can), *this; }
+  Options &fidelities(bool knows) { return tw_options_fidelities(handle(), knows), *this; }
   Options &software(const char *name, const char *version) {
     return tw_options_software(handle(), name, version), *this;
   }

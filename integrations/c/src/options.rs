@@ -117,6 +117,15 @@ pub(crate) extern "C" fn tw_options_can_abort(options: Option<&mut Options>, can
 
 /// See the header.
 #[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_fidelities(options: Option<&mut Options>, fidelities: bool) {
+    change(options, |options| {
+        options.options.fidelities = fidelities;
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_software(options: Option<&mut Options>, name: Text, version: Text) {
     change(options, |options| {
         let (name, version) = (read(&name, "the software's name")?, read(&version, "its version")?);

@@ -19,6 +19,7 @@ pub(crate) struct Spec {
     auxiliary: Vec<String>,
     limits: Vec<(String, f64, f64)>,
     episode_frames: Option<u32>,
+    fidelities: Vec<(String, f64)>,
     display_name: Option<String>,
     state_tolerance: Option<f64>,
     seed: u64,
@@ -60,6 +61,9 @@ impl Spec {
             // Infinity, on its own side, is no limit.
             let at_least = Some(*at_least).filter(|end| *end != f64::NEG_INFINITY);
             study = study.limit(metric, at_least, Some(*at_most).filter(|end| *end != f64::INFINITY));
+        }
+        for (name, cost) in &self.fidelities {
+            study = study.fidelity(name, *cost);
         }
         if let Some(text) = &self.display_name {
             study = study.display_name(text);
@@ -338,6 +342,15 @@ pub(crate) extern "C" fn tw_spec_limit(spec: Option<&mut Spec>, metric: Text, at
 pub(crate) extern "C" fn tw_spec_episode_frames(spec: Option<&mut Spec>, frames: u32) {
     change(spec, |spec| {
         spec.episode_frames = Some(frames);
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_fidelity(spec: Option<&mut Spec>, name: Text, cost: f64) {
+    change(spec, |spec| {
+        spec.fidelities.push((read(&name, "a level's name")?.to_owned(), cost));
         Ok(())
     });
 }

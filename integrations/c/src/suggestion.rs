@@ -16,6 +16,7 @@ pub(crate) struct Suggestion {
     trial: CString,
     reason: CString,
     problem: Option<CString>,
+    fidelity: Option<CString>,
 }
 
 impl Suggestion {
@@ -25,6 +26,7 @@ impl Suggestion {
             trial: c_text(inner.trial().unwrap_or_default()),
             reason: c_text(&inner.reason().summary),
             problem: inner.problem().map(|problem| c_text(&problem.to_string())),
+            fidelity: inner.fidelity().map(c_text),
             inner,
         }
     }
@@ -65,6 +67,13 @@ pub(crate) extern "C" fn tw_suggestion_reason(suggestion: Option<&Suggestion>) -
 pub(crate) extern "C" fn tw_suggestion_problem(suggestion: Option<&Suggestion>) -> *const c_char {
     let problem = suggestion.and_then(|suggestion| suggestion.problem.as_ref());
     problem.map_or(std::ptr::null(), |problem| problem.as_ptr())
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_fidelity(suggestion: Option<&Suggestion>) -> *const c_char {
+    let fidelity = suggestion.and_then(|suggestion| suggestion.fidelity.as_ref());
+    fidelity.map_or(std::ptr::null(), |fidelity| fidelity.as_ptr())
 }
 
 /// See the header.

@@ -34,6 +34,8 @@ export interface StudySpec {
   limits?: Record<string, { atLeast?: number; atMost?: number }>;
   /** Frames of a trial, 1 to 64, for costs that rise or fall while a configuration is in use; see `Tuner`. Default 1. */
   episodeFrames?: number;
+  /** Cheaper levels, such as fewer samples, the cheapest first: the cost of a trial there as a share of a full one. At most 4. */
+  fidelities?: { name: string; cost: number }[];
   stateTolerance?: number;
   /** Fields and words as in the wire contract, any others are refused: `{epsilon: 0.1, search: "SEARCH_METHOD_RANDOM"}`. */
   policy?: Record<string, unknown>;
@@ -61,6 +63,8 @@ export interface Options {
   key?: string | Uint8Array;
   /** Names and versions of software that decides how fast something is. */
   software?: Record<string, string>;
+  /** Every trial runs at the level that `Suggestion.fidelity` names. Default false: all trials are full ones. */
+  fidelities?: boolean;
 }
 
 /** `kind` says what can be done about it; the message names cause and remedy. */
@@ -157,6 +161,8 @@ export class Suggestion {
   readonly predictedCost?: number;
   /** Stop as soon as the objective exceeds this, and call `aborted`; undefined is never. In a frame loop it is the cost of this frame. */
   readonly abortAbove?: number;
+  /** The cheaper level at which to run; absent for a full trial. */
+  readonly fidelity?: string;
   /**
    * Renews the lease, counted from now, for work that takes longer than `lease_s` of the policy; does nothing without the daemon. Rejects
    * where it is reported or given back, and where the daemon has ended its trial.

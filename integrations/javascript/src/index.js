@@ -192,7 +192,9 @@ export class Study {
     const worker = takeWorker(this.client.url, this.client.options.clientId, this.name);
     try {
       await this.client.told(worker.name, Math.max(end - Date.now(), 1));
-      const request = { study: this.asked, clientId: worker.name, indicators, fingerprint: this.client.fingerprint, wanted };
+      const { fingerprint, options } = this.client;
+      const fidelities = options.fidelities === true;
+      const request = { study: this.asked, clientId: worker.name, indicators, fingerprint, wanted, fidelities };
       const trial = await this.client.call("suggest", request, Math.max(end - Date.now(), 1));
       return this.#accept(trial, worker);
     } catch (error) {
@@ -218,7 +220,7 @@ export class Study {
     try {
       const suggestion = await Promise.race([asked, expired]);
       this.client.stats.suggestions += 1;
-      this.#lastGood = suggestion.configuration;
+      if (suggestion.fidelity === undefined) this.#lastGood = suggestion.configuration;
       return suggestion;
     } catch (error) {
       late = true;
@@ -301,6 +303,7 @@ export class Suggestion {
     this.problem = problem?.message;
     this.predictedCost = trial?.predictedCost;
     this.#lease = trial && { abortAbove: trial.abortAbove, leaseExpireTime: trial.leaseExpireTime };
+    this.fidelity = trial?.fidelity || undefined;
   }
 
   get abortAbove() {

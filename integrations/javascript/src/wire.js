@@ -101,6 +101,7 @@ export function specToWire(spec) {
       maximised: Object.keys(spec.maximise ?? {}),
       limits: Object.entries(spec.limits ?? {}).map(([metric, { atLeast, atMost }]) => ({ metric, atLeast, atMost })),
       episodeFrames: framesToWire(spec.episodeFrames ?? 1),
+      fidelities: (spec.fidelities ?? []).map(({ name, cost }) => ({ name, cost })),
     },
     stateTolerance: spec.stateTolerance,
     policy,

@@ -48,7 +48,7 @@ impl Client {
 impl Client {
     #[new]
     #[pyo3(signature = (url="http://127.0.0.1:50611", *, client_id=None, deadline_ms=50.0, call_deadline_ms=5000.0, queue=1024,
-        can_abort=false, token=None, token_file=None, authority_file=None, certificate_file=None, key_file=None,
+        can_abort=false, fidelities=false, token=None, token_file=None, authority_file=None, certificate_file=None, key_file=None,
         software=Named::default()))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
     fn new(
@@ -59,6 +59,7 @@ impl Client {
         call_deadline_ms: f64,
         queue: usize,
         can_abort: bool,
+        fidelities: bool,
         token: Option<&str>,
         token_file: Option<PathBuf>,
         authority_file: Option<PathBuf>,
@@ -70,7 +71,8 @@ impl Client {
             .deadline(milliseconds(deadline_ms)?)
             .call_deadline(milliseconds(call_deadline_ms)?)
             .queue(queue)
-            .can_abort(can_abort);
+            .can_abort(can_abort)
+            .fidelities(fidelities);
         if let Some(client_id) = client_id {
             options = options.client_id(client_id);
         }
@@ -130,10 +132,11 @@ impl Client {
     /// e.g. ``{"epsilon": 0.1}``; see ``Study.policy``. ``limits`` say what measurements may be at least and
     /// at most, e.g. ``{"memory_mb": (None, 2000)}``; a configuration that goes beyond is infeasible.
     /// ``episode_frames`` is how many frames make a trial, for costs that rise or fall while a configuration
-    /// is in use; see ``Tuner``.
+    /// is in use; see ``Tuner``. ``fidelities`` are cheaper levels, e.g. ``{"16": 0.1}``: the cost of a trial
+    /// there as a share of a full one.
     #[pyo3(signature = (id, space, *, minimise=Named::default(), maximise=Named::default(), indicators=Named::default(),
         auxiliary=Vec::new(), limits=Named::default(), policy=Named::default(), display_name=String::new(), state_tolerance=None, seed=0,
-        episode_frames=1))]
+        episode_frames=1, fidelities=Named::default()))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
     fn study(
         &self,
@@ -150,6 +153,7 @@ impl Client {
         state_tolerance: Option<f64>,
         seed: u64,
         episode_frames: u32,
+        fidelities: Numbers,
     ) -> PyResult<Study> {
         let policy = policy.0.into_iter().map(|(field, value)| {
             let text = words(&field, &value)?;
@@ -164,6 +168,7 @@ impl Client {
             auxiliary,
             limits: limits.0.into_iter().collect(),
             episode_frames,
+            fidelities: fidelities.0.into_iter().collect(),
             policy,
             display_name,
             state_tolerance,

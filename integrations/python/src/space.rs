@@ -186,6 +186,7 @@ pub(crate) struct Definition {
     pub(crate) auxiliary: Vec<String>,
     pub(crate) limits: Vec<(String, Ends)>,
     pub(crate) episode_frames: u32,
+    pub(crate) fidelities: Vec<(String, f64)>,
     pub(crate) policy: Vec<(String, String)>,
     pub(crate) display_name: String,
     pub(crate) state_tolerance: Option<f64>,
@@ -193,7 +194,7 @@ pub(crate) struct Definition {
 }
 
 impl Definition {
-    pub(crate) fn spec(self, space: &Space) -> PyResult<StudySpec> {
+    pub(crate) fn spec(mut self, space: &Space) -> PyResult<StudySpec> {
         let mut builder = StudySpec::builder(space.build().map_err(raised)?).display_name(self.display_name);
         for (name, range) in self.indicators {
             let (min, max, log) = match range {
@@ -221,6 +222,11 @@ impl Definition {
         }
         for (metric, (at_least, at_most)) in &self.limits {
             builder = builder.limit(metric, *at_least, *at_most);
+        }
+        // A dictionary does not say which is the cheapest.
+        self.fidelities.sort_by(|a, b| a.1.total_cmp(&b.1));
+        for (name, cost) in &self.fidelities {
+            builder = builder.fidelity(name, *cost);
         }
         if let Some(tolerance) = self.state_tolerance {
             builder = builder.state_tolerance(tolerance);

@@ -20,6 +20,7 @@ pub(crate) struct Suggestion {
     problem: Option<String>,
     predicted_cost: Option<f64>,
     abort_above: Option<f64>,
+    fidelity: Option<String>,
     /// Until it is reported or given back.
     open: Mutex<Option<treewright_client::Suggestion>>,
 }
@@ -42,6 +43,7 @@ impl Suggestion {
             problem: inner.problem().map(ToString::to_string),
             predicted_cost: inner.predicted_cost(),
             abort_above: inner.abort_above(),
+            fidelity: inner.fidelity().map(str::to_owned),
             open: Mutex::new(Some(inner)),
         }
     }
@@ -114,6 +116,12 @@ impl Suggestion {
     #[getter]
     fn abort_above(&self) -> Option<f64> {
         self.abort_above
+    }
+
+    /// The cheaper level at which to run; None for a full trial.
+    #[getter]
+    fn fidelity(&self) -> Option<&str> {
+        self.fidelity.as_deref()
     }
 
     /// Whether it is neither reported nor given back.

@@ -64,6 +64,7 @@ class Client:
         call_deadline_ms: float = 5000.0,
         queue: int = 1024,
         can_abort: bool = False,
+        fidelities: bool = False,
         token: Optional[str] = None,
         token_file: Optional[Union[str, PathLike[str]]] = None,
         authority_file: Optional[Union[str, PathLike[str]]] = None,
@@ -91,6 +92,7 @@ class Client:
         state_tolerance: Optional[float] = None,
         seed: int = 0,
         episode_frames: int = 1,
+        fidelities: Mapping[str, float] = ...,
     ) -> Study:
         """Creates the study, or finds the equal one of that id. An absent daemon is no error."""
     def existing_study(self, id: str) -> Study: ...
@@ -220,6 +222,9 @@ class Suggestion:
     def predicted_cost(self) -> Optional[float]: ...
     @property
     def abort_above(self) -> Optional[float]: ...
+    @property
+    def fidelity(self) -> Optional[str]:
+        """The cheaper level at which to run; None for a full trial."""
     @property
     def is_open(self) -> bool:
         """Whether it is neither reported nor given back."""
