@@ -57,18 +57,19 @@ mod tests {
         };
         assert_eq!(problem(&[]), None);
         assert_eq!(problem(&levels(&[("16", 0.1), ("half-size", 0.5)])), None);
+        let five = vec![("a", 0.1), ("b", 0.2), ("c", 0.3), ("d", 0.4), ("e", 0.5)];
         for (wrong, word) in [
-            (&[("", 0.1)][..], "not a name"),
-            (&[("a b", 0.1)], "not a name"),
-            (&[("full", 0.1)], "taken"),
-            (&[("a", 0.1), ("a", 0.2)], "taken"),
-            (&[("a", 0.2), ("b", 0.2)], "cheapest first"),
-            (&[("a", 0.0)], "above"),
-            (&[("a", 1.0)], "below 1"),
-            (&[("a", f64::NAN)], "share"),
-            (&[("a", 0.1), ("b", 0.2), ("c", 0.3), ("d", 0.4), ("e", 0.5)], "at most 4"),
+            (vec![("", 0.1)], "not a name"),
+            (vec![("a b", 0.1)], "not a name"),
+            (vec![("full", 0.1)], "taken"),
+            (vec![("a", 0.1), ("a", 0.2)], "taken"),
+            (vec![("a", 0.2), ("b", 0.2)], "cheapest first"),
+            (vec![("a", 0.0)], "above"),
+            (vec![("a", 1.0)], "below 1"),
+            (vec![("a", f64::NAN)], "share"),
+            (five, "at most 4"),
         ] {
-            let said = problem(&levels(wrong)).unwrap_or_default();
+            let said = problem(&levels(&wrong)).unwrap_or_default();
             assert!(said.contains(word), "{wrong:?}: {said:?}");
         }
     }

@@ -14,7 +14,7 @@ use crate::limits::LADDER_ENTRIES_MAX;
 use crate::search::Verdict;
 use crate::statistics::correlation::spearman;
 
-/// Configurations with a full cost and one of the level, before that many its ranks are not believed.
+/// The number of configurations that ran at a level and in full, from which on its ranks are believed.
 const PAIRS_LEAST: usize = 6;
 /// The number of the latest pairs that count: near the optimum a level may rank worse than elsewhere.
 const PAIRS_LATEST: usize = 16;
