@@ -309,9 +309,9 @@ impl StudyBuilder {
         self
     }
 
-    /// Adds a cheaper level, such as fewer samples or a shorter input: its name, and the cost of a trial there
-    /// as a share of a full one. The cheapest comes first; at most 4. Clients that know them may be given
-    /// trials at these levels.
+    /// Adds a cheaper level, such as fewer samples or a shorter input: its name, and the cost of a trial
+    /// there as a share of a full one. The cheapest comes first; at most 4. Clients that know them may be
+    /// given trials at these levels.
     #[must_use]
     pub fn fidelity(mut self, name: impl Into<String>, cost: f64) -> Self {
         self.fidelities.push(Fidelity { name: name.into(), cost });

@@ -49,8 +49,8 @@ pub(crate) struct Exec {
     #[arg(long = "limit", value_name = "METRIC<=NUMBER", requires = "tune", value_parser = LimitEntry::inline)]
     pub(crate) limits: Vec<LimitEntry>,
     /// Cheaper level of a new study at which a run says whether a full one is worth its time, the cheapest
-    /// first: its name, and the cost of a run there as a share of a full one, e.g. 'small=0.1'. The command has
-    /// {fidelity} or {fidelity:FULL} in its place, or reads TREEWRIGHT_FIDELITY. At most four
+    /// first: its name, and the cost of a run there as a share of a full one, e.g. 'small=0.1'. The command
+    /// has {fidelity} or {fidelity:FULL} in its place, or reads TREEWRIGHT_FIDELITY. At most four
     #[arg(
         long = "fidelity",
         value_name = "NAME=COST",

@@ -80,8 +80,8 @@ pub(crate) enum Run {
 }
 
 impl Runner<'_> {
-    /// Runs a command, at a level where the study has several. `abort_after` ends it early; `alive` is called now and then while it runs, and must
-    /// not wait.
+    /// Runs a command, at a level where the study has several. `abort_after` ends it early; `alive` is called
+    /// now and then while it runs, and must not wait.
     ///
     /// # Errors
     /// When it cannot be started at all.

@@ -49,10 +49,16 @@ impl Template {
     pub(crate) fn read(command: &[String], spec: &StudySpec) -> Result<Self, String> {
         let names: Vec<&str> =
             spec.space.parameters().iter().map(|parameter| parameter.name.as_str()).collect();
-        let has_levels = !spec.objective.fidelities().is_empty() && !names.contains(&LEVEL);
+        let has_levels = !spec.objective.fidelities().is_empty();
         let arguments: Vec<Vec<Piece>> =
             command.iter().map(|argument| pieces(argument, &names, has_levels)).collect();
         for name in arguments.iter().flatten().filter_map(Piece::name) {
+            if name == LEVEL && !names.contains(&name) {
+                return Err(format!(
+                    "the command uses {{{LEVEL}}}, but the study has no cheaper levels; create it with some \
+                     (--fidelity NAME=COST), by a daemon that knows them"
+                ));
+            }
             if !names.contains(&name) {
                 return Err(format!(
                     "the command uses {{{name}}}, but the study tunes {}; write {{{{{name}}}}} for the literal \
@@ -157,8 +163,10 @@ fn place<'a>(after: &'a str, names: &[&str], has_levels: bool) -> Option<(Piece,
     let end = after.find('}')?;
     let (inner, rest) = (&after[..end], &after[end + 1..]);
     let (word, full) = inner.split_once(':').unwrap_or((inner, Fidelity::FULL));
-    if has_levels && word == LEVEL {
-        return Some((Piece::Level(full.to_owned()), rest));
+    if word == LEVEL && !names.contains(&LEVEL) {
+        // Without levels it is a mistake, like the place of an unknown parameter.
+        let piece = if has_levels { Piece::Level(full.to_owned()) } else { Piece::Value(word.to_owned()) };
+        return Some((piece, rest));
     }
     let piece = match inner.split_once('?') {
         None if is_name(inner, names) => Piece::Value(inner.to_owned()),
@@ -245,7 +253,9 @@ mod tests {
         let taken = studies("fidelity").fidelity("16", 0.1).build().expect("a study");
         assert_eq!(filled(&taken, Some("16")), (false, "--spp={fidelity:256} 7 {fidelity}".to_owned()));
         let none = studies("level").build().expect("a study");
-        assert!(Template::read(&command, &none).expect_err("no levels").contains("{fidelity}"));
+        assert!(Template::read(&command, &none).expect_err("no levels").contains("no cheaper levels"));
+        let with_text = Template::read(&["x".into(), "{fidelity:256}".into()], &none);
+        assert!(with_text.expect_err("no levels").contains("no cheaper levels"));
     }
 
     #[test]
