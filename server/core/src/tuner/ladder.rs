@@ -1,7 +1,7 @@
 //! Cheaper levels of the measurements of one state: which configuration is worth a trial at the next one.
 //!
 //! A new configuration of the search runs at the cheapest level first. It climbs to the next level if it is
-//! among the best third there, as in the brackets of Hyperband (Li, Jamieson, DeSalvo, Rostamizadeh and
+//! among the best third of the latest there, as in the brackets of Hyperband (Li, Jamieson, DeSalvo, Rostamizadeh and
 //! Talwalkar, JMLR 18, 2018). Whether a level says anything of full costs is not known beforehand. So the
 //! first configurations climb whatever they cost, and a level whose ranks agree too little with those of full
 //! trials is given up, for good. A full trial is never replaced: a configuration that does not climb is known
@@ -18,10 +18,24 @@ use crate::statistics::correlation::spearman;
 const PAIRS_LEAST: usize = 6;
 /// The number of the latest pairs that count: near the optimum a level may rank worse than elsewhere.
 const PAIRS_LATEST: usize = 16;
+/// The number of the latest configurations of a level that one is ranked among: all that a search proposes
+/// once it has found its way are better than its beginning.
+const RANKED_LATEST: usize = 18;
 /// The rank correlation below which a level is given up.
 const CORRELATION_LEAST: f64 = 0.3;
 /// One configuration in this number climbs.
 const CLIMBS_ONE_IN: usize = 3;
+
+/// What follows from a trial at a level.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Climb {
+    /// The configuration runs again, at the next level or in full.
+    Further,
+    /// The same, and the level was given up: verdicts that it gave are taken back.
+    FurtherWithOthers,
+    /// It does not climb; the search takes this for its result.
+    Dropped(Verdict),
+}
 
 /// The cheaper levels of one state. Exact through serde.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -90,15 +104,14 @@ impl Ladder {
         self.full_trials as usize
     }
 
-    /// Takes the result of a trial at a level that costs `share` of a full trial. Returns the verdict for the
-    /// search where the configuration does not climb; `None` where it is to run again. A trial without a
-    /// verdict failed: the configuration is tried in full.
+    /// Takes the result of a trial at a level that costs `share` of a full trial. A trial without a verdict
+    /// failed: the configuration is tried in full.
     pub(super) fn learn(
         &mut self,
         (level, share): (u32, f64),
         configuration: &Configuration,
         verdict: Option<Verdict>,
-    ) -> Option<Verdict> {
+    ) -> Climb {
         assert!(share > 0.0 && share < 1.0, "a level that costs {share} of a full trial");
         self.full_trials += share;
         let place = self.place(configuration);
@@ -106,11 +119,11 @@ impl Ladder {
             Some(Verdict::Cost(cost) | Verdict::AtLeast(cost)) => cost,
             Some(Verdict::Infeasible) => {
                 self.entries[place].dropped = Some(Dropped::Infeasible);
-                return Some(Verdict::Infeasible);
+                return Climb::Dropped(Verdict::Infeasible);
             }
             None => {
                 self.entries[place].next = u32::MAX;
-                return None;
+                return Climb::Further;
             }
         };
         let entry = &mut self.entries[place];
@@ -119,21 +132,33 @@ impl Ladder {
         entry.next = entry.next.max(level + 1);
         let pairs = self.pairs(level);
         if pairs.len() < PAIRS_LEAST || self.given_up.contains(&level) {
-            return None;
+            return Climb::Further;
         }
         if spearman(&pairs) < CORRELATION_LEAST {
-            self.given_up.push(level);
-            return None;
+            return if self.give_up(level) { Climb::FurtherWithOthers } else { Climb::Further };
         }
-        let costs = self.entries.iter().filter_map(|entry| entry.cost_at(level));
+        let costs = self.entries.iter().rev().filter_map(|entry| entry.cost_at(level)).take(RANKED_LATEST);
         let (count, better) =
             costs.fold((0, 0), |(count, better), other| (count + 1, better + usize::from(other < cost)));
         if CLIMBS_ONE_IN * better < count {
-            return None;
+            return Climb::Further;
         }
         let dropped = Dropped::AtLeast(at_least(&pairs, cost));
         self.entries[place].dropped = Some(dropped);
-        Some(dropped.verdict())
+        Climb::Dropped(dropped.verdict())
+    }
+
+    /// Gives a level up. Configurations that it did not let climb may run again; whether there are any.
+    fn give_up(&mut self, level: u32) -> bool {
+        self.given_up.push(level);
+        let mut any = false;
+        for entry in &mut self.entries {
+            let is_of_level = entry.costs.last().is_some_and(|(at, _)| *at == level);
+            if is_of_level && matches!(entry.dropped, Some(Dropped::AtLeast(_))) {
+                (entry.dropped, any) = (None, true);
+            }
+        }
+        any
     }
 
     /// Enters the cost of a full trial. `false` for a configuration that never ran at a cheaper level.
@@ -203,16 +228,17 @@ mod tests {
         space.configuration(raw).expect("valid")
     }
 
-    /// Runs a configuration at the cheapest of one level; in full, too, where it climbs.
-    fn run(ladder: &mut Ladder, configuration: &Configuration, cheap: f64, full: f64) -> Option<Verdict> {
+    /// Runs a configuration at the only level; in full, too, where it climbs.
+    fn run(ladder: &mut Ladder, configuration: &Configuration, cheap: f64, full: f64) -> Climb {
         assert_eq!(ladder.next(configuration, 1), Some(0));
-        let dropped = ladder.learn((0, 0.25), configuration, Some(Verdict::Cost(cheap)));
-        if dropped.is_none() {
+        let climb = ladder.learn((0, 0.25), configuration, Some(Verdict::Cost(cheap)));
+        if let Climb::Dropped(verdict) = climb {
+            assert_eq!(ladder.dropped(configuration), Some(verdict));
+        } else {
             assert_eq!(ladder.next(configuration, 1), None, "next is a full trial");
-            assert!(ladder.pair(configuration, full));
+            assert!(ladder.pair(configuration, full) && ladder.dropped(configuration).is_none());
         }
-        assert_eq!(ladder.dropped(configuration), dropped);
-        dropped
+        climb
     }
 
     #[test]
@@ -220,21 +246,32 @@ mod tests {
         let (space, mut ladder) = (space(), Ladder::default());
         for value in 1..=6 {
             let cost = value as f64;
-            assert_eq!(
-                run(&mut ladder, &level(&space, value), cost, 10.0 * cost),
-                None,
-                "it is not known yet"
-            );
+            let climb = run(&mut ladder, &level(&space, value), cost, 10.0 * cost);
+            assert_eq!(climb, Climb::Further, "it is not known yet");
         }
         // The line says 10 times as much, without a deviation.
-        let Some(Verdict::AtLeast(bound)) = run(&mut ladder, &level(&space, 7), 5.5, 55.0) else {
+        let Climb::Dropped(Verdict::AtLeast(bound)) = run(&mut ladder, &level(&space, 7), 5.5, 55.0) else {
             panic!("five of six are better")
         };
         assert!((bound - 55.0).abs() < 1e-6, "{bound}");
-        assert_eq!(run(&mut ladder, &level(&space, 8), 0.5, 5.0), None, "it is the best");
-        assert_eq!(run(&mut ladder, &level(&space, 9), 1.5, 15.0), None, "2 of 9 are better");
-        assert!(run(&mut ladder, &level(&space, 10), 3.0, 30.0).is_some(), "4 of 10 are better");
+        assert_eq!(run(&mut ladder, &level(&space, 8), 0.5, 5.0), Climb::Further, "it is the best");
+        assert_eq!(run(&mut ladder, &level(&space, 9), 1.5, 15.0), Climb::Further, "2 of 9 are better");
+        let climb = run(&mut ladder, &level(&space, 10), 3.0, 30.0);
+        assert!(matches!(climb, Climb::Dropped(_)), "4 of 10 are better");
         assert_eq!(ladder.full_trials(), 2, "ten quarters");
+    }
+
+    #[test]
+    fn only_the_latest_are_compared() {
+        let (space, mut ladder) = (space(), Ladder::default());
+        // Each is better than all before it, so all climb.
+        for value in 1..=40 {
+            let cost = 100.0 - value as f64;
+            assert_eq!(run(&mut ladder, &level(&space, value), cost, cost), Climb::Further, "{value}");
+        }
+        // Better than the first 33, and the eighth best of the latest.
+        let climb = run(&mut ladder, &level(&space, 41), 66.5, 66.5);
+        assert!(matches!(climb, Climb::Dropped(_)), "{climb:?}");
     }
 
     #[test]
@@ -243,18 +280,34 @@ mod tests {
         for value in 1..=6 {
             run(&mut ladder, &level(&space, value), value as f64, 10.0 - value as f64);
         }
-        assert_eq!(run(&mut ladder, &level(&space, 7), 9.0, 1.0), None, "it climbs although it is the worst");
+        let climb = run(&mut ladder, &level(&space, 7), 9.0, 1.0);
+        assert_eq!(climb, Climb::Further, "it climbs although it is the worst");
         assert_eq!(ladder.next(&level(&space, 8), 1), None, "full trials from now on");
         assert_eq!(ladder.next(&level(&space, 8), 2), Some(1), "another level is not concerned");
+    }
+
+    #[test]
+    fn a_level_that_is_given_up_takes_its_verdicts_back() {
+        let (space, mut ladder) = (space(), Ladder::default());
+        for value in 1..=6 {
+            run(&mut ladder, &level(&space, value), value as f64, value as f64);
+        }
+        let dropped = level(&space, 7);
+        assert!(matches!(run(&mut ladder, &dropped, 6.5, 6.5), Climb::Dropped(_)));
+        // The best at the level is the worst in full: a correlation of 0.25.
+        assert_eq!(run(&mut ladder, &level(&space, 8), 0.9, 9.0), Climb::Further);
+        assert_eq!(run(&mut ladder, &level(&space, 9), 0.8, 8.0), Climb::FurtherWithOthers);
+        assert_eq!(ladder.dropped(&dropped), None);
     }
 
     #[test]
     fn what_cannot_run_is_dropped_and_what_failed_is_tried_in_full() {
         let (space, mut ladder) = (space(), Ladder::default());
         let (crashes, fails) = (level(&space, 1), level(&space, 2));
-        assert_eq!(ladder.learn((0, 0.1), &crashes, Some(Verdict::Infeasible)), Some(Verdict::Infeasible));
+        let climb = ladder.learn((0, 0.1), &crashes, Some(Verdict::Infeasible));
+        assert_eq!(climb, Climb::Dropped(Verdict::Infeasible));
         assert_eq!(ladder.dropped(&crashes), Some(Verdict::Infeasible));
-        assert_eq!(ladder.learn((0, 0.1), &fails, None), None);
+        assert_eq!(ladder.learn((0, 0.1), &fails, None), Climb::Further);
         assert_eq!((ladder.dropped(&fails), ladder.next(&fails, 4)), (None, None));
         assert!(!ladder.pair(&level(&space, 3), 1.0), "it never ran at a cheaper level");
     }

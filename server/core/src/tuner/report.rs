@@ -10,6 +10,7 @@ use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::auxiliaries::Beside;
 use crate::tuner::budget::Terms;
 use crate::tuner::explore::is_spent;
+use crate::tuner::ladder::Climb;
 use crate::tuner::rechecks::Moved;
 use crate::tuner::speeds::Unheld;
 use crate::tuner::transfer;
@@ -148,7 +149,15 @@ impl Tuner {
             Some(Outcome::Failed { .. }) | None => None,
         };
         let own = self.searches.change(StateId(trial.state_id))?;
-        own.ladder.get_or_insert_default().learn(at, &trial.configuration, verdict)
+        match own.ladder.get_or_insert_default().learn(at, &trial.configuration, verdict) {
+            Climb::Further => None,
+            Climb::FurtherWithOthers => {
+                // The search learnt what is no longer believed. Another one begins with the table.
+                own.end();
+                None
+            }
+            Climb::Dropped(verdict) => Some(verdict),
+        }
     }
 
     /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt. Returns the
