@@ -52,6 +52,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
         given("Reported", time(trial.complete_time)),
         given("Late", if trial.late { "yes".to_owned() } else { String::new() }),
         given("Imported from", trial.origin.clone()),
+        given("Level", trial.fidelity.clone()),
     ];
     let neighbours = reason.neighbours.iter();
     let neighbours =
@@ -63,7 +64,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
     };
     let page = Page {
         frame: visitor.frame,
-        may_pin: may_steer(visitor.caller) && row.outcome == "OK",
+        may_pin: may_steer(visitor.caller) && row.outcome == "OK" && trial.fidelity.is_empty(),
         facts: facts.into_iter().flatten().collect(),
         summary: reason.summary.clone(),
         reasons: reasons(&reason, &view),
