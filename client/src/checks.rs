@@ -45,9 +45,10 @@ pub(crate) fn measurements(measurements: &Measurements) -> Result<(), ClientErro
 }
 
 /// Checks a result: with [`Outcome::Ok`] it must have every metric of the objective, and a cost unless it is
-/// beyond a limit. The daemon would refuse it later, when nobody looks.
+/// beyond a limit. Limits hold for full trials alone. The daemon would refuse it later, when nobody looks.
 pub(crate) fn result(
     spec: &StudySpec,
+    is_full: bool,
     outcome: &Outcome,
     measured: &Measurements,
 ) -> Result<(), ClientError> {
@@ -55,14 +56,14 @@ pub(crate) fn result(
     match outcome {
         Outcome::Ok => {
             let terms = spec.objective.terms().iter().map(|term| &term.metric);
-            let limits = spec.objective.limits().iter().map(|limit| &limit.metric);
+            let limits = spec.objective.limits().iter().filter(|_| is_full).map(|limit| &limit.metric);
             match terms.chain(limits).find(|metric| measured.get(metric).is_none()) {
                 Some(metric) => {
                     let problem =
                         "it is part of the objective and missing; measure it, or report another outcome";
                     Err(ClientError::invalid(format!("measurement `{metric}`"), problem))
                 }
-                None => has_cost(spec, measured),
+                None => has_cost(spec, is_full, measured),
             }
         }
         Outcome::Aborted { lower_bound } if !(lower_bound.is_finite() && *lower_bound >= 0.0) => {
@@ -73,13 +74,13 @@ pub(crate) fn result(
     }
 }
 
-fn has_cost(spec: &StudySpec, measured: &Measurements) -> Result<(), ClientError> {
+fn has_cost(spec: &StudySpec, is_full: bool, measured: &Measurements) -> Result<(), ClientError> {
     let numbers = measured.iter().map(|(name, value)| (name.to_owned(), value)).collect();
     // A result beyond a limit is infeasible and needs no cost.
     match spec.objective.beyond(&numbers) {
-        Ok(Some(_)) => Ok(()),
-        Ok(None) => spec.objective.cost(&numbers).map(drop),
-        Err(problem) => Err(problem),
+        Ok(Some(_)) if is_full => Ok(()),
+        Err(problem) if is_full => Err(problem),
+        _ => spec.objective.cost(&numbers).map(drop),
     }
     .map_err(|problem| ClientError::invalid("result", problem.to_string()))
 }
@@ -135,22 +136,34 @@ mod tests {
     fn a_result_without_a_cost_is_refused_before_it_is_sent() {
         let space = Space::builder().boolean("compact").default(false).build().unwrap();
         let spec = StudySpec::builder(space).maximise("rate", 1.0).build().unwrap();
-        let of = |rate: f64| result(&spec, &Outcome::Ok, &Measurements::from([("rate", rate)]));
+        let of = |rate: f64| result(&spec, true, &Outcome::Ok, &Measurements::from([("rate", rate)]));
         assert!(of(3.0).is_ok());
         let refused = of(0.0).unwrap_err().to_string();
         assert!(refused.contains("rate") && refused.contains("above 0"), "{refused}");
     }
 
     #[test]
+    fn limits_hold_for_full_trials_alone() {
+        let space = Space::builder().boolean("compact").default(false).build().unwrap();
+        let limited = StudySpec::builder(space).maximise("rate", 1.0).limit("memory_mb", None, Some(9.0));
+        let spec = limited.build().unwrap();
+        let of = |is_full: bool, measured: &Measurements| result(&spec, is_full, &Outcome::Ok, measured);
+        let rate = Measurements::from([("rate", 3.0)]);
+        assert!(of(true, &rate).is_err() && of(false, &rate).is_ok());
+        let beyond = Measurements::from([("rate", 0.0), ("memory_mb", 10.0)]);
+        assert!(of(true, &beyond).is_ok() && of(false, &beyond).is_err(), "a level needs its cost");
+    }
+
+    #[test]
     fn an_outcome_needs_its_numbers() {
         let nothing = Measurements::new();
-        let problem = result(&spec(), &Outcome::Ok, &nothing).unwrap_err().to_string();
+        let problem = result(&spec(), true, &Outcome::Ok, &nothing).unwrap_err().to_string();
         assert!(problem.contains("render_ms"), "{problem}");
-        assert!(result(&spec(), &Outcome::Ok, &Measurements::from([("render_ms", 1.0)])).is_ok());
-        assert!(result(&spec(), &Outcome::infeasible("depth limit reached"), &nothing).is_ok());
-        assert!(result(&spec(), &Outcome::aborted(5.0), &nothing).is_ok());
+        assert!(result(&spec(), true, &Outcome::Ok, &Measurements::from([("render_ms", 1.0)])).is_ok());
+        assert!(result(&spec(), true, &Outcome::infeasible("depth limit reached"), &nothing).is_ok());
+        assert!(result(&spec(), true, &Outcome::aborted(5.0), &nothing).is_ok());
         for bad in [f64::NAN, f64::INFINITY, -1.0] {
-            assert!(result(&spec(), &Outcome::aborted(bad), &nothing).is_err(), "{bad}");
+            assert!(result(&spec(), true, &Outcome::aborted(bad), &nothing).is_err(), "{bad}");
         }
     }
 }

@@ -14,6 +14,8 @@ const TREND: &str = "trend";
 #[derive(Debug)]
 pub(crate) struct Episode {
     planned: usize,
+    /// The study's limits hold.
+    has_limits: bool,
     /// The state of the first frame.
     indicators: Indicators,
     /// The objective of each frame.
@@ -32,12 +34,18 @@ impl Episode {
         let left = lease_expires.map(|end| end.duration_since(SystemTime::now()).unwrap_or_default());
         Self {
             planned,
+            has_limits: true,
             indicators: indicators.clone(),
             costs: Vec::with_capacity(planned),
             sums: Measurements::new(),
             renew_after: left.map(|left| (left / 2).max(limits::LEAST_RENEWAL)),
             renewed: Instant::now(),
         }
+    }
+
+    /// Of a trial at a cheaper level.
+    pub(crate) fn without_limits(self) -> Self {
+        Self { has_limits: false, ..self }
     }
 
     /// Whether a frame of these indicators can be its next: their state is that of its first frame.
@@ -86,7 +94,8 @@ impl Episode {
             Outcome::Infeasible { .. } | Outcome::Failed { .. } => return Some((measured, outcome)),
         }
         // A frame beyond a limit needs no cost. It makes the trial infeasible, whatever the others are.
-        let cost = match (objective.beyond(&measured.0), objective.cost(&measured.0)) {
+        let beyond = if self.has_limits { objective.beyond(&measured.0) } else { Ok(None) };
+        let cost = match (beyond, objective.cost(&measured.0)) {
             (Ok(None), Ok(cost)) => cost,
             _ => return Some((measured, Outcome::Ok)),
         };
@@ -238,6 +247,10 @@ mod tests {
         let frames = [90.0, 101.0, 90.0]
             .map(|memory_mb| Measurements::from([("render_ms", 1.0), ("memory_mb", memory_mb)]));
         assert_eq!(run(&spec, None, &frames), (2, Some((frames[1].clone(), Outcome::Ok))));
+        let mut cheaper = Episode::new(4, &at(10.0), None).without_limits();
+        let mut results =
+            frames.map(|frame| cheaper.push(&spec.objective, None, frame, Outcome::Ok)).into_iter();
+        assert!(results.all(|result| result.is_none()), "a level knows no limits");
     }
 
     #[test]

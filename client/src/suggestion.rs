@@ -101,7 +101,9 @@ impl Suggestion {
     pub(crate) fn first_frame(mut self, indicators: &Indicators) -> Self {
         let frames = self.study.spec.objective.episode_frames();
         if frames > 1 && self.lease.is_some() {
-            self.episode = Some(Box::new(Episode::new(frames, indicators, self.lease_expire_time)));
+            let episode = Episode::new(frames, indicators, self.lease_expire_time);
+            let episode = if self.fidelity.is_none() { episode } else { episode.without_limits() };
+            self.episode = Some(Box::new(episode));
         }
         self
     }
@@ -207,14 +209,15 @@ impl Suggestion {
     /// trial and goes on with it.
     pub fn finished(mut self, measurements: Measurements, outcome: Outcome) -> Result<Finished, ClientError> {
         self.is_ours()?;
-        checks::result(&self.study.spec, &outcome, &measurements)?;
+        let is_full = self.fidelity.is_none();
+        checks::result(&self.study.spec, is_full, &outcome, &measurements)?;
         let (measurements, outcome) = match self.episode.take() {
             None => (measurements, outcome),
             Some(mut episode) => {
                 let spec = &self.study.spec;
                 match episode.push(&spec.objective, self.abort_above, measurements, outcome) {
                     Some((means, outcome)) => {
-                        checks::result(spec, &outcome, &means)?;
+                        checks::result(spec, is_full, &outcome, &means)?;
                         (means, outcome)
                     }
                     None => {
@@ -224,7 +227,7 @@ impl Suggestion {
                 }
             }
         };
-        if self.fidelity.is_none() {
+        if is_full {
             self.study.learn(&self.configuration, &outcome);
         }
         let lease = self.lease.take();

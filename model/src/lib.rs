@@ -9,8 +9,8 @@
 //! The way through the crate: [`value`], [`space`] and [`configuration`] describe the parameters,
 //! [`indicator`] an input, [`objective`] the cost, [`fidelity`] cheaper ways to measure it, and [`policy`]
 //! the decisions of a study; [`study`] joins them. A [`trial`] is a configuration that is handed out, with
-//! its result, and a [`standing`] is the proof of the best one. [`ids`], [`names`] and [`limits`] hold for all
-//! of them.
+//! its result, and a [`standing`] is the proof of the best one. [`ids`], [`names`] and [`limits`] hold for
+//! all of them.
 // Tests may compare with the platform's functions.
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 

@@ -372,7 +372,9 @@ export class Suggestion {
   /** The daemon would refuse these later, when nobody looks. Returns the cost; there is none beyond a limit. */
   #check(measurements) {
     this.#checkValues(measurements);
-    const { minimise = {}, maximise = {}, limits = {} } = this.#study.spec;
+    const { minimise = {}, maximise = {} } = this.#study.spec;
+    // Limits hold for full trials alone.
+    const limits = (this.fidelity === undefined && this.#study.spec.limits) || {};
     for (const name of [minimise, maximise, limits].flatMap(Object.keys)) {
       if (Object.hasOwn(measurements, name)) continue;
       this.#refuse(`measurement ${name} is missing; the study's objective or a limit needs it`);

@@ -1,11 +1,11 @@
 //! Cheaper levels of the measurements of one state: which configuration is worth a trial at the next one.
 //!
 //! A new configuration of the search runs at the cheapest level first. It climbs to the next level if it is
-//! among the best third of the latest there, as in the brackets of Hyperband (Li, Jamieson, DeSalvo, Rostamizadeh and
-//! Talwalkar, JMLR 18, 2018). Whether a level says anything of full costs is not known beforehand. So the
-//! first configurations climb whatever they cost, and a level whose ranks agree too little with those of full
-//! trials is given up, for good. A full trial is never replaced: a configuration that does not climb is known
-//! to the search alone, as one that costs at least so much.
+//! among the best third of the latest there, as in the brackets of Hyperband (Li, Jamieson, DeSalvo,
+//! Rostamizadeh and Talwalkar, JMLR 18, 2018). Whether a level says anything of full costs is not known
+//! beforehand. So the first configurations climb whatever they cost, and a level whose ranks agree too little
+//! with those of full trials is given up, for good. A full trial is never replaced: a configuration that does
+//! not climb is known to the search alone, as one that costs at least so much.
 
 use serde::{Deserialize, Serialize};
 
