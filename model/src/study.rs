@@ -163,7 +163,7 @@ impl StudySpec {
             return Some(format!("episode_frames is {mine} against {theirs}"));
         }
         let (mine, theirs) = (self.objective.fidelities(), other.objective.fidelities());
-        if let Some(found) = list_difference("fidelity", mine, theirs, |level| level.name.clone()) {
+        if let Some(found) = list_difference("cheaper level", mine, theirs, |level| level.name.clone()) {
             return Some(found);
         }
         if self.state_tolerance != other.state_tolerance {
@@ -413,6 +413,10 @@ mod tests {
         let objective = base.objective.clone().with_episode_frames(24).expect("valid");
         let other = base.first_difference(&StudySpec { objective, ..spec() });
         assert_eq!(other.as_deref(), Some("episode_frames is 1 against 24"));
+        let levels = vec![Fidelity { name: "16".into(), cost: 0.1 }];
+        let objective = base.objective.clone().with_fidelities(levels).expect("valid");
+        let other = base.first_difference(&StudySpec { objective, ..spec() });
+        assert_eq!(other.as_deref(), Some("the number of cheaper levels is 0 against 1"));
         let other = base.first_difference(&StudySpec { seed: 7, ..spec() });
         assert_eq!(other.as_deref(), Some("seed is 0 against 7"));
     }
