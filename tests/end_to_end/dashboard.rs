@@ -130,6 +130,21 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
     let wrong = get(&address, "/studies/toy/trials?filter=rubbish", "");
     assert_eq!(wrong.status, 400);
     assert!(wrong.body.contains("character 1") && wrong.body.contains("role=\"alert\""), "{}", wrong.body);
+    for (path, words) in [
+        ("/studies/toy?state=x", &["state: ", "leave it out"][..]),
+        ("/studies/toy?state=99", &["1 states", "leave it out"]),
+        ("/studies/toy?from=0", &["from: ", "leave it out"]),
+        ("/studies/toy?stat=1", &["stat: ", "use state, from"]),
+        ("/studies/toy/map?show=nonsense", &["config.NAME"]),
+        ("/studies/toy/parameters?x=colour", &["colour", "leave it out"]),
+        ("/studies/toy/parameters?state=99", &["leave it out"]),
+        ("/studies/toy/trials?sort=cost", &["use filter, order, page"]),
+        ("/compare?studies=toy", &["use study"]),
+    ] {
+        let answer = get(&address, path, "");
+        assert_eq!(answer.status, 400, "{path}: {}", answer.body);
+        assert!(words.iter().all(|word| answer.body.contains(word)), "{path}: {}", answer.body);
+    }
     let few = get(&address, "/studies/toy/trials?filter=cost%20%3C%205", "").body;
     assert_eq!(few.matches("<tr><th scope=\"row\">").count(), 2, "{few}");
     assert_eq!(get(&address, "/studies/atlantis", "").status, 404);

@@ -189,6 +189,33 @@ async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(
     Ok((head, study))
 }
 
+/// The state that an address asks for.
+fn asked_state(query: &Query, head: &Head) -> Result<Option<i64>, Error> {
+    match query.number("state")? {
+        Some(state) if state > head.states => Err(Error::invalid(
+            "state",
+            format!("the study has met {} states; leave it out, or give the number of one", head.states),
+        )),
+        asked => Ok(asked),
+    }
+}
+
+/// The place among some names of the one that an address asks for.
+fn asked_axis<'a>(
+    query: &Query,
+    axis: &str,
+    mut names: impl Iterator<Item = &'a str>,
+) -> Result<Option<usize>, Error> {
+    let asked = query.text(axis);
+    match names.position(|name| name == asked) {
+        None if !asked.is_empty() => {
+            let problem = format!("the study has no {asked:?}; leave it out, or choose one on the page");
+            Err(Error::invalid(axis, problem))
+        }
+        found => Ok(found),
+    }
+}
+
 /// At most `most` trials for which a filter holds.
 async fn read_trials(
     visitor: &Visitor<'_>,

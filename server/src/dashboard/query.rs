@@ -1,5 +1,7 @@
 //! The query of an address, in which a form is sent as well.
 
+use crate::error::Error;
+
 /// Names and values.
 #[derive(Debug, Default)]
 pub(super) struct Query(Vec<(String, String)>);
@@ -22,9 +24,34 @@ impl Query {
         found.map(|(_, value)| value.trim().to_owned()).filter(|value| !value.is_empty()).collect()
     }
 
-    /// A whole number above 0.
-    pub(super) fn number(&self, name: &str) -> Option<i64> {
-        self.text(name).parse().ok().filter(|number| *number > 0)
+    /// A whole number above 0; `None` where none is given.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for anything else.
+    pub(super) fn number(&self, name: &str) -> Result<Option<i64>, Error> {
+        let text = self.text(name);
+        match text.parse() {
+            _ if text.is_empty() => Ok(None),
+            Ok(number) if number > 0 => Ok(Some(number)),
+            _ => Err(Error::invalid(
+                name,
+                format!("{text:?} is no whole number above 0; leave it out, or give one"),
+            )),
+        }
+    }
+
+    /// Checks that nothing is given but these names: a mistyped one would be passed over.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for the first other name.
+    pub(super) fn only(&self, names: &[&str]) -> Result<(), Error> {
+        match self.0.iter().find(|(name, _)| !names.contains(&name.as_str())) {
+            None => Ok(()),
+            Some((name, _)) => {
+                let names = names.join(", ");
+                Err(Error::invalid(name, format!("this page does not know it; use {names}, or leave it out")))
+            }
+        }
     }
 
     /// A text that [`Query::read`] reads.
@@ -54,8 +81,19 @@ mod tests {
         assert_eq!((query.text("filter"), query.text("page")), (filter, page));
         assert_eq!(query.text("order"), "");
         assert_eq!(Query::read("study=a&study=b%20&study=").texts("study"), ["a", "b"]);
-        assert_eq!(Query::read("state=3").number("state"), Some(3));
-        assert_eq!(Query::read("state=-3").number("state"), None);
-        assert_eq!(Query::read("state=x").number("state"), None);
+        assert_eq!(Query::read("state=3").number("state"), Ok(Some(3)));
+        assert_eq!(Query::read("state=").number("state"), Ok(None));
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_named_with_the_remedy() {
+        let said = |error: Error| error.to_string();
+        for bad in ["state=-3", "state=0", "state=x", "state=1.5"] {
+            let error = said(Query::read(bad).number("state").expect_err(bad));
+            assert!(error.starts_with("state: ") && error.contains("leave it out"), "{error}");
+        }
+        assert_eq!(Query::read("state=1&state=2").only(&["state"]), Ok(()));
+        let error = said(Query::read("state=1&stat=2").only(&["state"]).expect_err("another name"));
+        assert!(error.starts_with("stat: ") && error.contains("use state"), "{error}");
     }
 }

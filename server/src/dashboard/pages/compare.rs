@@ -38,6 +38,7 @@ struct Row {
 }
 
 pub(in super::super) async fn compare(visitor: &Visitor<'_>, query: &Query) -> Result<String, Error> {
+    query.only(&["study"])?;
     let mut ids = query.texts("study");
     ids.sort_unstable();
     ids.dedup();

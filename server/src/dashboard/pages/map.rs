@@ -10,7 +10,7 @@ use treewright_proto::v1;
 use super::super::charts::{self, Axis, Place, figure};
 use super::super::{Query, Visitor, stats};
 use super::standing::{StateStands, read_state};
-use super::{Head, PageFrame, head, render};
+use super::{Head, PageFrame, asked_axis, head, render};
 use crate::error::Error;
 
 /// Most states on a map.
@@ -44,24 +44,28 @@ enum Shown {
 
 impl Shown {
     /// Reads what an address asks for: `gain`, `cost` or `config.NAME`, whatever metrics and parameters are
-    /// called. A plain name is a parameter, or the metric that is maximised; the gain is shown for all else.
-    fn read(asked: &str, parameters: &[Parameter], view: &CostView) -> Self {
+    /// called. A plain name is a parameter, or the metric that is maximised; nothing is the gain.
+    fn read(asked: &str, parameters: &[Parameter], view: &CostView) -> Result<Self, Error> {
         let named = |name: &str| parameters.iter().position(|parameter| parameter.name == name);
         match asked {
-            "gain" => return Self::Gain,
-            "cost" => return Self::Cost,
+            "" | "gain" => return Ok(Self::Gain),
+            "cost" => return Ok(Self::Cost),
             _ => {}
         }
         match asked.strip_prefix("config.").and_then(named).or_else(|| named(asked)) {
-            Some(index) => Self::Parameter(index),
-            None if asked == view.name() => Self::Cost,
-            None => Self::Gain,
+            Some(index) => Ok(Self::Parameter(index)),
+            None if asked == view.name() => Ok(Self::Cost),
+            None => Err(Error::invalid(
+                "show",
+                format!("there is no map of {asked:?}; use gain, cost, or config.NAME of a parameter"),
+            )),
         }
     }
 }
 
 pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
     let (head, study) = head(visitor, id, "map").await?;
+    query.only(&["x", "y", "show"])?;
     let id = super::id(&study.name);
     let spec = visitor.tuning.get_study(id).await?.spec;
     let indicators = spec.indicators.indicators();
@@ -73,13 +77,11 @@ pub(in super::super) async fn map(visitor: &Visitor<'_>, id: &str, query: &Query
     let (first, second) = widest(indicators, &states);
     assert!(first.max(second) < indicators.len().max(1), "{first} and {second} of {}", indicators.len());
     assert!(first != second || indicators.len() < 2, "indicator {first} is both axes");
-    let named = |asked: &str, otherwise: usize| {
-        let position = indicators.iter().position(|indicator| indicator.name == query.text(asked));
-        position.unwrap_or(otherwise)
-    };
-    let (x, y) = (named("x", first), named("y", second));
+    let named =
+        |axis: &str| asked_axis(query, axis, indicators.iter().map(|indicator| indicator.name.as_str()));
+    let (x, y) = (named("x")?.unwrap_or(first), named("y")?.unwrap_or(second));
     let view = &head.view;
-    let shown = Shown::read(&query.text("show"), parameters, view);
+    let shown = Shown::read(&query.text("show"), parameters, view)?;
     let label = |of: &StateStands| match shown {
         Shown::Parameter(index) => {
             let parameter = &parameters[index];
@@ -189,13 +191,15 @@ mod tests {
         let space = space.integer("gain", 1..=8).default(1).build().expect("a space");
         let read = |asked: &str, view: &CostView| Shown::read(asked, space.parameters(), view);
         for view in [CostView::default(), maximising("fps"), maximising("gain"), maximising("leaf")] {
-            assert_eq!([read("", &view), read("gain", &view), read("nonsense", &view)], [Shown::Gain; 3]);
-            assert_eq!(read("cost", &view), Shown::Cost, "{view:?}");
+            assert_eq!([read("", &view), read("gain", &view)], [Ok(Shown::Gain), Ok(Shown::Gain)]);
+            assert_eq!(read("cost", &view), Ok(Shown::Cost), "{view:?}");
             for (index, name) in ["leaf", "cost", "gain"].into_iter().enumerate() {
-                assert_eq!(read(&format!("config.{name}"), &view), Shown::Parameter(index), "{view:?}");
+                assert_eq!(read(&format!("config.{name}"), &view), Ok(Shown::Parameter(index)), "{view:?}");
             }
-            assert_eq!(read("leaf", &view), Shown::Parameter(0));
+            assert_eq!(read("leaf", &view), Ok(Shown::Parameter(0)));
+            let error = read("nonsense", &view).expect_err("there is no such map").to_string();
+            assert!(error.contains("nonsense") && error.contains("config.NAME"), "{error}");
         }
-        assert_eq!(read("fps", &maximising("fps")), Shown::Cost);
+        assert_eq!(read("fps", &maximising("fps")), Ok(Shown::Cost));
     }
 }

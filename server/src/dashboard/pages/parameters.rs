@@ -8,7 +8,7 @@ use treewright_proto::v1;
 
 use super::super::stats::{self, Run};
 use super::super::{Query, Visitor, charts};
-use super::{Head, PageFrame, TRIALS, head, read_trials, render};
+use super::{Head, PageFrame, TRIALS, asked_axis, asked_state, head, read_trials, render};
 use crate::error::Error;
 
 /// Most parameters in pictures: the most important.
@@ -40,10 +40,11 @@ pub(in super::super) async fn parameters(
     query: &Query,
 ) -> Result<String, Error> {
     let (mut head, study) = head(visitor, id, "parameters").await?;
+    query.only(&["state", "x", "y"])?;
     let id = super::id(&study.name);
     let spec = visitor.tuning.get_study(id).await?.spec;
     let all = spec.space.parameters();
-    let state = match query.number("state") {
+    let state = match asked_state(query, &head)? {
         Some(state) => Some(state),
         None => read_trials(visitor, id, "", "number desc", 1).await?.first().map(|trial| trial.state_id),
     };
@@ -63,7 +64,7 @@ pub(in super::super) async fn parameters(
     };
     let importances = stats::importances(all, &runs);
     let shown = shown(all, &importances);
-    let axes = contour_axes(all, &shown, query);
+    let axes = contour_axes(all, &shown, query)?;
     let name = |pick: fn(&(usize, usize)) -> usize| axes.as_ref().map(|axes| all[pick(axes)].name.clone());
     let view = head.view.clone();
     let page = Page {
@@ -123,13 +124,14 @@ fn slice(parameter: &Parameter, index: usize, runs: &[Run], view: &CostView) -> 
 
 /// The axes of the contour: the requested ones, else the two that explain most; `None` with a single
 /// parameter.
-fn contour_axes(all: &[Parameter], shown: &[usize], query: &Query) -> Option<(usize, usize)> {
-    let asked = |name: &str| all.iter().position(|parameter| parameter.name == query.text(name));
-    match (asked("x"), asked("y"), shown) {
+fn contour_axes(all: &[Parameter], shown: &[usize], query: &Query) -> Result<Option<(usize, usize)>, Error> {
+    let names = || all.iter().map(|parameter| parameter.name.as_str());
+    let axes = (asked_axis(query, "x", names())?, asked_axis(query, "y", names())?, shown);
+    Ok(match axes {
         (Some(x), Some(y), _) => Some((x, y)),
         (_, _, [x, y, ..]) => Some((*x, *y)),
         _ => None,
-    }
+    })
 }
 
 /// The fewest and the most primitives of a leaf, in studies of trees (the paper's figure 5).

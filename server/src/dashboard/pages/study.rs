@@ -1,5 +1,7 @@
 //! The overview of a study and its policy.
 
+use std::ops::RangeInclusive;
+
 use askama::Template;
 use treewright_core::cost_view::CostView;
 use treewright_core::policy::Operation;
@@ -12,7 +14,8 @@ use super::super::charts::{self, CurvePoint, Kind, Level, Span, figure};
 use super::super::{Query, Visitor, may_steer};
 use super::standing::{StateStands, benefits, read_state, roofline};
 use super::{
-    Defaults, Head, PageFrame, TRIALS, TrialRow, head, machine, number, read_trials, render, row, seconds,
+    Defaults, Head, PageFrame, TRIALS, TrialRow, asked_state, head, machine, number, read_trials, render,
+    row, seconds,
 };
 use crate::error::Error;
 
@@ -36,7 +39,9 @@ struct Page {
     states: Vec<StateRow>,
     /// Seconds saved in a day, with the interval; none where the objective is no time.
     saved: Option<String>,
-    is_cut: bool,
+    /// The queries of the states before those that are listed and of those after them.
+    states_before: Option<String>,
+    states_after: Option<String>,
     leases: Vec<TrialRow>,
     failures: Vec<TrialRow>,
 }
@@ -81,16 +86,18 @@ struct PolicyPage {
 
 pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
     let (mut head, study) = head(visitor, id, "overview").await?;
+    query.only(&["state", "from"])?;
+    let (asked, listed) = (asked_state(query, &head)?, listed(query, head.states)?);
     let id = super::id(&study.name);
     visitor.tuning.begin_loading(id);
     let latest = read_trials(visitor, id, "", "number desc", TRIALS).await?;
     // Without a requested state, the state that was met last.
-    let state = query.number("state").or_else(|| latest.first().map(|trial| trial.state_id));
-    if let Some(state) = query.number("state") {
+    let state = asked.or_else(|| latest.first().map(|trial| trial.state_id));
+    if let Some(state) = asked {
         head.query = format!("?state={state}");
     }
     let mut states = Vec::new();
-    for number in (1..=head.states.min(STATES)).chain(state.filter(|state| *state > STATES)) {
+    for number in listed.clone().chain(state.filter(|state| !listed.contains(state))) {
         states.extend(read_state(visitor, id, number).await?);
     }
     let in_state = match state {
@@ -123,7 +130,8 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         curve: charts::curve(&points(&in_state), &levels, &head.view),
         curve_note,
         timeline: charts::timeline(&spans(&latest)),
-        is_cut: head.states > STATES,
+        states_before: (*listed.start() > 1).then(|| stretch((listed.start() - STATES).max(1), asked)),
+        states_after: (*listed.end() < head.states).then(|| stretch(listed.end() + 1, asked)),
         leases: leases.iter().map(|trial| row(trial, &head)).collect(),
         failures: failures.map(|trial| row(trial, &head)).collect(),
         saved: (!total.is_empty()).then(|| total.words()),
@@ -138,6 +146,26 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         state,
     };
     render(&page)
+}
+
+/// The states that an address lists: from its first on, as many as fit.
+fn listed(query: &Query, states: i64) -> Result<RangeInclusive<i64>, Error> {
+    match query.number("from")? {
+        Some(from) if from > states => Err(Error::invalid(
+            "from",
+            format!("the study has met {states} states; leave it out, or give the number of one"),
+        )),
+        from => {
+            let from = from.unwrap_or(1);
+            Ok(from..=states.min(from.saturating_add(STATES - 1)))
+        }
+    }
+}
+
+/// The query of the states from a first one on, beside the curve of a state.
+fn stretch(from: i64, state: Option<i64>) -> String {
+    let state = state.map(|state| state.to_string()).unwrap_or_default();
+    Query::written(&[("from", &from.to_string()), ("state", &state)])
 }
 
 /// The one configuration that serves all states best, of the latest trials.
@@ -252,4 +280,20 @@ pub(in super::super) async fn policy(visitor: &Visitor<'_>, id: &str) -> Result<
         limits: spec.objective.limits().iter().map(ToString::to_string).collect(),
     };
     render(&page)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_states_can_be_turned_to() {
+        let of = |query: &str, states: i64| listed(&Query::read(query), states);
+        assert_eq!(of("", 0), Ok(1..=0));
+        assert_eq!(of("", 70), Ok(1..=STATES));
+        assert_eq!(of("from=49", 70), Ok(49..=70));
+        let error = of("from=71", 70).expect_err("there are only 70").to_string();
+        assert!(error.contains("70 states") && error.contains("leave it out"), "{error}");
+        assert_eq!([stretch(25, None), stretch(1, Some(3))], ["from=25", "from=1&state=3"]);
+    }
 }

@@ -39,7 +39,6 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
     let (name, stop) = (view.name(), if view.is_maximised() { "below" } else { "above" });
     let given = |name: &str, value: String| (!value.is_empty()).then(|| (name.to_owned(), value));
     let facts = [
-        given("State", row.state.to_string()),
         given("Mode", row.mode.clone()),
         given("Outcome", row.outcome.clone()),
         given("Reason for the outcome", row.reason.clone()),

@@ -31,6 +31,7 @@ pub(in super::super) async fn trials(
     query: &Query,
 ) -> Result<(String, bool), Error> {
     let (head, _) = head(visitor, id, "trials").await?;
+    query.only(&["filter", "order", "page"])?;
     let (filter, order) = (query.text("filter"), query.text("order"));
     let request = v1::QueryTrialsRequest {
         study: format!("studies/{}", head.id),
