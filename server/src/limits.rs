@@ -232,6 +232,21 @@ pub const DASHBOARD_STAY: Duration = Duration::from_secs(600);
 /// Interval of the checks whether an open page must change.
 pub const DASHBOARD_LOOK: Duration = Duration::from_secs(1);
 
+/// Most studies that the list of studies reads.
+pub const DASHBOARD_STUDIES: usize = 1000;
+
+/// Rows of one page of the list of studies.
+pub const DASHBOARD_ROWS: usize = 100;
+
+/// Longest wait of the list of studies for summaries of studies that it shows for the first time.
+pub const DASHBOARD_SUMMARY_WAIT: Duration = Duration::from_millis(100);
+
+/// The summary of a study that has changed is made again after this time at the earliest.
+pub const DASHBOARD_SUMMARY_AGE: Duration = Duration::from_secs(2);
+
+/// A summary that could not be made whole is made again after this time.
+pub const DASHBOARD_SUMMARY_RETRY: Duration = Duration::from_secs(10);
+
 /// Largest form that a browser may send, in bytes: a token.
 pub const DASHBOARD_FORM_BYTES: usize = 8 << 10;
 

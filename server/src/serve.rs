@@ -188,7 +188,7 @@ pub async fn run(
         steady.spawn(connections::pages::serve(listener, watched, pages));
     }
     if let Some(listener) = dashboard_listener {
-        let dashboard = Dashboard { tuning: Arc::clone(&tuning), access: access.clone(), refusals };
+        let dashboard = Dashboard::new(Arc::clone(&tuning), access.clone(), refusals);
         steady.spawn(connections::pages::serve(listener, dashboard, pages));
     }
     steady.spawn(sweep(Arc::clone(&tuning), Arc::clone(&store)));

@@ -220,8 +220,42 @@ async fn a_form_at_another_replica_says_which_one_holds_the_study() {
         assert!(answer.contains(&held) && answer.contains(command), "{path}: {answer}");
         assert_eq!(holder.post(&path, sent).await.0, 303, "{path}");
     }
+    let mut list = String::new();
+    for _ in 0..200 {
+        list = other.get("/").await.1;
+        if list.contains(&held) {
+            break;
+        }
+        // Summaries are made in the background.
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    assert!(list.contains(&held) && list.contains(">Daemon</a>"), "{list}");
+    assert!(!holder.get("/").await.1.contains(">Daemon</a>"), "it holds the study itself");
     holder.server.stop().await;
     other.server.stop().await;
+}
+
+#[tokio::test]
+async fn a_list_of_studies_tells_gains_that_change_with_their_trials() {
+    let guarded = Guarded::start(Arc::new(MemoryStore::new())).await;
+    let mut caller = guarded.caller().await;
+    let (status, answer) = guarded.get("/").await;
+    assert!(status == 200 && answer.contains("No studies yet"), "{answer}");
+    measured(&mut caller).await;
+    let mut list = String::new();
+    for _ in 0..200 {
+        list = guarded.get("/?order=Gain").await.1;
+        if list.contains("below the default, ") {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    assert!(
+        list.contains("below the default, ") && list.contains("0.0 %"),
+        "the default is the answer: {list}"
+    );
+    assert_eq!(guarded.post("/studies/hall/policy", "field=operation&value=freeze").await.0, 303);
+    assert!(guarded.get("/").await.1.contains(">frozen</td>"), "at once");
 }
 
 #[tokio::test]

@@ -81,8 +81,14 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
     let mut reports = vec!["loss=10", "loss=4", "loss=6", "--infeasible|<img src=x>"];
     reports.extend(["loss=5", "loss=7", "loss=8", "loss=9", "loss=3", "loss=5.5"]);
     measure(daemon.url(), &reports);
+    // Summaries are made in the background.
+    let patience = std::time::Instant::now() + Duration::from_secs(30);
+    while !get(&address, "/", "").body.contains(">searching</td>") && std::time::Instant::now() < patience {
+        std::thread::sleep(Duration::from_millis(50));
+    }
     for (path, words) in [
         ("/", &["<h1>Studies</h1>", "/studies/toy", "&#60;script&#62;"][..]),
+        ("/?order=Gain&reverse=1", &["aria-sort=\"ascending\"><a href=\"/?order=Gain\">", ">searching</td>"]),
         (
             "/studies/toy",
             &[
@@ -140,6 +146,8 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
         ("/studies/toy/parameters?state=99", &["leave it out"]),
         ("/studies/toy/trials?sort=cost", &["use filter, order, page"]),
         ("/compare?studies=toy", &["use study"]),
+        ("/?order=gain", &["Study, Daemon, Gain"]),
+        ("/?page=2", &["1 to 1"]),
     ] {
         let answer = get(&address, path, "");
         assert_eq!(answer.status, 400, "{path}: {}", answer.body);

@@ -38,7 +38,7 @@ use crate::error::Error;
 use crate::refusals::Refusals;
 use crate::tuning::Tuning;
 use crate::{limits, rpc, status};
-use pages::PageFrame;
+use pages::{PageFrame, StudyIndex};
 use query::Query;
 use steering::Steered;
 use treewright_store::StoreError;
@@ -57,10 +57,11 @@ type Body = BoxBody<Bytes, Infallible>;
 
 /// The inputs of the pages.
 pub(crate) struct Dashboard {
-    pub(crate) tuning: Arc<Tuning>,
+    tuning: Arc<Tuning>,
     /// Without it no token is required.
-    pub(crate) access: Option<Arc<Access>>,
-    pub(crate) refusals: Refusals,
+    access: Option<Arc<Access>>,
+    refusals: Refusals,
+    index: StudyIndex,
 }
 
 /// The visitor of a page.
@@ -71,6 +72,12 @@ pub(super) struct Visitor<'a> {
 }
 
 impl Dashboard {
+    /// The pages of a daemon.
+    pub(crate) fn new(tuning: Arc<Tuning>, access: Option<Arc<Access>>, refusals: Refusals) -> Self {
+        let index = StudyIndex::new(Arc::clone(&tuning));
+        Self { tuning, access, refusals, index }
+    }
+
     async fn respond(self: &Arc<Self>, request: Request<Incoming>, slot: &ConnectionSlot) -> Response<Body> {
         let (parts, body) = request.into_parts();
         if self.access.is_none() && !names_this_machine(&parts.headers) {
@@ -158,7 +165,7 @@ impl Dashboard {
         let visitor = Visitor { tuning: &self.tuning, caller: &caller, frame };
         let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
         let made = match *parts.as_slice() {
-            [] => pages::studies(&visitor, query).await,
+            [] => self.index.page(&visitor, query).await,
             ["compare"] => pages::compare(&visitor, query).await,
             ["events"] => return self.events(caller, None),
             ["studies", id] => pages::study(&visitor, id, query).await,
@@ -250,22 +257,24 @@ impl Dashboard {
         guarded(response)
     }
 
-    /// The counts of the study, or of the listed studies, which change with every event.
+    /// The counts of the study, or those of the listed studies and of changes of their summaries, which
+    /// change with every event.
     async fn moment(
         &self,
         caller: &Caller,
         study: Option<&str>,
-    ) -> Result<Vec<Option<v1::StudyStatistics>>, Error> {
+    ) -> Result<(Vec<Option<v1::StudyStatistics>>, u64), Error> {
         caller.may(Scope::Read)?;
         Ok(match study {
             Some(id) => {
                 let request = v1::GetStudyRequest { name: format!("studies/{id}") };
-                vec![rpc::studies::get(&self.tuning, caller, request).await?.statistics]
+                (vec![rpc::studies::get(&self.tuning, caller, request).await?.statistics], 0)
             }
             None => {
                 let answer =
                     rpc::studies::list(&self.tuning, caller, v1::ListStudiesRequest::default()).await?;
-                answer.studies.into_iter().map(|study| study.statistics).collect()
+                let counts = answer.studies.into_iter().map(|study| study.statistics);
+                (counts.collect(), self.index.changes())
             }
         })
     }

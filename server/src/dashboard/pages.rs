@@ -1,10 +1,13 @@
 //! The pages. They read through the handlers of the RPCs, so that a token sees the same data in both.
 
 mod compare;
+mod index;
 mod map;
 mod parameters;
 mod standing;
+mod studies;
 mod study;
+mod summaries;
 mod trial;
 mod trials;
 
@@ -22,12 +25,11 @@ use crate::rpc;
 pub(super) use compare::compare;
 pub(super) use map::map;
 pub(super) use parameters::parameters;
+pub(super) use studies::StudyIndex;
 pub(super) use study::{policy, study};
 pub(super) use trial::trial;
 pub(super) use trials::trials;
 
-/// Most studies on the first page.
-const STUDIES: i32 = 200;
 /// Most trials in pictures: the latest.
 const TRIALS: usize = 1000;
 
@@ -71,26 +73,6 @@ struct TrialRow {
 }
 
 #[derive(Template)]
-#[template(path = "studies.html")]
-struct Studies {
-    frame: PageFrame,
-    /// The columns, and whether the rows are ordered by each.
-    columns: Vec<(&'static str, bool)>,
-    studies: Vec<StudyRow>,
-    is_cut: bool,
-}
-
-struct StudyRow {
-    id: String,
-    what: String,
-    states: i64,
-    trials: i64,
-    completed: i64,
-    open: i64,
-    created: String,
-}
-
-#[derive(Template)]
 #[template(path = "login.html")]
 struct Login {
     frame: PageFrame,
@@ -116,49 +98,6 @@ pub(super) fn login(problem: Option<String>) -> Result<String, Error> {
 
 pub(super) fn problem(frame: PageFrame, title: &str, problem: &str) -> Result<String, Error> {
     render(&Problem { frame, title, problem })
-}
-
-/// Columns of the list of studies by which it can be ordered; all but the first with the largest first.
-const COLUMNS: [&str; 6] = ["Study", "States", "Trials", "Completed", "Open", "Created"];
-
-/// All studies that the visitor may see.
-pub(super) async fn studies(visitor: &Visitor<'_>, query: &Query) -> Result<String, Error> {
-    let request = v1::ListStudiesRequest { page_size: STUDIES, page_token: String::new() };
-    let answer = rpc::studies::list(visitor.tuning, visitor.caller, request).await?;
-    let mut found: Vec<StudyRow> = answer
-        .studies
-        .into_iter()
-        .map(|study| {
-            let counts = study.statistics.unwrap_or_default();
-            StudyRow {
-                id: id(&study.name).to_owned(),
-                what: study.display_name,
-                states: counts.states,
-                trials: counts.trials,
-                completed: counts.completed_trials,
-                open: counts.open_trials,
-                created: time(study.create_time),
-            }
-        })
-        .collect();
-    let order = query.text("order");
-    let count: Option<fn(&StudyRow) -> i64> = match order.as_str() {
-        "States" => Some(|row| row.states),
-        "Trials" => Some(|row| row.trials),
-        "Completed" => Some(|row| row.completed),
-        "Open" => Some(|row| row.open),
-        _ => None,
-    };
-    match count {
-        Some(count) => found.sort_by_key(|row| std::cmp::Reverse(count(row))),
-        // Times are written so that their text sorts.
-        None if order == "Created" => found.sort_by(|a, b| b.created.cmp(&a.created)),
-        None => {}
-    }
-    let is_cut = !answer.next_page_token.is_empty();
-    let by = COLUMNS.into_iter().find(|column| *column == order).unwrap_or(COLUMNS[0]);
-    let columns = COLUMNS.into_iter().map(|column| (column, column == by)).collect();
-    render(&Studies { frame: visitor.frame, columns, studies: found, is_cut })
 }
 
 /// The name without `studies/`.

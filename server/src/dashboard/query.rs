@@ -40,6 +40,19 @@ impl Query {
         }
     }
 
+    /// The one of some words that is given, the first where none is.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for any other word.
+    pub(super) fn word<'a>(&self, name: &str, words: &[&'a str]) -> Result<&'a str, Error> {
+        let text = self.text(name);
+        let found = words.iter().find(|word| text.is_empty() || **word == text);
+        found.copied().ok_or_else(|| {
+            let words = words.join(", ");
+            Error::invalid(name, format!("{text:?} is none of them; use one of: {words}"))
+        })
+    }
+
     /// Checks that nothing is given but these names: a mistyped one would be passed over.
     ///
     /// # Errors
@@ -92,6 +105,11 @@ mod tests {
             let error = said(Query::read(bad).number("state").expect_err(bad));
             assert!(error.starts_with("state: ") && error.contains("leave it out"), "{error}");
         }
+        let words = ["Study", "Gain"];
+        assert_eq!(Query::read("").word("order", &words), Ok("Study"));
+        assert_eq!(Query::read("order=Gain").word("order", &words), Ok("Gain"));
+        let error = said(Query::read("order=gain").word("order", &words).expect_err("another word"));
+        assert!(error.contains("\"gain\"") && error.contains("Study, Gain"), "{error}");
         assert_eq!(Query::read("state=1&state=2").only(&["state"]), Ok(()));
         let error = said(Query::read("state=1&stat=2").only(&["state"]).expect_err("another name"));
         assert!(error.starts_with("stat: ") && error.contains("use state"), "{error}");

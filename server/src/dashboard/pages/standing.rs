@@ -21,6 +21,8 @@ pub(super) struct StateStands {
     /// `None` where nothing was measured, or where another replica holds the study.
     pub(super) best: Option<v1::Best>,
     pub(super) standing: Option<Standing>,
+    /// The address of the replica that holds the study, where that is another.
+    pub(super) holder: Option<String>,
 }
 
 impl StateStands {
@@ -45,21 +47,23 @@ pub(super) async fn read_state(
         indicators: trial.indicators.clone(),
         fingerprint: trial.fingerprint.clone(),
     };
-    let best = read_best(visitor, request).await?;
+    let (best, holder) = read_best(visitor, request).await?;
     let standing = best.as_ref().and_then(|best| best.standing).map(standing_from_wire);
-    Ok(Some(StateStands { state, trial, best, standing }))
+    Ok(Some(StateStands { state, trial, best, standing, holder }))
 }
 
-/// The best configuration; `None` where nothing was measured, or where another replica holds the study. It
-/// waits for a study that is being loaded.
-async fn read_best(visitor: &Visitor<'_>, request: v1::GetBestRequest) -> Result<Option<v1::Best>, Error> {
+/// The best configuration where anything was measured, or the address of the other replica that holds the
+/// study. It waits for a study that is being loaded.
+async fn read_best(
+    visitor: &Visitor<'_>,
+    request: v1::GetBestRequest,
+) -> Result<(Option<v1::Best>, Option<String>), Error> {
     let mut waits = 0;
     loop {
         match rpc::trials::best(visitor.tuning, visitor.caller, request.clone()).await {
-            Ok(best) => return Ok(Some(best)),
-            Err(Error::NothingMeasured { .. } | Error::Store(StoreError::Elsewhere { .. })) => {
-                return Ok(None);
-            }
+            Ok(best) => return Ok((Some(best), None)),
+            Err(Error::NothingMeasured { .. }) => return Ok((None, None)),
+            Err(Error::Store(StoreError::Elsewhere { address, .. })) => return Ok((None, Some(address))),
             Err(problem) if is_loading(&problem) && waits < LOADING_WAITS => waits += 1,
             Err(problem) => return Err(problem),
         }

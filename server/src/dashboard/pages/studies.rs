@@ -1,0 +1,335 @@
+//! The list of studies.
+
+use std::cmp::Ordering;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use askama::Template;
+use treewright_proto::v1;
+
+use super::super::{Query, Visitor};
+use super::index::IndexRow;
+use super::summaries::{STATES, StudySummary, Summaries};
+use super::{PageFrame, id, render, seconds, time};
+use crate::error::Error;
+use crate::limits::{DASHBOARD_ROWS, DASHBOARD_STUDIES};
+use crate::rpc;
+use crate::tuning::Tuning;
+
+/// A study that is not finished counts as paused if none of its trials is open and nothing has happened for
+/// this time, in seconds.
+const PAUSED_AFTER_S: f64 = 600.0;
+/// Studies of one answer of the list.
+const STUDIES: i32 = 500;
+
+/// The columns by which the list can be ordered, the first by default.
+const COLUMNS: [&str; 10] = [
+    "Study",
+    "Daemon",
+    "Gain",
+    "Status",
+    "Trials",
+    "Completed",
+    "Open",
+    "States",
+    "Last activity",
+    "Created",
+];
+
+#[derive(Template)]
+#[template(path = "studies.html")]
+struct Page {
+    frame: PageFrame,
+    columns: Vec<Column>,
+    rows: Vec<ShownRow>,
+    /// The row names its daemon.
+    has_daemons: bool,
+    is_cut: bool,
+    states_most: i64,
+    /// The number of this page and of the last one.
+    page: usize,
+    pages: usize,
+    /// The queries of the pages before and after.
+    previous: Option<String>,
+    next: Option<String>,
+}
+
+struct Column {
+    name: &'static str,
+    /// What `aria-sort` says of it, where the rows are ordered by it.
+    sorted: Option<&'static str>,
+    is_figure: bool,
+    /// The query that orders by it, or the other way round.
+    query: String,
+}
+
+/// A row of the page.
+struct ShownRow {
+    row: IndexRow,
+}
+
+impl ShownRow {
+    fn gain(&self) -> String {
+        self.row.gain.map(|gain| gain.to_string()).unwrap_or_default()
+    }
+
+    /// The replica that holds the study; empty for this daemon.
+    fn place(&self) -> &str {
+        &self.row.holder
+    }
+}
+
+/// The order of the rows.
+#[derive(Clone, Copy)]
+struct IndexOrder {
+    column: &'static str,
+    reverse: bool,
+}
+
+/// The inputs of the list.
+pub(in super::super) struct StudyIndex {
+    tuning: Arc<Tuning>,
+    summaries: Arc<Summaries>,
+}
+
+impl StudyIndex {
+    /// The list of a daemon's studies.
+    pub(in super::super) fn new(tuning: Arc<Tuning>) -> Self {
+        Self { tuning, summaries: Arc::default() }
+    }
+
+    /// The number of changes of what it tells beside counts.
+    pub(in super::super) fn changes(&self) -> u64 {
+        self.summaries.changes()
+    }
+
+    /// The list as a page.
+    pub(in super::super) async fn page(&self, visitor: &Visitor<'_>, query: &Query) -> Result<String, Error> {
+        query.only(&["order", "reverse", "page"])?;
+        let column = query.word("order", &COLUMNS)?;
+        let order = IndexOrder { column, reverse: query.word("reverse", &["0", "1"])? == "1" };
+        let asked = query.number("page")?;
+        let (studies, is_cut) = read_studies(visitor).await?;
+        let shown = |rows: &[ShownRow]| {
+            let pages = rows.len().div_ceil(DASHBOARD_ROWS).max(1);
+            let page = usize::try_from(asked.unwrap_or(1)).unwrap_or(usize::MAX);
+            if page > pages {
+                return Err(Error::invalid(
+                    "page",
+                    format!("{page} is none of them; there are 1 to {pages}"),
+                ));
+            }
+            let first = (page - 1) * DASHBOARD_ROWS;
+            Ok((page, pages, first..rows.len().min(first + DASHBOARD_ROWS)))
+        };
+        // What the page will show is to be summarised first.
+        let rows = self.rows(&studies, order);
+        let (_, _, range) = shown(&rows)?;
+        let uids: BTreeSet<String> = rows[range].iter().map(|shown| shown.row.uid.clone()).collect();
+        self.summaries.refresh(&self.tuning, &studies, &uids).await;
+        let mut rows = self.rows(&studies, order);
+        let (page, pages, range) = shown(&rows)?;
+        let has_daemons = rows.iter().any(|shown| !shown.row.holder.is_empty());
+        let at = |page: usize| order.query(Some(page));
+        render(&Page {
+            frame: visitor.frame,
+            columns: order.columns(has_daemons),
+            rows: rows.drain(range).collect(),
+            has_daemons,
+            is_cut,
+            states_most: STATES,
+            page,
+            pages,
+            previous: (page > 1).then(|| at(page - 1)),
+            next: (page < pages).then(|| at(page + 1)),
+        })
+    }
+
+    fn rows(&self, studies: &[v1::Study], order: IndexOrder) -> Vec<ShownRow> {
+        let mut rows: Vec<ShownRow> = studies.iter().map(|study| ShownRow { row: self.row(study) }).collect();
+        rows.sort_by(|a, b| order.compare(a, b));
+        rows
+    }
+
+    fn row(&self, study: &v1::Study) -> IndexRow {
+        let counts = study.statistics.unwrap_or_default();
+        let summary = self.summaries.of(&study.uid).unwrap_or_default();
+        IndexRow {
+            id: id(&study.name).to_owned(),
+            uid: study.uid.clone(),
+            what: study.display_name.clone(),
+            status: status(study, &summary, self.tuning.now_ms() as f64 / 1e3).to_owned(),
+            gain: summary.gain,
+            gain_note: summary.gain_note,
+            states: counts.states,
+            trials: counts.trials,
+            completed: counts.completed_trials,
+            open: counts.open_trials,
+            last: time(summary.last),
+            created: time(study.create_time),
+            holder: summary.holder.unwrap_or_default(),
+        }
+    }
+}
+
+/// The studies that the visitor may see, by id, and whether there are more than are read.
+async fn read_studies(visitor: &Visitor<'_>) -> Result<(Vec<v1::Study>, bool), Error> {
+    let mut studies = Vec::new();
+    let mut page_token = String::new();
+    loop {
+        let request = v1::ListStudiesRequest { page_size: STUDIES, page_token };
+        let answer = rpc::studies::list(visitor.tuning, visitor.caller, request).await?;
+        studies.extend(answer.studies);
+        page_token = answer.next_page_token;
+        if page_token.is_empty() || studies.len() >= DASHBOARD_STUDIES {
+            break;
+        }
+    }
+    let is_cut = !page_token.is_empty() || studies.len() > DASHBOARD_STUDIES;
+    studies.truncate(DASHBOARD_STUDIES);
+    Ok((studies, is_cut))
+}
+
+/// What a study is doing: by its policy, else by its states.
+fn status(study: &v1::Study, summary: &StudySummary, now_s: f64) -> &'static str {
+    let counts = study.statistics.unwrap_or_default();
+    let policy = study.policy.as_ref();
+    let is_idle = || seconds(summary.last).is_some_and(|last_s| now_s - last_s > PAUSED_AFTER_S);
+    match policy.map(v1::Policy::operation) {
+        Some(v1::Operation::Freeze) => "frozen",
+        Some(v1::Operation::Shadow) => "shadow",
+        _ if policy.is_some_and(|policy| policy.pinned.is_some()) => "pinned",
+        _ if counts.trials == 0 => "new",
+        _ if ["", "finished"].contains(&summary.progress) => summary.progress,
+        _ if counts.open_trials == 0 && is_idle() => "paused",
+        _ => summary.progress,
+    }
+}
+
+impl IndexOrder {
+    /// Rows without a gain come last in both directions.
+    fn compare(self, a: &ShownRow, b: &ShownRow) -> Ordering {
+        let by = |ordering: Ordering| if self.reverse { ordering.reverse() } else { ordering };
+        let share = |shown: &ShownRow| shown.row.gain.map(|gain| gain.share);
+        let (one, other) = (&a.row, &b.row);
+        let ordering = match self.column {
+            "Daemon" => by(a.place().cmp(b.place())),
+            "Gain" => match (share(a), share(b)) {
+                (Some(a), Some(b)) => by(b.total_cmp(&a)),
+                (a, b) => b.is_some().cmp(&a.is_some()),
+            },
+            "Status" => by(one.status.cmp(&other.status)),
+            "Trials" => by(other.trials.cmp(&one.trials)),
+            "Completed" => by(other.completed.cmp(&one.completed)),
+            "Open" => by(other.open.cmp(&one.open)),
+            "States" => by(other.states.cmp(&one.states)),
+            "Last activity" => by(other.last.cmp(&one.last)),
+            "Created" => by(other.created.cmp(&one.created)),
+            _ => by(one.id.cmp(&other.id)),
+        };
+        ordering.then_with(|| one.id.cmp(&other.id)).then_with(|| a.row.uid.cmp(&b.row.uid))
+    }
+
+    fn columns(self, has_daemons: bool) -> Vec<Column> {
+        let column = |name: &'static str| {
+            let is_order = name == self.column;
+            let rises = ["Study", "Daemon", "Status"].contains(&name) != self.reverse;
+            let other = Self { column: name, reverse: is_order && !self.reverse };
+            Column {
+                name,
+                sorted: is_order.then_some(if rises { "ascending" } else { "descending" }),
+                is_figure: ["Trials", "Completed", "Open", "States"].contains(&name),
+                query: other.query(None),
+            }
+        };
+        COLUMNS.into_iter().filter(|name| has_daemons || *name != "Daemon").map(column).collect()
+    }
+
+    /// The query of a page in this order.
+    fn query(self, page: Option<usize>) -> String {
+        let reverse = if self.reverse { "1" } else { "" };
+        let page = page.map(|page| page.to_string()).unwrap_or_default();
+        Query::written(&[
+            ("order", &self.column.to_owned()),
+            ("reverse", &reverse.to_owned()),
+            ("page", &page),
+        ])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_core::standing::Gain;
+
+    use super::*;
+
+    fn shown(id: &str, trials: i64, share: Option<f64>) -> ShownRow {
+        let gain = share.map(|share| Gain { share, low: None, high: None, probability_better: None });
+        let row = IndexRow { id: id.to_owned(), trials, gain, ..IndexRow::default() };
+        ShownRow { row }
+    }
+
+    fn ordered(column: &'static str, reverse: bool) -> String {
+        let mut rows = [shown("b", 3, Some(0.1)), shown("c", 2, None), shown("a", 1, Some(0.3))];
+        rows.sort_by(|a, b| IndexOrder { column, reverse }.compare(a, b));
+        rows.iter().map(|shown| shown.row.id.as_str()).collect()
+    }
+
+    #[test]
+    fn each_column_orders_in_both_directions_and_unknown_gains_come_last() {
+        assert_eq!([ordered("Study", false), ordered("Study", true)], ["abc", "cba"]);
+        assert_eq!([ordered("Trials", false), ordered("Trials", true)], ["bca", "acb"]);
+        assert_eq!([ordered("Gain", false), ordered("Gain", true)], ["abc", "bac"]);
+        assert_eq!(ordered("Open", false), "abc", "equal ones by name");
+        for column in COLUMNS {
+            ordered(column, true);
+        }
+    }
+
+    #[test]
+    fn heads_lead_to_their_order_and_back() {
+        let order = IndexOrder { column: "Trials", reverse: false };
+        let columns = order.columns(false);
+        let of = |name: &str| columns.iter().find(|column| column.name == name).expect("a column");
+        assert!(columns.iter().all(|column| column.name != "Daemon"));
+        assert_eq!(
+            (of("Trials").sorted, of("Trials").query.as_str()),
+            (Some("descending"), "order=Trials&reverse=1")
+        );
+        assert_eq!((of("Gain").sorted, of("Last activity").query.as_str()), (None, "order=Last+activity"));
+        let back = IndexOrder { column: "Study", reverse: true };
+        let study = &back.columns(true)[0];
+        assert_eq!((study.sorted, study.query.as_str()), (Some("descending"), "order=Study"));
+        assert_eq!(back.query(Some(2)), "order=Study&reverse=1&page=2");
+    }
+
+    #[test]
+    fn a_status_is_that_of_the_policy_or_of_the_search() {
+        let counts = |trials, open_trials| {
+            Some(v1::StudyStatistics { trials, open_trials, ..v1::StudyStatistics::default() })
+        };
+        let with = |policy: v1::Policy, trials, open| v1::Study {
+            policy: Some(policy),
+            statistics: counts(trials, open),
+            ..v1::Study::default()
+        };
+        let last = Some(prost_types::Timestamp { seconds: 1000, nanos: 0 });
+        let at = |progress| StudySummary { progress, last, ..StudySummary::default() };
+        let plain = v1::Policy::default;
+        let frozen = v1::Policy { operation: v1::Operation::Freeze as i32, ..plain() };
+        let pinned = v1::Policy { pinned: Some(v1::Configuration::default()), ..plain() };
+        let (soon, late) = (1100.0, 1000.0 + 2.0 * PAUSED_AFTER_S);
+        for (study, progress, now_s, said) in [
+            (with(frozen, 9, 1), "searching", soon, "frozen"),
+            (with(pinned, 9, 1), "searching", soon, "pinned"),
+            (with(plain(), 0, 0), "", soon, "new"),
+            (with(plain(), 9, 0), "", late, ""),
+            (with(plain(), 9, 0), "searching", soon, "searching"),
+            (with(plain(), 9, 0), "confirming", late, "paused"),
+            (with(plain(), 9, 1), "confirming", late, "confirming"),
+            (with(plain(), 9, 0), "finished", late, "finished"),
+        ] {
+            assert_eq!(status(&study, &at(progress), now_s), said, "{progress} at {now_s}");
+        }
+    }
+}
