@@ -1,6 +1,7 @@
 //! The command line of `treewrightd`. Every option can also be set by an environment variable.
 
 mod capacity;
+mod dashboards;
 mod database;
 mod guard;
 mod maintenance;
@@ -14,10 +15,11 @@ use std::time::Duration;
 use clap::error::ErrorKind;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
-use crate::limits::{DRAIN_S, KEEP_TRIALS_MIN, STUDIES_SHOWN};
+use crate::limits::{DASHBOARD_PEERS, DRAIN_S, KEEP_TRIALS_MIN, STUDIES_SHOWN};
 use crate::telemetry::LogFormat;
 
 pub use capacity::CapacityConfig;
+pub use dashboards::{DashboardPeer, DashboardToken};
 pub use database::{Database, DatabaseArgument, DatabaseConfig};
 pub use guard::GuardConfig;
 pub use maintenance::{BackupConfig, FileDatabase, RestoreConfig};
@@ -123,6 +125,16 @@ pub struct ServeConfig {
     #[arg(long, env = "TREEWRIGHT_DASHBOARD", value_name = "ADDRESS", value_parser = address, help_heading = MONITORING)]
     pub dashboard: Option<SocketAddr>,
 
+    /// Other daemons' dashboards whose studies the dashboard lists with its own, e.g.
+    /// farm=http://127.0.0.1:8081. Addresses beyond this machine need --insecure.
+    #[arg(long, env = "TREEWRIGHT_DASHBOARD_PEERS", value_name = "NAME=URL", value_delimiter = ',', value_parser = dashboards::peer, requires = "dashboard", help_heading = MONITORING)]
+    pub dashboard_peers: Vec<DashboardPeer>,
+
+    /// For a dashboard of --dashboard-peers that requires tokens: the file with one of its daemon, of scope
+    /// read.
+    #[arg(long, env = "TREEWRIGHT_DASHBOARD_TOKEN_FILES", value_name = "NAME=FILE", value_delimiter = ',', value_parser = dashboards::token_file, requires = "dashboard_peers", help_heading = MONITORING)]
+    pub dashboard_token_files: Vec<DashboardToken>,
+
     /// How many studies, the most recently used, /metrics shows by name; 0 for none.
     #[arg(long, env = "TREEWRIGHT_METRICS_STUDIES", default_value_t = 16, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(..=i64::from(STUDIES_SHOWN)), help_heading = MONITORING)]
     pub metrics_studies: u16,
@@ -196,6 +208,49 @@ impl ServeConfig {
         Ok(())
     }
 
+    /// The other dashboards, each with its token.
+    #[must_use]
+    pub fn named_dashboards(&self) -> Vec<DashboardPeer> {
+        let token = |name: &str| self.dashboard_token_files.iter().find(|token| token.name == name);
+        let peers = self.dashboard_peers.iter().cloned();
+        peers
+            .map(|peer| DashboardPeer { token: token(&peer.name).map(|token| token.header.clone()), ..peer })
+            .collect()
+    }
+
+    /// Checks that each of the other dashboards has a name of its own, and that no token goes over a network
+    /// by mistake.
+    fn check_dashboards(&self) -> Result<(), String> {
+        let peers = &self.dashboard_peers;
+        if peers.len() > DASHBOARD_PEERS {
+            return Err(format!(
+                "--dashboard-peers names {}; at most {DASHBOARD_PEERS} are allowed",
+                peers.len()
+            ));
+        }
+        let twice =
+            peers.iter().enumerate().find(|(at, one)| peers[..*at].iter().any(|two| two.name == one.name));
+        if let Some((_, peer)) = twice {
+            return Err(format!("--dashboard-peers has two of the name {:?}; give each its own", peer.name));
+        }
+        let is_known = |name: &str| peers.iter().any(|peer| peer.name == name);
+        if let Some(token) = self.dashboard_token_files.iter().find(|token| !is_known(&token.name)) {
+            let name = &token.name;
+            return Err(format!(
+                "--dashboard-token-files: no dashboard of --dashboard-peers is called {name:?}"
+            ));
+        }
+        let far_peer = peers.iter().find(|peer| !peer.is_near() && !self.guard.insecure);
+        match far_peer {
+            None => Ok(()),
+            Some(peer) => Err(format!(
+                "--dashboard-peers {} sends a token and reads lists of studies without encryption; let a tunnel or \
+                 a proxy on this machine pass them on, or add --insecure if you trust the network",
+                peer.url()
+            )),
+        }
+    }
+
     /// Checks that the figures and the dashboard are not exposed beyond this machine by mistake.
     fn check_watchers(&self) -> Result<(), String> {
         let far = |address: &Option<SocketAddr>| address.filter(|address| !address.ip().is_loopback());
@@ -254,7 +309,8 @@ impl Cli {
         if let Err(problem) = serve.guard.check(serve.listen) {
             return Err(Self::command().error(ErrorKind::ValueValidation, problem));
         }
-        if let Err(problem) = serve.check_database().and_then(|()| serve.check_watchers()) {
+        let checked = serve.check_database().and_then(|()| serve.check_watchers());
+        if let Err(problem) = checked.and_then(|()| serve.check_dashboards()) {
             return Err(Self::command().error(ErrorKind::ValueValidation, problem));
         }
         if let Err(error) = crate::telemetry::filter(&serve.log) {
@@ -346,6 +402,29 @@ mod tests {
             (&["--database", "x", "--metrics", "0.0.0.0:1"], "--insecure"),
             (&["--database", "x", "--metrics", "9464"], "ADDRESS:PORT"),
             (&["--database", "x", "--dashboard", "0.0.0.0:1"], "--insecure"),
+            (&["--database", "x", "--dashboard-peers", "a=http://127.0.0.1:1"], "--dashboard"),
+            (
+                &[
+                    "--database",
+                    "x",
+                    "--dashboard",
+                    "127.0.0.1:0",
+                    "--dashboard-peers",
+                    "a=http://10.0.0.7:1",
+                ],
+                "--insecure",
+            ),
+            (
+                &[
+                    "--database",
+                    "x",
+                    "--dashboard",
+                    "127.0.0.1:0",
+                    "--dashboard-peers",
+                    "a=http://127.0.0.1:1,a=http://127.0.0.1:2",
+                ],
+                "two of the name",
+            ),
             (&["--database", "x", "--metrics-studies", "65"], "64"),
             (&["--database", "x", "--otlp", "127.0.0.1:4317"], "http://ADDRESS:PORT"),
             (&["--database", "x", "--advertise", "http://a:1"], "--database postgres://"),

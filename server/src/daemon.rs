@@ -208,6 +208,7 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
         tls,
         watch,
         dashboard,
+        dashboard_peers: config.named_dashboards(),
         studies_shown,
         keep_trials,
         connections,

@@ -247,6 +247,24 @@ pub const DASHBOARD_SUMMARY_AGE: Duration = Duration::from_secs(2);
 /// A summary that could not be made whole is made again after this time.
 pub const DASHBOARD_SUMMARY_RETRY: Duration = Duration::from_secs(10);
 
+/// Most other dashboards in the list of studies.
+pub const DASHBOARD_PEERS: usize = 16;
+
+/// Longest name of another daemon on the dashboard, in characters.
+pub const DASHBOARD_PEER_NAME: usize = 40;
+
+/// Longest wait for another dashboard's list of studies.
+pub const DASHBOARD_PEER_WAIT: Duration = Duration::from_secs(1);
+
+/// The lists of other dashboards are read again after this time.
+pub const DASHBOARD_PEER_AGE: Duration = Duration::from_secs(2);
+
+/// Largest list that another dashboard may send, in bytes.
+pub const DASHBOARD_PEER_BYTES: usize = 2 << 20;
+
+/// Largest file of a token for other dashboards, in bytes.
+pub const DASHBOARD_TOKEN_BYTES: usize = 4 << 10;
+
 /// Largest form that a browser may send, in bytes: a token.
 pub const DASHBOARD_FORM_BYTES: usize = 8 << 10;
 

@@ -19,6 +19,7 @@ use treewright_store::{Store, StoreError};
 use crate::access::Access;
 use crate::admission::{Admission, AdmissionLimits};
 use crate::clock::Clock;
+use crate::config::DashboardPeer;
 use crate::connections::{self, ConnectionLimits, ConnectionSlots, Unfinished};
 use crate::dashboard::Dashboard;
 use crate::error::Error;
@@ -63,6 +64,8 @@ pub struct Options {
     pub watch: Option<TcpListener>,
     /// The listener for the dashboard, if any.
     pub dashboard: Option<TcpListener>,
+    /// The other dashboards in its list of studies.
+    pub dashboard_peers: Vec<DashboardPeer>,
     /// The number of studies that metrics show by name: those used last.
     pub studies_shown: u16,
     /// The least number of trials of a study to keep, where not all are kept.
@@ -106,6 +109,7 @@ pub async fn run(
         tls,
         watch: watch_listener,
         dashboard: dashboard_listener,
+        dashboard_peers,
         studies_shown,
         keep_trials,
         connections,
@@ -188,7 +192,7 @@ pub async fn run(
         steady.spawn(connections::pages::serve(listener, watched, pages));
     }
     if let Some(listener) = dashboard_listener {
-        let dashboard = Dashboard::new(Arc::clone(&tuning), access.clone(), refusals);
+        let dashboard = Dashboard::new(Arc::clone(&tuning), access.clone(), refusals, dashboard_peers);
         steady.spawn(connections::pages::serve(listener, dashboard, pages));
     }
     steady.spawn(sweep(Arc::clone(&tuning), Arc::clone(&store)));

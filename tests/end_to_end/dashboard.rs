@@ -168,6 +168,68 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
     assert_eq!(ask(&address, foreign).status, 421, "a name of the Internet that leads here");
 }
 
+/// Asks for the list until it tells something.
+fn list_with(address: &str, cookie: &str, word: &str) -> String {
+    let patience = std::time::Instant::now() + Duration::from_secs(30);
+    let mut list = get(address, "/", cookie).body;
+    while !list.contains(word) && std::time::Instant::now() < patience {
+        std::thread::sleep(Duration::from_millis(50));
+        list = get(address, "/", cookie).body;
+    }
+    assert!(list.contains(word), "{word} is not in {list}");
+    list
+}
+
+#[test]
+fn one_list_holds_the_studies_of_other_daemons() {
+    let folders = [(); 3].map(|()| tempfile::tempdir().expect("a folder"));
+    let (one, first) = start(folders[0].path(), &[]);
+    create(folders[0].path(), one.url());
+    measure(one.url(), &["loss=10", "loss=4"]);
+    // The second asks for tokens; whoever shows none is led to its log-in.
+    let database = folders[1].path().join("tuning.db");
+    let (_two, second) = start(folders[1].path(), &["--tokens"]);
+    let shown = token(database.to_str().expect("text"), &["--scope", "read"]);
+    let file = folders[2].path().join("token");
+    std::fs::write(&file, &shown).expect("a file");
+    let peers = format!("farm=http://{first},guarded=http://{second},gone=http://127.0.0.1:1");
+    let asks = ["--dashboard-peers", peers.as_str()];
+    let (third, address) = start(folders[2].path(), &asks);
+    let list = list_with(&address, "", ">searching</td>");
+    for word in [
+        &format!("href=\"http://{first}/studies/toy\"")[..],
+        "<td>farm</td>",
+        "below the default",
+        "&#60;script&#62;",
+        "is away: it asks for a token that it knows",
+        "gone</a> is away: ",
+    ] {
+        assert!(list.contains(word), "{word} is not in {list}");
+    }
+    assert!(!list.contains("type=\"checkbox\""), "only own studies can be compared: {list}");
+    // A request cannot name another address.
+    assert_eq!(get(&address, &format!("/?dashboard-peers=x=http://{first}"), "").status, 400);
+    third.kill();
+
+    let named = format!("guarded={}", file.to_str().expect("text"));
+    let with_token = [&asks[..], &["--dashboard-token-files", named.as_str()]].concat();
+    let (_third, address) = start(folders[2].path(), &with_token);
+    let list = list_with(&address, "", ">searching</td>");
+    // The second daemon follows its database, where the token was just made.
+    let patience = std::time::Instant::now() + Duration::from_secs(30);
+    while get(&address, "/", "").body.contains("guarded</a> is away") && std::time::Instant::now() < patience
+    {
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let after = get(&address, "/", "").body;
+    assert!(!after.contains("guarded</a> is away") && after.contains("gone</a> is away"), "{after}");
+    for page in [&list, &after] {
+        assert!(!page.contains("tw1_"), "no page holds a token");
+    }
+    let log = std::fs::read_to_string(folders[2].path().join("daemon.log")).expect("the log");
+    assert!(!log.contains(&shown), "nor does the log");
+}
+
 #[test]
 fn what_is_maximised_is_shown_in_its_own_unit() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -32,6 +32,7 @@ use treewright_proto::v1;
 use crate::access::caller::Caller;
 use crate::access::rules::Need;
 use crate::access::{Access, Authorization};
+use crate::config::DashboardPeer;
 use crate::connections::ConnectionSlot;
 use crate::connections::pages::Pages;
 use crate::error::Error;
@@ -72,9 +73,14 @@ pub(super) struct Visitor<'a> {
 }
 
 impl Dashboard {
-    /// The pages of a daemon.
-    pub(crate) fn new(tuning: Arc<Tuning>, access: Option<Arc<Access>>, refusals: Refusals) -> Self {
-        let index = StudyIndex::new(Arc::clone(&tuning));
+    /// The pages of a daemon. Its list of studies holds those of other daemons, too.
+    pub(crate) fn new(
+        tuning: Arc<Tuning>,
+        access: Option<Arc<Access>>,
+        refusals: Refusals,
+        peers: Vec<DashboardPeer>,
+    ) -> Self {
+        let index = StudyIndex::new(Arc::clone(&tuning), peers);
         Self { tuning, access, refusals, index }
     }
 
@@ -166,6 +172,10 @@ impl Dashboard {
         let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
         let made = match *parts.as_slice() {
             [] => self.index.page(&visitor, query).await,
+            ["studies.json"] => match self.index.json(&visitor).await {
+                Ok(json) => return of(StatusCode::OK, "application/json", json),
+                Err(error) => Err(error),
+            },
             ["compare"] => pages::compare(&visitor, query).await,
             ["events"] => return self.events(caller, None),
             ["studies", id] => pages::study(&visitor, id, query).await,

@@ -3,6 +3,7 @@
 mod compare;
 mod index;
 mod map;
+mod others;
 mod parameters;
 mod standing;
 mod studies;

@@ -1,16 +1,19 @@
-//! The list of studies.
+//! The list of studies: of this daemon, and of the other daemons that the operator named.
 
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use askama::Template;
+use serde_json::json;
 use treewright_proto::v1;
 
 use super::super::{Query, Visitor};
-use super::index::IndexRow;
+use super::index::{IndexRow, unite};
+use super::others::{OtherDaemon, OtherDaemons};
 use super::summaries::{STATES, StudySummary, Summaries};
 use super::{PageFrame, id, render, seconds, time};
+use crate::config::DashboardPeer;
 use crate::error::Error;
 use crate::limits::{DASHBOARD_ROWS, DASHBOARD_STUDIES};
 use crate::rpc;
@@ -44,6 +47,8 @@ struct Page {
     rows: Vec<ShownRow>,
     /// The row names its daemon.
     has_daemons: bool,
+    /// The daemons that do not answer, each with its address and the reason.
+    away: Vec<(String, String, String)>,
     is_cut: bool,
     states_most: i64,
     /// The number of this page and of the last one.
@@ -63,9 +68,13 @@ struct Column {
     query: String,
 }
 
-/// A row of the page.
+/// A row with its place.
 struct ShownRow {
     row: IndexRow,
+    /// The daemon's name; empty for this one.
+    daemon: String,
+    /// The address of the dashboard; empty for this one.
+    url: String,
 }
 
 impl ShownRow {
@@ -73,9 +82,8 @@ impl ShownRow {
         self.row.gain.map(|gain| gain.to_string()).unwrap_or_default()
     }
 
-    /// The replica that holds the study; empty for this daemon.
     fn place(&self) -> &str {
-        &self.row.holder
+        if self.daemon.is_empty() { &self.row.holder } else { &self.daemon }
     }
 }
 
@@ -90,12 +98,13 @@ struct IndexOrder {
 pub(in super::super) struct StudyIndex {
     tuning: Arc<Tuning>,
     summaries: Arc<Summaries>,
+    others: OtherDaemons,
 }
 
 impl StudyIndex {
-    /// The list of a daemon's studies.
-    pub(in super::super) fn new(tuning: Arc<Tuning>) -> Self {
-        Self { tuning, summaries: Arc::default() }
+    /// The list of a daemon's studies and of those of other daemons.
+    pub(in super::super) fn new(tuning: Arc<Tuning>, peers: Vec<DashboardPeer>) -> Self {
+        Self { tuning, summaries: Arc::default(), others: OtherDaemons::new(peers) }
     }
 
     /// The number of changes of what it tells beside counts.
@@ -109,7 +118,8 @@ impl StudyIndex {
         let column = query.word("order", &COLUMNS)?;
         let order = IndexOrder { column, reverse: query.word("reverse", &["0", "1"])? == "1" };
         let asked = query.number("page")?;
-        let (studies, is_cut) = read_studies(visitor).await?;
+        let (studies, others) = tokio::join!(read_studies(visitor), self.read_others(visitor));
+        let (studies, is_cut) = studies?;
         let shown = |rows: &[ShownRow]| {
             let pages = rows.len().div_ceil(DASHBOARD_ROWS).max(1);
             let page = usize::try_from(asked.unwrap_or(1)).unwrap_or(usize::MAX);
@@ -123,19 +133,24 @@ impl StudyIndex {
             Ok((page, pages, first..rows.len().min(first + DASHBOARD_ROWS)))
         };
         // What the page will show is to be summarised first.
-        let rows = self.rows(&studies, order);
+        let rows = self.rows(&studies, &others, order);
         let (_, _, range) = shown(&rows)?;
         let uids: BTreeSet<String> = rows[range].iter().map(|shown| shown.row.uid.clone()).collect();
         self.summaries.refresh(&self.tuning, &studies, &uids).await;
-        let mut rows = self.rows(&studies, order);
+        let mut rows = self.rows(&studies, &others, order);
         let (page, pages, range) = shown(&rows)?;
-        let has_daemons = rows.iter().any(|shown| !shown.row.holder.is_empty());
+        let has_daemons = !self.others.is_empty() || rows.iter().any(|shown| !shown.row.holder.is_empty());
+        let away = others.iter().filter_map(|other| {
+            let reason = other.studies.as_ref().err()?.clone();
+            Some((other.peer.name.clone(), other.peer.url(), reason))
+        });
         let at = |page: usize| order.query(Some(page));
         render(&Page {
             frame: visitor.frame,
             columns: order.columns(has_daemons),
             rows: rows.drain(range).collect(),
             has_daemons,
+            away: away.collect(),
             is_cut,
             states_most: STATES,
             page,
@@ -145,8 +160,38 @@ impl StudyIndex {
         })
     }
 
-    fn rows(&self, studies: &[v1::Study], order: IndexOrder) -> Vec<ShownRow> {
-        let mut rows: Vec<ShownRow> = studies.iter().map(|study| ShownRow { row: self.row(study) }).collect();
+    /// The list of this daemon's studies in JSON, for the dashboard of another daemon.
+    pub(in super::super) async fn json(&self, visitor: &Visitor<'_>) -> Result<String, Error> {
+        let (studies, is_cut) = read_studies(visitor).await?;
+        let uids = studies.iter().take(DASHBOARD_ROWS).map(|study| study.uid.clone()).collect();
+        self.summaries.refresh(&self.tuning, &studies, &uids).await;
+        let rows: Vec<_> = studies.iter().map(|study| self.row(study).to_json()).collect();
+        Ok(json!({ "studies": rows, "more": is_cut }).to_string())
+    }
+
+    /// What the other daemons tell. A visitor who may not see all studies here does not see those of others.
+    async fn read_others(&self, visitor: &Visitor<'_>) -> Arc<Vec<OtherDaemon>> {
+        if self.others.is_empty() || visitor.caller.is_limited() {
+            return Arc::default();
+        }
+        self.others.read().await
+    }
+
+    fn rows(&self, studies: &[v1::Study], others: &[OtherDaemon], order: IndexOrder) -> Vec<ShownRow> {
+        let own = studies.iter().map(|study| ShownRow {
+            row: self.row(study),
+            daemon: String::new(),
+            url: String::new(),
+        });
+        let theirs = others.iter().flat_map(|other| {
+            other.studies.iter().flatten().map(move |row| ShownRow {
+                row: row.clone(),
+                daemon: other.peer.name.clone(),
+                url: other.peer.url(),
+            })
+        });
+        let mut rows: Vec<ShownRow> = own.chain(theirs).collect();
+        unite(&mut rows, |shown| &shown.row);
         rows.sort_by(|a, b| order.compare(a, b));
         rows
     }
@@ -227,7 +272,7 @@ impl IndexOrder {
             "Created" => by(other.created.cmp(&one.created)),
             _ => by(one.id.cmp(&other.id)),
         };
-        ordering.then_with(|| one.id.cmp(&other.id)).then_with(|| a.row.uid.cmp(&b.row.uid))
+        ordering.then_with(|| one.id.cmp(&other.id)).then_with(|| a.daemon.cmp(&b.daemon))
     }
 
     fn columns(self, has_daemons: bool) -> Vec<Column> {
@@ -266,7 +311,7 @@ mod tests {
     fn shown(id: &str, trials: i64, share: Option<f64>) -> ShownRow {
         let gain = share.map(|share| Gain { share, low: None, high: None, probability_better: None });
         let row = IndexRow { id: id.to_owned(), trials, gain, ..IndexRow::default() };
-        ShownRow { row }
+        ShownRow { row, daemon: String::new(), url: String::new() }
     }
 
     fn ordered(column: &'static str, reverse: bool) -> String {
