@@ -97,6 +97,7 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
                 "Below the default [95 %]",
                 "roofline",
                 "State 1: ",
+                "by all measurements the answer is at ",
                 "&#60;img src=x&#62;",
                 "shell@",
             ],
@@ -255,7 +256,10 @@ fn what_is_maximised_is_shown_in_its_own_unit() {
         ("/studies/toy/trials/2", &["<dt>fps (higher is better)</dt><dd>80</dd>"]),
         ("/studies/toy/parameters", &["fps (higher is better)</text>"]),
         ("/studies/toy/policy", &["The study maximises fps"]),
-        ("/compare?study=toy", &["toy: 0.625 (fps 1.600 times the default’s)"]),
+        (
+            "/compare?study=toy",
+            &["toy: 0.625 (fps 1.600 times the default’s)", "Answers beside the default", " above</td>"],
+        ),
     ] {
         let answer = get(&address, path, "");
         assert_eq!(answer.status, 200, "{path}: {}", answer.body);

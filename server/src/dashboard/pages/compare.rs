@@ -2,12 +2,13 @@
 //! proven gains.
 
 use askama::Template;
-use treewright_core::standing::StandingVerdict;
+use treewright_core::standing::{Gain, StandingVerdict};
 use treewright_proto::v1;
 
 use super::super::charts::{self, Runner};
 use super::super::{Query, Visitor, benefit};
 use super::standing::{StateStands, benefits, read_state};
+use super::summaries::mean_gain;
 use super::{PageFrame, TRIALS, head, read_trials, render};
 use crate::error::Error;
 
@@ -31,6 +32,8 @@ struct Row {
     trials: i64,
     better: usize,
     nothing: usize,
+    /// The mean gain of the answers over the default by the posteriors of their states, with its interval.
+    answer: String,
     /// The lowest and the highest gain over the default.
     gains: String,
     saved: String,
@@ -87,9 +90,10 @@ fn row(
             |one: &&StateStands| one.standing.is_some_and(|standing| verdicts.contains(&standing.verdict()));
         states.iter().filter(stands).count()
     };
-    let gains = states.iter().filter_map(|one| Some(one.standing?.gain?.share));
-    let (low, high) =
-        gains.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), gain| (low.min(gain), high.max(gain)));
+    let gains: Vec<Gain> = states.iter().filter_map(|one| one.standing?.gain).collect();
+    let (low, high) = gains.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), gain| {
+        (low.min(gain.share), high.max(gain.share))
+    });
     let unit_s = benefit::unit_s(study.objective.as_ref());
     let mut saved = benefit::Benefit::default();
     for one in benefits(states, latest, latest.len() == TRIALS, unit_s, visitor.tuning.now_ms()).values() {
@@ -101,6 +105,9 @@ fn row(
         trials: head.trials,
         better: count(&[StandingVerdict::Proven]),
         nothing: count(&[StandingVerdict::NothingBetter, StandingVerdict::NothingToWin]),
+        answer: mean_gain(&gains)
+            .map(|gain| format!("{} {}", gain.by(&head.view), head.view.better_side()))
+            .unwrap_or_default(),
         gains: match low.is_finite() {
             true => {
                 let [low, high] = [low, high].map(|share| head.view.percent(share));

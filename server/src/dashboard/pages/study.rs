@@ -115,8 +115,8 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         Some(chosen) => levels(visitor, id, chosen, fixed.as_ref()).await,
         None => Vec::new(),
     };
-    let mut curve_note =
-        fixed.map(|fixed| format!("Best fixed is {}. ", fixed.configuration)).unwrap_or_default();
+    let mut curve_note = chosen.and_then(|chosen| luck_note(chosen, &head.view)).unwrap_or_default();
+    curve_note += &fixed.map(|fixed| format!("Best fixed is {}. ", fixed.configuration)).unwrap_or_default();
     if in_state.len() == TRIALS {
         curve_note += &format!("These are the latest {TRIALS}.");
     }
@@ -191,6 +191,18 @@ async fn levels(visitor: &Visitor<'_>, id: &str, chosen: &StateStands, fixed: Op
     .into_iter()
     .flatten()
     .collect()
+}
+
+/// What the answer costs by all measurements, beside the line of the luckiest single runs.
+fn luck_note(chosen: &StateStands, view: &CostView) -> Option<String> {
+    let standing = chosen.standing?;
+    let (low, high) = view.interval(standing.cost_low, standing.cost_high);
+    let (name, cost) = (view.title(), figure(view.value(standing.cost)));
+    let (low, high) = (figure(low), figure(high));
+    Some(format!(
+        "The solid line follows the luckiest single runs; by all measurements the answer is at {cost} [{low}, {high}] \
+         of {name}. "
+    ))
 }
 
 fn card(chosen: &StateStands, view: &CostView) -> Option<BestCard> {
