@@ -85,13 +85,27 @@ impl AddAssign for Benefit {
     }
 }
 
-/// One unit of an objective in seconds of a trial, all of its frames together, by the endings of its metrics'
-/// names; `None` where it is no time, or where a metric is maximised.
+/// The last words of names of times, and their units in seconds.
+const UNITS: [(&[&str], f64); 6] = [
+    (&["ns", "nanoseconds"], 1e-9),
+    (&["us", "microseconds"], 1e-6),
+    (&["ms", "msec", "milliseconds"], 1e-3),
+    (&["s", "sec", "secs", "seconds"], 1.0),
+    // `min` is the least of something, too.
+    (&["minutes"], 60.0),
+    (&["hours"], 3600.0),
+];
+
+/// One unit of an objective in seconds of a trial, all of its frames together, by the last words of its
+/// metrics' names; `None` where it is no time, or where a metric is maximised. What is counted in a time (`errors_per_s`) is none.
 pub(super) fn unit_s(objective: Option<&v1::Objective>) -> Option<f64> {
     let objective = objective.filter(|objective| objective.maximised.is_empty())?;
     let unit = |name: &str| {
-        let units = [("_ns", 1e-9), ("_us", 1e-6), ("_ms", 1e-3), ("_s", 1.0)];
-        units.iter().find(|(end, _)| name.ends_with(end)).map(|(_, seconds)| *seconds)
+        let mut words = name.rsplit('_');
+        let (last, before) = (words.next()?, words.next());
+        let is_time = before.is_none_or(|before| before != "per");
+        let found = UNITS.iter().find(|(names, _)| is_time && names.contains(&last));
+        found.map(|(_, seconds)| *seconds)
     };
     let units: Option<Vec<f64>> = objective.terms.iter().map(|term| unit(&term.metric)).collect();
     let units = units?;
@@ -176,7 +190,21 @@ mod tests {
             v1::Objective { terms: metrics.iter().map(term).collect(), ..v1::Objective::default() }
         };
         assert_eq!(unit_s(Some(&objective(&["build_ms", "render_ms"]))), Some(1e-3));
-        assert_eq!(unit_s(Some(&objective(&["wall_s"]))), Some(1.0));
+        for (metric, unit) in [
+            ("wall_s", 1.0),
+            ("seconds", 1.0),
+            ("wall_seconds", 1.0),
+            ("ms", 1e-3),
+            ("frame_us", 1e-6),
+            ("kernel_ns", 1e-9),
+            ("epoch_minutes", 60.0),
+            ("run_hours", 3600.0),
+        ] {
+            assert_eq!(unit_s(Some(&objective(&[metric]))), Some(unit), "{metric}");
+        }
+        for metric in ["errors_per_s", "latency_min", "loss", "items", "sms", "memory_mb"] {
+            assert_eq!(unit_s(Some(&objective(&[metric]))), None, "{metric}");
+        }
         let long = v1::Objective { episode_frames: 24, ..objective(&["wall_s"]) };
         assert_eq!(unit_s(Some(&long)), Some(24.0), "a trial's frames");
         assert_eq!(unit_s(Some(&objective(&["build_ms", "loss"]))), None);
