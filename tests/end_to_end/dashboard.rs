@@ -365,6 +365,14 @@ fn who_shows_no_token_sees_nothing() {
             ),
         )
     };
+    // A form of another site logs nobody in, and nobody out.
+    for path in ["/login", "/logout"] {
+        let form = format!("token={good}");
+        let head = format!("POST {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n");
+        let foreign = format!("Origin: http://evil.example\r\nContent-Length: {}\r\n\r\n{form}", form.len());
+        let answer = ask(&address, &(head + &foreign));
+        assert_eq!((answer.status, answer.head.contains("set-cookie")), (403, false), "{path}");
+    }
     let wrong = log_in("tw1_wrong");
     assert_eq!((wrong.status, wrong.head.contains("set-cookie")), (401, false));
     // The daemon follows the database, where the token was just made.

@@ -51,6 +51,8 @@ const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; c
                       data:; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 /// How often a visitor waits for a study that is being read into memory; each time is up to a second.
 const LOADING_WAITS: u32 = 20;
+/// The answer to a form of another site.
+const FOREIGN: Error = Error::Denied("the form does not come from a page of this dashboard");
 /// The cookie that holds the token.
 const COOKIE: &str = "treewright_token";
 
@@ -99,6 +101,9 @@ impl Dashboard {
                 asset("text/javascript; charset=utf-8", include_str!("../../assets/live.js"))
             }
             (&Method::GET | &Method::HEAD, "/login") => page(StatusCode::OK, pages::login(None)),
+            (&Method::POST, "/login" | "/logout") if steering::is_foreign_form(&parts.headers) => {
+                failure(PageFrame { has_token: false }, &FOREIGN)
+            }
             (&Method::POST, "/login") => self.log_in(body, slot).await,
             (&Method::POST, "/logout") => redirect("/login", Some(cookie("", true))),
             (&Method::POST, _) => self.steer(path, &parts.headers, body, slot).await,
@@ -223,7 +228,7 @@ impl Dashboard {
         };
         slot.settle();
         if !steering::is_own_form(headers) {
-            return failure(frame, &Error::Denied("the form does not come from a page of this dashboard"));
+            return failure(frame, &FOREIGN);
         }
         let form = match read_form(body).await {
             Ok(form) => form,

@@ -35,17 +35,24 @@ struct FormChange {
 /// Whether a form comes from a page of this port by the browser's headers, or from a program with a token of
 /// its own.
 pub(super) fn is_own_form(headers: &HeaderMap) -> bool {
+    let is_program = || headers.contains_key(header::AUTHORIZATION) && !headers.contains_key(header::COOKIE);
+    says_own(headers).unwrap_or_else(is_program)
+}
+
+/// Whether a form comes from a page of another site. Who logs in or out with a program shows no token yet.
+pub(super) fn is_foreign_form(headers: &HeaderMap) -> bool {
+    says_own(headers) == Some(false)
+}
+
+/// Whether the browser says that a form comes from a page of this port; `None` where it says nothing.
+fn says_own(headers: &HeaderMap) -> Option<bool> {
     let text = |name: &header::HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
     if let Some(site) = text(&header::HeaderName::from_static("sec-fetch-site")) {
-        return site == "same-origin";
+        return Some(site == "same-origin");
     }
-    match text(&header::ORIGIN).map(|origin| origin.split_once("://")) {
-        Some(origin) => {
-            let (own, host) = (origin.map(|(_, authority)| authority), text(&header::HOST));
-            own.is_some() && own == host
-        }
-        None => headers.contains_key(header::AUTHORIZATION) && !headers.contains_key(header::COOKIE),
-    }
+    let origin = text(&header::ORIGIN)?;
+    let (own, host) = (origin.split_once("://").map(|(_, authority)| authority), text(&header::HOST));
+    Some(own.is_some() && own == host)
 }
 
 /// Sets the field of the policy that a form names to its value, or back to its default where that is empty.
@@ -142,12 +149,13 @@ mod tests {
 
     #[test]
     fn a_form_of_another_site_is_not_our_own() {
-        let is_own = |given: &[(&'static str, &'static str)]| {
+        let headers = |given: &[(&'static str, &'static str)]| -> HeaderMap {
             let headers = given.iter().map(|(name, value)| {
                 (header::HeaderName::from_static(name), HeaderValue::from_static(value))
             });
-            is_own_form(&headers.collect())
+            headers.collect()
         };
+        let is_own = |given: &[(&'static str, &'static str)]| is_own_form(&headers(given));
         let host = ("host", "127.0.0.1:8080");
         let cookie = ("cookie", "treewright_token=tw1_x");
         assert!(is_own(&[host, cookie, ("origin", "http://127.0.0.1:8080")]));
@@ -166,6 +174,11 @@ mod tests {
             assert!(!is_own(bad), "{bad:?}");
         }
         assert!(!may_steer(&Caller::Anyone));
+        // Whoever logs in by a program has no token to show.
+        assert!(!is_foreign_form(&headers(&[host])));
+        assert!(!is_foreign_form(&headers(&[host, ("origin", "http://127.0.0.1:8080")])));
+        assert!(is_foreign_form(&headers(&[host, ("origin", "http://evil.example")])));
+        assert!(is_foreign_form(&headers(&[host, cookie, ("sec-fetch-site", "cross-site")])));
     }
 
     #[test]
