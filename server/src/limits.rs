@@ -241,8 +241,9 @@ pub const DASHBOARD_ROWS: usize = 100;
 /// Longest wait of the list of studies for summaries of studies that it shows for the first time.
 pub const DASHBOARD_SUMMARY_WAIT: Duration = Duration::from_millis(100);
 
-/// The summary of a study that has changed is made again after this time at the earliest.
-pub const DASHBOARD_SUMMARY_AGE: Duration = Duration::from_secs(2);
+/// The summary of a study that has changed is made again after this time at the earliest: its assessments
+/// compete with those for clients.
+pub const DASHBOARD_SUMMARY_AGE: Duration = Duration::from_secs(10);
 
 /// A summary that could not be made whole is made again after this time.
 pub const DASHBOARD_SUMMARY_RETRY: Duration = Duration::from_secs(10);
