@@ -137,6 +137,11 @@ fn a_configuration_can_come_from_a_file() {
         .expect("it can be written");
     let json = succeeds(path, &format!("{SMALL} -o a.png --config-file best.json --json"));
     assert!(json.contains("\"morton\""), "{json}");
+    // As `tune --json` writes it.
+    std::fs::write(path.join("tuned.json"), r#"{"objective": "render", "tuned": {"quality": 1}}"#)
+        .expect("it can be written");
+    let again = succeeds(path, &format!("{SMALL} -o a.png --config-file tuned.json --json"));
+    assert!(again.contains("\"morton\""), "{again}");
     fails(&format!("{SMALL} -o a.png --config-file missing.json"), FAILED, &["missing.json"]);
 }
 
