@@ -20,6 +20,8 @@ use treewright_proto::v1::{self as wire};
 use treewright_server::access::Access;
 use treewright_server::access::token::Token;
 use treewright_server::clock::ManualClock;
+use treewright_server::config::DashboardPeer;
+use treewright_server::limits::DASHBOARD_ROWS;
 use treewright_server::serve::Options;
 use treewright_store::tokens::{Quota, Scope, Studies, TokenRecord};
 use treewright_store::{MemoryStore, MemoryTokens, Store, TokenStore};
@@ -48,14 +50,14 @@ struct Guarded {
 impl Guarded {
     async fn start(store: Arc<dyn Store>) -> Self {
         let clock = Arc::new(ManualClock::at(START_MS));
-        let (options, pages, token) = options(&clock).await;
+        let (options, pages, token) = options(&clock, Vec::new()).await;
         Self { server: Server::with_options(store, clock, options).await, pages, token }
     }
 
     /// One of several replicas on a database.
     async fn replica(database: &Database) -> Self {
         let clock = Arc::new(ManualClock::at(START_MS));
-        let (options, pages, token) = options(&clock).await;
+        let (options, pages, token) = options(&clock, Vec::new()).await;
         Self { server: Server::replica_with(database, clock, options).await, pages, token }
     }
 
@@ -87,15 +89,15 @@ impl Guarded {
     }
 }
 
-/// Options with a dashboard; where it is, and the token.
-async fn options(clock: &Arc<ManualClock>) -> (Options, SocketAddr, String) {
+/// Options with a dashboard; where it is, and a token for these studies, or for all.
+async fn options(clock: &Arc<ManualClock>, studies: Vec<String>) -> (Options, SocketAddr, String) {
     let token = Token::make().expect("randomness");
     let record = TokenRecord {
         id: token.id().to_owned(),
         name: "a test".to_owned(),
         hash: token.hash(),
         scope: Scope::Admin,
-        studies: Studies::default(),
+        studies: Studies(studies),
         quota: Quota::default(),
         create_ms: START_MS,
         expire_ms: None,
@@ -256,6 +258,45 @@ async fn a_list_of_studies_tells_gains_that_change_with_their_trials() {
     );
     assert_eq!(guarded.post("/studies/hall/policy", "field=operation&value=freeze").await.0, 303);
     assert!(guarded.get("/").await.1.contains(">frozen</td>"), "at once");
+}
+
+#[tokio::test]
+async fn a_long_list_is_paged_and_told_in_json() {
+    let guarded = Guarded::start(Arc::new(MemoryStore::new())).await;
+    let mut caller = guarded.caller().await;
+    for number in 0..=DASHBOARD_ROWS {
+        let study_id = format!("hall-{number:03}");
+        let request = wire::CreateStudyRequest { study_id, study: Some(study()) };
+        caller.create_study(request).await.expect("created");
+    }
+    let rows = |answer: &str| answer.matches("<th scope=\"row\">").count();
+    let (status, answer) = guarded.get("/").await;
+    assert!(status == 200 && rows(&answer) == DASHBOARD_ROWS, "{status}, {} rows", rows(&answer));
+    assert!(answer.contains("Page 1 of 2") && answer.contains("rel=\"next\""), "{answer}");
+    let (status, answer) = guarded.get("/?order=Study&reverse=1&page=2").await;
+    assert!(status == 200 && rows(&answer) == 1 && answer.contains(">hall-000</a>"), "{answer}");
+    assert_eq!(guarded.get("/?page=3").await.0, 400);
+    let (status, answer) = guarded.get("/studies.json").await;
+    let body = answer.split("\r\n\r\n").nth(1).expect("a body");
+    let told: serde_json::Value = serde_json::from_str(body).expect("JSON");
+    assert_eq!((status, told["studies"].as_array().map(Vec::len)), (200, Some(DASHBOARD_ROWS + 1)));
+    assert_eq!(told["studies"][0]["id"], "hall-000");
+    assert_eq!(told["studies"][0]["status"], "new");
+}
+
+#[tokio::test]
+async fn who_may_see_some_studies_sees_none_of_other_daemons() {
+    let clock = Arc::new(ManualClock::at(START_MS));
+    for (studies, is_told) in [(Vec::new(), true), (vec!["hall".to_owned()], false)] {
+        let (options, pages, token) = options(&clock, studies).await;
+        let gone =
+            DashboardPeer { name: "gone".to_owned(), authority: "127.0.0.1:1".to_owned(), token: None };
+        let options = Options { dashboard_peers: vec![gone], ..options };
+        let server = Server::with_options(Arc::new(MemoryStore::new()), Arc::clone(&clock), options).await;
+        let guarded = Guarded { server, pages, token };
+        let (status, answer) = guarded.get("/").await;
+        assert_eq!((status, answer.contains("gone</a> is away: ")), (200, is_told), "{answer}");
+    }
 }
 
 #[tokio::test]
