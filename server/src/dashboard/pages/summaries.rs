@@ -298,8 +298,8 @@ mod tests {
     fn a_study_is_as_far_as_its_last_state() {
         use ConfirmationStage::{Better, NothingBetter, Off, Racing, Searching};
         for (stages, said) in [
-            (&[][..], "searching"),
-            (&[Better, Searching], "searching"),
+            (&[Better, Searching][..], "searching"),
+            (&[], "searching"),
             (&[Better, Searching, Racing], "confirming"),
             (&[Better, NothingBetter], "finished"),
             (&[Off, Off], "running"),
