@@ -97,7 +97,8 @@ const UNITS: [(&[&str], f64); 6] = [
 ];
 
 /// One unit of an objective in seconds of a trial, all of its frames together, by the last words of its
-/// metrics' names; `None` where it is no time, or where a metric is maximised. What is counted in a time (`errors_per_s`) is none.
+/// metrics' names; `None` where it is no time, or where a metric is maximised. What is counted in a time
+/// (`errors_per_s`) is none.
 pub(super) fn unit_s(objective: Option<&v1::Objective>) -> Option<f64> {
     let objective = objective.filter(|objective| objective.maximised.is_empty())?;
     let unit = |name: &str| {
