@@ -93,7 +93,7 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
             "/studies/toy",
             &[
                 "Tuning curve",
-                "class=\"best\"",
+                "<title>best so far</title>",
                 "Below the default [95 %]",
                 "roofline",
                 "State 1: ",

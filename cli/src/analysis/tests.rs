@@ -128,7 +128,7 @@ fn what_is_maximised_is_told_by_its_value_and_held_to_where_it_is_high() {
     let map = &rates.maps[0];
     let values = || map.cells.iter().map(|cell| cell.relative);
     let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max));
-    assert!(page.contains(&format!("from {high:.2} (blue) to {low:.2} (red)")), "the best is blue");
+    assert!(page.contains(&format!("from blue: {high:.2}, to orange: {low:.2}")), "the best is blue");
 }
 
 fn influence<'a>(analysis: &'a Analysis, name: &str) -> &'a Influence {

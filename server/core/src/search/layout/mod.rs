@@ -62,6 +62,8 @@ pub struct Layout {
 
 /// Most cells that are counted; finer axes pass for continuous.
 const CELLS_MAX: u64 = 1 << 16;
+/// Least distance of a moved coordinate from the ends of its cell, as a share of the cell.
+const INSIDE: f64 = 1e-9;
 
 impl Layout {
     /// The layout of a space.
@@ -231,8 +233,9 @@ impl Layout {
             let AxisKind::Choice { levels, ranks } = &axis.kind else { continue };
             let from = cell(*x, *levels);
             if let Some(to) = (!ranks.is_empty()).then(|| other(ranks, from)).filter(|to| *to != from) {
-                let within = *x * f64::from(*levels) - f64::from(from);
-                *x = ((f64::from(to) + within) / f64::from(*levels)).clamp(0.0, 1.0);
+                // Off the ends of the cell, which rounding could take for the next one.
+                let within = (*x * f64::from(*levels) - f64::from(from)).clamp(INSIDE, 1.0 - INSIDE);
+                *x = (f64::from(to) + within) / f64::from(*levels);
             }
         }
         x
