@@ -38,7 +38,8 @@ impl Episode {
             indicators: indicators.clone(),
             costs: Vec::with_capacity(planned),
             sums: Measurements::new(),
-            renew_after: left.map(|left| (left / 2).max(limits::LEAST_RENEWAL)),
+            // A renewal that fails is repeated before the lease ends.
+            renew_after: left.map(|left| (left / 3).max(limits::LEAST_RENEWAL)),
             renewed: Instant::now(),
         }
     }
@@ -57,7 +58,7 @@ impl Episode {
         self.costs.len() + 1 == self.planned
     }
 
-    /// Whether half of the lease is over since this was last the answer.
+    /// Whether a third of the lease is over since this was last the answer.
     pub(crate) fn renewal_is_due(&mut self) -> bool {
         let is_due = self.renew_after.is_some_and(|after| self.renewed.elapsed() >= after);
         if is_due {
@@ -272,7 +273,7 @@ mod tests {
         let mut episode = Episode::new(2, &at(1000.0), Some(SystemTime::now() + Duration::from_secs(60)));
         assert!(episode.is_in(&spec, &at(1010.0)) && !episode.is_in(&spec, &at(9000.0)));
         assert!(!episode.is_in(&spec, &Indicators::new()));
-        assert!(episode.renew_after.is_some_and(|after| after.as_secs_f64() > 20.0));
+        assert!(episode.renew_after.is_some_and(|after| (15.0..=20.0).contains(&after.as_secs_f64())));
         assert!(!episode.renewal_is_due());
         episode.renew_after = Some(Duration::ZERO);
         assert!(episode.renewal_is_due());

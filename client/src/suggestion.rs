@@ -113,13 +113,12 @@ impl Suggestion {
         self.episode.as_ref().is_none_or(|episode| episode.has_one_frame_left())
     }
 
-    /// Renews the lease in the background, where half of it is over: no frame waits for it.
+    /// Renews the lease in the background, where a third of it is over: no frame waits for it. Without a
+    /// daemon it stays due.
     fn keep_lease(&mut self) {
         let core = &self.study.core;
-        let is_due = self.episode.as_mut().is_some_and(|episode| episode.renewal_is_due());
-        if let Some(lease) =
-            self.lease.as_ref().filter(|_| is_due && core.circuit_breaker.problem().is_none())
-        {
+        let (Some(lease), Some(episode)) = (&self.lease, &mut self.episode) else { return };
+        if core.circuit_breaker.problem().is_none() && episode.renewal_is_due() {
             let (core, trial) = (Arc::clone(core), Arc::clone(&lease.trial));
             self.study.core.runtime.spawn(async move {
                 if let Err(problem) = core.extend_lease(&trial).await {

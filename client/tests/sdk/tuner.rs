@@ -1,8 +1,8 @@
 //! The per-frame loop: one round trip a frame, and the reports that a broken stream leaves behind.
 
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
-use treewright_client::{Client, Finished, Outcome, Source, Suggestion, Tuner};
+use treewright_client::{Client, Finished, Outcome, Source, Status, Suggestion, Tuner};
 use treewright_proto::convert::outcome_to_wire;
 use treewright_proto::v1::TrialState;
 
@@ -232,7 +232,7 @@ async fn a_frame_is_not_reported_as_its_trial() {
 #[tokio::test]
 async fn the_lease_of_a_trial_of_several_frames_is_renewed() {
     let fake = Fake::start();
-    fake.book().behind = true;
+    fake.book().lease_end = Some(SystemTime::UNIX_EPOCH);
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let mut tuner = client.study("scene", in_episodes(3)).await.unwrap().tuner();
     let first = tuner.next(&state(1), None).await;
@@ -240,4 +240,23 @@ async fn the_lease_of_a_trial_of_several_frames_is_renewed() {
     let second = tuner.next(&state(1), finish(first, 1.0)).await;
     until("the lease is renewed", || fake.book().count("ExtendLease") == 1).await;
     drop(second);
+}
+
+#[tokio::test]
+async fn a_lease_that_could_not_be_renewed_is_renewed_once_the_daemon_is_back() {
+    let mut fake = Fake::start();
+    fake.book().lease_end = Some(SystemTime::now() + Duration::from_secs(4));
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let study = client.study("scene", in_episodes(3)).await.unwrap();
+    let mut tuner = study.tuner();
+    let first = tuner.next(&state(1), None).await;
+    fake.go_away();
+    assert!(study.best(&state(1)).await.is_err() && matches!(client.status(), Status::Away { .. }));
+    tokio::time::sleep(Duration::from_millis(2100)).await;
+    let second = tuner.next(&state(1), finish(first, 1.0)).await;
+    fake.come_back();
+    until("it is found again", || matches!(client.status(), Status::Connected)).await;
+    let third = tuner.next(&state(1), finish(second, 1.0)).await;
+    until("the lease is renewed", || fake.book().count("ExtendLease") == 1).await;
+    drop(third);
 }

@@ -1,6 +1,7 @@
 //! The stand-in's state: studies and trials, after the rules of the wire contract.
 
 use std::collections::BTreeMap;
+use std::time::SystemTime;
 
 use tonic::{Code, Status};
 use treewright_proto::v1::{self, TrialState, parameter::Domain};
@@ -30,8 +31,8 @@ pub struct Book {
     pub refuse: BTreeMap<&'static str, Code>,
     /// The names under which studies were asked for trials, bests and predictions, one after the other.
     pub asked: Vec<String>,
-    /// Its clock is far behind: leases seem to have ended.
-    pub behind: bool,
+    /// The end of leases, by a clock that may be behind; without one they are long.
+    pub lease_end: Option<SystemTime>,
     /// The cost above which trials are to be stopped.
     pub abort_above: Option<f64>,
     /// The number of next questions about the study that meet a daemon that is still loading it.
@@ -116,10 +117,10 @@ impl Book {
                 source: "fake".into(),
                 ..v1::Reason::default()
             }),
-            lease_expire_time: Some(prost_types::Timestamp {
-                seconds: if self.behind { 1 } else { 32_000_000_000 },
-                nanos: 0,
-            }),
+            lease_expire_time: Some(self.lease_end.map_or(
+                prost_types::Timestamp { seconds: 32_000_000_000, nanos: 0 },
+                prost_types::Timestamp::from,
+            )),
             state: TrialState::Open.into(),
             fingerprint: request.fingerprint,
             origin: request.origin,

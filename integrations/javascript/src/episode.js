@@ -35,7 +35,8 @@ export class Episode {
     this.#cap = abortAbove;
     this.#planned = spec.episodeFrames;
     const leftMs = leaseExpireTime ? Number(leaseExpireTime.seconds) * 1000 - Date.now() : Infinity;
-    this.#renewAfterMs = Math.max(leftMs / 2, LEAST_RENEWAL_MS);
+    // A renewal that fails is repeated before the lease ends.
+    this.#renewAfterMs = Math.max(leftMs / 3, LEAST_RENEWAL_MS);
   }
 
   isIn(indicators) {

@@ -316,7 +316,7 @@ export class Suggestion {
     if (spec.episodeFrames > 1 && this.#lease) this.#episode = new Episode(spec, { ...indicators }, this.#lease);
   }
 
-  /** For a frame loop: whether the trial's next frame can be one of these indicators. Renews its lease where half of it is over. */
+  /** For a frame loop: whether the trial's next frame can be one of these indicators. Renews its lease where a third is over. */
   goesOn(indicators) {
     if (!this.#open || !this.#episode?.isIn(indicators)) return false;
     // No frame waits for it.
