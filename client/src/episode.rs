@@ -130,7 +130,7 @@ impl Episode {
         let frames = self.costs.len() as f64;
         let mean = |(metric, sum): (&str, f64)| {
             let mean = if is_maximised(objective, metric) { frames / sum } else { sum / frames };
-            (metric.to_owned(), mean)
+            (metric.to_owned(), within_limits(objective, metric, mean))
         };
         let mut means: Measurements = self.sums.iter().map(mean).collect();
         if let Some(trend) = episode_trend(&self.costs)
@@ -145,6 +145,14 @@ impl Episode {
 
 fn is_maximised(objective: &Objective, metric: &str) -> bool {
     objective.maximised().iter().any(|one| one == metric)
+}
+
+/// The mean of frames of which none was beyond a limit: so it is not, whatever its last digit is.
+fn within_limits(objective: &Objective, metric: &str, mean: f64) -> f64 {
+    let limit = objective.limits().iter().find(|limit| limit.metric == metric);
+    limit.map_or(mean, |limit| {
+        mean.clamp(limit.at_least.unwrap_or(f64::NEG_INFINITY), limit.at_most.unwrap_or(f64::INFINITY))
+    })
 }
 
 /// The mean cost of a trial's frames in their second half over that in their first: above 1 they become
@@ -252,6 +260,19 @@ mod tests {
         let mut results =
             frames.map(|frame| cheaper.push(&spec.objective, None, frame, Outcome::Ok)).into_iter();
         assert!(results.all(|result| result.is_none()), "a level knows no limits");
+    }
+
+    #[test]
+    fn a_mean_of_frames_at_a_limit_is_at_the_limit() {
+        // 24 times 0.9 is a little less than 21.6, and three times 0.1 a little more than 0.3.
+        for (frames, value, ends) in [(24, 0.9, (Some(0.9), None)), (3, 0.1, (None, Some(0.1)))] {
+            let spec = builder().minimise("render_ms", 1.0).limit("ratio", ends.0, ends.1);
+            let spec = spec.episode_frames(frames).build().unwrap();
+            let frame = Measurements::from([("render_ms", 1.0), ("ratio", value)]);
+            let (_, result) = run(&spec, None, &vec![frame; frames as usize]);
+            let means = result.unwrap().0;
+            assert_eq!(spec.objective.beyond(&means.0), Ok(None), "{means:?}");
+        }
     }
 
     #[test]

@@ -81,7 +81,13 @@ export class Episode {
 
   /** That of a maximised metric is the harmonic one, so that the trial's cost is the mean of its frames' costs. */
   #means() {
-    const mean = ([name, all]) => [name, this.#isMaximised(name) ? this.#planned / all : all / this.#planned];
+    const { limits = {} } = this.#spec;
+    const mean = ([name, all]) => {
+      const found = this.#isMaximised(name) ? this.#planned / all : all / this.#planned;
+      // No frame was beyond a limit: so their mean is not, whatever its last digit is.
+      const { atLeast = -Infinity, atMost = Infinity } = limits[name] ?? {};
+      return [name, Math.min(Math.max(found, atLeast), atMost)];
+    };
     const means = Object.fromEntries(Object.entries(this.#sums).map(mean));
     const found = trend(this.#costs);
     if (found !== undefined && !Object.hasOwn(means, "trend") && Object.keys(means).length < MEASUREMENTS_MOST) means.trend = found;
