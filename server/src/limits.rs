@@ -102,8 +102,9 @@ pub const TOKENS_STALE: Duration = Duration::from_secs(30);
 /// Period between stores of the tokens' usage. A crash forgets at most the usage of one period.
 pub const USAGE_PERIOD: Duration = Duration::from_secs(2);
 
-/// Longest wait for the database to take, or to tell, the usage of tokens. The daemon's end waits as well.
-pub const USAGE_WAIT: Duration = Duration::from_secs(5);
+/// Longest wait for the database to tell the tokens, and to take or to tell their usage. The daemon's end
+/// waits for the latter as well.
+pub const TOKENS_WAIT: Duration = Duration::from_secs(5);
 
 /// Default limit of requests in progress at once; a frame of a Tune stream counts as one.
 pub const REQUESTS_IN_FLIGHT: usize = 512;
@@ -285,6 +286,6 @@ const _: () = assert!(REQUEST_BYTES + REQUEST_HEAD_BYTES + HEADER_BYTES as usize
 const _: () = assert!(16 + 2 * STUDY_ID_CHARACTERS <= treewright_store::limits::TOKEN_CHARACTERS);
 // A late sweep is no absence, and one failed check of the tokens does not shut callers out.
 const _: () = assert!(2 * SWEEP_PERIOD.as_millis() < ABSENCE_MIN.as_millis());
-const _: () = assert!(2 * TOKENS_PERIOD.as_millis() < TOKENS_STALE.as_millis());
+const _: () = assert!(2 * TOKENS_PERIOD.as_millis() + TOKENS_WAIT.as_millis() < TOKENS_STALE.as_millis());
 // Lines are counted by whole periods.
 const _: () = assert!(REFUSAL_PERIOD.as_secs() > 0 && REFUSAL_PERIOD.subsec_nanos() == 0);

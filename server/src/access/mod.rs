@@ -39,8 +39,10 @@ pub struct Access {
     clock: Arc<dyn Clock>,
     known: RwLock<KnownTokens>,
     seen: Arc<LastRead>,
-    /// Storing and reading usage.
-    trouble: Mutex<Trouble>,
+    /// With the storing of usage.
+    storing: Mutex<Trouble>,
+    /// With the reading of usage, which may fail where storing does not.
+    reading: Mutex<Trouble>,
 }
 
 #[derive(Default)]
@@ -58,7 +60,8 @@ impl Access {
     /// When they cannot be read.
     pub async fn open(store: Arc<dyn TokenStore>, clock: Arc<dyn Clock>) -> Result<Self, TokenError> {
         let (known, seen) = (RwLock::default(), Arc::new(LastRead::now()));
-        let access = Self { store, clock, known, seen, trouble: Mutex::default() };
+        let (storing, reading) = <_>::default();
+        let access = Self { store, clock, known, seen, storing, reading };
         access.refresh().await?;
         Ok(access)
     }
@@ -136,7 +139,7 @@ impl Access {
         let mut trouble = Trouble::default();
         loop {
             looks.tick().await;
-            match self.refresh().await {
+            match in_time(self.refresh()).await {
                 Ok(()) if trouble.is_over() => tracing::info!("the tokens can be read again"),
                 Err(error) if trouble.is_worth_a_line() => tracing::warn!(
                     %error,
@@ -174,7 +177,7 @@ impl Access {
                 // What was stored although nothing said so counts twice: a quota holds in doubt.
                 used.iter().for_each(|(holder, used)| holder.put_back(*used));
             }
-            if self.note(stored, "what tokens used cannot be stored; trying again").is_some() {
+            if note(&self.storing, stored, "what tokens used cannot be stored; trying again").is_some() {
                 limited.extend(
                     used.into_iter()
                         .map(|(holder, _)| (holder, day))
@@ -189,22 +192,12 @@ impl Access {
     async fn read_usage(&self, holders: Vec<(Arc<Holder>, i64)>) {
         for (holder, day) in holders {
             let stored = in_time(self.store.usage(&holder.id, day)).await;
-            let Some(stored) = self.note(stored, "what a token used elsewhere cannot be read") else {
+            let Some(stored) = note(&self.reading, stored, "what tokens used elsewhere cannot be read")
+            else {
                 return;
             };
             holder.learn(day, stored);
         }
-    }
-
-    /// Logs trouble with the usage, rarely, and its end.
-    fn note<T>(&self, result: Result<T, TokenError>, problem: &'static str) -> Option<T> {
-        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
-        match &result {
-            Ok(_) if trouble.is_over() => tracing::info!("what tokens use is stored and read again"),
-            Err(error) if trouble.is_worth_a_line() => tracing::warn!(%error, "{problem}"),
-            _ => {}
-        }
-        result.ok()
     }
 
     /// Stores usage and closes the store.
@@ -265,10 +258,21 @@ impl Access {
     }
 }
 
-/// Waits for the database no longer than it may take about usage.
+/// Logs trouble with the usage, rarely, and its end.
+fn note<T>(trouble: &Mutex<Trouble>, result: Result<T, TokenError>, problem: &'static str) -> Option<T> {
+    let mut trouble = trouble.lock().unwrap_or_else(PoisonError::into_inner);
+    match &result {
+        Ok(_) if trouble.is_over() => tracing::info!("no longer: {problem}"),
+        Err(error) if trouble.is_worth_a_line() => tracing::warn!(%error, "{problem}"),
+        _ => {}
+    }
+    result.ok()
+}
+
+/// Waits for the database no longer than it may take about tokens.
 async fn in_time<T>(asked: impl Future<Output = Result<T, TokenError>>) -> Result<T, TokenError> {
-    timeout(limits::USAGE_WAIT, asked).await.unwrap_or_else(|_| {
-        let problem = format!("it did not answer within {} s", limits::USAGE_WAIT.as_secs());
+    timeout(limits::TOKENS_WAIT, asked).await.unwrap_or_else(|_| {
+        let problem = format!("it did not answer within {} s", limits::TOKENS_WAIT.as_secs());
         Err(TokenError::Store(StoreError::Unavailable { problem }))
     })
 }
@@ -302,6 +306,7 @@ impl<'a> Authorization<'a> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::Duration;
 
     use async_trait::async_trait;
@@ -369,35 +374,53 @@ mod tests {
         assert!(matches!(caller.spend_trial(), Err(Error::Quota { limit: 2, .. })));
     }
 
-    /// Tokens in a database that takes so long to store usage, and as long to say that it has.
-    struct Slow(Arc<MemoryTokens>, Duration);
+    /// Tokens in a database that takes so long to store usage, and as long to say that it has. It may leave
+    /// questions without an answer.
+    struct Slow {
+        tokens: Arc<MemoryTokens>,
+        storing: Duration,
+        is_silent: AtomicBool,
+    }
 
     const SLOW: Duration = Duration::from_secs(1);
+
+    impl Slow {
+        fn new(tokens: &Arc<MemoryTokens>, storing: Duration) -> Arc<Self> {
+            Arc::new(Self { tokens: Arc::clone(tokens), storing, is_silent: AtomicBool::new(false) })
+        }
+
+        async fn asked(&self) -> &MemoryTokens {
+            if self.is_silent.load(Ordering::Relaxed) {
+                std::future::pending::<()>().await;
+            }
+            &self.tokens
+        }
+    }
 
     #[async_trait]
     impl TokenStore for Slow {
         async fn create(&self, token: &TokenRecord) -> Result<(), TokenError> {
-            self.0.create(token).await
+            self.tokens.create(token).await
         }
         async fn list(&self) -> Result<Vec<TokenRecord>, TokenError> {
-            self.0.list().await
+            self.asked().await.list().await
         }
         async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError> {
-            self.0.revoke(id, now_ms).await
+            self.tokens.revoke(id, now_ms).await
         }
         async fn forget(&self, id: &str) -> Result<(), TokenError> {
-            self.0.forget(id).await
+            self.tokens.forget(id).await
         }
         async fn revision(&self) -> Result<i64, TokenError> {
-            self.0.revision().await
+            self.asked().await.revision().await
         }
         async fn usage(&self, id: &str, day: i64) -> Result<(Usage, Usage), TokenError> {
-            self.0.usage(id, day).await
+            self.asked().await.usage(id, day).await
         }
         async fn add_usage(&self, day: i64, used: &[(String, Usage)]) -> Result<(), TokenError> {
-            sleep(self.1).await;
-            let added = self.0.add_usage(day, used).await;
-            sleep(self.1).await;
+            sleep(self.storing).await;
+            let added = self.tokens.add_usage(day, used).await;
+            sleep(self.storing).await;
             added
         }
         async fn close(&self) {}
@@ -406,7 +429,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn what_is_used_until_the_stop_is_stored_once() {
         let (tokens, access, text) = access(Quota::default()).await;
-        let access = Access { store: Arc::new(Slow(Arc::clone(&tokens), SLOW)), ..access };
+        let access = Access { store: Slow::new(&tokens, SLOW), ..access };
         let caller = access.authorize(TUNE, Authorization::Bearer(&text)).await.unwrap();
         let ends = Notify::new();
         let follow = access.follow(ends.notified());
@@ -426,8 +449,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn usage_that_is_not_taken_delays_neither_a_revocation_nor_the_stop_for_long() {
         let (tokens, access, text) = access(Quota::default()).await;
-        let stuck = Slow(Arc::clone(&tokens), 1000 * limits::USAGE_WAIT);
-        let access = Access { store: Arc::new(stuck), ..access };
+        let access = Access { store: Slow::new(&tokens, 1000 * limits::TOKENS_WAIT), ..access };
         let caller = access.authorize(TUNE, Authorization::Bearer(&text)).await.unwrap();
         caller.spend_trial().unwrap().keep();
         let ends = Notify::new();
@@ -443,6 +465,40 @@ mod tests {
         let (begun, ((), refused)) = (tokio::time::Instant::now(), tokio::join!(follow, stop));
         assert!(matches!(refused, Err(Error::Unauthenticated(_))), "{refused:?}");
         access.close().await;
-        assert!(begun.elapsed() <= 3 * limits::USAGE_WAIT, "{:?}", begun.elapsed());
+        assert!(begun.elapsed() <= 3 * limits::TOKENS_WAIT, "{:?}", begun.elapsed());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_look_that_gets_no_answer_ends_and_the_next_one_finds_the_tokens() {
+        let (tokens, access, text) = access(Quota::default()).await;
+        let slow = Slow::new(&tokens, Duration::ZERO);
+        let access = Access { store: Arc::clone(&slow) as _, ..access };
+        slow.is_silent.store(true, Ordering::Relaxed);
+        let ends = Notify::new();
+        let follow = access.follow(ends.notified());
+        let stop = async {
+            sleep(limits::TOKENS_PERIOD / 2).await;
+            slow.is_silent.store(false, Ordering::Relaxed);
+            sleep(2 * limits::TOKENS_STALE).await;
+            ends.notify_one();
+        };
+        let ((), ()) = tokio::join!(follow, stop);
+        access.authorize(TUNE, Authorization::Bearer(&text)).await.expect("the copy is recent");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn usage_that_is_stored_is_no_end_of_the_trouble_with_reading_it() {
+        let (tokens, access, text) = access(Quota { trials: Some(9), ..Quota::default() }).await;
+        let slow = Slow::new(&tokens, Duration::ZERO);
+        let access = Access { store: Arc::clone(&slow) as _, ..access };
+        let caller = access.authorize(TUNE, Authorization::Bearer(&text)).await.unwrap();
+        slow.is_silent.store(true, Ordering::Relaxed);
+        for _ in 0..2 {
+            caller.spend_trial().unwrap().keep();
+            access.save().await;
+            sleep(limits::TROUBLE_PERIOD / 2).await;
+        }
+        let is_due = access.reading.lock().unwrap().is_worth_a_line();
+        assert!(is_due, "there was a line at the first failure, and none at the second");
     }
 }
