@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use testing::{cases, decided, studies};
+use treewright_client::Policy;
 
 use super::*;
 use crate::carry::jsonl::{Header, write_line};
@@ -140,6 +141,13 @@ fn a_preset_sets_what_is_not_named_beside_it() {
     assert_eq!(policy.show("search").as_deref(), Some("random"));
     let wrong = read(&text.replace("\"paper\"", "\"papers\"")).policy_settings().expect_err("a mistake");
     assert!(wrong.to_string().contains("`papers` is none of paper"), "{wrong}");
+}
+
+#[test]
+fn a_field_of_an_earlier_version_is_ignored() {
+    let old = FILE.replace("epsilon = 0.5", "epsilon = 0.5\nfreeze_risk = 0.05");
+    let policy = |text: &str| read(text).policy_settings().expect("a policy");
+    assert_eq!(policy(&old), policy(FILE));
 }
 
 #[test]

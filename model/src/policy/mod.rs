@@ -75,6 +75,11 @@ pub enum PolicyError {
     Pinned(#[from] SpaceError),
 }
 
+impl PolicySettings {
+    /// Fields of earlier versions. Where they are still given they are ignored.
+    pub const RETIRED: &'static [&'static str] = &["freeze_risk"];
+}
+
 impl PolicyError {
     /// The error for a field that does not exist.
     pub fn no_such_field(field: &str) -> Self {

@@ -8,9 +8,6 @@ use treewright_proto::v1;
 
 use crate::error::Error;
 
-/// Fields of earlier versions. Clients may still change them, to no effect.
-const RETIRED: &[&str] = &["policy.freeze_risk"];
-
 /// A change of a policy: the given values, and the fields that count.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyUpdate {
@@ -51,10 +48,12 @@ impl PolicyUpdate {
 
     fn merged(&self, mut policy: RawPolicy) -> Result<RawPolicy, Error> {
         assert!(!self.paths.is_empty(), "an update without paths changes nothing");
-        for path in self.paths.iter().filter(|path| !RETIRED.contains(&path.as_str())) {
+        for path in &self.paths {
             let field = path.strip_prefix("policy.");
             if path == "policy" {
                 policy = self.given.clone();
+            } else if field.is_some_and(|field| PolicySettings::RETIRED.contains(&field)) {
+                // Clients may still change it, to no effect.
             } else if field.is_none_or(|field| policy.replace_field(field, &self.given).is_err()) {
                 let problem = format!(
                     "{path:?} cannot be changed; use policy, or policy.FIELD with one of {}",
@@ -85,7 +84,7 @@ mod tests {
             merged,
             RawPolicy { epsilon: 0.0, lease_s: 7, trials_per_state: 5, ..RawPolicy::default() }
         );
-        let update = PolicyUpdate::read(given.clone(), mask(RETIRED)).unwrap();
+        let update = PolicyUpdate::read(given.clone(), mask(&["policy.freeze_risk"])).unwrap();
         assert_eq!(update.merged(current.clone()).unwrap(), current);
         for whole in [None, mask(&[]), mask(&["policy"])] {
             let update = PolicyUpdate::read(given.clone(), whole).unwrap();
