@@ -123,6 +123,8 @@ impl PrefetchingTuner {
     /// Waits for at most `patience` until the answer for the next frame of this state is there, and asks for
     /// it where no question is open. Returns whether it is there; [`PrefetchingTuner::next`] then returns it.
     /// For programs that would rather wait for a slow daemon than run a frame that measures nothing new.
+    /// Where trials have several frames, call it before the first one of each: between them it asks for the
+    /// next trial, which nobody needs yet, and waits for that.
     pub async fn wait(&mut self, indicators: &Indicators, patience: Duration) -> bool {
         let deadline = Instant::now() + patience;
         loop {
