@@ -207,15 +207,21 @@ async function whileTheStudyIsLoaded(times) {
   server.forceShutdown();
 }
 
-/** A loop keeps a trial for its frames without asking, and reports their means; a daemon that ends within a trial is not missed. */
+/** A loop keeps a trial for its frames without asking, and reports their means; it renews the lease meanwhile. */
 async function inEpisodes() {
-  const [reports, given] = [[], []];
+  const [reports, given, renewed] = [[], [], []];
   let asked = 0;
   const handlers = {
     CreateStudy: ({ request: { studyId, study } }, answer) => answer(null, { name: `studies/${studyId}`, objective: study.objective }),
     Suggest: ({ request: { study } }, answer) => {
       asked += 1;
-      answer(null, { name: `${study}/trials/${asked}`, abortAbove: 10, configuration: { values: { level: { integer: "5" } } } });
+      // For a daemon whose clock is behind, a lease seems to have ended.
+      const lease = { leaseExpireTime: { seconds: 1 } };
+      answer(null, { name: `${study}/trials/${asked}`, ...lease, abortAbove: 10, configuration: { values: { level: { integer: "5" } } } });
+    },
+    ExtendLease: ({ request: { trial } }, answer) => {
+      renewed.push(trial);
+      answer(null, { name: trial });
     },
     Report: ({ request }, answer) => {
       reports.push(request);
@@ -253,6 +259,16 @@ async function inEpisodes() {
   assert.throws(() => other.report({ ms: 1 }), /its trial has more frames/);
   await client.flush(20000);
   assert.deepEqual([given, reports.length], [["studies/long/trials/3", "studies/long/trials/4"], 2]);
+  // Beside its frames the lease is renewed.
+  const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+  const slow = await tuner.next(input);
+  await pause(300);
+  tuner.finish(slow, { ms: 1 });
+  assert.equal(await tuner.next(input), slow);
+  for (let waited = 0; waited < 5000 && !renewed.includes(slow.trial); waited += 5) await pause(5);
+  assert.ok(renewed.includes(slow.trial), JSON.stringify(renewed));
+  slow.abandon();
+  await client.flush(20000);
   for (const episodeFrames of [0, 1.5, 65])
     await rejects(client.study("long", { parameters, minimise: { ms: 1 }, episodeFrames }), "invalid", "give 1 to 64");
   client.close();
