@@ -4,7 +4,6 @@ use glam::Vec3;
 
 use super::integrator::morton::{decode_2, encode_2};
 use super::integrator::sampling::luminance;
-use super::render_options::TileOrder;
 
 /// Edge of a block in pixels: the largest tile.
 const BLOCK: u32 = 64;
@@ -86,9 +85,9 @@ impl Film {
         Picture { width: self.width, height: self.height, pixels }
     }
 
-    /// The tiles of the picture in the order they are to be begun. An edge that is none of 8, 16, 32 and 64
+    /// The tiles of the picture row by row, the order they are to be begun in. An edge that is none of 8, 16, 32 and 64
     /// is taken for the nearest one below.
-    pub(crate) fn tiles(&mut self, edge: u32, order: TileOrder) -> Vec<Tile<'_>> {
+    pub(crate) fn tiles(&mut self, edge: u32) -> Vec<Tile<'_>> {
         let edge = 1 << edge.clamp(8, BLOCK).ilog2();
         let (width, height, across) = (self.width, self.height, self.width.div_ceil(BLOCK));
         let per_block = BLOCK_PIXELS / (edge * edge) as usize;
@@ -104,10 +103,7 @@ impl Film {
             })
             .filter(|tile| tile.left < width && tile.top < height)
             .collect();
-        match order {
-            TileOrder::Rows => tiles.sort_unstable_by_key(|tile| (tile.top, tile.left)),
-            TileOrder::Morton => tiles.sort_unstable_by_key(|tile| encode_2(tile.left, tile.top)),
-        }
+        tiles.sort_unstable_by_key(|tile| (tile.top, tile.left));
         tiles
     }
 
@@ -149,36 +145,32 @@ mod tests {
     fn pixels_find_their_way_out_of_the_tiles() {
         for (width, height) in [(37, 21), (64, 64), (130, 65), (1, 1)] {
             for edge in [8, 16, 32, 64] {
-                for order in [TileOrder::Rows, TileOrder::Morton] {
-                    let mut film = Film::new(width, height);
-                    for tile in film.tiles(edge, order) {
-                        assert_eq!(tile.sums.len(), (edge * edge) as usize);
-                        for (pixel, sum) in tile.sums.iter_mut().enumerate() {
-                            let (x, y) = decode_2(pixel as u32);
-                            *sum += Vec3::new((tile.left + x) as f32, (tile.top + y) as f32, 1.0);
-                        }
+                let mut film = Film::new(width, height);
+                for tile in film.tiles(edge) {
+                    assert_eq!(tile.sums.len(), (edge * edge) as usize);
+                    for (pixel, sum) in tile.sums.iter_mut().enumerate() {
+                        let (x, y) = decode_2(pixel as u32);
+                        *sum += Vec3::new((tile.left + x) as f32, (tile.top + y) as f32, 1.0);
                     }
-                    film.count_sample();
-                    let picture = film.picture();
-                    assert_eq!(picture.pixels.len(), (width * height) as usize);
-                    for (index, pixel) in picture.pixels.iter().enumerate() {
-                        let (x, y) = (index as u32 % width, index as u32 / width);
-                        assert_eq!(*pixel, Vec3::new(x as f32, y as f32, 1.0));
-                    }
+                }
+                film.count_sample();
+                let picture = film.picture();
+                assert_eq!(picture.pixels.len(), (width * height) as usize);
+                for (index, pixel) in picture.pixels.iter().enumerate() {
+                    let (x, y) = (index as u32 % width, index as u32 / width);
+                    assert_eq!(*pixel, Vec3::new(x as f32, y as f32, 1.0));
                 }
             }
         }
     }
 
     #[test]
-    fn tiles_come_in_their_order() {
+    fn tiles_come_row_by_row() {
         let mut film = Film::new(32, 24);
-        let mut places = |order| -> Vec<(u32, u32)> {
-            film.tiles(8, order).iter().map(|tile| (tile.left / 8, tile.top / 8)).collect()
-        };
-        assert_eq!(places(TileOrder::Rows)[..5], [(0, 0), (1, 0), (2, 0), (3, 0), (0, 1)]);
-        assert_eq!(places(TileOrder::Morton)[..5], [(0, 0), (1, 0), (0, 1), (1, 1), (2, 0)]);
-        assert_eq!(places(TileOrder::Morton).len(), 12);
+        let places: Vec<(u32, u32)> =
+            film.tiles(8).iter().map(|tile| (tile.left / 8, tile.top / 8)).collect();
+        assert_eq!(places[..5], [(0, 0), (1, 0), (2, 0), (3, 0), (0, 1)]);
+        assert_eq!(places.len(), 12);
     }
 
     #[test]

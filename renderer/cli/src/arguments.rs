@@ -292,8 +292,11 @@ impl StartArguments {
             "paper" => Start::Paper,
             file => Start::Own(read_configuration(std::path::Path::new(file))?),
         };
-        let space = space.beginning_at(&start)?;
-        Ok((start, space))
+        let begun = space.beginning_at(&start)?;
+        if let Start::Own(configuration) = &start {
+            note_retired(space, configuration);
+        }
+        Ok((start, begun))
     }
 }
 
@@ -332,7 +335,18 @@ impl StructureArguments {
             (None, Some(path)) => read_configuration(path)?,
             (None, None) => Configuration::new(),
         };
-        Ok(space.choice(&configuration)?)
+        let choice = space.choice(&configuration)?;
+        note_retired(&space, &configuration);
+        Ok(choice)
+    }
+}
+
+/// Says which parameters of a configuration that was accepted are ignored.
+pub fn note_retired(space: &TuningSpace, configuration: &Configuration) {
+    for name in space.retired(configuration) {
+        eprintln!(
+            "note: {name} is ignored: it is no parameter any more, and its value is what is always done"
+        );
     }
 }
 

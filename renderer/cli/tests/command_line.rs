@@ -34,7 +34,7 @@ fn a_picture_is_the_same_for_every_thread_count_and_structure() {
         ("morton", "--config quality=1,branching_factor=4"),
         ("compact", "--config compact=true --space paper"),
         ("paths", "--config staged=false"),
-        ("packets", "--config primary=eight_coherent,tile=8,sort=octant,bounce=sixteen"),
+        ("packets", "--config primary=eight_coherent,tile=8,first_shadow=sixteen"),
     ] {
         let other = picture(name, more);
         let sum = |image: &image::Rgb32FImage| image.iter().map(|&value| f64::from(value)).sum::<f64>();
@@ -70,7 +70,7 @@ fn results_are_json_where_asked_for() {
 fn accelerators_are_measured() {
     let folder = folder();
     let path = folder.path();
-    std::fs::write(path.join("best.json"), r#"{"branching_factor": 4, "bounce": "eight", "staged": true}"#)
+    std::fs::write(path.join("best.json"), r#"{"branching_factor": 4, "primary": "single", "staged": true}"#)
         .expect("it can be written");
     let table = succeeds(
         path,
@@ -143,6 +143,12 @@ fn a_configuration_can_come_from_a_file() {
     let again = succeeds(path, &format!("{SMALL} -o a.png --config-file tuned.json --json"));
     assert!(again.contains("\"morton\""), "{again}");
     fails(&format!("{SMALL} -o a.png --config-file missing.json"), FAILED, &["missing.json"]);
+    // Parameters that are gone.
+    let kept = r#"{"quality": 1, "bounce": "single", "sort": "none"}"#;
+    std::fs::write(path.join("kept.json"), kept).expect("it can be written");
+    let json = succeeds(path, &format!("{SMALL} -o a.png --config-file kept.json --json"));
+    assert!(json.contains("\"morton\""), "{json}");
+    fails(&format!("{SMALL} -o a.png --config sort=octant"), USAGE, &["sort=octant", "leave sort out"]);
 }
 
 #[test]

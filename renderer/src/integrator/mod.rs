@@ -31,7 +31,6 @@ mod shadows;
 mod sheets;
 mod sky_guide;
 mod solid;
-mod sort;
 mod stages;
 mod surface;
 mod textures;

@@ -11,7 +11,7 @@ use treewright_accel::{
 
 use super::{Counts, Needs, Prepared, View, render_sample};
 use crate::film::{Film, Picture};
-use crate::render_options::{RenderOptions, Sort, TileOrder};
+use crate::render_options::RenderOptions;
 use crate::scene::builtin::{self, Options};
 use crate::scene::{Cone, Environment, Material, Punctual, Scene, Sky, Sun, Volume};
 
@@ -91,21 +91,14 @@ fn scenes() -> Vec<Arc<Scene>> {
 fn staged() -> Vec<RenderOptions> {
     let mut all = Vec::new();
     for (index, packets) in Packets::ALL.into_iter().enumerate() {
-        for sort in [Sort::None, Sort::Octant, Sort::OctantMorton] {
-            for (turn, tile) in [8, 16, 32, 64].into_iter().enumerate() {
-                let packets_of = |class: usize| Packets::ALL[(index + class * turn) % Packets::ALL.len()];
-                all.push(RenderOptions {
-                    staged: true,
-                    tile,
-                    tile_order: [TileOrder::Rows, TileOrder::Morton][(index + turn) % 2],
-                    primary: packets,
-                    first_shadow: packets_of(1),
-                    bounce: packets_of(2),
-                    shadow: packets_of(3),
-                    sort,
-                    threads: turn as u32 % 3,
-                });
-            }
+        for (turn, tile) in [8, 16, 32, 64].into_iter().enumerate() {
+            all.push(RenderOptions {
+                staged: true,
+                tile,
+                primary: packets,
+                first_shadow: Packets::ALL[(index + turn) % Packets::ALL.len()],
+                threads: turn as u32 % 3,
+            });
         }
     }
     all
@@ -167,8 +160,6 @@ fn packets_find_what_single_rays_find() {
                 staged: true,
                 primary: packets,
                 first_shadow: packets,
-                bounce: packets,
-                shadow: packets,
                 ..RenderOptions::default()
             };
             let (picture, others) = render(options);

@@ -13,7 +13,7 @@ use super::sampling::luminance;
 use super::sky_guide::{Kind, Learnt, LightRecord, SkyGuide};
 use super::vertex::{Path, Shadow, missed};
 use crate::film::Film;
-use crate::render_options::{RenderOptions, TileOrder};
+use crate::render_options::RenderOptions;
 
 /// Most pixels of a pilot's frame along either side.
 const EDGE_MAX: u32 = 160;
@@ -42,7 +42,7 @@ pub(crate) fn learn<I: Intersector>(
     for _ in 0..SAMPLES {
         let frame = Frame::new(prepared, &view, &options, prepared.needs, &film);
         let tiles: Vec<(Vec<LightRecord>, f64)> = film
-            .tiles(TILE, TileOrder::Rows)
+            .tiles(TILE)
             .into_par_iter()
             .map(|tile| {
                 let (mut records, mut sum) = (Vec::new(), 0.0);

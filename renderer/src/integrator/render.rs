@@ -54,7 +54,7 @@ pub fn render_sample_until<I: Intersector>(
     let frame = Frame::new(prepared, view, options, needs, film);
     // Tiles differ in cost by an order of magnitude, so each thread fetches the next when it is done with
     // one. That is one uncontended lock a tile, none a ray.
-    let tiles = Mutex::new(film.tiles(options.tile, options.tile_order).into_iter());
+    let tiles = Mutex::new(film.tiles(options.tile).into_iter());
     let is_late = || until.is_some_and(|until| Instant::now() >= until);
     let next = || tiles.lock().unwrap_or_else(PoisonError::into_inner).next();
     let threads = match options.threads {

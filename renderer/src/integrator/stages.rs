@@ -8,14 +8,13 @@
 use std::ops::Range;
 
 use glam::Vec3;
-use treewright_accel::{Hit, Intersector, Ray, prefetch};
+use treewright_accel::{Hit, Intersector, Packets, Ray, prefetch};
 
 use super::Counts;
 use super::chunk::{Chunk, HITS};
 use super::frame::Frame;
 use super::random::PathRandom;
 use super::shadows::through_sheets;
-use super::sort::Sorter;
 use super::surface::WorldFacet;
 use super::vertex::{Path, Shadow, missed};
 use crate::film::Tile;
@@ -36,7 +35,6 @@ pub(super) struct Buffers {
     occluded: Vec<bool>,
     /// Light of each pixel's sample.
     radiance: Vec<Vec3>,
-    sorter: Sorter,
     chunk: Chunk,
 }
 
@@ -52,7 +50,6 @@ impl Buffers {
             self.shadow_light.resize(pixels, (Vec3::ZERO, 0));
             self.occluded.resize(pixels, false);
             self.radiance.resize(pixels, Vec3::ZERO);
-            self.sorter.reserve(pixels);
         }
     }
 }
@@ -81,14 +78,11 @@ pub(super) fn render<I: Intersector>(
             break;
         }
         counts.rays += active as u64;
-        if stage > 0 {
-            buffers.sorter.sort(frame.options.sort, &mut buffers.paths, &mut buffers.rays, active);
-        }
         if frame.is_blind(stage) {
             buffers.finish_blind(frame, intersector, stage, active, counts);
             break;
         }
-        let packets = if stage == 0 { frame.options.primary } else { frame.options.bounce };
+        let packets = packets_of(frame.options.primary, stage);
         intersector.closest_each(packets, &buffers.rays[..active], &mut buffers.hits[..active]);
         let shadows;
         (active, shadows) = buffers.shade(frame, active, counts);
@@ -97,6 +91,11 @@ pub(super) fn render<I: Intersector>(
     for (pixel, sum) in tile.sums.iter_mut().enumerate() {
         counts.add_sample(sum, buffers.radiance[pixel]);
     }
+}
+
+/// How rays of a stage go: together only those of the first.
+fn packets_of(first: Packets, stage: u32) -> Packets {
+    if stage == 0 { first } else { Packets::Single }
 }
 
 impl Buffers {
@@ -109,7 +108,7 @@ impl Buffers {
         active: usize,
         counts: &mut Counts,
     ) {
-        let packets = if stage == 0 { frame.options.primary } else { frame.options.bounce };
+        let packets = packets_of(frame.options.primary, stage);
         intersector.occluded_each(packets, &self.rays[..active], &mut self.occluded[..active]);
         for index in 0..active {
             if self.occluded[index] {
@@ -229,7 +228,7 @@ impl Buffers {
         counts: &mut Counts,
     ) {
         counts.shadow_rays += shadows as u64;
-        let packets = if stage == 0 { frame.options.first_shadow } else { frame.options.shadow };
+        let packets = packets_of(frame.options.first_shadow, stage);
         intersector.occluded_each(packets, &self.shadow_rays[..shadows], &mut self.occluded[..shadows]);
         for index in 0..shadows {
             let (light, pixel) = self.shadow_light[index];

@@ -188,12 +188,8 @@ impl Values<'_> {
         RenderOptions {
             staged: self.boolean("staged"),
             tile: self.whole("tile", default.tile),
-            tile_order: self.word("tile_order", default.tile_order),
             primary: self.word("primary", default.primary),
             first_shadow: self.word("first_shadow", default.first_shadow),
-            bounce: self.word("bounce", default.bounce),
-            shadow: self.word("shadow", default.shadow),
-            sort: self.word("sort", default.sort),
             threads: if self.text("threads") == Some("half") { half } else { default.threads },
         }
     }

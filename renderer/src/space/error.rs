@@ -24,6 +24,18 @@ pub enum ConfigurationError {
         /// The value that does not fit, and the allowed ones.
         problem: SpaceError,
     },
+    /// A parameter that is gone, with a value that nothing does any more.
+    #[error(
+        "{name}={value} is no longer there, for it made nothing faster; leave {name} out: it is always {kept}"
+    )]
+    Retired {
+        /// The parameter.
+        name: &'static str,
+        /// The value that was asked for.
+        value: String,
+        /// What the renderer does instead.
+        kept: String,
+    },
     /// A range or a value that a parameter cannot be held to.
     #[error("{narrowing}: {problem}")]
     Narrowing {

@@ -13,8 +13,8 @@
 //! * Table 1's `static` sets a builder flag that a tree built once does not feel; where nothing moves there
 //!   is no update to choose, and native Embree's flag for it only costs memory.
 //! * Trees shallower than 24 levels were never among the good ones, and every tenth of them cannot be built.
-//! * Coherent packets for scattered rays halve their speed, packets of another kind for camera rays gain
-//!   nothing (both measured on three scenes): these values are left out.
+//! * Packets of another kind for camera rays gain nothing (measured on three scenes): these values are left
+//!   out. Rays after a bounce always go alone, in the order of their pixels: neither packets nor sorting pay.
 //! * Only the best grouping of a finished tree makes nodes of sixteen, and only wide nodes gain from bytes:
 //!   so it has a parameter of its own for the width, and with it the format.
 //! * Only a scene of instances has something to copy or to open.
@@ -214,7 +214,6 @@ fn rendering() -> Vec<Explained> {
         ),
         choice("threads", ["all", "half"], "all", "how many of the render threads work on a frame"),
         choice("tile", [8, 16, 32, 64], 32, "edge of a tile in pixels"),
-        choice("tile_order", ["rows", "morton"], "rows", "in which order tiles are begun"),
         staged(choice(
             "primary",
             ["single", "eight_coherent", "sixteen_coherent"],
@@ -226,14 +225,6 @@ fn rendering() -> Vec<Explained> {
             ["single", "eight", "sixteen", "eight_coherent", "sixteen_coherent"],
             "sixteen_coherent",
             "shadow rays of the points the camera sees",
-        )),
-        staged(choice("bounce", ["single", "eight", "sixteen"], "single", "rays after a bounce")),
-        staged(choice("shadow", ["single", "eight", "sixteen"], "single", "shadow rays after a bounce")),
-        staged(choice(
-            "sort",
-            ["none", "octant", "octant_morton"],
-            "none",
-            "how rays after a bounce are ordered inside a tile",
         )),
     ]
 }

@@ -9,6 +9,7 @@
 //! | `narrow` | parts of a space: parameters fixed or held to a range |
 //! | `start` | where a search begins, as a space's defaults |
 //! | `explained` | parameters as data, with a sentence each |
+//! | `retired` | parameters that were there once, in configurations that people kept |
 //! | `choice` | a configuration as a build choice and render options |
 //! | `error` | why a configuration is refused |
 
@@ -22,6 +23,7 @@ mod narrow;
 mod paper;
 #[cfg(test)]
 mod paper_page;
+mod retired;
 mod start;
 #[cfg(test)]
 mod tests;
@@ -222,11 +224,11 @@ impl TuningSpace {
     /// Adds recommended values for missing ones and checks everything. The result is canonical: a value for
     /// each active parameter and no other.
     ///
-    /// A value implies the values that it needs: `quality=3` alone means the tunable back end in the full
-    /// space. See
-    /// [`Space::complete`].
+    /// Retired parameters are left out ([`TuningSpace::retired`]). A value implies the values that it needs:
+    /// `quality=3` alone means the tunable back end in the full space. See [`Space::complete`].
     pub fn complete(&self, given: &Configuration) -> Result<Configuration, ConfigurationError> {
-        match self.space.complete(&self.without_held(given)) {
+        let given = self.without_retired(given)?;
+        match self.space.complete(&self.without_held(&given)) {
             Ok(complete) => Ok(complete.into()),
             Err(problem) => Err(ConfigurationError::Space { space: self.preset.name(), problem }),
         }

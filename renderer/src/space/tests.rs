@@ -8,7 +8,7 @@ use treewright_accel::{
 use treewright_client::Domain;
 
 use super::*;
-use crate::render_options::{RenderOptions, Sort, TileOrder};
+use crate::render_options::RenderOptions;
 
 fn full() -> TuningSpace {
     TuningSpace::new(Preset::Full, &Premises::all())
@@ -156,16 +156,12 @@ fn every_value_of_the_full_space_arrives() {
         (update("native_update=refit"), update("quality=2")),
         (Ok(Update::Refit), Ok(Update::Rebuild))
     );
-    let text = "threads=half,tile=64,tile_order=morton,primary=eight_coherent,first_shadow=sixteen,bounce=eight,shadow=sixteen,sort=octant_morton";
+    let text = "threads=half,tile=64,primary=eight_coherent,first_shadow=sixteen";
     let render = RenderOptions {
         staged: true,
         tile: 64,
-        tile_order: TileOrder::Morton,
         primary: Packets::EightCoherent,
         first_shadow: Packets::Sixteen,
-        bounce: Packets::Eight,
-        shadow: Packets::Sixteen,
-        sort: Sort::OctantMorton,
         threads: 3,
     };
     let full = TuningSpace::new(Preset::Full, &Premises { threads: 6, ..Premises::all() });
@@ -229,7 +225,7 @@ fn a_value_takes_along_what_it_needs() {
     assert!(problem(&full, "node_width=4,branching_factor=2").contains("it needs collapse = builder"));
     assert_eq!(get("max_leaf_size=2", "min_leaf_size"), Some(Value::from(2)), "it gives way");
     assert!(problem(&full, "backend=native,quality=2").contains("it needs backend = tunable"));
-    assert!(problem(&full, "staged=false,sort=octant").contains("it needs staged = true"));
+    assert!(problem(&full, "staged=false,primary=single").contains("it needs staged = true"));
 }
 
 #[test]

@@ -192,9 +192,11 @@ pub fn frame_cost(times: FrameTimes, frames_per_build: u32) -> f64 {
     times.noise.map_or(frame_ms, |noise| frame_ms * noise.samples_to_error)
 }
 
-/// The id of that study, e.g. `render-full`.
+/// The id of that study, e.g. `total-paper`. A study keeps its parameters for good: the full space, which had
+/// more of them once, has a number, e.g. `render-full-2`.
 pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
-    format!("{}-{}", objective.name(), space.name())
+    let edition = if space.preset() == Preset::Full { "-2" } else { "" };
+    format!("{}-{}{edition}", objective.name(), space.name())
 }
 
 #[cfg(test)]
@@ -207,10 +209,10 @@ mod tests {
         let space = |robust, animated, instanced| {
             TuningSpace::new(Preset::Full, &Premises { robust, animated, instanced, ..Premises::all() })
         };
-        assert_eq!(study_id(Objective::Render, &space(false, false, false)), "render-full");
+        assert_eq!(study_id(Objective::Render, &space(false, false, false)), "render-full-2");
         assert_eq!(
             study_id(Objective::Total, &space(true, true, true)),
-            "total-full-robust-moving-instanced"
+            "total-full-robust-moving-instanced-2"
         );
         assert_eq!(study_id(Objective::Total, &TuningSpace::paper()), "total-paper");
     }

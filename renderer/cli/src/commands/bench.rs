@@ -7,9 +7,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
+use treewright_client::Configuration;
 
 use crate::arguments::{
-    CameraArguments, FrameArguments, NamedConfiguration, SceneArguments, Size, SpaceArguments,
+    CameraArguments, FrameArguments, NamedConfiguration, SceneArguments, Size, SpaceArguments, note_retired,
     read_configuration,
 };
 use crate::error::{CliError, write_file};
@@ -87,6 +88,13 @@ struct NamedChoice<'a> {
     choice: Choice,
 }
 
+/// A configuration of the user's.
+fn own(name: &str, space: &TuningSpace, configuration: &Configuration) -> Result<Contender, CliError> {
+    let own = contender(Who::Named(name.to_owned().into()), space, configuration)?;
+    note_retired(space, configuration);
+    Ok(own)
+}
+
 /// Measures and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let scene = arguments.scene.load()?;
@@ -104,11 +112,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
     let space = arguments.space.whole(Objective::Render, arguments.frame.threads)?;
     for text in &arguments.config {
-        contenders.push(contender(Who::Named(text.clone().into()), &space, &space::parse(text)?)?);
+        contenders.push(own(text, &space, &space::parse(text)?)?);
     }
     for NamedConfiguration { name, preset, path } in &arguments.contender {
         let space = TuningSpace::new(*preset, &premises(false));
-        contenders.push(contender(Who::Named(name.clone().into()), &space, &read_configuration(path)?)?);
+        contenders.push(own(name, &space, &read_configuration(path)?)?);
     }
     select(&mut contenders, &arguments.only)?;
     let camera = arguments.camera.find(&scene)?;

@@ -8,7 +8,7 @@ use treewright_client::{Configuration, ConfirmationStage, Indicators, Source};
 
 pub(crate) use super::tune_arguments::Arguments;
 use super::tune_output;
-use crate::arguments::read_configuration;
+use crate::arguments::{note_retired, read_configuration};
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
 use crate::output;
@@ -275,6 +275,7 @@ fn open_study(
 fn with_names(candidates: Vec<Configuration>, space: &TuningSpace) -> Result<Vec<Rival>, CliError> {
     let named = candidates.into_iter().map(|candidate| {
         let configuration = space.complete(&candidate)?;
+        note_retired(space, &candidate);
         let who = Who::Named(configuration.to_string().into());
         let contender = verdict::contender(who, space, &configuration)?;
         Ok(Rival { contender, configuration: Some(configuration) })

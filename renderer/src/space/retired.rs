@@ -1,0 +1,60 @@
+//! Parameters that the full space had once. None of them paid (`docs/measurements/lean.md`), so the renderer
+//! always does what was recommended. Configurations that people kept may still name them.
+
+use treewright_client::Configuration;
+
+use super::{ConfigurationError, Preset, TuningSpace};
+
+/// Their names, and the values that say what the renderer does.
+const RETIRED: &[(&str, &[&str])] =
+    &[("tile_order", &["rows"]), ("bounce", &["single"]), ("shadow", &["single"]), ("sort", &["none"])];
+
+impl TuningSpace {
+    /// The parameters of a configuration that are gone from this space: where they say what the renderer does
+    /// anyway, they are ignored.
+    pub fn retired(&self, given: &Configuration) -> Vec<&'static str> {
+        let all = if self.preset == Preset::Full { RETIRED } else { &[] };
+        all.iter().map(|(name, _)| *name).filter(|name| given.get(name).is_some()).collect()
+    }
+
+    /// The configuration without them.
+    ///
+    /// # Errors
+    /// [`ConfigurationError::Retired`] where one asks for something else than the renderer does.
+    pub(super) fn without_retired(&self, given: &Configuration) -> Result<Configuration, ConfigurationError> {
+        let gone = self.retired(given);
+        for &(name, kept) in RETIRED.iter().filter(|(name, _)| gone.contains(name)) {
+            let value = given.get(name).map(ToString::to_string).unwrap_or_default();
+            if !kept.contains(&value.as_str()) {
+                let kept = kept.join(" or ");
+                return Err(ConfigurationError::Retired { name, value, kept });
+            }
+        }
+        let left = given.as_raw().iter().filter(|(name, _)| !gone.contains(&name.as_str()));
+        Ok(left.map(|(name, value)| (name.clone(), value.clone())).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::space::{Premises, parse};
+
+    #[test]
+    fn what_the_renderer_does_anyway_is_ignored_and_all_else_refused() {
+        let full = TuningSpace::new(Preset::Full, &Premises::all());
+        for (name, kept) in RETIRED {
+            assert!(full.space().parameters().iter().all(|parameter| parameter.name != *name), "{name}");
+            for value in *kept {
+                let given = parse(&format!("{name}={value}")).expect("it reads");
+                assert_eq!(full.retired(&given), [*name]);
+                assert_eq!(full.complete(&given), Ok(full.default_configuration()));
+                assert!(TuningSpace::paper().complete(&given).is_err(), "the paper's space never had it");
+            }
+            let problem = full.complete(&parse(&format!("{name}=other")).expect("it reads"));
+            let problem = problem.expect_err("nothing does that").to_string();
+            assert!(problem.contains(name) && problem.contains(kept[0]), "{problem}");
+        }
+        assert!(full.retired(&full.default_configuration()).is_empty());
+    }
+}
