@@ -45,7 +45,6 @@ pub enum Builder {
 /// | `builder` is [`Builder::Ploc`] | `quality`, `split_budget`, `static_scene` |
 /// | `builder` is [`Builder::Embree`] | `search_radius`, `cluster_size` |
 /// | `collapse` is [`Collapse::Builder`] | `reinsertion_passes` |
-/// | `branching_factor` is 2 or 4 | `format`: such nodes would not take fewer cache lines, so they are always full |
 /// | the scene has no instances | `flatten_below`, `instance_opening` |
 /// | always | of the two costs only their ratio acts; `static_scene` sets a builder flag that a tree built once and never updated does not feel (paper, section 4.1, finds the same of the last three) |
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -94,8 +93,6 @@ pub struct TreeParameters {
     pub order: NodeOrder,
     /// In which order rays that look for any hit visit the children of a node.
     pub child_order: ChildOrder,
-    /// The format of the children's bounds in a node. Acts on nodes of 8 and 16.
-    pub format: NodeFormat,
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts
     /// with [`Quality::SahSplit`] only.
     pub split_budget: f32,
@@ -149,17 +146,6 @@ pub enum ChildOrder {
     Topmost,
 }
 
-/// The format of the children's bounds in a node.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum NodeFormat {
-    /// Six single-precision numbers a child.
-    #[default]
-    Full,
-    /// Six bytes a child, relative to the node's own box and rounded outwards.
-    Quantised,
-}
-
 impl Default for TreeParameters {
     /// The recommended configuration of Table 1.
     fn default() -> Self {
@@ -183,7 +169,6 @@ impl Default for TreeParameters {
             collapse: Collapse::Builder,
             reinsertion_passes: 0,
             order: NodeOrder::Builder,
-            format: NodeFormat::Full,
             split_budget: SPLIT_BUDGET,
             flatten_below: 0,
             instance_opening: 1,
@@ -192,11 +177,6 @@ impl Default for TreeParameters {
 }
 
 impl TreeParameters {
-    /// The format the nodes really have: [`TreeParameters::format`] where it acts.
-    pub fn active_format(&self) -> NodeFormat {
-        if self.branching_factor >= 8 { self.format } else { NodeFormat::Full }
-    }
-
     /// Checks that every active parameter lies in its range and that they fit together.
     pub fn check(&self) -> Result<(), BuildError> {
         if self.compact {

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Builder, Collapse, Hit, Intersector, Isa, NativeOptions, NodeFormat, NodeOrder,
-    Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, Builder, Collapse, Hit, Intersector, Isa, NativeOptions, NodeOrder, Quality,
+    Ray, Structure, Tree, TreeParameters, Triangles, build,
 };
 
 #[path = "scenes/back_ends.rs"]
@@ -32,7 +32,6 @@ fn parameters() -> Vec<TreeParameters> {
                     collapse: Collapse::Optimal,
                     reinsertion_passes: [0, 1, 5][number % 3],
                     order,
-                    format: if number % 2 == 0 { NodeFormat::Full } else { NodeFormat::Quantised },
                     block_width: if number % 5 < 3 { 4 } else { 8 },
                     max_depth: 64,
                     min_leaf_size: 1 + number as u32 % 3,
@@ -60,7 +59,6 @@ fn parameters() -> Vec<TreeParameters> {
                     collapse,
                     order,
                     reinsertion_passes: number as u32,
-                    format: if number % 2 == 0 { NodeFormat::Full } else { NodeFormat::Quantised },
                     block_width: if number % 2 == 0 { 8 } else { 4 },
                     max_depth: 64,
                     min_leaf_size: 1 + number as u32,

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::Vec3A;
 use proptest::prelude::*;
 use treewright_accel::{
-    BruteForce, BuildChoice, BuildError, Builder, ChildOrder, Collapse, Device, Hit, Intersector, NodeFormat,
-    NodeOrder, Quality, Ray, Structure, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, BuildError, Builder, ChildOrder, Collapse, Device, Hit, Intersector, NodeOrder,
+    Quality, Ray, Structure, TreeParameters, Triangles, build,
 };
 
 mod scenes;
@@ -30,7 +30,6 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
     let rest = (0.0f32..=10.0, 0.001f32..=10.0, any::<bool>(), prop::bool::weighted(0.1), any::<bool>());
     let layout = (
         prop::sample::select(vec![4u32, 8]),
-        prop::sample::select(vec![NodeFormat::Full, NodeFormat::Quantised]),
         prop::sample::select(vec![Collapse::Builder, Collapse::Optimal]),
         0u32..=16,
         prop::sample::select(ORDERS.to_vec()),
@@ -47,7 +46,7 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
         |(
             (quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)),
             rest,
-            (block_width, format, collapse, reinsertion_passes, order, split_budget),
+            (block_width, collapse, reinsertion_passes, order, split_budget),
             (builder, (search_radius, cluster_size), flatten_below, instance_opening, child_order),
         )| {
             let (traversal_cost, intersection_cost, static_scene, compact, robust) = rest;
@@ -68,7 +67,6 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
                 collapse: if branching_factor == 16 { Collapse::Optimal } else { collapse },
                 reinsertion_passes,
                 order,
-                format,
                 split_budget,
                 builder,
                 search_radius,

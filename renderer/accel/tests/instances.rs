@@ -7,7 +7,7 @@ use glam::{Affine3A, Mat3, Quat, Vec3};
 use rand::RngExt;
 use treewright_accel::{
     BruteForce, BuildChoice, Builder, Collapse, Device, Hit, Instances, Intersector, NativeOptions,
-    NativeQuality, NodeFormat, Packets, Quality, Ray, Structure, TreeParameters, Triangles, build_instanced,
+    NativeQuality, Packets, Quality, Ray, Structure, TreeParameters, Triangles, build_instanced,
 };
 
 mod scenes;
@@ -52,21 +52,20 @@ fn flattened(triangles: &Triangles, instances: &Instances) -> (Arc<Triangles>, V
     (scenes::separate(corners), numbers)
 }
 
-/// Every back end, and trees of every width, format, builder and test.
+/// Every back end, and trees of every width, builder and test.
 fn choices() -> Vec<BuildChoice> {
     let mut all = vec![BuildChoice::BruteForce];
     for branching_factor in [2, 4, 8] {
-        for (quality, robust, format, block_width) in [
-            (Quality::Morton, false, NodeFormat::Full, 4),
-            (Quality::Sah, true, NodeFormat::Full, 8),
-            (Quality::SahSplit, false, NodeFormat::Quantised, 4),
-            (Quality::SahSplit, true, NodeFormat::Full, 4),
+        for (quality, robust, block_width) in [
+            (Quality::Morton, false, 4),
+            (Quality::Sah, true, 8),
+            (Quality::SahSplit, false, 4),
+            (Quality::SahSplit, true, 4),
         ] {
             all.push(BuildChoice::Tree(TreeParameters {
                 branching_factor,
                 quality,
                 robust,
-                format,
                 block_width,
                 max_depth: 64,
                 ..TreeParameters::default()
@@ -83,7 +82,6 @@ fn choices() -> Vec<BuildChoice> {
                 branching_factor: if number < 2 { 8 } else { 16 },
                 collapse: Collapse::Optimal,
                 reinsertion_passes: number as u32,
-                format: if instance_opening == 3 { NodeFormat::Quantised } else { NodeFormat::Full },
                 robust: instance_opening == 16,
                 max_depth: 64,
                 ..TreeParameters::default()

@@ -5,8 +5,7 @@ use std::sync::Arc;
 use glam::{Affine3A, Quat, Vec3, Vec3A};
 use treewright_accel::{
     BruteForce, BuildChoice, BuildError, Device, Hit, Instances, Intersector, Isa, NativeOptions,
-    NativeQuality, NodeFormat, Quality, Ray, Structure, TreeParameters, Triangles, Update, build,
-    build_instanced,
+    NativeQuality, Quality, Ray, Structure, TreeParameters, Triangles, Update, build, build_instanced,
 };
 
 mod scenes;
@@ -49,16 +48,13 @@ fn moved(triangles: &Triangles, motion: Motion, moment: f32) -> Arc<Triangles> {
 fn choices() -> Vec<BuildChoice> {
     let mut all = vec![BuildChoice::BruteForce];
     for branching_factor in [2, 4, 8] {
-        for (quality, robust, format, block_width) in [
-            (Quality::Morton, false, NodeFormat::Full, 4),
-            (Quality::Sah, true, NodeFormat::Full, 8),
-            (Quality::SahSplit, false, NodeFormat::Quantised, 4),
-        ] {
+        for (quality, robust, block_width) in
+            [(Quality::Morton, false, 4), (Quality::Sah, true, 8), (Quality::SahSplit, false, 4)]
+        {
             all.push(BuildChoice::Tree(TreeParameters {
                 branching_factor,
                 quality,
                 robust,
-                format,
                 block_width,
                 max_depth: 64,
                 ..TreeParameters::default()

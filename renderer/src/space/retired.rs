@@ -6,8 +6,13 @@ use treewright_client::Configuration;
 use super::{ConfigurationError, Preset, TuningSpace};
 
 /// Their names, and the values that say what the renderer does.
-const RETIRED: &[(&str, &[&str])] =
-    &[("tile_order", &["rows"]), ("bounce", &["single"]), ("shadow", &["single"]), ("sort", &["none"])];
+const RETIRED: &[(&str, &[&str])] = &[
+    ("format", &["full"]),
+    ("tile_order", &["rows"]),
+    ("bounce", &["single"]),
+    ("shadow", &["single"]),
+    ("sort", &["none"]),
+];
 
 impl TuningSpace {
     /// The parameters of a configuration that are gone from this space: where they say what the renderer does

@@ -1,8 +1,8 @@
 //! Both spaces: defaults, every value's way into the renderer, and mistakes.
 
 use treewright_accel::{
-    BuildChoice, Builder, ChildOrder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeFormat,
-    NodeOrder, Packets, Quality, TreeParameters, Update,
+    BuildChoice, Builder, ChildOrder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeOrder,
+    Packets, Quality, TreeParameters, Update,
 };
 
 use treewright_client::Domain;
@@ -110,7 +110,7 @@ fn every_value_of_table_1_arrives() {
 fn every_value_of_the_full_space_arrives() {
     let full = full();
     let text = "quality=3,node_width=16,max_depth=40,sah_block_size=8,min_leaf_size=2,max_leaf_size=9,traversal_cost=2,\
-                split_budget=1.5,block_width=8,collapse=optimal,reinsertion_passes=7,order=treelets,child_order=topmost,format=quantised,\
+                split_budget=1.5,block_width=8,collapse=optimal,reinsertion_passes=7,order=treelets,child_order=topmost,\
                 flatten_below=10000,instance_opening=4";
     let expected = TreeParameters {
         quality: Quality::SahSplit,
@@ -126,7 +126,6 @@ fn every_value_of_the_full_space_arrives() {
         reinsertion_passes: 7,
         order: NodeOrder::Treelets,
         child_order: ChildOrder::Topmost,
-        format: NodeFormat::Quantised,
         flatten_below: 10_000,
         instance_opening: 4,
         ..TreeParameters::default()
@@ -220,7 +219,6 @@ fn a_value_takes_along_what_it_needs() {
     assert_eq!(get("native_layout=compact", "native_quality"), Some("medium".into()));
     assert_eq!(get("sah_block_size=2", "quality"), Some(Value::from(2)), "the default where it fits");
     assert_eq!(get("primary=single", "staged"), Some(true.into()));
-    assert_eq!(get("format=quantised", "node_width"), Some(Value::from(16)));
     assert_eq!(get("node_width=16", "collapse"), Some("optimal".into()));
     assert!(problem(&full, "node_width=4,branching_factor=2").contains("it needs collapse = builder"));
     assert_eq!(get("max_leaf_size=2", "min_leaf_size"), Some(Value::from(2)), "it gives way");

@@ -7,21 +7,18 @@
 //!
 //! | bytes, by number of children or triangles | 2 | 4 | 8 | 16 |
 //! |---|---|---|---|---|
-//! | a full node | 64 | 128 | 256 | 512 |
-//! | a quantised node | | | 128 | 256 |
+//! | a node | 64 | 128 | 256 | 512 |
 //! | a block | | 160 | 320 | |
 
 mod block;
 mod bounds;
 mod node;
 mod part;
-mod quantised;
 
 pub(crate) use block::{Block, is_any_met, is_met};
 pub(crate) use bounds::Bounds;
 pub(crate) use node::{Node, TreeNode};
 pub(crate) use part::PlacedPart;
-pub(crate) use quantised::QuantisedNode;
 
 use std::sync::Arc;
 
@@ -43,7 +40,7 @@ const TAG_BITS: usize = LEAF_BIT | COUNT_BITS;
 
 const _: () = {
     assert!(LEAF_BLOCKS_MAX <= COUNT_BITS);
-    assert!(align_of::<Node<2>>() > TAG_BITS && align_of::<QuantisedNode<8>>() > TAG_BITS);
+    assert!(align_of::<Node<2>>() > TAG_BITS);
     assert!(align_of::<Block<4>>() > TAG_BITS && align_of::<Block<8>>() > TAG_BITS);
     assert!(align_of::<PlacedPart>() > TAG_BITS);
 };
@@ -164,31 +161,22 @@ pub(crate) struct Root {
 /// `for_node!(parameters, N => something::<N>())`.
 macro_rules! for_node {
     ($parameters:expr, $N:ident => $body:expr) => {{
-        use $crate::layout::{Node, QuantisedNode};
-        use $crate::parameters::NodeFormat;
-        match ($parameters.active_format(), $parameters.branching_factor) {
-            (NodeFormat::Full, 2) => {
+        use $crate::layout::Node;
+        match $parameters.branching_factor {
+            2 => {
                 type $N = Node<2>;
                 $body
             }
-            (NodeFormat::Full, 4) => {
+            4 => {
                 type $N = Node<4>;
                 $body
             }
-            (NodeFormat::Full, 8) => {
+            8 => {
                 type $N = Node<8>;
                 $body
             }
-            (NodeFormat::Full, _) => {
+            _ => {
                 type $N = Node<16>;
-                $body
-            }
-            (NodeFormat::Quantised, 8) => {
-                type $N = QuantisedNode<8>;
-                $body
-            }
-            (NodeFormat::Quantised, _) => {
-                type $N = QuantisedNode<16>;
                 $body
             }
         }

@@ -1,4 +1,4 @@
-//! Inner nodes: the operations of every format, and the full format.
+//! Inner nodes, of any width.
 
 use super::{Bounds, NodeRef, WIDTH_MAX};
 

@@ -7,7 +7,7 @@
 
 use super::lanes::{Lanes, Lanes3, Order};
 use crate::geometry::Ray;
-use crate::layout::{Node, QuantisedNode, Root, TreeNode};
+use crate::layout::{Node, Root, TreeNode};
 
 /// A ray prepared for tests against the boxes of nodes.
 ///
@@ -24,114 +24,41 @@ pub(crate) trait Boxes<N>: Copy {
     unsafe fn test(&self, node: &N, t_max: f32) -> (u32, Self::Times);
 }
 
-/// Access to the children's planes by their place in the node: `near` is where the near planes of `axis`
+/// Access to the children's planes by their place in the node: `near` is where the near planes of an axis
 /// begin, and the far planes begin at `near ^ WIDTH`.
 ///
 /// # Safety
-/// All functions require the processor features of `L`, which has as many lanes as the node children.
+/// All functions require the processor features of `L`.
 pub(crate) trait Planes: TreeNode {
-    /// Near and far planes.
-    unsafe fn planes<L: Lanes>(&self, axis: usize, near: usize) -> [L; 2];
-
-    /// `plane * reciprocal - origin` for near and far planes.
-    unsafe fn times<L: Lanes>(&self, axis: usize, near: usize, reciprocal: L, origin: L) -> [L; 2];
+    /// Near and far planes; `L` has as many lanes as the node children.
+    unsafe fn planes<L: Lanes>(&self, near: usize) -> [L; 2];
 
     /// The planes of one child in every lane, of which there may be any number.
-    unsafe fn child_planes<L: Lanes>(&self, child: usize, axis: usize, near: usize) -> [L; 2];
-
-    /// The times of one child's planes, each lane with a ray of its own: in each the number that
-    /// [`Planes::times`] gives this ray for this child.
-    unsafe fn child_times<L: Lanes>(
-        &self,
-        child: usize,
-        axis: usize,
-        near: usize,
-        reciprocal: L,
-        origin: L,
-    ) -> [L; 2];
+    unsafe fn child_planes<L: Lanes>(&self, child: usize, near: usize) -> [L; 2];
 }
 
 impl<const W: usize> Planes for Node<W> {
     #[inline(always)]
-    unsafe fn planes<L: Lanes>(&self, _axis: usize, near: usize) -> [L; 2] {
+    unsafe fn planes<L: Lanes>(&self, near: usize) -> [L; 2] {
         debug_assert!(L::COUNT == W);
         let planes = (&raw const self.bounds).cast::<f32>();
         [L::load(planes.add(near)), L::load(planes.add(near ^ W))]
     }
 
     #[inline(always)]
-    unsafe fn times<L: Lanes>(&self, axis: usize, near: usize, reciprocal: L, origin: L) -> [L; 2] {
-        self.planes::<L>(axis, near).map(|plane| plane.mul_sub(reciprocal, origin))
-    }
-
-    #[inline(always)]
-    unsafe fn child_planes<L: Lanes>(&self, child: usize, _axis: usize, near: usize) -> [L; 2] {
+    unsafe fn child_planes<L: Lanes>(&self, child: usize, near: usize) -> [L; 2] {
         let planes = (&raw const self.bounds).cast::<f32>();
         [L::splat(*planes.add(near + child)), L::splat(*planes.add((near ^ W) + child))]
     }
-
-    #[inline(always)]
-    unsafe fn child_times<L: Lanes>(
-        &self,
-        child: usize,
-        axis: usize,
-        near: usize,
-        reciprocal: L,
-        origin: L,
-    ) -> [L; 2] {
-        self.child_planes::<L>(child, axis, near).map(|plane| plane.mul_sub(reciprocal, origin))
-    }
 }
 
-impl<const W: usize> QuantisedNode<W> {
-    #[inline(always)]
-    unsafe fn bytes<L: Lanes>(&self, near: usize) -> [L; 2] {
-        debug_assert!(L::COUNT == W);
-        let bytes = (&raw const self.bounds).cast::<u8>();
-        [L::load_bytes(bytes.add(near)), L::load_bytes(bytes.add(near ^ W))]
-    }
-
-    #[inline(always)]
-    unsafe fn child_bytes<L: Lanes>(&self, child: usize, near: usize) -> [L; 2] {
-        let bytes = (&raw const self.bounds).cast::<u8>();
-        let of = |offset: usize| L::splat(f32::from(*bytes.add(offset + child)));
-        [of(near), of(near ^ W)]
-    }
-}
-
-impl<const W: usize> Planes for QuantisedNode<W> {
-    #[inline(always)]
-    unsafe fn planes<L: Lanes>(&self, axis: usize, near: usize) -> [L; 2] {
-        let (step, origin) = (L::splat(self.step(axis)), L::splat(self.origin[axis]));
-        self.bytes::<L>(near).map(|byte| byte.mul_add(step, origin))
-    }
-
-    #[inline(always)]
-    unsafe fn times<L: Lanes>(&self, axis: usize, near: usize, reciprocal: L, origin: L) -> [L; 2] {
-        let step = L::splat(self.step(axis)).mul(reciprocal);
-        let begin = L::splat(self.origin[axis]).mul_sub(reciprocal, origin);
-        self.bytes::<L>(near).map(|byte| byte.mul_add(step, begin))
-    }
-
-    #[inline(always)]
-    unsafe fn child_planes<L: Lanes>(&self, child: usize, axis: usize, near: usize) -> [L; 2] {
-        let (step, origin) = (L::splat(self.step(axis)), L::splat(self.origin[axis]));
-        self.child_bytes::<L>(child, near).map(|byte| byte.mul_add(step, origin))
-    }
-
-    #[inline(always)]
-    unsafe fn child_times<L: Lanes>(
-        &self,
-        child: usize,
-        axis: usize,
-        near: usize,
-        reciprocal: L,
-        origin: L,
-    ) -> [L; 2] {
-        let step = L::splat(self.step(axis)).mul(reciprocal);
-        let begin = L::splat(self.origin[axis]).mul_sub(reciprocal, origin);
-        self.child_bytes::<L>(child, near).map(|byte| byte.mul_add(step, begin))
-    }
+/// When a ray, or several, meet these planes: `plane * reciprocal - origin`.
+///
+/// # Safety
+/// As for [`Lanes`].
+#[inline(always)]
+pub(super) unsafe fn times<L: Lanes>(planes: [L; 2], reciprocal: L, origin: L) -> [L; 2] {
+    planes.map(|plane| plane.mul_sub(reciprocal, origin))
 }
 
 /// Smallest divisor: zero and nearly zero components become this, which keeps every product finite and
@@ -183,9 +110,9 @@ impl<L: Order, N: Planes> Boxes<N> for FastBoxes<L> {
     #[inline(always)]
     unsafe fn test(&self, node: &N, t_max: f32) -> (u32, L) {
         let ([rx, ry, rz], [ox, oy, oz], [x, y, z]) = (self.reciprocal.0, self.origin.0, self.near);
-        let [near_x, far_x] = node.times(0, x, rx, ox);
-        let [near_y, far_y] = node.times(1, y, ry, oy);
-        let [near_z, far_z] = node.times(2, z, rz, oz);
+        let [near_x, far_x] = times(node.planes::<L>(x), rx, ox);
+        let [near_y, far_y] = times(node.planes::<L>(y), ry, oy);
+        let [near_z, far_z] = times(node.planes::<L>(z), rz, oz);
         let near = near_x.max(near_y).max(near_z.max(self.t_min));
         let far = far_x.min(far_y).min(far_z.min(L::splat(t_max)));
         (L::bits(near.less_equal(far)), near)
@@ -232,9 +159,9 @@ impl<L: Order, N: Planes> Boxes<N> for PaddedBoxes<L> {
     #[inline(always)]
     unsafe fn test(&self, node: &N, t_max: f32) -> (u32, L) {
         let [x, y, z] = self.near;
-        let [near_x, far_x] = node.planes::<L>(0, x);
-        let [near_y, far_y] = node.planes::<L>(1, y);
-        let [near_z, far_z] = node.planes::<L>(2, z);
+        let [near_x, far_x] = node.planes::<L>(x);
+        let [near_y, far_y] = node.planes::<L>(y);
+        let [near_z, far_z] = node.planes::<L>(z);
         self.interval([near_x, near_y, near_z], [far_x, far_y, far_z], L::splat(t_max))
     }
 }

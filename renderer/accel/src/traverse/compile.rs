@@ -22,8 +22,8 @@ macro_rules! compile {
             use super::watertight::WatertightBlocks;
             use super::{ClosestBelow, Hit, Kernels, LEVEL_WIDTH, LevelKernels, NodeRef, OccludedBelow, Ray, Root};
             use super::{kernel, packet};
-            use crate::parameters::{NodeFormat, TreeParameters};
-            use crate::layout::{Node, QuantisedNode, TreeNode};
+            use crate::parameters::TreeParameters;
+            use crate::layout::{Node, TreeNode};
 
             // SAFETY: for these, the caller has the processor features and a tree of nodes `N` and blocks
             // of the width and kind `T` tests.
@@ -251,13 +251,11 @@ macro_rules! compile {
             }
 
             pub(super) fn select(parameters: &TreeParameters) -> Option<Kernels> {
-                match (parameters.active_format(), parameters.branching_factor) {
-                    (NodeFormat::Full, 2) => blocks::<Node<2>, $two>(parameters),
-                    (NodeFormat::Full, 4) => blocks::<Node<4>, $four>(parameters),
-                    (NodeFormat::Full, 8) => blocks::<Node<8>, $eight>(parameters),
-                    (NodeFormat::Full, 16) => blocks::<Node<16>, $sixteen>(parameters),
-                    (NodeFormat::Quantised, 8) => blocks::<QuantisedNode<8>, $eight>(parameters),
-                    (NodeFormat::Quantised, 16) => blocks::<QuantisedNode<16>, $sixteen>(parameters),
+                match parameters.branching_factor {
+                    2 => blocks::<Node<2>, $two>(parameters),
+                    4 => blocks::<Node<4>, $four>(parameters),
+                    8 => blocks::<Node<8>, $eight>(parameters),
+                    16 => blocks::<Node<16>, $sixteen>(parameters),
                     _ => None,
                 }
             }

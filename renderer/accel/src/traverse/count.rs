@@ -17,8 +17,8 @@ use super::lanes::{Order, Portable};
 use super::triangles::{BlockLeaves, Blocks, FastBlocks};
 use super::watertight::WatertightBlocks;
 use crate::geometry::{Hit, Ray, Triangles};
-use crate::layout::{Block, Node, QuantisedNode, Root};
-use crate::parameters::{NodeFormat, TreeParameters};
+use crate::layout::{Block, Node, Root};
+use crate::parameters::TreeParameters;
 
 /// Counts of some queries.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -106,17 +106,11 @@ pub(crate) unsafe fn visits(root: &Root, parameters: &TreeParameters, queries: &
     // SAFETY: the kinds of nodes and blocks are those of the parameters, and portable vectors need no
     // features.
     unsafe {
-        match (parameters.active_format(), parameters.branching_factor) {
-            (NodeFormat::Full, 2) => of_nodes::<Node<2>, Portable<2>>(root, parameters, queries),
-            (NodeFormat::Full, 4) => of_nodes::<Node<4>, Portable<4>>(root, parameters, queries),
-            (NodeFormat::Full, 8) => of_nodes::<Node<8>, Portable<8>>(root, parameters, queries),
-            (NodeFormat::Full, _) => of_nodes::<Node<16>, Portable<16>>(root, parameters, queries),
-            (NodeFormat::Quantised, 8) => {
-                of_nodes::<QuantisedNode<8>, Portable<8>>(root, parameters, queries)
-            }
-            (NodeFormat::Quantised, _) => {
-                of_nodes::<QuantisedNode<16>, Portable<16>>(root, parameters, queries)
-            }
+        match parameters.branching_factor {
+            2 => of_nodes::<Node<2>, Portable<2>>(root, parameters, queries),
+            4 => of_nodes::<Node<4>, Portable<4>>(root, parameters, queries),
+            8 => of_nodes::<Node<8>, Portable<8>>(root, parameters, queries),
+            _ => of_nodes::<Node<16>, Portable<16>>(root, parameters, queries),
         }
     }
 }

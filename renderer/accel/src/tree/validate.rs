@@ -3,7 +3,7 @@
 use super::Tree;
 use super::walk::Met;
 use crate::layout::Bounds;
-use crate::parameters::{NodeFormat, Quality};
+use crate::parameters::Quality;
 
 /// A fault of a tree.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -60,12 +60,9 @@ impl Tree {
         let mut leaves_of = vec![0u32; self.root.triangles.len()];
         let mut covered_by = vec![Bounds::EMPTY; self.root.triangles.len()];
         let parameters = &self.parameters;
-        let quantised = parameters.active_format() == NodeFormat::Quantised;
         self.walk(&mut |met| match met {
             Met::Node { bounds, depth, children, .. } => {
-                // Quantised boxes are rounded outwards and may stick out a little; what must not be lost is
-                // seen at the leaves.
-                if !quantised && !children.iter().all(|child| bounds.contains(child)) {
+                if !children.iter().all(|child| bounds.contains(child)) {
                     fault.get_or_insert(TreeFault::ChildOutside { depth });
                 }
             }

@@ -1,4 +1,4 @@
-//! Every way to answer a ray that the crate has: back ends, builders, widths, node formats, instruction sets.
+//! Every way to answer a ray that the crate has: back ends, builders, widths, instruction sets.
 
 #![allow(dead_code, reason = "each test uses some of it")]
 
@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use treewright_accel::{
     BuildChoice, Collapse, Device, Intersector, Isa, NativeAcceleration, NativeOptions, NativeQuality,
-    NodeFormat, Quality, Structure, TreeParameters, Triangles, build,
+    Quality, Structure, TreeParameters, Triangles, build,
 };
 
 /// The device of all tests.
@@ -16,21 +16,19 @@ pub(crate) fn device() -> Device {
 
 /// A tree of every kind of node, of block and of test, otherwise as `plain`.
 pub(crate) fn tree_kinds(plain: TreeParameters) -> Vec<TreeParameters> {
-    let full = [2, 4, 8, 16].map(|branching_factor| (branching_factor, NodeFormat::Full));
-    let quantised = [8, 16].map(|branching_factor| (branching_factor, NodeFormat::Quantised));
     let mut all = Vec::new();
-    for (branching_factor, format) in full.into_iter().chain(quantised) {
+    for branching_factor in [2, 4, 8, 16] {
         let collapse = if branching_factor == 16 { Collapse::Optimal } else { Collapse::Builder };
         for block_width in [4, 8] {
             for robust in [false, true] {
-                all.push(TreeParameters { branching_factor, collapse, format, block_width, robust, ..plain });
+                all.push(TreeParameters { branching_factor, collapse, block_width, robust, ..plain });
             }
         }
     }
     all
 }
 
-/// Trees of every width, format, block and test, and every builder.
+/// Trees of every width, block and test, and every builder.
 pub(crate) fn trees() -> Vec<TreeParameters> {
     let plain = TreeParameters { max_depth: 64, max_leaf_size: 20, ..TreeParameters::default() };
     let mut all = tree_kinds(plain);

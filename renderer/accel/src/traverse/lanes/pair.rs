@@ -23,11 +23,6 @@ impl<L: Lanes> Lanes for Pair<L> {
     }
 
     #[inline(always)]
-    unsafe fn load_bytes(from: *const u8) -> Self {
-        Self(L::load_bytes(from), L::load_bytes(from.add(L::COUNT)))
-    }
-
-    #[inline(always)]
     unsafe fn store(self, to: *mut f32) {
         self.0.store(to);
         self.1.store(to.add(L::COUNT));

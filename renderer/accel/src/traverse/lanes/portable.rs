@@ -35,12 +35,6 @@ impl<const N: usize> Lanes for Portable<N> {
     }
 
     #[inline(always)]
-    unsafe fn load_bytes(from: *const u8) -> Self {
-        // SAFETY: the caller vouches for the pointer.
-        Self(unsafe { from.cast::<[u8; N]>().read() }.map(f32::from))
-    }
-
-    #[inline(always)]
     unsafe fn store(self, to: *mut f32) {
         // SAFETY: as above.
         unsafe { to.cast::<[f32; N]>().write(self.0) };

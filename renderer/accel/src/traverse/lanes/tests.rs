@@ -25,12 +25,6 @@ fn same(a: [f32; 16], b: [f32; 16], count: usize, what: &str) {
 /// Compares `L` with the portable vector of as many lanes.
 fn agrees<L: Lanes, P: Lanes>() {
     assert_eq!(L::COUNT, P::COUNT);
-    let bytes: [u8; 17] = std::array::from_fn(|place| (place as u8).wrapping_mul(16).wrapping_sub(1));
-    for from in [bytes.as_ptr(), bytes[1..].as_ptr()] {
-        // SAFETY: the caller checked the processor; sixteen bytes follow.
-        let (la, pa) = unsafe { (L::load_bytes(from), P::load_bytes(from)) };
-        same(numbers(la), numbers(pa), L::COUNT, "load_bytes");
-    }
     for window in samples().windows(16) {
         let (mut a, mut b) = (Stored([0.0; 16]), Stored([0.0; 16]));
         for (lane, pair) in window.iter().enumerate() {
@@ -76,10 +70,6 @@ fn portable_is_plain_arithmetic() {
         assert_eq!(numbers(la.max(lb))[..4], [4.0, 0.25, 0.5, 1.0]);
         assert_eq!(Portable::<4>::bits(la.less(lb)), 0b0011);
         assert_eq!(numbers(Portable::<4>::choose(0b0110, la, lb))[..4], [4.0, -2.0, 0.5, 1.0]);
-        assert_eq!(
-            numbers(Portable::<4>::load_bytes([0, 1, 127, 255].as_ptr()))[..4],
-            [0.0, 1.0, 127.0, 255.0]
-        );
     }
 }
 

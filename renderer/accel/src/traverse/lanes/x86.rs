@@ -90,12 +90,6 @@ macro_rules! memory_64 {
         }
 
         #[inline(always)]
-        unsafe fn load_bytes(from: *const u8) -> Self {
-            let two = i32::from(from.cast::<u16>().read_unaligned());
-            Self(_mm_cvtepi32_ps(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(two))))
-        }
-
-        #[inline(always)]
         unsafe fn store(self, to: *mut f32) {
             _mm_store_sd(to.cast(), _mm_castps_pd(self.0));
         }
@@ -108,12 +102,6 @@ macro_rules! memory_128 {
         #[inline(always)]
         unsafe fn load(from: *const f32) -> Self {
             Self(_mm_load_ps(from))
-        }
-
-        #[inline(always)]
-        unsafe fn load_bytes(from: *const u8) -> Self {
-            let four = from.cast::<i32>().read_unaligned();
-            Self(_mm_cvtepi32_ps(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(four))))
         }
 
         #[inline(always)]
@@ -132,11 +120,6 @@ macro_rules! memory_256 {
         }
 
         #[inline(always)]
-        unsafe fn load_bytes(from: *const u8) -> Self {
-            Self(_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64(from.cast()))))
-        }
-
-        #[inline(always)]
         unsafe fn store(self, to: *mut f32) {
             _mm256_store_ps(to, self.0);
         }
@@ -149,11 +132,6 @@ macro_rules! memory_512 {
         #[inline(always)]
         unsafe fn load(from: *const f32) -> Self {
             Self(_mm512_load_ps(from))
-        }
-
-        #[inline(always)]
-        unsafe fn load_bytes(from: *const u8) -> Self {
-            Self(_mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128(from.cast()))))
         }
 
         #[inline(always)]

@@ -6,7 +6,7 @@
 
 use super::bundle::Bundle;
 use crate::layout::Root;
-use crate::traverse::boxes::{DIVISOR_MIN, PaddedBoxes, Planes, near_offsets, scaled};
+use crate::traverse::boxes::{DIVISOR_MIN, PaddedBoxes, Planes, near_offsets, scaled, times};
 use crate::traverse::lanes::{Lanes, Lanes3, Stored};
 
 /// Rays prepared for tests against single boxes. A ray gets the answer it gets alone, bit by bit.
@@ -66,9 +66,9 @@ impl<L: Lanes, N: Planes> PacketBoxes<N> for FastPacket<L> {
     #[inline(always)]
     unsafe fn meet(&self, node: &N, child: usize, t_max: L) -> u32 {
         let ([rx, ry, rz], [ox, oy, oz], [x, y, z]) = (self.reciprocal.0, self.origin.0, self.near);
-        let [near_x, far_x] = node.child_times(child, 0, x, rx, ox);
-        let [near_y, far_y] = node.child_times(child, 1, y, ry, oy);
-        let [near_z, far_z] = node.child_times(child, 2, z, rz, oz);
+        let [near_x, far_x] = times(node.child_planes::<L>(child, x), rx, ox);
+        let [near_y, far_y] = times(node.child_planes::<L>(child, y), ry, oy);
+        let [near_z, far_z] = times(node.child_planes::<L>(child, z), rz, oz);
         let near = near_x.max(near_y).max(near_z.max(self.t_min));
         let far = far_x.min(far_y).min(far_z.min(t_max));
         L::bits(near.less_equal(far))
@@ -111,9 +111,9 @@ impl<L: Lanes, N: Planes> PacketBoxes<N> for PaddedPacket<L> {
     #[inline(always)]
     unsafe fn meet(&self, node: &N, child: usize, t_max: L) -> u32 {
         let [x, y, z] = self.0.near;
-        let [near_x, far_x] = node.child_planes::<L>(child, 0, x);
-        let [near_y, far_y] = node.child_planes::<L>(child, 1, y);
-        let [near_z, far_z] = node.child_planes::<L>(child, 2, z);
+        let [near_x, far_x] = node.child_planes::<L>(child, x);
+        let [near_y, far_y] = node.child_planes::<L>(child, y);
+        let [near_z, far_z] = node.child_planes::<L>(child, z);
         self.0.interval([near_x, near_y, near_z], [far_x, far_y, far_z], t_max).0
     }
 }
