@@ -15,9 +15,9 @@ use glam::Vec3A;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use treewright_accel::{
-    BuildChoice, BuildError, Builder, ChildOrder, Collapse, Device, Hit, Intersector, Isa,
-    NativeAcceleration, NativeOptions, NativeQuality, NodeOrder, Packets, Quality, Ray, Structure,
-    TreeParameters, Triangles, build,
+    BuildChoice, BuildError, Builder, Collapse, Device, Hit, Intersector, Isa, NativeAcceleration,
+    NativeOptions, NativeQuality, NodeOrder, Packets, Quality, Ray, Structure, TreeParameters, Triangles,
+    build,
 };
 
 #[path = "../tests/scenes/mod.rs"]
@@ -103,7 +103,6 @@ fn configuration(random: &mut ChaCha8Rng) -> BuildChoice {
         collapse,
         reinsertion_passes: random.random_range(0..=4),
         order: one_of(random, &orders),
-        child_order: one_of(random, &[ChildOrder::Builder, ChildOrder::Likely, ChildOrder::Topmost]),
         split_budget: random.random_range(1.0..=2.0),
         builder: one_of(random, &[Builder::Embree, Builder::Ploc]),
         search_radius: random.random_range(1..=32),

@@ -91,8 +91,6 @@ pub struct TreeParameters {
     pub reinsertion_passes: u32,
     /// Order of the nodes in memory.
     pub order: NodeOrder,
-    /// In which order rays that look for any hit visit the children of a node.
-    pub child_order: ChildOrder,
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts
     /// with [`Quality::SahSplit`] only.
     pub split_budget: f32,
@@ -132,20 +130,6 @@ pub enum NodeOrder {
     Treelets,
 }
 
-/// In which order a ray that looks for any hit visits the children of a node. One that looks for the nearest
-/// hit visits the nearest child first; there the order decides among boxes that contain its origin alone.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ChildOrder {
-    /// As the builder cut space, last to first.
-    #[default]
-    Builder,
-    /// By the chance of a hit over the cost of looking for it, both from the areas of triangles and boxes.
-    Likely,
-    /// The child whose middle has the greatest y first: most light comes from above.
-    Topmost,
-}
-
 impl Default for TreeParameters {
     /// The recommended configuration of Table 1.
     fn default() -> Self {
@@ -165,7 +149,6 @@ impl Default for TreeParameters {
             builder: Builder::Embree,
             search_radius: 8,
             cluster_size: 1,
-            child_order: ChildOrder::Builder,
             collapse: Collapse::Builder,
             reinsertion_passes: 0,
             order: NodeOrder::Builder,

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::Vec3A;
 use proptest::prelude::*;
 use treewright_accel::{
-    BruteForce, BuildChoice, BuildError, Builder, ChildOrder, Collapse, Device, Hit, Intersector, NodeOrder,
-    Quality, Ray, Structure, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, BuildError, Builder, Collapse, Device, Hit, Intersector, NodeOrder, Quality,
+    Ray, Structure, TreeParameters, Triangles, build,
 };
 
 mod scenes;
@@ -40,14 +40,13 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
         (1u32..=32, 1u32..=8),
         prop::sample::select(vec![0u32, 500, 1_000_000]),
         1u32..=16,
-        prop::sample::select(vec![ChildOrder::Builder, ChildOrder::Likely, ChildOrder::Topmost]),
     );
     (shape, rest, layout, own).prop_map(
         |(
             (quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)),
             rest,
             (block_width, collapse, reinsertion_passes, order, split_budget),
-            (builder, (search_radius, cluster_size), flatten_below, instance_opening, child_order),
+            (builder, (search_radius, cluster_size), flatten_below, instance_opening),
         )| {
             let (traversal_cost, intersection_cost, static_scene, compact, robust) = rest;
             TreeParameters {
@@ -73,7 +72,6 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
                 cluster_size,
                 flatten_below,
                 instance_opening,
-                child_order,
             }
         },
     )

@@ -1,10 +1,9 @@
-//! Visits of queries can be counted, and the order of children decides their number for any hit.
+//! Visits of queries can be counted.
 
 use std::sync::Arc;
 
 use treewright_accel::{
-    BuildChoice, ChildOrder, Collapse, Device, Intersector, Ray, Structure, Tree, TreeParameters, Triangles,
-    Visits, build,
+    BuildChoice, Collapse, Device, Ray, Structure, Tree, TreeParameters, Triangles, Visits, build,
 };
 
 mod scenes;
@@ -17,14 +16,13 @@ fn tree(triangles: &Arc<Triangles>, parameters: TreeParameters) -> Tree {
     }
 }
 
-fn wide(child_order: ChildOrder) -> TreeParameters {
+fn wide() -> TreeParameters {
     TreeParameters {
         branching_factor: 8,
         min_leaf_size: 4,
         max_leaf_size: 8,
         max_depth: 64,
         collapse: Collapse::Optimal,
-        child_order,
         ..TreeParameters::default()
     }
 }
@@ -35,7 +33,7 @@ fn counts_add_up_and_repeat() {
     let rays = scenes::rays(300, 7);
     for robust in [false, true] {
         for block_width in [4, 8] {
-            let tree = tree(&triangles, TreeParameters { robust, block_width, ..wide(ChildOrder::Builder) });
+            let tree = tree(&triangles, TreeParameters { robust, block_width, ..wide() });
             for any in [false, true] {
                 let together = tree.visits(&rays, any);
                 let mut one_by_one = Visits::default();
@@ -51,23 +49,8 @@ fn counts_add_up_and_repeat() {
 
 #[test]
 fn rays_that_are_none_visit_nothing() {
-    let tree = tree(&scenes::city(4, 5), wide(ChildOrder::Builder));
+    let tree = tree(&scenes::city(4, 5), wide());
     let none = Ray { t_min: f32::NAN, ..scenes::rays(1, 1)[0] };
     assert_eq!(tree.visits(&[none], false), Visits::default());
     assert_eq!(tree.visits(&[none], true), Visits::default());
-}
-
-/// The order changes no answer, and a hit is found sooner where it is likely.
-#[test]
-fn a_likely_child_first_saves_visits() {
-    let triangles = scenes::city(40, 5);
-    let rays = scenes::rays(4000, 11);
-    let [builder, likely, topmost] = [ChildOrder::Builder, ChildOrder::Likely, ChildOrder::Topmost]
-        .map(|child_order| tree(&triangles, wide(child_order)));
-    for ray in &rays {
-        let hit = builder.occluded(ray);
-        assert_eq!([likely.occluded(ray), topmost.occluded(ray)], [hit; 2]);
-    }
-    let [before, after] = [&builder, &likely].map(|tree| tree.visits(&rays, true));
-    assert!(after.nodes + after.blocks < before.nodes + before.blocks, "{after:?} for {before:?}");
 }

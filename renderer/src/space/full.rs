@@ -170,12 +170,6 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
             order,
             "how boxes lie in memory",
         )),
-        tunable(choice(
-            "child_order",
-            ["builder", "likely", "topmost"],
-            "likely",
-            "where shadow rays look first: as the tree was built, where a hit is likely and cheap, or at the top",
-        )),
     ];
     if premises.instanced {
         all.push(tunable(choice(

@@ -8,6 +8,7 @@ use super::{ConfigurationError, Preset, TuningSpace};
 /// Their names, and the values that say what the renderer does.
 const RETIRED: &[(&str, &[&str])] = &[
     ("format", &["full"]),
+    ("child_order", &["likely"]),
     ("tile_order", &["rows"]),
     ("bounce", &["single"]),
     ("shadow", &["single"]),

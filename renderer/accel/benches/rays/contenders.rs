@@ -9,8 +9,8 @@ use obvhs::cwbvh::CwBvh;
 use serde::Serialize;
 use treewright_accel::recording::Recording;
 use treewright_accel::{
-    BuildChoice, BuildError, Builder, ChildOrder, Collapse, Device, Intersector, NativeOptions,
-    NativeQuality, NodeOrder, Quality, Structure, TreeParameters, Triangles, Visits, build,
+    BuildChoice, BuildError, Builder, Collapse, Device, Intersector, NativeOptions, NativeQuality, NodeOrder,
+    Quality, Structure, TreeParameters, Triangles, Visits, build,
 };
 
 use crate::peers::Obvhs;
@@ -71,17 +71,13 @@ fn recipes(tinybvh: Option<Arc<Tinybvh>>) -> Vec<(&'static str, Recipe)> {
         collapse: Collapse::Optimal,
         reinsertion_passes: 4,
         order: NodeOrder::DepthFirst,
-        child_order: ChildOrder::Likely,
         ..TreeParameters::default()
     };
-    let ordered = |child_order| tree(TreeParameters { child_order, ..recommended });
     let mut all = vec![
         (REFERENCE, of_quality(NativeQuality::Medium)),
         ("native low", of_quality(NativeQuality::Low)),
         ("native high", of_quality(NativeQuality::High)),
         (RECOMMENDED, tree(recommended)),
-        ("recommended, builder's order", ordered(ChildOrder::Builder)),
-        ("recommended, topmost first", ordered(ChildOrder::Topmost)),
         ("recommended, splits", tree(TreeParameters { quality: Quality::SahSplit, ..recommended })),
         ("recommended, PLOC", tree(TreeParameters { builder: Builder::Ploc, ..recommended })),
         ("native medium, robust", native(NativeOptions { robust: true, ..NativeOptions::default() })),

@@ -36,11 +36,6 @@ impl Bounds {
         (0..3).all(|axis| self.lower[axis] <= other.lower[axis] && other.upper[axis] <= self.upper[axis])
     }
 
-    /// The coordinate of its middle along an axis.
-    pub(crate) fn middle(&self, axis: usize) -> f32 {
-        0.5 * (self.lower[axis] + self.upper[axis])
-    }
-
     /// Half the surface area, in double precision; 0 for an empty box.
     pub(crate) fn half_area(&self) -> f64 {
         let [x, y, z] =

@@ -1,8 +1,8 @@
 //! The walk: down to the nearest child first, the others on a stack with the distance where the ray enters
 //! them. Children behind a hit are passed by.
 //!
-//! A shadow ray needs no order. It goes on with the last child it meets: the builder sorts children big
-//! to small, and the small ones are soon done with.
+//! A shadow ray needs no order of distances. It goes on with the last child it meets, where a hit is likely
+//! and cheap.
 //!
 //! The number of children that a ray meets is hard to foresee, and a wrong guess of the processor costs as
 //! much as the test of a node. So there is no branch on it beyond none, one or several. Several are sorted

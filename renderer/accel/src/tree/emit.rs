@@ -12,7 +12,7 @@ use super::ploc::Ploc;
 use crate::error::BuildError;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
-use crate::parameters::{ChildOrder, TreeParameters};
+use crate::parameters::TreeParameters;
 use crate::prefetch::prefetch;
 
 /// Bytes of a slab: as large as a huge page, or for small trees a share of their largest size.
@@ -160,8 +160,10 @@ impl Emitter<'_> {
                 below[place] = self.subtree::<N, B>(found[place], depth + 1, room, lists)?;
             }
         }
-        let prospects = below.map(|Written(_, prospect)| prospect);
-        let (order, prospect) = order_of(found, &prospects, bounds.half_area() as f32, self.parameters);
+        let prospects: [_; WIDTH_MAX] = std::array::from_fn(|place| {
+            (found.get(place).map_or(0.0, |(bounds, _)| bounds.half_area() as f32), below[place].1)
+        });
+        let (order, prospect) = order_of(&prospects[..count], bounds.half_area() as f32, self.parameters);
         let mut children = [(Bounds::EMPTY, NodeRef::EMPTY); WIDTH_MAX];
         for (child, &from) in children.iter_mut().zip(&order[..count]) {
             *child = (found[usize::from(from)].0, below[usize::from(from)].0);
@@ -211,11 +213,10 @@ impl Emitter<'_> {
         }
         let count = numbers.len().div_ceil(B);
         let blocks: *mut Block<B> = self.take(room, count)?;
-        let likely = self.parameters.child_order == ChildOrder::Likely;
         let mut area = 0.0;
         for (index, some) in numbers.chunks(B).enumerate() {
             let block = Block::new(some.iter().copied(), self.triangles, self.parameters.robust);
-            area += if likely { area_of(&block, self.parameters.robust) } else { 0.0 };
+            area += area_of(&block, self.parameters.robust);
             // SAFETY: the room was taken for this number of blocks alone and is aligned.
             unsafe { blocks.add(index).write(block) };
         }
@@ -245,19 +246,17 @@ mod tests {
     proptest::proptest! {
         #[test]
         fn children_come_in_the_order_that_sorting_gives_afterwards(boxes in boxes()) {
-            for child_order in [ChildOrder::Likely, ChildOrder::Topmost] {
-                let parameters = TreeParameters { child_order, max_leaf_size: 4, ..TreeParameters::default() };
-                let triangles = over(&boxes);
-                let ploc = Ploc::build(&triangles, &parameters);
-                let (_slabs, root) = emit::<Node<8>, 4>(&ploc, &triangles, &parameters).expect("it is not deep");
-                let mut emitted = Vec::new();
-                references(root, &mut emitted);
-                // SAFETY: it is of these nodes and blocks, and there is no other reference to it.
-                unsafe { sort_children::<Node<8>, 4>(root, ploc.bounds(ploc.root), &parameters) };
-                let mut sorted = Vec::new();
-                references(root, &mut sorted);
-                proptest::prop_assert!(emitted == sorted);
-            }
+            let parameters = TreeParameters { max_leaf_size: 4, ..TreeParameters::default() };
+            let triangles = over(&boxes);
+            let ploc = Ploc::build(&triangles, &parameters);
+            let (_slabs, root) = emit::<Node<8>, 4>(&ploc, &triangles, &parameters).expect("it is not deep");
+            let mut emitted = Vec::new();
+            references(root, &mut emitted);
+            // SAFETY: it is of these nodes and blocks, and there is no other reference to it.
+            unsafe { sort_children::<Node<8>, 4>(root, ploc.bounds(ploc.root), &parameters) };
+            let mut sorted = Vec::new();
+            references(root, &mut sorted);
+            proptest::prop_assert!(emitted == sorted);
         }
     }
 }

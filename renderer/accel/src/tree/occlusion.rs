@@ -1,6 +1,6 @@
 //! The order in which a shadow ray visits the children of a node.
 //!
-//! Any hit will do for a shadow ray, so it should first go where a hit is likely and cheap. Children are
+//! Any hit will do for a shadow ray, so it first goes where a hit is likely and cheap. Children are
 //! sorted by the probability that the ray is blocked below a child, over the cost of its test (Ogaki and
 //! Derouet-Jourdan, "An N-ary BVH Child Node Sorting Technique for Occlusion Tests", 2016). Both are
 //! estimated from the finished tree alone. A line that meets a box crosses the surfaces in it `their area /
@@ -12,13 +12,13 @@
 use rayon::prelude::*;
 
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
-use crate::parameters::{ChildOrder, TreeParameters};
+use crate::parameters::TreeParameters;
 
 /// Levels whose children are shared between threads.
 const TASK_LEVELS: u32 = 3;
 
 /// The prospect of a shadow ray that meets a box.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Prospect {
     /// Probability that it is blocked inside.
     blocked: f32,
@@ -60,28 +60,19 @@ impl Prospect {
     }
 }
 
-/// The order that the parameters ask for among the children of a node of such half an area, and what awaits a
-/// ray there.
-pub(super) fn order_of<T>(
-    children: &[(Bounds, T)],
-    prospects: &[Prospect; WIDTH_MAX],
+/// The order of the children of a node of such half an area, each given by half its own and its prospect, and
+/// what awaits a ray there.
+pub(super) fn order_of(
+    children: &[(f32, Prospect)],
     half_area: f32,
     parameters: &TreeParameters,
 ) -> ([u8; WIDTH_MAX], Prospect) {
-    let count = children.len();
-    match parameters.child_order {
-        ChildOrder::Builder => (std::array::from_fn(|place| place as u8), Prospect::NONE),
-        ChildOrder::Topmost => (order_by(count, |place| children[place].0.middle(1)), Prospect::NONE),
-        ChildOrder::Likely => {
-            let order = order_by(count, |place| prospects[place].promise());
-            let visits = order[..count].iter().rev().map(|&place| usize::from(place));
-            let visits = visits.map(|place| (children[place].0.half_area() as f32, prospects[place]));
-            (order, Prospect::node(visits, half_area, parameters))
-        }
-    }
+    let order = order_by(children.len(), |place| children[place].1.promise());
+    let visits = order[..children.len()].iter().rev().map(|&place| children[usize::from(place)]);
+    (order, Prospect::node(visits, half_area, parameters))
 }
 
-/// Brings the children of every node into the order that the parameters ask for.
+/// Brings the children of every node into their order.
 ///
 /// # Safety
 /// `root` is of a tree of nodes `N` and blocks of `B` triangles of these parameters, which lives, and there
@@ -93,13 +84,7 @@ pub(super) unsafe fn sort_children<N: TreeNode, const B: usize>(
 ) {
     let subtree = Subtree { root, half_area: bounds.half_area() as f32, task_levels: TASK_LEVELS };
     // SAFETY: the caller vouches for it.
-    unsafe {
-        match parameters.child_order {
-            ChildOrder::Builder => {}
-            ChildOrder::Likely => drop(subtree.sort_likely::<N, B>(parameters)),
-            ChildOrder::Topmost => subtree.sort_topmost::<N>(),
-        }
-    }
+    unsafe { subtree.sort::<N, B>(parameters) };
 }
 
 /// A part of a tree that one task works on.
@@ -134,7 +119,7 @@ impl Subtree {
 
     /// # Safety
     /// As for [`sort_children`]. Recursion is as deep as the tree, at most 64 levels.
-    unsafe fn sort_likely<N: TreeNode, const B: usize>(self, parameters: &TreeParameters) -> Prospect {
+    unsafe fn sort<N: TreeNode, const B: usize>(self, parameters: &TreeParameters) -> Prospect {
         if self.root.is_leaf() {
             // SAFETY: the caller vouches for it.
             let blocks = unsafe { self.root.blocks::<B>() };
@@ -146,39 +131,17 @@ impl Subtree {
         let (children, count) = self.children(node);
         let children = &children[..count];
         // SAFETY: as above; each child's subtree is its own.
-        let below = |child: &Self| unsafe { child.sort_likely::<N, B>(parameters) };
-        let mut prospects = [Prospect::default(); WIDTH_MAX];
+        let look = |child: &Self| (child.half_area, unsafe { child.sort::<N, B>(parameters) });
+        let mut below = [(0.0, Prospect::NONE); WIDTH_MAX];
         if self.task_levels > 0 {
-            let found: Vec<Prospect> = children.par_iter().map(below).collect();
-            prospects[..count].copy_from_slice(&found);
+            let found: Vec<(f32, Prospect)> = children.par_iter().map(look).collect();
+            below[..count].copy_from_slice(&found);
         } else {
-            prospects.iter_mut().zip(children).for_each(|(prospect, child)| *prospect = below(child));
+            below.iter_mut().zip(children).for_each(|(below, child)| *below = look(child));
         }
-        let order = order_by(count, |place| prospects[place].promise());
+        let (order, prospect) = order_of(&below[..count], self.half_area, parameters);
         node.permute(&order);
-        let visits = order[..count].iter().rev().map(|&place| usize::from(place));
-        let visits = visits.map(|place| (children[place].half_area, prospects[place]));
-        Prospect::node(visits, self.half_area, parameters)
-    }
-
-    /// # Safety
-    /// As for [`sort_children`].
-    unsafe fn sort_topmost<N: TreeNode>(self) {
-        if self.root.is_leaf() {
-            return;
-        }
-        // SAFETY: the caller vouches for it.
-        let node = unsafe { self.root.node_mut::<N>() };
-        let (children, count) = self.children(node);
-        let order = order_by(count, |place| node.child_bounds(place).middle(1));
-        node.permute(&order);
-        // SAFETY: as above; each child's subtree is its own.
-        let below = |child: &Self| unsafe { child.sort_topmost::<N>() };
-        if self.task_levels > 0 {
-            children[..count].par_iter().for_each(below);
-        } else {
-            children[..count].iter().for_each(below);
-        }
+        prospect
     }
 }
 

@@ -103,9 +103,7 @@ impl Plan {
     }
 
     /// Grows the tree level by level from `root`. `open` either adds a leaf for its argument and returns it,
-    /// or lists the children of a node. They stay in the order of that list, which is that of the builder's
-    /// cuts through space. Shadow rays, which begin with the last child, are fastest in this order (measured;
-    /// sorted by area, either way round, they take up to twice as long).
+    /// or lists the children of a node. They stay in the order of that list.
     pub(super) fn grow<T: Copy>(
         &mut self,
         root: (Bounds, T),
