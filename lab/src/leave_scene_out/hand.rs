@@ -7,7 +7,7 @@ use treewright_renderer::tuning::verdict::{self, Rival};
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
 /// For frames that share a build: missing values are those of the start of that space.
-const RENDER: [&str; 12] = [
+const RENDER: [&str; 11] = [
     "backend=tunable,min_leaf_size=4,max_leaf_size=28",
     "backend=tunable,min_leaf_size=8,max_leaf_size=32",
     "backend=tunable,min_leaf_size=16,max_leaf_size=32",
@@ -19,7 +19,6 @@ const RENDER: [&str; 12] = [
     "backend=tunable,min_leaf_size=8,max_leaf_size=32,node_width=8",
     "backend=tunable,min_leaf_size=8,max_leaf_size=32,reinsertion_passes=12",
     "backend=tunable,min_leaf_size=8,max_leaf_size=32,tile=16",
-    "backend=tunable,min_leaf_size=8,max_leaf_size=32,order=treelets",
 ];
 
 /// For frames that pay for a build of their own.

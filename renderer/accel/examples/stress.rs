@@ -16,8 +16,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use treewright_accel::{
     BuildChoice, BuildError, Builder, Collapse, Device, Hit, Intersector, Isa, NativeAcceleration,
-    NativeOptions, NativeQuality, NodeOrder, Packets, Quality, Ray, Structure, TreeParameters, Triangles,
-    build,
+    NativeOptions, NativeQuality, Packets, Quality, Ray, Structure, TreeParameters, Triangles, build,
 };
 
 #[path = "../tests/scenes/mod.rs"]
@@ -83,7 +82,6 @@ fn configuration(random: &mut ChaCha8Rng) -> BuildChoice {
             presplit: random.random_bool(0.3),
         });
     }
-    let orders = [NodeOrder::Builder, NodeOrder::DepthFirst, NodeOrder::VanEmdeBoas, NodeOrder::Treelets];
     let max_leaf_size = random.random_range(1..=32);
     let least = u32::from(random.random_bool(0.95));
     let collapse = one_of(random, &[Collapse::Builder, Collapse::Optimal]);
@@ -102,7 +100,6 @@ fn configuration(random: &mut ChaCha8Rng) -> BuildChoice {
         block_width: one_of(random, &[4, 8]),
         collapse,
         reinsertion_passes: random.random_range(0..=4),
-        order: one_of(random, &orders),
         split_budget: random.random_range(1.0..=2.0),
         builder: one_of(random, &[Builder::Embree, Builder::Ploc]),
         search_radius: random.random_range(1..=32),

@@ -31,7 +31,7 @@ pub use instances::{Instance, InstanceError, Instances};
 pub use masks::{Card, Mask, Wrap};
 pub use memory::{keep_freed_memory, wish_for_huge_pages};
 pub use parameters::{
-    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeOrder, Quality,
+    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, Quality,
     TreeParameters, Update,
 };
 pub use prefetch::prefetch;

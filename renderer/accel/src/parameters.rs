@@ -89,8 +89,6 @@ pub struct TreeParameters {
     /// Passes of insertion-based optimisation over the binary tree, 0 to 16. Acts with [`Collapse::Optimal`]
     /// only.
     pub reinsertion_passes: u32,
-    /// Order of the nodes in memory.
-    pub order: NodeOrder,
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts
     /// with [`Quality::SahSplit`] only.
     pub split_budget: f32,
@@ -106,28 +104,12 @@ pub struct TreeParameters {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Collapse {
-    /// The builder makes wide nodes at once, as in the paper.
+    /// The builder makes wide nodes at once, as in the paper. They lie in memory as its threads made them.
     #[default]
     Builder,
     /// The builder makes a binary tree of single triangles; the wide tree and its leaves of least expected
-    /// cost are found by dynamic programming.
+    /// cost are found by dynamic programming. It lies in memory depth first.
     Optimal,
-}
-
-/// Order of nodes and leaves in memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum NodeOrder {
-    /// As the builder's threads made them; with [`Collapse::Optimal`], where no builder makes them, level by
-    /// level.
-    #[default]
-    Builder,
-    /// Depth first, the child of largest surface first.
-    DepthFirst,
-    /// Van Emde Boas: recursively the upper half of the levels, then the subtrees below.
-    VanEmdeBoas,
-    /// Treelets grown by the probability that a ray visits them, the hottest first.
-    Treelets,
 }
 
 impl Default for TreeParameters {
@@ -151,7 +133,6 @@ impl Default for TreeParameters {
             cluster_size: 1,
             collapse: Collapse::Builder,
             reinsertion_passes: 0,
-            order: NodeOrder::Builder,
             split_budget: SPLIT_BUDGET,
             flatten_below: 0,
             instance_opening: 1,

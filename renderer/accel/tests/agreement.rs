@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Builder, Collapse, Hit, Intersector, Isa, NativeOptions, NodeOrder, Quality,
-    Ray, Structure, Tree, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, Builder, Collapse, Hit, Intersector, Isa, NativeOptions, Quality, Ray,
+    Structure, Tree, TreeParameters, Triangles, build,
 };
 
 #[path = "scenes/back_ends.rs"]
@@ -19,22 +19,20 @@ use back_ends::device;
 fn parameters() -> Vec<TreeParameters> {
     let plain = TreeParameters { max_depth: 64, max_leaf_size: 20, ..TreeParameters::default() };
     let mut all = back_ends::tree_kinds(plain);
-    // The optimal collapse of every width and builder, with more and less reinsertion, in every order.
-    let orders = [NodeOrder::Builder, NodeOrder::DepthFirst, NodeOrder::VanEmdeBoas, NodeOrder::Treelets];
+    // The optimal collapse of every width and builder, with more and less reinsertion.
     let mut number = 0;
     for branching_factor in [2, 4, 8, 16] {
         for quality in [Quality::Morton, Quality::Sah, Quality::SahSplit] {
-            for order in orders {
+            for reinsertion_passes in [0, 1, 5] {
                 number += 1;
                 all.push(TreeParameters {
                     quality,
                     branching_factor,
                     collapse: Collapse::Optimal,
-                    reinsertion_passes: [0, 1, 5][number % 3],
-                    order,
+                    reinsertion_passes,
                     block_width: if number % 5 < 3 { 4 } else { 8 },
                     max_depth: 64,
-                    min_leaf_size: 1 + number as u32 % 3,
+                    min_leaf_size: 1 + number % 3,
                     max_leaf_size: 12,
                     sah_block_size: 4,
                     robust: number % 4 == 0,
@@ -43,13 +41,9 @@ fn parameters() -> Vec<TreeParameters> {
             }
         }
     }
-    // Our own builder with every radius: as it is in place and in every order, and optimised.
+    // Our own builder with every radius: as it is, and optimised.
     for (number, search_radius) in [4, 8, 16, 32].into_iter().enumerate() {
-        for (collapse, order) in [
-            (Collapse::Builder, orders[0]),
-            (Collapse::Builder, orders[number]),
-            (Collapse::Optimal, orders[1]),
-        ] {
+        for collapse in [Collapse::Builder, Collapse::Optimal] {
             for branching_factor in [2, 4, 8] {
                 all.push(TreeParameters {
                     builder: Builder::Ploc,
@@ -57,7 +51,6 @@ fn parameters() -> Vec<TreeParameters> {
                     cluster_size: 1 << number,
                     branching_factor,
                     collapse,
-                    order,
                     reinsertion_passes: number as u32,
                     block_width: if number % 2 == 0 { 8 } else { 4 },
                     max_depth: 64,
@@ -68,18 +61,6 @@ fn parameters() -> Vec<TreeParameters> {
                     ..TreeParameters::default()
                 });
             }
-        }
-    }
-    // The builder's own tree in every other order.
-    for order in &orders[1..] {
-        for branching_factor in [2, 4, 8] {
-            all.push(TreeParameters {
-                quality: Quality::SahSplit,
-                branching_factor,
-                order: *order,
-                max_depth: 64,
-                ..TreeParameters::default()
-            });
         }
     }
     for branching_factor in [2, 4, 8] {

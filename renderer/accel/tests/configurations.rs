@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::Vec3A;
 use proptest::prelude::*;
 use treewright_accel::{
-    BruteForce, BuildChoice, BuildError, Builder, Collapse, Device, Hit, Intersector, NodeOrder, Quality,
-    Ray, Structure, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, BuildError, Builder, Collapse, Device, Hit, Intersector, Quality, Ray,
+    Structure, TreeParameters, Triangles, build,
 };
 
 mod scenes;
@@ -14,9 +14,6 @@ mod scenes;
 fn device() -> Device {
     Device::open(0).expect("Embree is set up")
 }
-
-const ORDERS: [NodeOrder; 4] =
-    [NodeOrder::Builder, NodeOrder::DepthFirst, NodeOrder::VanEmdeBoas, NodeOrder::Treelets];
 
 /// Any configuration of our own trees.
 fn configuration() -> impl Strategy<Value = TreeParameters> {
@@ -32,7 +29,6 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
         prop::sample::select(vec![4u32, 8]),
         prop::sample::select(vec![Collapse::Builder, Collapse::Optimal]),
         0u32..=16,
-        prop::sample::select(ORDERS.to_vec()),
         1.0f32..=2.0,
     );
     let own = (
@@ -45,7 +41,7 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
         |(
             (quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)),
             rest,
-            (block_width, collapse, reinsertion_passes, order, split_budget),
+            (block_width, collapse, reinsertion_passes, split_budget),
             (builder, (search_radius, cluster_size), flatten_below, instance_opening),
         )| {
             let (traversal_cost, intersection_cost, static_scene, compact, robust) = rest;
@@ -65,7 +61,6 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
                 // Only the optimal collapse makes nodes of sixteen.
                 collapse: if branching_factor == 16 { Collapse::Optimal } else { collapse },
                 reinsertion_passes,
-                order,
                 split_budget,
                 builder,
                 search_radius,
@@ -176,7 +171,6 @@ fn builds_can_be_repeated() {
             max_depth: 64,
             collapse: Collapse::Optimal,
             reinsertion_passes: 6,
-            order: NodeOrder::Treelets,
             ..TreeParameters::default()
         };
         let built = || match build(&device(), &triangles, &BuildChoice::Tree(parameters)) {

@@ -100,7 +100,6 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
     let each_frame = premises.builds_each_frame;
     let quality = if each_frame { 1 } else { 2 };
     let collapse = if each_frame { "builder" } else { "optimal" };
-    let order = if each_frame { "builder" } else { "depth_first" };
     // Leaves of fewer triangles than a block leave lanes empty. A tree for one frame is sooner built with
     // larger ones.
     let min_leaf_size = if each_frame { 16 } else { 8 };
@@ -164,12 +163,6 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
         float("split_budget", 1.0..=2.0, 1.2, "how many references triangles may be split into, on average")
             .only_while("quality", [3]),
         tunable(choice("block_width", [4, 8], 8, "how many triangles are tested at once")),
-        tunable(choice(
-            "order",
-            ["builder", "depth_first", "van_emde_boas", "treelets"],
-            order,
-            "how boxes lie in memory",
-        )),
     ];
     if premises.instanced {
         all.push(tunable(choice(

@@ -8,6 +8,8 @@ use super::{ConfigurationError, Preset, TuningSpace};
 /// Their names, and the values that say what the renderer does.
 const RETIRED: &[(&str, &[&str])] = &[
     ("format", &["full"]),
+    // The one goes with trees as builders make them, the other with the best grouping.
+    ("order", &["builder", "depth_first"]),
     ("child_order", &["likely"]),
     ("tile_order", &["rows"]),
     ("bounce", &["single"]),

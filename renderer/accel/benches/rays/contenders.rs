@@ -9,8 +9,8 @@ use obvhs::cwbvh::CwBvh;
 use serde::Serialize;
 use treewright_accel::recording::Recording;
 use treewright_accel::{
-    BuildChoice, BuildError, Builder, Collapse, Device, Intersector, NativeOptions, NativeQuality, NodeOrder,
-    Quality, Structure, TreeParameters, Triangles, Visits, build,
+    BuildChoice, BuildError, Builder, Collapse, Device, Intersector, NativeOptions, NativeQuality, Quality,
+    Structure, TreeParameters, Triangles, Visits, build,
 };
 
 use crate::peers::Obvhs;
@@ -70,7 +70,6 @@ fn recipes(tinybvh: Option<Arc<Tinybvh>>) -> Vec<(&'static str, Recipe)> {
         block_width: 8,
         collapse: Collapse::Optimal,
         reinsertion_passes: 4,
-        order: NodeOrder::DepthFirst,
         ..TreeParameters::default()
     };
     let mut all = vec![

@@ -87,11 +87,10 @@ pub(super) struct BinaryTree {
 const LEAVES_PER_TASK: u32 = 4096;
 
 impl BinaryTree {
-    /// Copies a sketch of single-triangle leaves, depth first: the nodes below a node follow its children.
+    /// Copies a sketch depth first: the nodes below a node follow its children.
     ///
     /// # Safety
-    /// `root` is the root of a finished build of width 2 with at most one triangle a leaf, whose memory
-    /// lives.
+    /// `root` is the root of a finished build, whose memory lives.
     pub(super) unsafe fn from_sketch(root: SketchRef, bounds: Bounds) -> Self {
         Self::copied(&Sketches(()), root, bounds)
     }
@@ -177,16 +176,15 @@ impl Source for Sketches {
 
     fn triangle(&self, item: SketchRef) -> Option<u32> {
         // SAFETY: here and below, as said above.
-        match unsafe { item.follow::<2>() } {
-            Sketched::Single(triangle) => Some(triangle),
-            Sketched::Several(triangles) => Some(triangles[0]),
+        match unsafe { item.follow() } {
+            Sketched::Leaf(triangle) => Some(triangle),
             Sketched::Node(_) => None,
         }
     }
 
     fn halves(&self, item: SketchRef) -> [(Bounds, SketchRef); 2] {
         // SAFETY: as above.
-        let Sketched::Node(node) = (unsafe { item.follow::<2>() }) else {
+        let Sketched::Node(node) = (unsafe { item.follow() }) else {
             unreachable!("a leaf has no halves");
         };
         let mut children = node.children();
@@ -198,7 +196,7 @@ impl Source for Sketches {
 
     fn leaves(&self, item: SketchRef) -> u32 {
         // SAFETY: as above.
-        unsafe { item.counts::<2>() }.leaves
+        unsafe { item.leaves() }
     }
 }
 

@@ -1,13 +1,12 @@
 //! From parameters to a tree.
 //!
-//! | `collapse` | `order` | steps |
-//! |---|---|---|
-//! | builder | builder | Embree's builder makes nodes and leaves in their final form, in its own memory |
-//! | builder | any other | it makes a sketch, which is then written in that order to memory of ours |
-//! | optimal | any | it makes a binary sketch of single triangles; that is optimised, collapsed and written |
+//! | `collapse` | steps |
+//! |---|---|
+//! | builder | Embree's builder makes nodes and leaves in their final form, in its own memory |
+//! | optimal | it makes a binary sketch of single triangles; that is optimised, collapsed and written |
 //!
 //! With our own builder ([`Builder::Ploc`]) the binary tree of single triangles is always there first: it is
-//! opened to wide nodes as it is, in place or by a plan, or goes the third way.
+//! opened to wide nodes as it is, or collapsed and written as well.
 
 use std::sync::Arc;
 
@@ -28,7 +27,7 @@ use crate::error::BuildError;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, Root, TreeNode, for_block, for_node};
 use crate::limits::MAX_DEPTH;
-use crate::parameters::{Builder, Collapse, NodeOrder, TreeParameters};
+use crate::parameters::{Builder, Collapse, TreeParameters};
 use crate::traverse::{Isa, Kernels};
 
 impl Tree {
@@ -44,7 +43,7 @@ impl Tree {
             .expect("the parameters were checked and the instruction set detected");
         let (memory, node) = if triangles.is_empty() {
             (Memory::None, NodeRef::EMPTY)
-        } else if parameters.collapse == Collapse::Builder && parameters.order == NodeOrder::Builder {
+        } else if parameters.collapse == Collapse::Builder {
             build_in_place(device, triangles, parameters)?
         } else {
             let plan = plan(device, triangles, parameters)?;
@@ -53,7 +52,7 @@ impl Tree {
             }
             let (arena, node) = for_node!(parameters, N => for_block!(parameters, B => {
                 let blocks = TriangleBlocks::<B> { triangles, watertight: parameters.robust };
-                write::<N, _>(&plan, parameters.order, &blocks)
+                write::<N, _>(&plan, &blocks)
             }))?;
             (Memory::Own(arena), node)
         };
@@ -96,30 +95,10 @@ fn build_in_place(
     Ok((Memory::Embree(memory), NodeRef::from_raw(root)))
 }
 
-/// Lets Embree sketch the tree, or the binary tree that it is collapsed from.
+/// The wide tree of least cost over the builder's binary one.
 fn plan(device: &Device, triangles: &Triangles, parameters: &TreeParameters) -> Result<Plan, BuildError> {
-    fn in_full<const W: usize>(
-        device: &Device,
-        triangles: &Triangles,
-        parameters: &TreeParameters,
-    ) -> Result<Plan, BuildError> {
-        let (_memory, root, bounds) = sketch_tree::<W>(device, triangles, parameters)?;
-        // SAFETY: it was just built with this width, and its memory lives until the plan is made.
-        Ok(unsafe { Plan::from_sketch::<W>(root, bounds) })
-    }
     if parameters.builder == Builder::Ploc {
-        let ploc = Ploc::build(triangles, parameters);
-        return Ok(match parameters.collapse {
-            Collapse::Builder => opened(&ploc, parameters),
-            Collapse::Optimal => collapsed(ploc.into_binary(), parameters),
-        });
-    }
-    if parameters.collapse == Collapse::Builder {
-        return match parameters.branching_factor {
-            2 => in_full::<2>(device, triangles, parameters),
-            4 => in_full::<4>(device, triangles, parameters),
-            _ => in_full::<8>(device, triangles, parameters),
-        };
+        return Ok(collapsed(Ploc::build(triangles, parameters).into_binary(), parameters));
     }
     // The limit of depth is that of the wide tree, which is far shallower.
     let binary = TreeParameters {
@@ -130,11 +109,7 @@ fn plan(device: &Device, triangles: &Triangles, parameters: &TreeParameters) -> 
         sah_block_size: 1,
         ..*parameters
     };
-    let (memory, root, bounds) = sketch_tree::<2>(device, triangles, &binary)?;
-    // SAFETY: it was just built with width 2 and single triangles, and its memory lives.
-    let tree = unsafe { BinaryTree::from_sketch(root, bounds) };
-    drop(memory);
-    Ok(collapsed(tree, parameters))
+    Ok(collapsed(sketched(device, triangles, &binary)?, parameters))
 }
 
 /// The wide tree of least cost, after optimisation.
@@ -148,51 +123,29 @@ fn collapsed(mut tree: BinaryTree, parameters: &TreeParameters) -> Plan {
     }
 }
 
-/// The wide tree whose nodes are opened largest half first.
-fn opened(ploc: &Ploc, parameters: &TreeParameters) -> Plan {
-    let triangles = ploc.triangles(ploc.root) as usize;
-    let mut plan = Plan::with_capacity(triangles / 8, triangles / 2, triangles);
-    let mut numbers = Vec::new();
-    plan.grow((ploc.bounds(ploc.root), ploc.root), |plan, link, found| {
-        if !ploc.is_leaf(link) {
-            ploc.children(link, parameters.branching_factor as usize, found);
-            return None;
-        }
-        numbers.clear();
-        ploc.gather(link, &mut numbers);
-        Some(plan.add_leaf(numbers.iter().copied()))
-    });
-    plan
-}
-
-/// A sketch of width `W`, which is the branching factor, and the box around it.
-fn sketch_tree<const W: usize>(
+/// The binary tree of single triangles that Embree's builder sketches with these parameters, which ask for
+/// one.
+fn sketched(
     device: &Device,
     triangles: &Triangles,
     parameters: &TreeParameters,
-) -> Result<(EmbreeMemory, SketchRef, Bounds), BuildError> {
+) -> Result<BinaryTree, BuildError> {
     let callbacks = Callbacks {
-        create_node: Some(sketch::create_node::<W>),
-        set_children: Some(sketch::set_children::<W>),
-        set_bounds: Some(sketch::set_bounds::<W>),
+        create_node: Some(sketch::create_node),
+        set_children: Some(sketch::set_children),
+        set_bounds: Some(sketch::set_bounds),
         create_leaf: Some(sketch::create_leaf),
     };
     let memory = EmbreeMemory::new(device)?;
-    // SAFETY: the callbacks are of this width.
+    // SAFETY: the callbacks are for nodes of two children.
     let root = SketchRef::from_raw(unsafe { grow(&memory, triangles, parameters, &callbacks)? });
-    let of_triangles = |numbers: &[u32]| {
-        numbers
-            .iter()
-            .map(|&number| Bounds::of_corners(&triangles.corners(number as usize)))
-            .fold(Bounds::EMPTY, Bounds::union)
-    };
     // SAFETY: the build succeeded, and its memory lives.
-    let bounds = match unsafe { root.follow::<W>() } {
+    let bounds = match unsafe { root.follow() } {
         Sketched::Node(node) => node.children().map(|(bounds, _)| bounds).fold(Bounds::EMPTY, Bounds::union),
-        Sketched::Single(number) => of_triangles(&[number]),
-        Sketched::Several(numbers) => of_triangles(numbers),
+        Sketched::Leaf(number) => Bounds::of_corners(&triangles.corners(number as usize)),
     };
-    Ok((memory, root, bounds))
+    // SAFETY: as above.
+    Ok(unsafe { BinaryTree::from_sketch(root, bounds) })
 }
 
 /// Box of the triangles below a node or leaf, from it alone.

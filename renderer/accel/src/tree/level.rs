@@ -23,7 +23,7 @@ use crate::error::BuildError;
 use crate::instances::Instance;
 use crate::layout::{Bounds, Node, NodeRef, PlacedPart, Root, TreeNode, for_node};
 use crate::limits::MAX_DEPTH;
-use crate::parameters::{Collapse, NodeOrder, TreeParameters};
+use crate::parameters::{Collapse, TreeParameters};
 use crate::traverse::placed::{Lower, Object};
 use crate::traverse::{Isa, Kernels, LEVEL_WIDTH, LevelKernels};
 
@@ -121,7 +121,7 @@ impl Level {
         };
         let parts: Vec<PlacedPart> = seeds.iter().map(part).collect();
         let plan = plan(&seeds, parameters);
-        let (arena, node) = write::<Node<LEVEL_WIDTH>, _>(&plan, NodeOrder::DepthFirst, &parts.as_slice())?;
+        let (arena, node) = write::<Node<LEVEL_WIDTH>, _>(&plan, &parts.as_slice())?;
         level.root = Root { node, bounds: plan.root.bounds, triangles: Arc::default() };
         (level.parts, level.nodes, level.depth) = (parts.len(), plan.nodes(), plan.depth);
         level._memory = Some(arena);

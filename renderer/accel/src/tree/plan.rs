@@ -1,6 +1,5 @@
 //! A wide tree by numbers, before it gets a layout and a place in memory.
 
-use super::sketch::{SketchRef, Sketched};
 use crate::layout::Bounds;
 
 /// A node or a leaf of a [`Plan`], by number.
@@ -67,29 +66,6 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// The tree as the builder sketched it.
-    ///
-    /// # Safety
-    /// `root` is the root of a finished build of width `W`, whose memory lives.
-    pub(super) unsafe fn from_sketch<const W: usize>(root: SketchRef, bounds: Bounds) -> Self {
-        // SAFETY: here and below the caller vouches for it.
-        let counts = unsafe { root.counts::<W>() };
-        let mut plan =
-            Self::with_capacity(counts.nodes as usize, counts.leaves as usize, counts.references as usize);
-        plan.grow((bounds, root), |plan, sketch, found| {
-            // SAFETY: as above.
-            match unsafe { sketch.follow::<W>() } {
-                Sketched::Node(node) => {
-                    found.extend(node.children());
-                    None
-                }
-                Sketched::Single(number) => Some(plan.add_leaf([number])),
-                Sketched::Several(numbers) => Some(plan.add_leaf(numbers.iter().copied())),
-            }
-        });
-        plan
-    }
-
     /// An empty plan with room for these numbers.
     pub(super) fn with_capacity(nodes: usize, leaves: usize, references: usize) -> Self {
         Self {

@@ -8,7 +8,6 @@ use super::plan::{Link, Named, Plan};
 use crate::error::BuildError;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
-use crate::parameters::NodeOrder;
 
 /// Fewest nodes and leaves that are worth a task of their own.
 const ITEMS_PER_TASK: usize = 2048;
@@ -85,12 +84,8 @@ impl Start {
 }
 
 /// Writes the plan with nodes of kind `N` and these items in its leaves.
-pub(super) fn write<N: TreeNode, I: Items>(
-    plan: &Plan,
-    order: NodeOrder,
-    items: &I,
-) -> Result<(Arena, NodeRef), BuildError> {
-    let sequence = sequence(plan, order);
+pub(super) fn write<N: TreeNode, I: Items>(plan: &Plan, items: &I) -> Result<(Arena, NodeRef), BuildError> {
+    let sequence = sequence(plan);
     let places = Places::new::<N, I>(plan, &sequence, items);
     let arena = Arena::new(places.end)?;
     let start = Start(arena.start());
