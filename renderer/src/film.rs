@@ -85,8 +85,8 @@ impl Film {
         Picture { width: self.width, height: self.height, pixels }
     }
 
-    /// The tiles of the picture row by row, the order they are to be begun in. An edge that is none of 8, 16, 32 and 64
-    /// is taken for the nearest one below.
+    /// The tiles of the picture row by row, the order they are to be begun in. An edge that is none of 8, 16,
+    /// 32 and 64 is taken for the nearest one below.
     pub(crate) fn tiles(&mut self, edge: u32) -> Vec<Tile<'_>> {
         let edge = 1 << edge.clamp(8, BLOCK).ilog2();
         let (width, height, across) = (self.width, self.height, self.width.div_ceil(BLOCK));
