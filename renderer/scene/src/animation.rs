@@ -174,6 +174,34 @@ impl Rig {
         moving
     }
 
+    /// Takes out the tracks that move no piece, such as those of cameras. What moves one is a track of its
+    /// targets, or of its node, of a joint of its skin, or of a node above these.
+    pub(super) fn keep_what_moves(&mut self) {
+        let (mut carries, mut morphs) = (vec![false; self.rest.len()], vec![false; self.rest.len()]);
+        let mut is_used = vec![false; self.skins.len()];
+        for piece in &self.pieces {
+            morphs[piece.node] |= !piece.targets.is_empty();
+            match &piece.skin {
+                Some((skin, _)) => is_used[*skin] = true,
+                None => carries[piece.node] = true,
+            }
+        }
+        for (skin, _) in self.skins.iter().zip(is_used).filter(|(_, is_used)| *is_used) {
+            skin.iter().for_each(|(joint, _)| carries[*joint] = true);
+        }
+        for (node, parent) in self.order.iter().rev() {
+            if let Some(parent) = parent {
+                carries[*parent] |= carries[*node];
+            }
+        }
+        for clip in &mut self.clips {
+            clip.tracks.retain(|track| match track.property {
+                Property::MorphTargetWeights => morphs[track.node],
+                _ => carries[track.node],
+            });
+        }
+    }
+
     /// The pose at a time of a clip in seconds, or at rest.
     pub(super) fn pose(&self, moment: Option<(&Clip, f32)>, to_scene: DMat4) -> Pose {
         let (mut moved, mut weights) = (HashMap::new(), HashMap::new());

@@ -345,18 +345,21 @@ impl Walk<'_> {
 
     /// Gives the scene its animations, and says which there are.
     fn animate(&mut self) {
-        let count = self.rig.clips.len();
-        if self.rig.pieces.is_empty() {
-            if count > 0 {
-                self.assembler.note(format!("Ignored {count} animations, which move no mesh."));
-            }
-            return;
-        }
-        let names = self.rig.clips.iter().enumerate().map(|(number, clip)| match &clip.name {
+        self.rig.keep_what_moves();
+        let clips = self.rig.clips.iter().enumerate().filter(|(_, clip)| !clip.tracks.is_empty());
+        let names = clips.map(|(number, clip)| match &clip.name {
             Some(name) => format!("{number} {name}"),
             None => format!("{number}"),
         });
-        let names = one_line(&names.collect::<Vec<_>>().join(", "));
+        let names: Vec<String> = names.collect();
+        let (count, idle) = (names.len(), self.rig.clips.len() - names.len());
+        if idle > 0 {
+            self.assembler.note(format!("Ignored {idle} animations, which move no mesh."));
+        }
+        if count == 0 {
+            return;
+        }
+        let names = one_line(&names.join(", "));
         self.assembler.note(format!(
             "The file has {count} animations ({names}), for the motion of its file; without it the scene stands as its nodes say."
         ));

@@ -231,6 +231,22 @@ fn animations_are_chosen_by_name_or_number() {
 }
 
 #[test]
+fn animations_that_move_no_mesh_do_not_count() {
+    let mut file = File::new()
+        .animate(1, "translation", &[0.0, 4.0], &[0.0, 0.0, 0.0, 9.0, 0.0, 0.0])
+        .animate(0, "translation", &[0.0], &[0.0, 3.0, 0.0]);
+    file.json["nodes"] = json!([{"mesh": 0}, {}]);
+    file.json["scenes"] = json!([{"nodes": [0, 1]}]);
+    let scene = file.load();
+    let notes = scene.notes.join("\n");
+    assert!(notes.contains("Ignored 1 animations") && notes.contains("1 animations (1)"), "{notes}");
+    let moved = Mover::of_file(scene.clone(), None).unwrap().at(0.0).unwrap();
+    near(corners(&moved, 0)[0], [0.0, 3.0, 0.0]);
+    let message = Mover::of_file(scene, Some("0")).map(|_| ()).unwrap_err().to_string();
+    assert!(message.contains("no animation \"0\"") && message.contains("it has: 1."), "{message}");
+}
+
+#[test]
 fn faults_are_told_and_move_nothing() {
     let still = |file: &File, told: &str| {
         let scene = file.load();

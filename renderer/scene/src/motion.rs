@@ -14,6 +14,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use super::error::one_line;
 use super::{Bounds, Scene, SceneError};
 
 /// A way to move.
@@ -142,7 +143,8 @@ impl Mover {
         let Some(clip) = animated.and_then(|animated| animated.find(animation)) else {
             let named =
                 |(number, name): (usize, Option<&str>)| format!("{number} {}", name.unwrap_or_default());
-            let known = animated.map(|animated| animated.all().map(named).collect::<Vec<_>>().join(", "));
+            let known =
+                animated.map(|animated| one_line(&animated.all().map(named).collect::<Vec<_>>().join(", ")));
             return Err(SceneError::NoAnimation {
                 name: base.name.clone(),
                 wanted: animation.unwrap_or("0").to_owned(),
