@@ -21,7 +21,7 @@ use super::gltf_geometry::{self, Buffers};
 use super::gltf_instances::{self, Copies};
 use super::gltf_json::{self, Refusal};
 use super::gltf_material::{self, Materials};
-use super::limits::{DISTANCE_MAX, INSTANCING_SAVES_MIN, NODE_DEPTH_MAX};
+use super::limits::{DISTANCE_MAX, INSTANCING_SAVES_MIN, NODE_DEPTH_MAX, POSED_VERTICES_MAX};
 use super::part::Part;
 use super::{Cone, Punctual, Scene, SceneError, Up};
 
@@ -77,6 +77,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], up: Up) -> Result<Scene, SceneErro
         copies,
         rig: Rig::default(),
         moving: Default::default(),
+        bending: Vec::new(),
         pose: Pose::default(),
         posed: 0,
         unposed: Vec::new(),
@@ -102,8 +103,16 @@ fn parse_message(error: &gltf::Error) -> String {
 }
 
 /// An empty list for each mesh that is to become an object: those that several nodes name, if that saves
-/// enough triangles in all. None that is skinned or morphed, or that a moving node names.
-fn shared_meshes(document: &Document, copies: &Copies, moving: &[bool]) -> Vec<Option<Vec<Affine3A>>> {
+/// enough triangles in all. None that is skinned or morphed, or that a moving node names, as far as there is
+/// room for such: what has none stands still anyway.
+pub(super) fn shared_meshes(
+    document: &Document,
+    copies: &Copies,
+    moving: &[bool],
+) -> Vec<Option<Vec<Affine3A>>> {
+    let sum = |mesh: &Mesh, of: fn(&Primitive) -> u64| {
+        mesh.primitives().fold(0_u64, |sum, one| sum.saturating_add(of(&one)))
+    };
     let mut uses = vec![0u64; document.meshes().len()];
     let mut is_own = vec![false; uses.len()];
     for node in document.nodes() {
@@ -112,19 +121,21 @@ fn shared_meshes(document: &Document, copies: &Copies, moving: &[bool]) -> Vec<O
             is_own[mesh.index()] |= moving[node.index()] || node.skin().is_some();
         }
     }
+    let mut posed = 0_u64;
     for mesh in document.meshes() {
-        if is_own[mesh.index()] || mesh.primitives().any(|one| one.morph_targets().next().is_some()) {
-            uses[mesh.index()] = 0;
+        let number = mesh.index();
+        if is_own[number] || mesh.primitives().any(|one| one.morph_targets().next().is_some()) {
+            let vertices = sum(&mesh, gltf_geometry::vertex_count);
+            posed = posed.saturating_add(vertices.saturating_mul(uses[number]));
+            if posed <= POSED_VERTICES_MAX as u64 {
+                uses[number] = 0;
+            }
         }
     }
-    let saved: u64 = document
-        .meshes()
-        .map(|mesh| {
-            let triangles: u64 =
-                mesh.primitives().map(|primitive| gltf_geometry::triangle_count(&primitive)).sum();
-            triangles * uses[mesh.index()].saturating_sub(1)
-        })
-        .sum();
+    let saved = document.meshes().fold(0_u64, |saved, mesh| {
+        let triangles = sum(&mesh, gltf_geometry::triangle_count);
+        saved.saturating_add(triangles.saturating_mul(uses[mesh.index()].saturating_sub(1)))
+    });
     uses.into_iter().map(|uses| (uses > 1 && saved > INSTANCING_SAVES_MIN).then(Vec::new)).collect()
 }
 
@@ -158,6 +169,8 @@ struct Walk<'a> {
     rig: Rig,
     /// By node: whether an animation moves it; and whether one morphs its mesh.
     moving: [Vec<bool>; 2],
+    /// By skin: whether an animation moves a joint.
+    bending: Vec<bool>,
     /// Where all is at rest.
     pose: Pose,
     /// Vertices of pieces of the rig, and their changes.
@@ -210,7 +223,18 @@ impl Walk<'_> {
         self.rig = gltf_animation::read(document, order, self.buffers, &mut self.assembler);
         self.moving = self.rig.moving();
         self.pose = self.rig.pose(None, to_scene);
+        let is_moved = |skin: &Vec<(usize, Mat4)>| skin.iter().any(|(joint, _)| self.moving[0][*joint]);
+        self.bending = self.rig.skins.iter().map(is_moved).collect();
         self.instanced = shared_meshes(document, &self.copies, &self.moving[0]);
+        let is_shared = |mesh: Mesh| self.instanced[mesh.index()].is_some();
+        let poses = |node: &Node| self.moving[0][node.index()] || node.skin().is_some();
+        let still =
+            found.iter().filter(|(node, _)| poses(node) && node.mesh().is_some_and(is_shared)).count();
+        if still > 0 {
+            self.assembler.note(format!(
+                "{still} nodes stand still, without skins: their meshes have over {POSED_VERTICES_MAX} vertices."
+            ));
+        }
         for (node, to_world) in found {
             self.node(&node, &(to_scene * to_world).as_mat4())?;
         }
@@ -277,13 +301,11 @@ impl Walk<'_> {
     fn bring(&mut self, primitive: &Primitive, part: &mut Part, stand: &Stand) {
         let node = stand.node.index();
         let has_targets = primitive.morph_targets().next().is_some();
-        let skin = stand.node.skin().map_or(&[][..], |skin| &self.rig.skins[skin.index()][..]);
-        let is_carried = match skin {
-            [] => self.moving[0][node],
-            joints => joints.iter().any(|(joint, _)| self.moving[0][*joint]),
-        };
+        let skin =
+            stand.node.skin().map(|skin| skin.index()).filter(|skin| !self.rig.skins[*skin].is_empty());
+        let is_carried = skin.map_or(self.moving[0][node], |skin| self.bending[skin]);
         let moves = is_carried || (has_targets && self.moving[1][node]);
-        if !moves && !has_targets && skin.is_empty() {
+        if !moves && !has_targets && skin.is_none() {
             return part.transform(&stand.to_world);
         }
         let place = (stand.node, stand.to_node);

@@ -128,10 +128,14 @@ pub(super) fn items<'a, T: Item>(
     Iter::new(accessor.clone(), data).ok_or_else(|| fault("reaches outside its buffer"))
 }
 
+/// The number of vertices of a primitive as its accessor says it.
+pub(super) fn vertex_count(primitive: &Primitive) -> u64 {
+    primitive.get(&Semantic::Positions).map_or(0, |positions| positions.count() as u64)
+}
+
 /// The approximate number of triangles of a primitive, from its accessors alone.
 pub(super) fn triangle_count(primitive: &Primitive) -> u64 {
-    let positions = primitive.get(&Semantic::Positions).map_or(0, |positions| positions.count());
-    let corners = primitive.indices().map_or(positions, |indices| indices.count()) as u64;
+    let corners = primitive.indices().map_or(vertex_count(primitive), |indices| indices.count() as u64);
     match primitive.mode() {
         Mode::Triangles => corners / 3,
         Mode::TriangleStrip | Mode::TriangleFan => corners.saturating_sub(2),

@@ -6,7 +6,9 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde_json::{Value, json};
 
-use super::limits::INSTANCING_SAVES_MIN;
+use super::gltf_file::shared_meshes;
+use super::gltf_instances::Copies;
+use super::limits::{INSTANCING_SAVES_MIN, POSED_VERTICES_MAX};
 use super::load_tests::{glb, load_bytes, triangle_document};
 use super::motion::{Motion, Mover};
 use super::{Scene, Up, load_upright};
@@ -244,6 +246,25 @@ fn animations_that_move_no_mesh_do_not_count() {
     near(corners(&moved, 0)[0], [0.0, 3.0, 0.0]);
     let message = Mover::of_file(scene, Some("0")).map(|_| ()).unwrap_err().to_string();
     assert!(message.contains("no animation \"0\"") && message.contains("it has: 1."), "{message}");
+}
+
+#[test]
+fn moving_meshes_stay_instances_where_they_have_no_room() {
+    let is_shared = |vertices: u64, is_moving: bool| {
+        let (mut document, _) = triangle_document();
+        document["accessors"][0]["count"] = json!(vertices);
+        document["accessors"][1]["count"] = json!(vertices);
+        document["nodes"] = json!([{"mesh": 0}, {"mesh": 0}]);
+        let json = gltf::json::deserialize::from_str(&document.to_string()).unwrap();
+        let document = gltf::Document::from_json(json).unwrap();
+        shared_meshes(&document, &Copies::new(), &[false, is_moving])[0].is_some()
+    };
+    let few = 3 * INSTANCING_SAVES_MIN;
+    let many = POSED_VERTICES_MAX as u64;
+    assert!(!is_shared(few, false), "it saves too little");
+    assert!(is_shared(few + 3, false) && !is_shared(few + 3, true));
+    assert!(!is_shared(many / 2, true) && is_shared(many / 2 + 1, true));
+    assert!(is_shared(u64::MAX, true), "however many a file says it has");
 }
 
 #[test]
