@@ -181,21 +181,28 @@ pub(super) fn check(
     if accessor.sparse().is_some_and(|sparse| is_close(&sparse.values().view())) {
         return fault("has sparse elements that lie closer together than they are long".to_owned());
     }
-    let Some(view) = accessor.view() else {
-        return Ok(());
-    };
-    if is_close(&view) {
+    if accessor.view().is_some_and(|view| is_close(&view)) {
         return fault("has elements that lie closer together than they are long".to_owned());
     }
-    let stride = view.stride().unwrap_or(accessor.size());
-    let end_in_view = stride
-        .checked_mul(accessor.count().saturating_sub(1))
-        .and_then(|bytes| bytes.checked_add(accessor.size()))
-        .and_then(|bytes| bytes.checked_add(accessor.offset()));
-    let end_of_view = view.offset().checked_add(view.length());
-    let available = buffers.get(view.buffer().index()).map_or(0, |data| data.0.len());
-    match (end_in_view, end_of_view) {
-        (Some(end), Some(end_of_view)) if end <= view.length() && end_of_view <= available => Ok(()),
-        _ => fault("reaches outside its buffer".to_owned()),
+    let is_inside = |view: gltf::buffer::View<'_>, offset: usize, size: usize, count: usize| {
+        let stride = view.stride().unwrap_or(size);
+        let end_in_view = stride
+            .checked_mul(count.saturating_sub(1))
+            .and_then(|bytes| bytes.checked_add(size))
+            .and_then(|bytes| bytes.checked_add(offset));
+        let end_of_view = view.offset().checked_add(view.length());
+        let available = buffers.get(view.buffer().index()).map_or(0, |data| data.0.len());
+        end_in_view.is_some_and(|end| end <= view.length()) && end_of_view.is_some_and(|end| end <= available)
+    };
+    let sparse_fits = accessor.sparse().is_none_or(|sparse| {
+        let (indices, values) = (sparse.indices(), sparse.values());
+        is_inside(indices.view(), indices.offset(), indices.index_type().size(), sparse.count())
+            && is_inside(values.view(), values.offset(), accessor.size(), sparse.count())
+    });
+    let fits =
+        |view: gltf::buffer::View<'_>| is_inside(view, accessor.offset(), accessor.size(), accessor.count());
+    match sparse_fits && accessor.view().is_none_or(fits) {
+        true => Ok(()),
+        false => fault("reaches outside its buffer".to_owned()),
     }
 }

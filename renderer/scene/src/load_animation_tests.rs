@@ -311,6 +311,12 @@ fn faults_are_told_and_move_nothing() {
     file.json["accessors"][2]["sparse"] = json!({"count": 1, "indices": {"bufferView": at, "componentType": 5121},
         "values": {"bufferView": to}});
     assert!(Mover::new(file.load(), Motion::File).is_ok());
+    for part in ["indices", "values"] {
+        let whole = file.json["accessors"][2]["sparse"].clone();
+        file.json["accessors"][2]["sparse"][part]["byteOffset"] = json!(u64::MAX);
+        still(&file, "outside its buffer");
+        file.json["accessors"][2]["sparse"] = whole;
+    }
     // Keys that lead too far end the motion, not the program.
     let file = File::new().animate(0, "translation", &[0.0, 1.0], &[0.0, 0.0, 0.0, f32::MAX, 0.0, 0.0]);
     let error = Mover::new(file.load(), Motion::File).unwrap().at(0.9).map(|_| ()).unwrap_err();
