@@ -54,7 +54,7 @@ pub struct Assembler {
     world: Bounds,
     /// What the file's animations move.
     rig: Option<Rig>,
-    /// By position: the vertex of the rig that it is.
+    /// By position: the vertex of the rig that it is. Ends with the last one that is any, until the end.
     sources: Vec<u32>,
     /// The first vertex of the mesh that is added next, among those of the rig.
     first_source: Option<u32>,
@@ -235,7 +235,10 @@ impl Assembler {
                     renumbered[vertex] = self.positions.len() as u32;
                     let position = up.turned(part.positions[vertex]);
                     self.positions.push(position.into());
-                    self.sources.push(first_source.map_or(UNUSED, |first| first + vertex as u32));
+                    if let Some(first) = first_source {
+                        self.sources.resize(self.positions.len() - 1, UNUSED);
+                        self.sources.push(first + vertex as u32);
+                    }
                     let uv = if has_uvs { part.uvs[vertex] } else { Vec2::ZERO };
                     self.uvs.push(if uv.is_finite() { uv } else { Vec2::ZERO });
                     if !self.objects.is_open() {
@@ -294,6 +297,9 @@ impl Assembler {
             self.materials.push(Material::default());
         }
         self.settle_placement(&mut views);
+        if self.rig.is_some() {
+            self.sources.resize(self.positions.len(), UNUSED);
+        }
         self.settle_normals();
         let sky = self.settle_sky(lighting);
         let refuse =
@@ -391,8 +397,10 @@ impl Assembler {
                 self.positions.extend(corners);
                 let uvs = triangle.map(|vertex| self.uvs[vertex as usize]);
                 self.uvs.extend(uvs);
-                let sources = triangle.map(|vertex| self.sources[vertex as usize]);
-                self.sources.extend(sources);
+                if self.rig.is_some() {
+                    let sources = triangle.map(|vertex| self.sources[vertex as usize]);
+                    self.sources.extend(sources);
+                }
                 self.normals.extend([Vec3::from(normal); 3]);
                 *triangle = [first, first + 1, first + 2];
             }
@@ -501,6 +509,7 @@ mod tests {
     fn flat_and_smooth_meshes_share_one_normal_array() {
         let mut assembler = assembler();
         assembler.mesh("flat", 0, &triangle(0.0)).unwrap();
+        assert!(assembler.sources.is_empty(), "it does not move");
         let mut smooth = triangle(3.0);
         smooth.normals = vec![Vec3::new(0.0, 3.0, 4.0), Vec3::ZERO, Vec3::NAN];
         assembler.mesh("smooth", 0, &smooth).unwrap();
