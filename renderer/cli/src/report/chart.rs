@@ -39,7 +39,8 @@ pub(super) fn svg(results: &TuningResults) -> String {
         (Who::UsedWell, Colour::Sky, "native Embree used well"),
         (Who::BestFixed, Colour::Blue, "best fixed configuration"),
     ] {
-        if let Some(level) = relative(results, &who) {
+        // The baseline is drawn already, and equal names have one place in the legend.
+        if let Some(level) = relative(results, &who).filter(|_| results.baseline != who) {
             figure.level(level, Stroke::Dotted, colour, name);
         }
     }

@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 use treewright_client::{Configuration, Fingerprint, Indicators, Mode, Outcome, Source, Stats};
+use treewright_figures::Colour;
 
 use super::*;
 use treewright_renderer::disturbance::Disturbance;
@@ -209,6 +210,10 @@ fn the_curve_names_its_lines() {
     ] {
         assert!(svg.contains(label), "{label}");
     }
+    let mut from_fixed = results(50.0, "hall");
+    from_fixed.baseline = Who::BestFixed;
+    let level = format!("stroke=\"{}\"><title>best fixed configuration</title>", Colour::Blue);
+    assert!(svg.contains(&level) && !chart::svg(&from_fixed).contains(&level), "it is the baseline");
     let mut short = results(50.0, "hall");
     short.trials.clear();
     assert!(chart::svg(&short).contains("<svg"), "an interrupted search has a curve, too");
