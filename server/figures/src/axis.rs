@@ -1,8 +1,5 @@
 //! Axes: ranges, scales and round ticks inside them.
 
-/// The length of the longest label of a mark, in characters.
-const LABEL_MAX: usize = 28;
-
 /// A scale from one number to another with its title, which names the unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
@@ -63,8 +60,7 @@ impl Axis {
 
     /// Even steps with names instead of numbers, each at its place.
     pub fn labelled(title: &str, [low, high]: [f64; 2], labels: Vec<(f64, String)>) -> Self {
-        let short = |(at, label): (f64, String)| (at, label.chars().take(LABEL_MAX).collect());
-        Self { labels: Some(labels.into_iter().map(short).collect()), ..Self::between(title, low, high) }
+        Self { labels: Some(labels), ..Self::between(title, low, high) }
     }
 
     /// From 0 to 1 with the names of both ends.

@@ -7,6 +7,9 @@ use crate::{Axis, Colour, escaped};
 /// Room for a legend's swatch, and for one of its letters on a small screen, where text is larger.
 const SWATCH: f64 = 26.0;
 const LETTER: f64 = 8.6;
+/// The length of the longest label of a mark, in letters, and the width of one of them.
+const LABEL_MAX: usize = 28;
+const LABEL_LETTER: f64 = 7.5;
 /// Down from one row of a legend to the next.
 const LEGEND_ROW: f64 = 20.0;
 /// A page of its own has no colours to take.
@@ -85,8 +88,10 @@ impl Figure {
     pub fn new(title: &str, size: [f64; 2], x: Axis, y: Axis) -> Self {
         let (across, up) = (x.marks(), y.marks());
         let [width, height] = size;
+        // Names of rows have at most half of the width.
+        let most = ((0.5 * width - 14.0) / LABEL_LETTER).clamp(1.0, LABEL_MAX as f64) as usize;
         let longest = up.iter().map(|(_, label)| label.chars().count()).max().unwrap_or(0);
-        let left = (14.0 + 7.5 * longest as f64).clamp(24.0, 0.5 * width);
+        let left = (14.0 + LABEL_LETTER * longest.min(most) as f64).max(24.0);
         let [over, under] = [y.heading(), x.heading()];
         let (top, right) = (if over.is_empty() { 8.0 } else { 26.0 }, width - 20.0);
         let bottom = height - if under.is_empty() { 24.0 } else { 42.0 };
@@ -102,14 +107,14 @@ impl Figure {
                 1.0 => "end",
                 _ => "middle",
             };
-            figure.text([at, bottom + 16.0], anchor, &label);
+            figure.label([at, bottom + 16.0], anchor, &label, LABEL_MAX);
         }
         for (tick, label) in up {
             let at = figure.at_y(tick);
             if !figure.y.is_rows() {
                 figure.grid(format_args!("M{left:.1} {at:.1}H{right}"));
             }
-            figure.text([left - 6.0, at + 4.0], "end", &label);
+            figure.label([left - 6.0, at + 4.0], "end", &label, most);
         }
         figure.text([(left + right) / 2.0, height - 8.0], "middle", &under);
         figure.text([8.0, 14.0], "start", &over);
@@ -154,6 +159,16 @@ impl Figure {
             let words = escaped(words);
             self.put(format_args!(r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}">{words}</text>"#));
         }
+    }
+
+    /// Words at a place, cut to so many letters; a pointer shows all of them.
+    fn label(&mut self, [x, y]: [f64; 2], anchor: &str, words: &str, most: usize) {
+        if words.chars().count() <= most {
+            return self.text([x, y], anchor, words);
+        }
+        let short: String = words.chars().take(most - 1).collect();
+        let (short, hint) = (escaped(&short), hint(words));
+        self.put(format_args!(r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}">{short}…{hint}</text>"#));
     }
 
     fn key(&mut self, name: &str, swatch: impl FnOnce() -> String) {
@@ -410,6 +425,20 @@ mod tests {
         }
         let svg = named.finish();
         assert_eq!((svg.matches(">the first</text>").count(), height(&svg)), (1, 190.0), "{svg}");
+    }
+
+    #[test]
+    fn long_names_of_rows_are_cut_where_it_shows() {
+        let long = format!("{}&{}", "a".repeat(30), "b".repeat(30));
+        let cut = |width: f64| {
+            let share = Axis::between("share", 0.0, 1.0);
+            let svg = Figure::of_rows("rows", width, share, &[long.as_str(), "b"]).finish();
+            assert!(svg.contains(&format!("…<title>{}</title></text>", escaped(&long))), "{svg}");
+            let (before, _) = svg.split_once('…').expect("it is cut");
+            before.rsplit('>').next().map_or(0, str::len)
+        };
+        // As many letters as half of the width holds, but no more than 28.
+        assert_eq!((cut(340.0), cut(900.0)), (19, 27));
     }
 
     #[test]
