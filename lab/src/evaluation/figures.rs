@@ -81,7 +81,7 @@ pub(crate) fn curve(ground: &Ground, predicted_ms: f64) -> String {
     let mut sorted: Vec<f64> = ground.curve_ms.iter().flatten().copied().collect();
     sorted.sort_by(f64::total_cmp);
     let top = (quantile(&sorted, 0.97).max(predicted_ms)) * 1.1;
-    let x = Axis::between("iteration of the search", 1.0, ground.curve_ms.len().max(2) as f64);
+    let x = Axis::counts("iteration of the search", 1.0, ground.curve_ms.len().max(2) as f64);
     let y = Axis::between("milliseconds", 0.0, top);
     let mut figure = Figure::new("iteration of the search; milliseconds", [WIDTH, 268.0], x, y);
     let numbered = ground.curve_ms.iter().enumerate();

@@ -7,6 +7,8 @@ pub struct Axis {
     low: f64,
     high: f64,
     is_logarithmic: bool,
+    /// Whether its marks are whole numbers.
+    is_count: bool,
     /// Marks with names in the place of numbers.
     labels: Option<Vec<(f64, String)>>,
 }
@@ -14,7 +16,12 @@ pub struct Axis {
 impl Axis {
     /// Even steps from one number to another.
     pub fn between(title: &str, low: f64, high: f64) -> Self {
-        Self { title: title.to_owned(), low, high, is_logarithmic: false, labels: None }
+        Self { title: title.to_owned(), low, high, is_logarithmic: false, is_count: false, labels: None }
+    }
+
+    /// Even steps of whole numbers, such as those of trials.
+    pub fn counts(title: &str, low: f64, high: f64) -> Self {
+        Self { is_count: true, ..Self::between(title, low, high) }
     }
 
     /// Even steps, with a little room at both ends, but not below 0 where no value is. Numbers that are not
@@ -117,7 +124,7 @@ impl Axis {
         if self.is_logarithmic {
             return self.factors().into_iter().map(|tick| (tick, number(tick))).collect();
         }
-        let step = nice_step(self.high - self.low);
+        let step = nice_step(self.high - self.low).max(if self.is_count { 1.0 } else { 0.0 });
         if !(step.is_finite() && step > 0.0) {
             return vec![(self.low, number(self.low))];
         }
@@ -187,6 +194,9 @@ mod tests {
         assert_eq!(labels(0.3, 1.7), ["0.5", "1.0", "1.5"]);
         assert_eq!(labels(-30.0, 170.0), ["0", "50", "100", "150"]);
         assert_eq!(labels(7.0, 7.0), ["7"]);
+        let counts = |low, high| ticks(&Axis::counts("", low, high));
+        assert_eq!((counts(1.0, 3.0), counts(7.0, 7.0)), (vec![1.0, 2.0, 3.0], vec![7.0]));
+        assert_eq!(counts(0.0, 1000.0), ticks(&Axis::between("", 0.0, 1000.0)));
         assert_eq!(labels(5.0, 5.001), ["5.0000", "5.0002", "5.0004", "5.0006", "5.0008", "5.0010"]);
         for (low, high) in [(1e-9, 3e-9), (5.0, 5.001), (-1e12, 2e12), (99.0, 101.0), (0.0, 3e300)] {
             let axis = Axis::between("", low, high);

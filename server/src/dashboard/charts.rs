@@ -83,7 +83,7 @@ pub(super) fn curve(points: &[CurvePoint], levels: &[Level], view: &CostView) ->
     if measured().next().is_none() && levels.is_empty() {
         return nothing("Nothing has been measured yet.");
     }
-    let x = figures::Axis::between("trial", first.number, last.number);
+    let x = figures::Axis::counts("trial", first.number, last.number);
     let y = values(view, measured().map(|point| point.1), levels);
     let mut figure = Figure::new("Tuning curve", [WIDTH, 330.0], x, y);
     for CurvePoint { number, cost, kind: (colour, name) } in points {

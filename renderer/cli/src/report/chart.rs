@@ -26,7 +26,7 @@ pub(super) fn svg(results: &TuningResults) -> String {
     let (curve, stopped) = (points(|trial| trial.cost), points(Iteration::stopped_at));
     let last = results.trials.len().max(2) as f64;
     let top = curve.iter().chain(&stopped).map(|[_, y]| y.min(CAP)).fold(1.3, f64::max) * 1.05;
-    let x = Axis::between("trial of the search", 0.0, last + 1.0);
+    let x = Axis::counts("trial of the search", 0.0, last + 1.0);
     let y = Axis::between(&format!("frame time, {} = 1", results.baseline), 0.0, top);
     let mut figure = Figure::new("Tuning curve", [900.0, 430.0], x, y);
     if !curve.is_empty() {

@@ -78,7 +78,7 @@ pub(in super::super) fn race(runners: &[Runner]) -> String {
         return nothing("Nothing can be compared yet.");
     }
     let longest = best.iter().map(Vec::len).max().unwrap_or(1);
-    let x = figures::Axis::between("measured trials", 1.0, longest as f64);
+    let x = figures::Axis::counts("measured trials", 1.0, longest as f64);
     let low = ratios().fold(1.0, f64::min);
     let y = figures::Axis::linear("best so far, default = 1", [low, 1.0]);
     let mut figure = Figure::new("Best so far over the default, by study", [WIDTH, 326.0], x, y);
