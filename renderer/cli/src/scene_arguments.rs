@@ -121,7 +121,8 @@ impl SceneArguments {
             }
             None => {}
         }
-        if self.scene.strip_prefix(BUILTIN).is_some_and(builtin::is_animated) {
+        let is_animated = self.scene.strip_prefix(BUILTIN).is_some_and(builtin::is_animated);
+        if is_animated && self.animation.is_none() {
             return Ok(Moving::Itself(Box::new(self.clone())));
         }
         let still = self.still()?;

@@ -127,6 +127,7 @@ fn moving_scenes_are_followed() {
     fails("animate --scene builtin:quick --motion fly", USAGE, &["fly", "ripple"]);
     fails("animate --scene builtin:quick --motion sway --animation 0", USAGE, &["--animation", "sway"]);
     fails("animate --scene builtin:quick --motion file", FAILED, &["no animation"]);
+    fails("animate --scene builtin:sea --detail 0.02 --animation Walk", FAILED, &["no animation", "Walk"]);
 }
 
 #[test]
