@@ -97,9 +97,13 @@ fn track(channel: &Channel, buffers: &Buffers, numbers: &mut usize) -> Result<Tr
         None => return Err(format!("accessor {} reaches outside its buffer", output.index())),
     };
     if values.len() != expected || values.iter().any(|value| !value.is_finite()) {
-        return Err(format!("accessor {} holds numbers that are not finite", output.index()));
+        return Err(not_finite(&output));
     }
     Ok(Track { node: node.index(), property, interpolation, times, values, width })
+}
+
+fn not_finite(accessor: &Accessor) -> String {
+    format!("accessor {} holds numbers that are not finite", accessor.index())
 }
 
 /// The number of morph targets of a node's mesh.
@@ -128,7 +132,12 @@ fn bound(
         return Err(format!("it has {} joints and {} matrices", joints.len(), matrices.count()));
     }
     let all = items::<[[f32; 4]; 4]>(&matrices, (Dimensions::Mat4, &[DataType::F32]), buffers)?;
-    Ok(joints.iter().copied().zip(all.map(|columns| Mat4::from_cols_array_2d(&columns))).collect())
+    let all = joints.iter().copied().zip(all.map(|columns| Mat4::from_cols_array_2d(&columns)));
+    let bound: Vec<(usize, Mat4)> = all.collect();
+    if bound.iter().any(|(_, matrix)| !matrix.is_finite()) {
+        return Err(not_finite(&matrices));
+    }
+    Ok(bound)
 }
 
 /// A primitive that is skinned, morphed or moved, from its triangles in its mesh's own space. `posed` counts
@@ -156,8 +165,9 @@ pub(super) fn piece(
             Err(format!("a morph target has {} of {vertices} vertices", accessor.count()))
         }
         Some(accessor) => {
-            let all = items::<[f32; 3]>(&accessor, VECTORS, buffers)?;
-            Ok(all.map(Vec3::from_array).collect::<Vec<Vec3>>())
+            let all = items::<[f32; 3]>(&accessor, VECTORS, buffers)?.map(Vec3::from_array);
+            let all: Vec<Vec3> = all.collect();
+            if all.iter().all(|change| change.is_finite()) { Ok(all) } else { Err(not_finite(&accessor)) }
         }
         None => Ok(Vec::new()),
     };

@@ -328,6 +328,8 @@ fn faults_of_skins_and_targets_leave_the_mesh_as_it_stands() {
     let told = |targets: Value, skins: Value, note: &str| {
         let mut file = File::new();
         let _ = file.floats("VEC3", &[1.0; 6]);
+        let _ = file.floats("VEC3", &[f32::NAN; 9]);
+        let _ = file.floats("MAT4", &[f32::NAN; 16]);
         file.primitive()["targets"] = targets;
         file.json["meshes"][0]["weights"] = json!([1.0]);
         file.json["skins"] = skins;
@@ -339,11 +341,14 @@ fn faults_of_skins_and_targets_leave_the_mesh_as_it_stands() {
     };
     told(json!([{"POSITION": 2}]), json!([]), "a morph target has 2 of 3 vertices");
     told(json!([{"POSITION": 1}]), json!([]), "accessor 1 holds Scalar of U16");
+    told(json!([{"POSITION": 3}]), json!([]), "accessor 3 holds numbers that are not finite");
     told(json!([{"POSITION": 9}]), json!([]), "without morph targets that there are not");
     told(json!([]), json!([]), "without skins that there are not");
     told(json!([]), json!([{"joints": [9]}]), "Left out skin 0: it has no joints");
     told(json!([]), json!([{"joints": [1]}]), "node 1, is not in the scene");
     told(json!([]), json!([{"joints": [0], "inverseBindMatrices": 0}]), "holds Vec3 of F32");
+    let bound = json!([{"joints": [0], "inverseBindMatrices": 4}]);
+    told(json!([]), bound, "Left out skin 0: accessor 4 holds numbers that are not finite");
     told(json!([]), json!([{"joints": [0]}]), "not all its vertices have joints and weights");
 }
 
