@@ -81,7 +81,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Document, Refusal> {
     document.check_required()?;
     document.tell_extensions();
     document.scenes();
-    document.movement();
+    document.animations();
+    document.deformations();
     document.materials();
     document.textures();
     document.primitives();
@@ -139,6 +140,11 @@ fn take(json: &mut Value, key: &str) -> Option<Value> {
 
 fn index(value: &Value, key: &str) -> Option<usize> {
     value.get(key).and_then(Value::as_u64).map(|number| number as usize)
+}
+
+/// Whether the value of a key is a number below a count.
+fn is_in(value: &Value, key: &str, count: usize) -> bool {
+    index(value, key).is_some_and(|found| found < count)
 }
 
 impl Document {
@@ -218,14 +224,11 @@ impl Document {
         self.json["scene"] = json!(shown);
     }
 
-    /// Takes out of animations, skins and morph targets what leads nowhere, for which the parser would refuse
-    /// the whole file. Numbers of animations, samplers and skins stay.
-    fn movement(&mut self) {
-        let [nodes, accessors, skins] =
-            ["nodes", "accessors", "skins"].map(|key| list(&self.json, key).len());
-        let is_in =
-            |value: &Value, key: &str, count: usize| index(value, key).is_some_and(|found| found < count);
-        let (mut channels, mut skinned, mut morphed) = (0, 0, 0);
+    /// Takes out of animations what leads nowhere, for which the parser would refuse the whole file. Numbers
+    /// of animations and samplers stay.
+    fn animations(&mut self) {
+        let [nodes, accessors] = ["nodes", "accessors"].map(|key| list(&self.json, key).len());
+        let mut channels = 0;
         for animation in list_mut(&mut self.json, "animations") {
             let samplers = list(animation, "samplers");
             let are_sound = samplers.iter().all(|sampler| {
@@ -245,12 +248,32 @@ impl Document {
                     && is_in(channel, "sampler", samplers.len())
             };
             let all = list(animation, "channels");
-            let kept: Vec<Value> = all.iter().filter(leads).cloned().collect();
+            // No more than is read: the parser would refuse the file for the rest, too.
+            let channel = |one: &Value| {
+                let target = json!({ "node": one["target"]["node"], "path": one["target"]["path"] });
+                json!({ "sampler": one["sampler"], "target": target })
+            };
+            let kept: Vec<Value> = all.iter().filter(leads).map(channel).collect();
             channels += all.len() - kept.len();
-            let samplers = if are_sound { samplers.to_vec() } else { Vec::new() };
+            let sampler = |one: &Value| {
+                let interpolation = one["interpolation"].as_str().unwrap_or("LINEAR");
+                json!({ "input": one["input"], "output": one["output"], "interpolation": interpolation })
+            };
+            let samplers: Vec<Value> = samplers.iter().filter(|_| are_sound).map(sampler).collect();
             let name = animation["name"].as_str();
             *animation = json!({ "name": name, "channels": kept, "samplers": samplers });
         }
+        self.note(
+            channels,
+            "Left out {} channels of animations that lead nowhere, or in no way that is known.",
+        );
+    }
+
+    /// Takes out of skins and morph targets what leads nowhere. Numbers of skins stay.
+    fn deformations(&mut self) {
+        let [nodes, accessors, skins] =
+            ["nodes", "accessors", "skins"].map(|key| list(&self.json, key).len());
+        let (mut skinned, mut morphed) = (0, 0);
         for skin in list_mut(&mut self.json, "skins") {
             let joints = list(skin, "joints");
             let is_node = |joint: &Value| joint.as_u64().is_some_and(|joint| joint < nodes as u64);
@@ -268,20 +291,25 @@ impl Document {
                 take(node, "skin");
             }
         }
+        for key in ["nodes", "meshes"] {
+            for one in list_mut(&mut self.json, key) {
+                let weights = one.get("weights").map(|_| list(one, "weights"));
+                if weights.is_some_and(|all| all.is_empty() || !all.iter().all(Value::is_number)) {
+                    take(one, "weights");
+                }
+            }
+        }
         for primitive in list_mut(&mut self.json, "meshes").flat_map(|mesh| list_mut(mesh, "primitives")) {
             let is_known = |number: &Value| number.as_u64().is_some_and(|number| number < accessors as u64);
             let is_sound = |target: &Value| {
                 target.as_object().is_some_and(|attributes| attributes.values().all(is_known))
             };
-            if !list(primitive, "targets").iter().all(is_sound) {
+            let targets = primitive.get("targets");
+            if targets.is_some_and(|all| !all.as_array().is_some_and(|all| all.iter().all(is_sound))) {
                 morphed += 1;
                 take(primitive, "targets");
             }
         }
-        self.note(
-            channels,
-            "Left out {} channels of animations that lead nowhere, or in no way that is known.",
-        );
         self.note(skinned, "Took {} meshes without skins that there are not.");
         self.note(morphed, "Took {} primitives without morph targets that there are not.");
     }

@@ -302,6 +302,22 @@ fn faults_are_told_and_move_nothing() {
     still(&changed("/accessors/3/count", json!(u64::MAX)), "more than");
     still(&changed("/accessors/3/count", json!(0)), "has 0 elements for 2 keys");
     still(&changed("/accessors/2/count", json!(0)), "has no elements");
+    // Beside what is read, anything may stand.
+    for (path, value) in [
+        ("/animations/0/samplers/0/interpolation", json!(null)),
+        ("/animations/0/samplers/0/extensions", json!(5)),
+        ("/animations/0/channels/0/target", json!({"node": 0, "path": "translation", "extensions": 5})),
+        ("/nodes/0", json!({"mesh": 0, "weights": ["a"]})),
+        ("/meshes/0/weights", json!({})),
+    ] {
+        let mut file = good();
+        let (above, key) = path.rsplit_once('/').unwrap();
+        match file.json.pointer_mut(above).unwrap() {
+            Value::Array(all) => all[0] = value,
+            other => other[key] = value,
+        }
+        assert!(Mover::new(file.load(), Motion::File).is_ok(), "{path}");
+    }
     let mut file = good();
     file.json["accessors"][3].as_object_mut().unwrap().remove("bufferView");
     still(&file, "outside its buffer");
@@ -342,6 +358,7 @@ fn faults_of_skins_and_targets_leave_the_mesh_as_it_stands() {
     told(json!([{"POSITION": 2}]), json!([]), "a morph target has 2 of 3 vertices");
     told(json!([{"POSITION": 1}]), json!([]), "accessor 1 holds Scalar of U16");
     told(json!([{"POSITION": 3}]), json!([]), "accessor 3 holds numbers that are not finite");
+    told(json!({"POSITION": 0}), json!([]), "without morph targets that there are not");
     told(json!([{"POSITION": 9}]), json!([]), "without morph targets that there are not");
     told(json!([]), json!([]), "without skins that there are not");
     told(json!([]), json!([{"joints": [9]}]), "Left out skin 0: it has no joints");
