@@ -28,7 +28,12 @@ pub(in super::super) fn map(x_axis: &Axis, y_axis: &Axis, ends: [&str; 2], place
     ranks.sort_by(f64::total_cmp);
     ranks.dedup();
     let title = format!("States by {} and {}", x_axis.name, y_axis.name);
-    let mut figure = Figure::new(&title, [WIDTH, 440.0], x_axis.drawn(), y_axis.drawn());
+    // Numbers of states at the ends have room inside.
+    let roomy = |Axis { name, low, high }: &Axis| {
+        let ends = vec![(0.0, low.clone()), (1.0, high.clone())];
+        figures::Axis::labelled(name, [-0.03, 1.03], ends)
+    };
+    let mut figure = Figure::new(&title, [WIDTH, 440.0], roomy(x_axis), roomy(y_axis));
     for (index, place) in places.iter().enumerate() {
         let at = [place.x, place.y];
         let [x, y] = figure.place(at);
@@ -116,6 +121,11 @@ mod tests {
         let svg = map(&axis("triangles"), &axis("<i>"), ["least", "most"], &[place(1, 0.1), place(2, 0.9)]);
         assert_eq!(svg.matches("<a href").count(), 2);
         assert!(!svg.contains("<b>") && !svg.contains("<i>"), "{svg}");
+        let high = Place { y: 1.0, ..place(3, 0.5) };
+        let svg = map(&axis("x"), &axis("y"), ["", ""], &[high]);
+        // The title of the axis ends at 14 from above, and the number is 11 above the point.
+        let down = svg.split(" cy=\"").nth(1).and_then(|rest| rest.split('"').next()?.parse::<f64>().ok());
+        assert!(down.is_some_and(|down| down > 14.0 + 11.0 + 10.0), "{svg}");
         assert!(map(&axis("x"), &axis("y"), ["", ""], &[]).contains("Nothing"));
     }
 
