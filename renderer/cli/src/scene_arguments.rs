@@ -146,10 +146,13 @@ impl SceneArguments {
 
     /// Loads or generates the scene, at its time.
     pub fn load(&self) -> Result<Arc<Scene>, CliError> {
-        match self.motion.is_some() || self.animation.is_some() {
-            true => self.moving()?.at(self.time),
-            false => self.still(),
-        }
+        let mut scene = match self.motion.is_some() || self.animation.is_some() {
+            true => self.moving()?.at(self.time)?,
+            false => self.still()?,
+        };
+        // What it would move by may be larger than itself. Who asks for motion reads it again.
+        Arc::make_mut(&mut scene).animated = None;
+        Ok(scene)
     }
 
     fn still(&self) -> Result<Arc<Scene>, CliError> {
@@ -214,5 +217,39 @@ fn brightness(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(factor) if (0.0..=1e6).contains(&factor) => Ok(factor),
         _ => Err("it must be a number from 0 to 1e6".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A triangle that an animation puts one further along x.
+    const ANIMATED: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]},
+            {"bufferView":0,"componentType":5126,"count":1,"type":"SCALAR"},
+            {"bufferView":0,"byteOffset":12,"componentType":5126,"count":1,"type":"VEC3"}],
+        "bufferViews":[{"buffer":0,"byteLength":36}],
+        "buffers":[{"byteLength":36,
+            "uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}],
+        "animations":[{"channels":[{"sampler":0,"target":{"node":0,"path":"translation"}}],
+            "samplers":[{"input":1,"output":2}]}]}"#;
+
+    #[test]
+    fn a_scene_that_stands_still_does_not_keep_what_would_move_it() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join("a.gltf");
+        std::fs::write(&path, ANIMATED).expect("it can be written");
+        let still = SceneArguments::plain(path.to_string_lossy().into_owned(), 1.0, None, 0.0);
+        let moved = SceneArguments { animation: Some("0".to_owned()), ..still.clone() };
+        let first = |scene: &Scene| scene.triangles.positions()[0].x;
+        for (arguments, expected) in [(&still, 0.0), (&moved, 1.0)] {
+            let scene = arguments.load().expect("it is a scene");
+            assert_eq!(first(&scene), expected);
+            assert!(scene.animated.is_none());
+            let moving = arguments.moving().expect("it moves");
+            assert_eq!(first(&moving.at(0.0).expect("it stays in range")), 1.0);
+        }
     }
 }
