@@ -173,7 +173,7 @@ struct Walk<'a> {
     bending: Vec<bool>,
     /// Where all is at rest.
     pose: Pose,
-    /// Vertices of pieces of the rig, and their changes.
+    /// Vertices of pieces of the rig, and their changes; for a moment also of one that does not move.
     posed: usize,
     /// Why skins and morph targets of meshes are left out.
     unposed: Vec<String>,
@@ -308,11 +308,12 @@ impl Walk<'_> {
         if !moves && !has_targets && skin.is_none() {
             return part.transform(&stand.to_world);
         }
-        let place = (stand.node, stand.to_node);
+        let (place, kept) = ((stand.node, stand.to_node), self.posed);
         let piece = gltf_animation::piece(primitive, part, place, &self.rig, self.buffers, &mut self.posed);
         let piece = match piece {
             Ok(piece) => piece,
             Err(fault) => {
+                self.posed = kept;
                 self.unposed.push(fault);
                 return part.transform(&stand.to_world);
             }
@@ -327,6 +328,8 @@ impl Walk<'_> {
             self.assembler.moves_from(self.rig.vertex_count);
             self.rig.vertex_count += part.positions.len() as u32;
             self.rig.pieces.push(piece);
+        } else {
+            self.posed = kept;
         }
     }
 
