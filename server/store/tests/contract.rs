@@ -45,6 +45,7 @@ contract!(
     of_two_changes_in_one_commit_the_last_wins,
     clients_are_forgotten_unless_they_come_back,
     a_completed_trial_is_never_changed,
+    who_holds_an_open_trial_is_kept,
     a_commit_is_stored_whole_or_not_at_all,
     a_newer_load_breaks_the_fence,
     policies_change_and_stay,
@@ -299,6 +300,15 @@ async fn a_completed_trial_is_never_changed(store: &dyn Store) {
     assert!(!held.holds());
     let error = commit(store, &held, &[change(vec![open(2)])]).await.unwrap_err();
     assert!(matches!(error, StoreError::Fenced { .. }));
+}
+
+async fn who_holds_an_open_trial_is_kept(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    commit(store, &held, &[change(vec![open(1)])]).await.unwrap();
+    let mut renewed = Trial { lease_expire_ms: 90_000, ..open(1) };
+    (renewed.decision.session, renewed.decision.heartbeat) = (7, true);
+    commit(store, &held, &[change(vec![renewed.clone()])]).await.unwrap();
+    assert_eq!(store.load("hall").await.unwrap().open_trials, [renewed]);
 }
 
 async fn a_commit_is_stored_whole_or_not_at_all(store: &dyn Store) {

@@ -356,7 +356,7 @@ WITH held AS MATERIALIZED (
         outcome_reason = excluded.outcome_reason, outcome_lower_bound = excluded.outcome_lower_bound,
         cost = excluded.cost, late = excluded.late, lease_expire_ms = excluded.lease_expire_ms,
         complete_ms = excluded.complete_ms, completion = excluded.completion,
-        measurements = excluded.measurements
+        measurements = excluded.measurements, reason = excluded.reason
 )
 SELECT id FROM held";
 

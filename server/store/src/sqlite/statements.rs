@@ -141,7 +141,8 @@ macro_rules! trial_columns {
 /// The columns that a [`TrialRow`](crate::rows::TrialRow) reads.
 pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
 
-/// A stored trial keeps its other columns; only the lease and the report can still change.
+/// A stored trial keeps its other columns. Only the lease, what `reason` notes of its client, and the report can
+/// still change.
 pub(super) const TRIAL_UPSERT: &str = concat!(
     "INSERT INTO trials (study, ",
     trial_columns!(),
@@ -150,7 +151,7 @@ pub(super) const TRIAL_UPSERT: &str = concat!(
      outcome_reason = excluded.outcome_reason, outcome_lower_bound = excluded.outcome_lower_bound, \
      cost = excluded.cost, late = excluded.late, lease_expire_ms = excluded.lease_expire_ms, \
      complete_ms = excluded.complete_ms, completion = excluded.completion, \
-     measurements = excluded.measurements"
+     measurements = excluded.measurements, reason = excluded.reason"
 );
 
 pub(super) const TRIAL_BY_NUMBER: &str =
