@@ -52,8 +52,8 @@ pub(crate) enum StudyCommand {
     #[command(after_help = "\
 With --spec the copy gets another specification. Old trials get the default of each new parameter, and \
 the value that you give for each new indicator. Trials that no longer fit are skipped and counted. \
-Copied trials count towards the search's limit; raise it with \
-`treewright policy COPY --trials-per-state COUNT` if needed.
+Copied trials do not count towards the search's limit: each state of the copy is searched with its whole \
+budget, and with all that is known.
 
 Examples:
   treewright study clone sponza sponza-copy
