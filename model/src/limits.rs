@@ -35,6 +35,8 @@ pub const CONSTRAINT_DEPTH_MAX: usize = 32;
 pub const CATEGORIES_MAX: usize = 64;
 /// Largest magnitude of an integer: beyond 2^53 doubles cannot represent every integer.
 pub const INTEGER_MAGNITUDE_MAX: i64 = 1 << 53;
+/// Most revisions of a study's space.
+pub const SPACE_REVISIONS_MAX: usize = 32;
 /// Most indicators of a study.
 pub const INDICATORS_MAX: usize = 128;
 /// Most auxiliary metrics of an objective.

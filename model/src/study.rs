@@ -1,4 +1,4 @@
-//! The specification of a study: the parts that are fixed at its creation, and its policy.
+//! The specification of a study: the parts that are fixed at its creation, its space, and its policy.
 
 use std::ops::RangeInclusive;
 
@@ -15,9 +15,9 @@ use crate::space::{Constraint, Scale, Space};
 /// State tolerance of a study that gives none.
 pub const STATE_TOLERANCE_DEFAULT: f64 = 0.01;
 
-/// A tuning problem. All but `policy` (and `display_name`) is fixed: trials measured under one space and one
-/// schema are not comparable with trials measured under another. `P` is [`Policy`] once decided, and
-/// [`PolicySettings`] as given by clients.
+/// A tuning problem. All but `space`, `policy` and `display_name` is fixed: trials measured under one schema
+/// and one objective are not comparable with trials measured under another. `P` is [`Policy`] once decided,
+/// and [`PolicySettings`] as given by clients.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StudySpec<P = Policy> {
     /// A line for people, at most 200 characters.
@@ -30,7 +30,7 @@ pub struct StudySpec<P = Policy> {
     pub objective: Objective,
     /// Two states are the same when every normalised indicator differs by at most this much, 0 to 1.
     pub state_tolerance: f64,
-    /// The policy; the one mutable part.
+    /// The policy.
     pub policy: P,
     /// Seed of every random decision.
     pub seed: u64,

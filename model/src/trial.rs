@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
 use crate::configuration::{Configuration, RawConfiguration};
-use crate::decision::Decision;
+use crate::decision::{Choice, Decision};
 use crate::limits::{FINGERPRINT_SOFTWARE_MAX, OUTCOME_REASON_CHARACTERS_MAX};
-use crate::space::{Space, SpaceError};
+use crate::space::{EarlierSpaces, Space, SpaceError};
 use crate::words::{OpenEnum, words};
 
 pub use crate::reason::{Explanation, Mode, Neighbour, OmissionReason, Reason, Rule};
@@ -191,6 +191,22 @@ impl RawTrial {
     /// Checks the configuration against the space of the study.
     pub fn check(self, space: &Space) -> Result<Trial, SpaceError> {
         self.map_configuration(|raw| space.configuration(raw))
+    }
+
+    /// Reads a trial in the space that its study has by now: `None` where it is outside. A trial from before
+    /// the last change counts as one that its client wanted: it takes nothing of the budgets of the searches,
+    /// which begin anew in the changed space and hear of its result.
+    pub fn adopt(self, earlier: &EarlierSpaces, space: &Space) -> Result<Option<Trial>, SpaceError> {
+        let revision = earlier.revision_of(self.number);
+        if revision == earlier.revision() {
+            return self.check(space).map(Some);
+        }
+        let adopted = self.map_configuration(|raw| earlier.adopt(revision, raw, space).ok_or(()));
+        Ok(adopted.ok().map(|mut trial| {
+            let own = std::mem::replace(&mut trial.decision.choice, Choice::Wanted);
+            trial.decision.adopted = Some(Box::new(own));
+            trial
+        }))
     }
 }
 

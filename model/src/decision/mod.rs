@@ -44,6 +44,10 @@ pub struct Decision {
     /// is no cost of the configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fidelity: Option<String>,
+    /// The choice by which a trial was handed out that is of an earlier space of the study, and is read in
+    /// the present one as wanted. `None` for other trials. Never stored.
+    #[serde(skip)]
+    pub adopted: Option<Box<Choice>>,
 }
 
 fn is_zero(session: &u64) -> bool {
@@ -396,11 +400,21 @@ impl Choice {
             lost_leases: 0,
             heartbeat: false,
             fidelity: None,
+            adopted: None,
         }
     }
 }
 
 impl Decision {
+    /// The decision as it is stored: that of a trial of an earlier space has its own choice again.
+    pub fn stored(&self) -> Self {
+        let mut stored = self.clone();
+        if let Some(own) = stored.adopted.take() {
+            stored.choice = *own;
+        }
+        stored
+    }
+
     /// The kind of answer, for clients and filters.
     pub fn mode(&self) -> Mode {
         match &self.choice {

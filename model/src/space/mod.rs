@@ -8,6 +8,8 @@
 //! Points of the cube that break constraints are repaired: `repair` does it where all are orders of two
 //! parameters, `nearest` where there are expressions. `group` has the parameters that constraints connect,
 //! `listing` all solutions where these are few.
+//!
+//! A study's space may be changed. `revisions` reads the configurations of its earlier spaces.
 
 mod builder;
 mod check;
@@ -22,6 +24,7 @@ mod listing;
 mod nearest;
 mod partial;
 mod repair;
+mod revisions;
 #[cfg(test)]
 mod tests;
 
@@ -33,6 +36,7 @@ use thiserror::Error;
 
 pub use builder::{BooleanParameter, CategoricalParameter, FloatParameter, IntegerParameter, SpaceBuilder};
 pub use constraint::{Constraint, ConstraintError};
+pub use revisions::{EarlierSpace, EarlierSpaces};
 
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::names::PARAMETER_NAME_RULE;
@@ -249,6 +253,21 @@ pub enum SpaceError {
         /// The domain in words.
         allowed: String,
     },
+    /// A value is given for earlier trials of a parameter that they share with later ones.
+    #[error("earlier value of {name:?}: the change neither adds nor removes this parameter; leave it out")]
+    NotChanged {
+        /// As given.
+        name: String,
+    },
+    /// A configuration of an earlier revision is not one of the present space.
+    #[error(
+        "the configuration of revision {revision} is outside the space that the study has by now; open the \
+         study with its present space"
+    )]
+    Outside {
+        /// The revision.
+        revision: u32,
+    },
     /// A configuration breaks a constraint.
     #[error("{values} break the constraint `{constraint}`; change one of them")]
     Violated {
@@ -300,6 +319,11 @@ impl Space {
     /// The constraints in order.
     pub fn constraints(&self) -> &[Constraint] {
         &self.constraints
+    }
+
+    /// A parameter.
+    pub fn parameter(&self, name: &str) -> Option<&Parameter> {
+        self.parameters.iter().find(|parameter| parameter.name == name)
     }
 
     /// The number of coordinates of a point: one per parameter, active or not.

@@ -1,0 +1,377 @@
+//! The spaces that a study had, and their configurations in the space that it has by now.
+//!
+//! Stored trials keep the values that they ran with. They are read in the present space each time, and what
+//! was outside after one change may be inside again after the next. So nothing is checked on the way: only
+//! the present space decides, and a change that is undone brings every trial back.
+
+use serde::{Deserialize, Serialize};
+
+use crate::configuration::{Configuration, RawConfiguration};
+use crate::limits::{INTEGER_MAGNITUDE_MAX, SPACE_REVISIONS_MAX};
+use crate::space::{Domain, Parameter, Space, SpaceError};
+use crate::value::Value;
+
+/// A space that a study had before a change.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EarlierSpace {
+    /// The space.
+    pub space: Space,
+    /// The last trial that was handed out before the change.
+    pub last_trial: u64,
+    /// Values of parameters that the change added or removed, other than their defaults: those that all
+    /// trials before had of an added one, and those that all trials after have of a removed one.
+    pub fixed: RawConfiguration,
+}
+
+/// The spaces that a study had before its present one, oldest first. Revisions are counted from 1.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct EarlierSpaces(Vec<EarlierSpace>);
+
+impl EarlierSpaces {
+    /// The revision of the present space.
+    pub fn revision(&self) -> u32 {
+        self.0.len() as u32 + 1
+    }
+
+    /// Whether the space was never changed.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The revision that held when a trial was handed out.
+    pub fn revision_of(&self, trial: u64) -> u32 {
+        self.0.partition_point(|earlier| earlier.last_trial < trial) as u32 + 1
+    }
+
+    /// The spaces, oldest first.
+    pub fn spaces(&self) -> impl Iterator<Item = &Space> {
+        self.0.iter().map(|earlier| &earlier.space)
+    }
+
+    /// The space of a revision before the present one.
+    pub fn space(&self, revision: u32) -> Option<&Space> {
+        self.0.get((revision as usize).checked_sub(1)?).map(|earlier| &earlier.space)
+    }
+
+    /// The revision that a space is, if the study has or had it; the latest of several.
+    pub fn find(&self, space: &Space, present: &Space) -> Option<u32> {
+        if space == present {
+            return Some(self.revision());
+        }
+        self.0.iter().rposition(|earlier| earlier.space == *space).map(|place| place as u32 + 1)
+    }
+
+    /// The spaces before after a change of the present space `from` into `to`. `last_trial` was the last to
+    /// be handed out, and `fixed` is as in [`EarlierSpace`].
+    ///
+    /// # Errors
+    /// [`SpaceError`] when a fixed value is of no parameter that the change adds or removes or not of its
+    /// domain, or when there are [`SPACE_REVISIONS_MAX`] revisions.
+    pub fn changed(
+        &self,
+        from: &Space,
+        to: &Space,
+        last_trial: u64,
+        fixed: RawConfiguration,
+    ) -> Result<Self, SpaceError> {
+        let count = self.0.len() + 2;
+        if count > SPACE_REVISIONS_MAX {
+            return Err(SpaceError::Count { what: "revisions", count, least: 1, most: SPACE_REVISIONS_MAX });
+        }
+        let fixed = fixed.into_iter().map(|(name, value)| {
+            let parameter = match (from.parameter(&name), to.parameter(&name)) {
+                (Some(parameter), None) | (None, Some(parameter)) => parameter,
+                _ => return Err(SpaceError::NotChanged { name }),
+            };
+            let value = in_kind(&parameter.domain, &value);
+            if parameter.domain.contains(&value) {
+                return Ok((name, value));
+            }
+            let allowed = parameter.domain.to_string();
+            Err(SpaceError::Value { parameter: name, value, allowed })
+        });
+        let fixed = fixed.collect::<Result<_, _>>()?;
+        let mut changed = self.clone();
+        changed.0.push(EarlierSpace { space: from.clone(), last_trial, fixed });
+        Ok(changed)
+    }
+
+    /// A configuration of a revision in the present space: `None` where it is outside.
+    ///
+    /// A parameter without a value has the one that all trials had before it was added. A value of a
+    /// parameter that was removed must be the one that all trials have since then.
+    pub fn adopt(
+        &self,
+        revision: u32,
+        mut values: RawConfiguration,
+        present: &Space,
+    ) -> Option<Configuration> {
+        let mut adopted = RawConfiguration::new();
+        for parameter in present.parameters() {
+            let value = values.remove(&parameter.name);
+            match (is_active(parameter, &adopted), value) {
+                (true, value) => {
+                    let value = value.as_ref().unwrap_or_else(|| self.before(revision, parameter, present));
+                    adopted.insert(parameter.name.clone(), in_kind(&parameter.domain, value));
+                }
+                // It has no effect any more; what it had must be what is usual.
+                (false, Some(value)) if in_kind(&parameter.domain, &value) != parameter.default => {
+                    return None;
+                }
+                (false, _) => {}
+            }
+        }
+        let is_kept = |(name, value): (&String, &Value)| self.since(revision, name) == Some(value);
+        if !values.iter().all(is_kept) {
+            return None;
+        }
+        present.configuration(adopted).ok()
+    }
+
+    /// A configuration of the present space in the space of an earlier revision: the one that
+    /// [`adopt`](Self::adopt) takes back to it. `None` where there is no such.
+    pub fn express(
+        &self,
+        revision: u32,
+        configuration: &Configuration,
+        present: &Space,
+    ) -> Option<Configuration> {
+        let space = self.space(revision)?;
+        let mut values = RawConfiguration::new();
+        for parameter in space.parameters() {
+            if is_active(parameter, &values) {
+                let default = present.parameter(&parameter.name).map(|here| &here.default);
+                let unnamed = || default.or_else(|| self.since(revision, &parameter.name));
+                let value = configuration.get(&parameter.name).or_else(unnamed);
+                let value = value.unwrap_or(&parameter.default);
+                values.insert(parameter.name.clone(), in_kind(&parameter.domain, value));
+            }
+        }
+        let expressed = space.configuration(values).ok()?;
+        let adopted = self.adopt(revision, expressed.to_raw(), present)?;
+        (adopted == *configuration).then_some(expressed)
+    }
+
+    /// The changes from a revision on, each as the space before, the space after, and its fixed values.
+    fn changes<'a>(
+        &'a self,
+        revision: u32,
+        present: Option<&'a Space>,
+    ) -> impl DoubleEndedIterator<Item = (&'a Space, Option<&'a Space>, &'a RawConfiguration)> {
+        let from = (revision.max(1) as usize - 1).min(self.0.len());
+        (from..self.0.len()).map(move |place| {
+            let EarlierSpace { space, fixed, .. } = &self.0[place];
+            (space, self.0.get(place + 1).map(|next| &next.space).or(present), fixed)
+        })
+    }
+
+    /// The value of a parameter that configurations of a revision have without naming it: that of the first
+    /// change that added it.
+    fn before<'a>(&'a self, revision: u32, parameter: &'a Parameter, present: &'a Space) -> &'a Value {
+        let name = &parameter.name;
+        let added = self.changes(revision, Some(present)).find_map(|(before, after, fixed)| {
+            let added = after?.parameter(name).filter(|_| before.parameter(name).is_none())?;
+            Some(fixed.get(name).unwrap_or(&added.default))
+        });
+        added.unwrap_or(&parameter.default)
+    }
+
+    /// The value of a parameter that the present space does not have, since the last change that removed it.
+    fn since(&self, revision: u32, name: &str) -> Option<&Value> {
+        self.changes(revision, None).rev().find_map(|(before, after, fixed)| {
+            let is_gone = after.is_none_or(|after| after.parameter(name).is_none());
+            let removed = before.parameter(name).filter(|_| is_gone)?;
+            Some(fixed.get(name).unwrap_or(&removed.default))
+        })
+    }
+}
+
+/// A value in the kind of a domain, in which a whole number may be either.
+fn in_kind(domain: &Domain, value: &Value) -> Value {
+    let are_integers = match domain {
+        Domain::Integer { .. } => true,
+        Domain::Categorical { values } => matches!(values.first(), Some(Value::Integer(_))),
+        Domain::Float { .. } | Domain::Boolean => false,
+    };
+    match value {
+        Value::Float(float)
+            if are_integers && float.fract() == 0.0 && float.abs() <= INTEGER_MAGNITUDE_MAX as f64 =>
+        {
+            Value::Integer(*float as i64)
+        }
+        value => domain.as_of(value).canonical(),
+    }
+}
+
+/// Whether a parameter is active, with the values of those before it.
+fn is_active(parameter: &Parameter, values: &RawConfiguration) -> bool {
+    parameter.active_if.as_ref().is_none_or(|condition| {
+        values.get(&condition.parameter).is_some_and(|value| condition.any_of.contains(value))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::assignment::Assignment;
+    use crate::space::{Constraint, Scale};
+    use crate::testing::{cases, spaces};
+
+    fn raw(values: &[(&str, i64)]) -> RawConfiguration {
+        values.iter().map(|(name, value)| ((*name).to_owned(), Value::Integer(*value))).collect()
+    }
+
+    fn space(parameters: &[(&str, i64, i64)]) -> Space {
+        let parameter = |(name, max, default): &(&str, i64, i64)| Parameter {
+            name: (*name).to_owned(),
+            domain: Domain::Integer { min: 0, max: *max, scale: Scale::Linear },
+            default: Value::Integer(*default),
+            active_if: None,
+        };
+        Space::new(parameters.iter().map(parameter).collect(), Vec::new()).expect("a space")
+    }
+
+    /// The values of a trial of the first revision by now; `None` where it is outside.
+    fn adopted(changes: &[(&Space, RawConfiguration)], values: RawConfiguration) -> Option<String> {
+        let (mut earlier, mut present) = (EarlierSpaces::default(), changes[0].0);
+        for (to, fixed) in &changes[1..] {
+            earlier = earlier.changed(present, to, 9, fixed.clone()).expect("a change");
+            present = to;
+        }
+        let adopted = earlier.adopt(1, values, present)?;
+        assert!(present.owns(&adopted));
+        Some(Assignment::from(adopted).to_string())
+    }
+
+    #[test]
+    fn trials_have_the_default_of_what_was_added_then() {
+        let none = RawConfiguration::new;
+        let (one, two) = (space(&[("a", 9, 3)]), space(&[("a", 9, 3), ("b", 5, 2)]));
+        let other_default = space(&[("a", 9, 3), ("b", 5, 4)]);
+        let first = [(&one, none()), (&two, none())];
+        assert_eq!(adopted(&first, raw(&[("a", 7)])).as_deref(), Some("a=7 b=2"));
+        let later = [(&one, none()), (&two, none()), (&other_default, none())];
+        assert_eq!(adopted(&later, raw(&[("a", 7)])).as_deref(), Some("a=7 b=2"), "not what is default now");
+        let given = [(&one, none()), (&two, raw(&[("b", 1)])), (&other_default, none())];
+        assert_eq!(adopted(&given, raw(&[("a", 7)])).as_deref(), Some("a=7 b=1"));
+    }
+
+    #[test]
+    fn what_was_removed_must_have_had_its_fixed_value_and_comes_back_with_the_parameter() {
+        let none = RawConfiguration::new;
+        let (two, one) = (space(&[("a", 9, 3), ("b", 5, 2)]), space(&[("a", 9, 3)]));
+        let removed = [(&two, none()), (&one, none())];
+        assert_eq!(adopted(&removed, raw(&[("a", 7), ("b", 2)])).as_deref(), Some("a=7"));
+        assert_eq!(adopted(&removed, raw(&[("a", 7), ("b", 5)])), None);
+        let fixed = [(&two, none()), (&one, raw(&[("b", 5)]))];
+        assert_eq!(adopted(&fixed, raw(&[("a", 7), ("b", 5)])).as_deref(), Some("a=7"));
+        let undone = [(&two, none()), (&one, none()), (&two, none())];
+        assert_eq!(adopted(&undone, raw(&[("a", 7), ("b", 5)])).as_deref(), Some("a=7 b=5"));
+        let (narrow, wide) = (space(&[("a", 4, 3)]), space(&[("a", 9, 3)]));
+        assert_eq!(adopted(&[(&wide, none()), (&narrow, none())], raw(&[("a", 7)])), None);
+        let undone = [(&wide, none()), (&narrow, none()), (&wide, none())];
+        assert_eq!(adopted(&undone, raw(&[("a", 7)])).as_deref(), Some("a=7"));
+    }
+
+    #[test]
+    fn a_number_may_become_a_number_of_the_other_kind() {
+        let whole = space(&[("a", 9, 3)]);
+        let real = Space::builder().float("a", 0.0..=9.5).default(2.5).build().expect("a space");
+        let earlier = EarlierSpaces::default().changed(&whole, &real, 9, RawConfiguration::new());
+        let earlier = earlier.expect("a change");
+        let four = earlier.adopt(1, raw(&[("a", 4)]), &real).expect("inside");
+        assert_eq!(Assignment::from(four.clone()).to_string(), "a=4.0");
+        assert_eq!(earlier.express(1, &four, &real).map(|four| four.to_raw()), Some(raw(&[("a", 4)])));
+        assert_eq!(earlier.express(1, &real.default_configuration(), &real), None, "2.5 is not whole");
+    }
+
+    #[test]
+    fn constraints_of_the_present_space_decide_and_words_name_the_mistake() {
+        let free = space(&[("a", 9, 3), ("b", 5, 4)]);
+        let order = vec![Constraint::order("a", "b")];
+        let ordered = Space::new(free.parameters().to_vec(), order).expect("a space");
+        let change = [(&free, RawConfiguration::new()), (&ordered, RawConfiguration::new())];
+        assert!(adopted(&change, raw(&[("a", 2), ("b", 2)])).is_some());
+        assert!(adopted(&change, raw(&[("a", 3), ("b", 2)])).is_none());
+        let change = |fixed| EarlierSpaces::default().changed(&free, &space(&[("a", 9, 3)]), 0, fixed);
+        let refused = |fixed| change(fixed).expect_err("refused").to_string();
+        assert!(refused(raw(&[("a", 1)])).contains("neither adds nor removes"));
+        assert!(refused(raw(&[("b", 6)])).contains("a whole number from 0 to 5"));
+        assert!(change(raw(&[("b", 5)])).is_ok());
+    }
+
+    #[test]
+    fn revisions_follow_from_the_numbers_of_trials_and_are_limited() {
+        let (one, two) = (space(&[("a", 9, 3)]), space(&[("a", 8, 3)]));
+        let mut earlier = EarlierSpaces::default();
+        for last_trial in [4, 4, 7] {
+            let (from, to) = if earlier.revision() % 2 == 1 { (&one, &two) } else { (&two, &one) };
+            earlier = earlier.changed(from, to, last_trial, RawConfiguration::new()).expect("a change");
+        }
+        let revisions = [1, 4, 5, 7, 8].map(|trial| earlier.revision_of(trial));
+        assert_eq!((revisions, earlier.revision()), ([1, 1, 3, 3, 4], 4));
+        assert_eq!((earlier.find(&two, &two), earlier.find(&one, &two)), (Some(4), Some(3)));
+        while (earlier.revision() as usize) < SPACE_REVISIONS_MAX {
+            earlier = earlier.changed(&one, &two, 9, RawConfiguration::new()).expect("a change");
+        }
+        let full = earlier.changed(&one, &two, 9, RawConfiguration::new()).expect_err("full").to_string();
+        assert!(full.contains("33 revisions"), "{full}");
+    }
+
+    /// Values of a space at a point that is drawn.
+    fn at(space: &Space, point: &[f64]) -> Configuration {
+        space.decode(&point.iter().copied().cycle().take(space.dimension()).collect::<Vec<_>>())
+    }
+
+    proptest! {
+        #![proptest_config(cases(256))]
+
+        #[test]
+        fn every_configuration_is_adopted_or_outside_and_what_is_expressed_comes_back(
+            spaces in prop::collection::vec(spaces(), 3),
+            keeps in 0usize..9,
+            point in prop::collection::vec(0.0f64..1.0, 8),
+        ) {
+            let mut spaces = spaces;
+            // Often the later spaces are the first with parameters at its end left out.
+            let all = spaces[0].parameters();
+            let fewer = Space::new(all[..keeps.clamp(1, all.len())].to_vec(), Vec::new()).expect("a space");
+            if keeps % 2 == 0 {
+                spaces[2] = fewer.clone();
+            }
+            if keeps % 3 == 0 {
+                spaces[1] = fewer;
+            }
+            let mut earlier = EarlierSpaces::default();
+            for pair in spaces.windows(2) {
+                earlier = earlier.changed(&pair[0], &pair[1], 1, RawConfiguration::new()).expect("a change");
+            }
+            let present = &spaces[2];
+            for (revision, space) in (1..).zip(&spaces) {
+                let own = at(space, &point);
+                if let Some(adopted) = earlier.adopt(revision, own.to_raw(), present) {
+                    prop_assert!(present.owns(&adopted));
+                    // A row that is written again has the values of the present space.
+                    prop_assert_eq!(earlier.adopt(revision, adopted.to_raw(), present), Some(adopted));
+                }
+                let here = at(present, &point);
+                if let Some(expressed) = earlier.express(revision, &here, present) {
+                    prop_assert!(space.owns(&expressed));
+                    prop_assert_eq!(earlier.adopt(revision, expressed.to_raw(), present), Some(here));
+                }
+            }
+        }
+
+        #[test]
+        fn what_does_not_change_stays(space in spaces(), point in prop::collection::vec(0.0f64..1.0, 8)) {
+            let none = RawConfiguration::new();
+            let earlier = EarlierSpaces::default().changed(&space, &space, 1, none).expect("a change");
+            let own = at(&space, &point);
+            prop_assert_eq!(earlier.adopt(1, own.to_raw(), &space), Some(own.clone()));
+            prop_assert_eq!(earlier.express(1, &own, &space), Some(own));
+        }
+    }
+}
