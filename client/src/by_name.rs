@@ -40,6 +40,9 @@ pub struct Question {
     /// The client runs a trial at the level that [`TrialRecord::fidelity`] names. Without it every trial is a
     /// full one.
     pub fidelities: bool,
+    /// The revision of the space that the program works with, [`crate::StudyRecord::space_revision`] of the
+    /// study that it created or found; 0 for the study's present one.
+    pub space_revision: u32,
 }
 
 impl Client {
@@ -62,6 +65,7 @@ impl Client {
             origin: question.origin.clone().unwrap_or_default(),
             reports_waiting: core.outbox.queued(),
             fidelities: question.fidelities,
+            space_revision: question.space_revision,
         };
         let mut rpc = core.rpc();
         let trial = core.admin("Suggest", rpc.suggest(request)).await?;

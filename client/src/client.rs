@@ -4,15 +4,17 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use treewright_model::objective::Objective;
-use treewright_proto::convert::{fingerprint_to_wire, policy_to_wire, spec_to_wire};
+use treewright_proto::convert::{
+    configuration_to_wire, fingerprint_to_wire, policy_to_wire, space_to_wire, spec_to_wire,
+};
 use treewright_proto::v1;
 
 use crate::circuit_breaker::Status;
 use crate::core::Core;
 use crate::pages::{TrialPages, TrialQuery};
 use crate::{
-    Best, ClientError, Indicators, Options, PolicyChange, Prediction, Stats, Study, StudyRecord, StudySpec,
-    TrialRecord, delivery, limits, local, wire,
+    Best, ChangedSpace, ClientError, Configuration, Indicators, Options, PolicyChange, Prediction, Space,
+    Stats, Study, StudyRecord, StudySpec, TrialRecord, delivery, limits, local, wire,
 };
 
 /// A connection to the tuning service. Cheap to clone; clones share the connection, the outbox and the
@@ -204,6 +206,40 @@ impl Client {
         self.core.read_study("RenameStudy", study)
     }
 
+    /// Changes the space of a study, which keeps its trials. `revision` is that of the space that is changed
+    /// ([`StudyRecord::space_revision`]). `fixed` has values of parameters that are added or removed, where
+    /// they are not the defaults: what all trials before had of one that is added, and what all trials from
+    /// now on have of one that is removed. With `only_try` nothing is changed, and the answer says what would
+    /// be.
+    ///
+    /// Programs that work with the space of before go on, and are answered in it.
+    /// Errors: [`ClientError::Refused`] when there is no such study, its space was changed meanwhile, or the
+    /// new one is not acceptable; [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn change_space(
+        &self,
+        id: &str,
+        revision: u32,
+        space: &Space,
+        fixed: &Configuration,
+        only_try: bool,
+    ) -> Result<ChangedSpace, ClientError> {
+        let request = v1::ChangeSpaceRequest {
+            name: study_name(id),
+            revision,
+            space: Some(space_to_wire(space)),
+            fixed: configuration_to_wire(fixed.as_raw()).values,
+            validate_only: only_try,
+        };
+        let mut rpc = self.core.rpc();
+        let answer = self.core.admin("ChangeSpace", rpc.change_space(request)).await?;
+        Ok(ChangedSpace {
+            study: self.core.read_study("ChangeSpace", answer.study.unwrap_or_default())?,
+            kept_trials: answer.kept_trials,
+            outside_trials: answer.outside_trials,
+            given_back_trials: answer.given_back_trials,
+        })
+    }
+
     /// Deletes a study with its states, trials and models.
     ///
     /// A client that still works on a study that it specified itself creates it again.
@@ -224,7 +260,7 @@ impl Client {
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn predict(&self, study: &str, indicators: &Indicators) -> Result<Prediction, ClientError> {
-        self.core.predict(&study_name(study), indicators).await
+        self.core.predict(&study_name(study), indicators, 0).await
     }
 
     /// See [`Study::best`].
@@ -312,11 +348,13 @@ impl Core {
         &self,
         study: &str,
         indicators: &Indicators,
+        space_revision: u32,
     ) -> Result<Prediction, ClientError> {
         let request = v1::PredictRequest {
             study: study.to_owned(),
             indicators: indicators.0.clone(),
             fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
+            space_revision,
         };
         let rpc = || {
             let (mut rpc, request) = (self.rpc(), request.clone());

@@ -84,7 +84,9 @@ pub use options::Options;
 pub use pages::{TrialPages, TrialQuery};
 pub use paired::{Paired, Side};
 pub use prefetching::PrefetchingTuner;
-pub use records::{Best, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TrialRecord};
+pub use records::{
+    Best, ChangedSpace, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TrialRecord,
+};
 pub use stats::Stats;
 pub use study::Study;
 pub use suggestion::{Finished, Source, Suggestion};

@@ -16,6 +16,8 @@ pub struct TrialQuery {
     pub filter: String,
     /// `number`, `cost` or `measurement.NAME`, each with an optional ` desc`. Empty is `number`.
     pub order_by: String,
+    /// Configurations as they are in the study's present space, without trials that are outside it.
+    pub in_present_space: bool,
 }
 
 impl TrialQuery {
@@ -29,6 +31,14 @@ impl TrialQuery {
     #[must_use]
     pub fn filter(mut self, filter: impl Into<String>) -> Self {
         self.filter = filter.into();
+        self
+    }
+
+    /// With configurations of the study's present space, where that was changed. Trials outside it are left
+    /// out. Otherwise each has the configuration that ran.
+    #[must_use]
+    pub fn in_present_space(mut self) -> Self {
+        self.in_present_space = true;
         self
     }
 
@@ -51,10 +61,10 @@ pub struct TrialPages {
 
 impl TrialPages {
     pub(crate) fn new(core: Arc<Core>, study: String, query: TrialQuery) -> Self {
-        let TrialQuery { filter, order_by } = query;
-        let page_size = limits::PAGE_SIZE;
+        let TrialQuery { filter, order_by, in_present_space } = query;
+        let (page_size, page_token) = (limits::PAGE_SIZE, String::new());
         let request =
-            v1::QueryTrialsRequest { study, filter, order_by, page_size, page_token: String::new() };
+            v1::QueryTrialsRequest { study, filter, order_by, page_size, page_token, in_present_space };
         Self { core, request, page: VecDeque::new(), last_page: false }
     }
 

@@ -109,6 +109,9 @@ pub struct StudyRecord {
     pub display_name: String,
     /// How the service decides.
     pub policy: Policy,
+    /// The revision of its space, from 1; 0 from a daemon that does not say. In the answer to its creation
+    /// with a space that it had before: that space's.
+    pub space_revision: u32,
     /// Its specification; else the reason why this version cannot read it.
     #[serde(serialize_with = "spec_or_problem")]
     pub(crate) spec: Result<StudySpec, String>,
@@ -144,6 +147,19 @@ impl StudyRecord {
     pub fn id(&self) -> &str {
         self.name.strip_prefix("studies/").unwrap_or(&self.name)
     }
+}
+
+/// A study's changed space, and what that means for its trials.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ChangedSpace {
+    /// The study after the change, or as it is where the change was only tried.
+    pub study: StudyRecord,
+    /// Completed trials inside the new space.
+    pub kept_trials: i64,
+    /// Completed trials outside, which are kept and not used.
+    pub outside_trials: i64,
+    /// Open trials outside, which are given back.
+    pub given_back_trials: i64,
 }
 
 /// Counts of a study's trials and states.

@@ -163,6 +163,7 @@ impl Shared {
             origin: String::new(),
             reports_waiting: self.context.core.outbox.queued(),
             fidelities: self.context.core.options.fidelities,
+            space_revision: self.context.revision(),
         }
     }
 

@@ -157,7 +157,8 @@ impl Study {
     /// [`ClientError::Away`], [`ClientError::Late`].
     pub async fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
         checks::state(self.spec(), indicators)?;
-        self.shared.context.core.predict(&self.shared.context.asked_name(), indicators).await
+        let context = &self.shared.context;
+        context.core.predict(&context.asked_name(), indicators, context.revision()).await
     }
 
     /// The best configuration of the state with these indicators, or of all states when there are none.

@@ -1,6 +1,7 @@
 //! The part of its study that a suggestion keeps: the connection, the name, the specification, and the
 //! configurations to fall back on. All handles of the study share it.
 
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::core::Core;
@@ -15,6 +16,8 @@ pub(crate) struct StudyContext {
     /// The name with the study's identity, once the daemon has sent it. Requests use this one.
     identified: Mutex<Arc<str>>,
     pub(crate) spec: StudySpec,
+    /// The revision of the space of `spec`; 0 until the daemon has sent it.
+    revision: AtomicU32,
     memory: Mutex<RememberedConfigurations>,
 }
 
@@ -22,7 +25,8 @@ impl StudyContext {
     pub(crate) fn new(core: &Arc<Core>, name: &str, spec: StudySpec) -> Self {
         let name: Arc<str> = Arc::from(name);
         let identified = Mutex::new(Arc::clone(&name));
-        Self { core: Arc::clone(core), name, identified, spec, memory: Mutex::default() }
+        let (revision, memory) = <_>::default();
+        Self { core: Arc::clone(core), name, identified, spec, revision, memory }
     }
 
     /// The same study for another client. A lock that another thread held when the process was forked stays
@@ -32,6 +36,7 @@ impl StudyContext {
         if let Ok(identified) = self.identified.try_lock() {
             again.identified = Mutex::new(Arc::clone(&identified));
         }
+        again.revision = AtomicU32::new(self.revision());
         again
     }
 
@@ -40,8 +45,14 @@ impl StudyContext {
         Arc::clone(&self.identified.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Takes the identity of the study from the daemon's answer.
+    /// The revision of the space that the program works with, which the daemon answers in.
+    pub(crate) fn revision(&self) -> u32 {
+        self.revision.load(Ordering::Relaxed)
+    }
+
+    /// Takes the identity of the study, and the revision of its space, from the daemon's answer.
     pub(crate) fn identify(&self, record: &StudyRecord) {
+        self.revision.store(record.space_revision, Ordering::Relaxed);
         let mut identified = self.identified.lock().unwrap_or_else(PoisonError::into_inner);
         *identified = Arc::from(record.identified_name());
     }

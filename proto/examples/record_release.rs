@@ -101,7 +101,7 @@ impl Recorder {
         call!(self, "AbandonTrial", abandon_trial, wire::AbandonTrialRequest { trial });
         let study = STUDY.to_owned();
         let predict =
-            wire::PredictRequest { study: study.clone(), indicators: indicators(), fingerprint: None };
+            wire::PredictRequest { study: study.clone(), indicators: indicators(), ..Default::default() };
         call!(self, "Predict", predict, predict);
         let best = wire::GetBestRequest { study: study.clone(), indicators: indicators(), fingerprint: None };
         call!(self, "GetBest", get_best, best);
@@ -160,6 +160,7 @@ fn suggest(wanted: Option<wire::Configuration>) -> wire::SuggestRequest {
         origin: String::new(),
         reports_waiting: 3,
         fidelities: false,
+        space_revision: 1,
     }
 }
 

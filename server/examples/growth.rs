@@ -80,7 +80,9 @@ async fn frame(tuning: &Tuning, number: u64, states: u64, previous: Option<Trial
         }
     });
     let reports = report.is_some();
-    let answer = tuning.frame(report, Some(Suggest { study: STUDY.into(), ask, wanted: None })).await;
+    let answer = tuning
+        .frame(report, Some(Suggest { study: STUDY.into(), ask, wanted: None, space_revision: 0 }))
+        .await;
     if reports {
         answer.reported.ok_or("no answer to a report")??;
     }

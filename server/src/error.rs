@@ -40,6 +40,16 @@ pub enum Error {
         /// The study's id.
         study: String,
     },
+    /// The space was changed since the revision that a change is for.
+    #[error("the space of study {study:?} has revision {present}, not {given}; read the study again")]
+    SpaceChanged {
+        /// The study's id.
+        study: String,
+        /// Its revision.
+        present: u32,
+        /// The revision in the request.
+        given: u32,
+    },
     /// The trial was handed out under a name that another study had at that time.
     #[error(
         "trial {number} was handed out before study {study:?} was created or renamed, and this is another study; \

@@ -23,6 +23,7 @@ pub fn code(error: &Error) -> Code {
         Error::Tuner(error) => tuner_code(error),
         Error::Store(error) => store_code(error),
         Error::NothingMeasured { .. } | Error::Replaced { .. } | Error::EarlierTrial { .. } => Code::NotFound,
+        Error::SpaceChanged { .. } => Code::FailedPrecondition,
         Error::Loading { .. } | Error::Reloading { .. } | Error::Draining => Code::Unavailable,
         Error::Busy { .. } | Error::Quota { .. } => Code::ResourceExhausted,
         Error::Tokens(_) => Code::Unavailable,
@@ -51,6 +52,8 @@ fn tuner_code(error: &TunerError) -> Code {
         }
         TunerError::AlreadyCompleted { .. }
         | TunerError::GivenUp { .. }
+        | TunerError::Outdated { .. }
+        | TunerError::OutsideSpace { .. }
         | TunerError::Abandoned { .. }
         | TunerError::NotOpen { .. } => Code::FailedPrecondition,
         TunerError::UnknownTrial { .. } => Code::NotFound,
@@ -119,7 +122,7 @@ pub fn reason(error: &Error) -> &'static str {
         Error::Loading { .. } => "loading",
         Error::Reloading { .. } => "reloading",
         Error::NothingMeasured { .. } => "nothing_measured",
-        Error::Replaced { .. } | Error::EarlierTrial { .. } => "replaced",
+        Error::Replaced { .. } | Error::EarlierTrial { .. } | Error::SpaceChanged { .. } => "replaced",
         Error::Tuner(_) => "tuner",
         Error::Store(error) => store_reason(error),
         Error::Tokens(_) => "store",

@@ -248,7 +248,7 @@ async fn trials_are_queried_page_by_page() {
         filter: "state = COMPLETED AND measurement.render_ms >= 3 AND config.min_leaf <= 32".to_owned(),
         order_by: "cost desc".to_owned(),
         page_size: 3,
-        page_token: String::new(),
+        ..wire::QueryTrialsRequest::default()
     };
     let costs = |page: &wire::QueryTrialsResponse| {
         page.trials.iter().map(|trial| trial.cost.unwrap()).collect::<Vec<_>>()

@@ -19,9 +19,9 @@ use per_process::{OfProcess, PerProcess};
 use runtime::RuntimeThread;
 
 use crate::{
-    Best, ClientError, Configuration, Finished, Indicators, Measurements, Options, Outcome, PolicyChange,
-    Prediction, Question, SessionPolicy, Side, Stats, Status, StudyRecord, StudySpec, Suggestion, TrialQuery,
-    TrialRecord,
+    Best, ChangedSpace, ClientError, Configuration, Finished, Indicators, Measurements, Options, Outcome,
+    PolicyChange, Prediction, Question, SessionPolicy, Side, Space, Stats, Status, StudyRecord, StudySpec,
+    Suggestion, TrialQuery, TrialRecord,
 };
 
 /// See [`crate::Client`]. Cheap to clone.
@@ -123,6 +123,18 @@ impl Client {
     /// See [`crate::Client::rename_study`]. Errors: as there.
     pub fn rename_study(&self, id: &str, to: &str) -> Result<StudyRecord, ClientError> {
         self.run(async |client| client.rename_study(id, to).await)
+    }
+
+    /// See [`crate::Client::change_space`]. Errors: as there.
+    pub fn change_space(
+        &self,
+        id: &str,
+        revision: u32,
+        space: &Space,
+        fixed: &Configuration,
+        only_try: bool,
+    ) -> Result<ChangedSpace, ClientError> {
+        self.run(async |client| client.change_space(id, revision, space, fixed, only_try).await)
     }
 
     /// See [`crate::Client::delete_study`]. Errors: as there.

@@ -28,6 +28,7 @@ pub(crate) fn study_from_wire(study: v1::Study) -> Result<StudyRecord, Problem> 
         policy: policy.map_err(|problem| problem.to_string())?,
         create_time: time_from_wire(study.create_time),
         policy_differs: study.policy_differs.clone(),
+        space_revision: study.space_revision,
         statistics: StudyStatistics {
             states: statistics.states,
             trials: statistics.trials,

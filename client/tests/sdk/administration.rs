@@ -1,8 +1,8 @@
 //! The calls outside of frames.
 
 use treewright_client::{
-    Client, ClientError, Configuration, Indicators, Mode, Options, Outcome, Policy, PolicyChange, Space,
-    StudySpec, TrialQuery,
+    Client, ClientError, Configuration, Indicators, Mode, Options, Outcome, Policy, PolicyChange, Question,
+    Space, StudySpec, TrialQuery,
 };
 
 use crate::support::{Fake, measured, patient, spec, state};
@@ -43,6 +43,32 @@ async fn studies_are_listed_changed_and_deleted() {
     assert!(client.get_study("scene").await.unwrap_err().is_not_found());
     assert!(client.existing_study("scene").await.unwrap_err().is_not_found());
     client.ping().await.unwrap();
+}
+
+#[tokio::test]
+async fn a_space_is_changed_and_programs_name_the_one_that_they_know() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let old = client.study("scene", spec()).await.unwrap();
+    let space = Space::builder().integer("max_depth", 9..=2000).default(32).log().build().unwrap();
+    let change = async |only_try| {
+        let fixed = Configuration::new().with("compact", false);
+        client.change_space("scene", 1, &space, &fixed, only_try).await
+    };
+    assert_eq!(change(true).await.unwrap().study.space_revision, 1);
+    let changed = change(false).await.unwrap().study;
+    assert_eq!((changed.space_revision, &changed.spec().unwrap().space), (2, &space));
+    assert!(change(false).await.unwrap_err().to_string().contains("not revision 1"));
+    let new = client.existing_study("scene").await.unwrap();
+    for study in [&old, &new] {
+        study.suggest(&state(1)).await.abandon();
+        client.flush(std::time::Duration::from_secs(20)).await.unwrap();
+    }
+    let question = Question { indicators: state(1), space_revision: 1, ..Question::default() };
+    client.ask("scene", &question).await.unwrap();
+    let mut revisions = fake.book().revisions.clone();
+    revisions.dedup();
+    assert_eq!(revisions, [1, 2, 1]);
 }
 
 #[tokio::test]

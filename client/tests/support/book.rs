@@ -35,6 +35,8 @@ pub struct Book {
     pub lease_end: Option<SystemTime>,
     /// The cost above which trials are to be stopped.
     pub abort_above: Option<f64>,
+    /// The revisions of the space that questions for trials named, one after the other.
+    pub revisions: Vec<u32>,
     /// The number of next questions about the study that meet a daemon that is still loading it.
     pub loading: usize,
 }
@@ -75,6 +77,7 @@ impl Book {
             objective.limits.clear();
             objective.episode_frames = 0;
         }
+        study.space_revision = 1;
         study.create_time = Some(prost_types::Timestamp { seconds: 1_700_000_000, nanos: 0 });
         match self.studies.get(&name) {
             Some(stored) if *stored != named_like(stored, &study) => {
@@ -86,6 +89,7 @@ impl Book {
     }
 
     pub fn suggest(&mut self, request: v1::SuggestRequest) -> Result<v1::Trial, Status> {
+        self.revisions.push(request.space_revision);
         let wanted = request.wanted.is_some();
         let drawn = configuration(self.study(&request.study)?, self.trials.len());
         let configuration = request.wanted.unwrap_or(drawn);

@@ -116,6 +116,23 @@ impl TuningService for Service {
         Ok(Response::new(study))
     }
 
+    async fn change_space(
+        &self,
+        request: Request<v1::ChangeSpaceRequest>,
+    ) -> Answer<v1::ChangeSpaceResponse> {
+        let v1::ChangeSpaceRequest { name, revision, space, validate_only, .. } = request.into_inner();
+        let mut book = self.book();
+        let mut study = book.study(&name)?.clone();
+        if study.space_revision != revision {
+            return Err(Status::failed_precondition(format!("not revision {revision}")));
+        }
+        if !validate_only {
+            (study.space, study.space_revision) = (space, revision + 1);
+            book.studies.insert(study.name.clone(), study.clone());
+        }
+        Ok(Response::new(v1::ChangeSpaceResponse { study: Some(study), ..Default::default() }))
+    }
+
     async fn delete_study(&self, request: Request<v1::DeleteStudyRequest>) -> Answer<()> {
         let name = request.into_inner().name;
         let mut book = self.book();
@@ -177,7 +194,7 @@ impl TuningService for Service {
         if let Some(predicted) = book.predicted.clone() {
             return Ok(Response::new(predicted));
         }
-        let v1::PredictRequest { study, indicators, fingerprint } = request;
+        let v1::PredictRequest { study, indicators, fingerprint, .. } = request;
         let best = book.best(&v1::GetBestRequest { study, indicators, fingerprint })?;
         let reason = v1::Reason {
             summary: "The nearest known state is 0.25 away.".into(),

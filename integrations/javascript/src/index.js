@@ -167,6 +167,8 @@ export class Study {
       throw new TreewrightError("invalid", "objective: the daemon knows no trials of several frames; upgrade it");
     }
     this.asked = found.uid ? `${found.name}@${found.uid}` : this.name;
+    // The daemon answers in the space that the program knows.
+    this.spaceRevision = found.spaceRevision ?? 0;
     this.created = true;
   }
 
@@ -194,7 +196,8 @@ export class Study {
       await this.client.told(worker.name, Math.max(end - Date.now(), 1));
       const { fingerprint, options } = this.client;
       const fidelities = options.fidelities === true;
-      const request = { study: this.asked, clientId: worker.name, indicators, fingerprint, wanted, fidelities };
+      const { asked: study, spaceRevision } = this;
+      const request = { study, clientId: worker.name, indicators, fingerprint, wanted, fidelities, spaceRevision };
       const trial = await this.client.call("suggest", request, Math.max(end - Date.now(), 1));
       return this.#accept(trial, worker);
     } catch (error) {
@@ -248,6 +251,7 @@ export class Study {
       const end = Date.now() + deadlineMs;
       await this.#create(deadlineMs);
       const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint };
+      if (name === "predict") request.spaceRevision = this.spaceRevision;
       return this.client.call(name, request, Math.max(end - Date.now(), 1));
     });
   }

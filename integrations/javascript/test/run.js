@@ -426,11 +426,35 @@ async function byANewerDaemon() {
   server.forceShutdown();
 }
 
+/** A program of before goes on in the space that it knows, and one of today gets the new parameter. */
+async function acrossAChangeOfTheSpace() {
+  const client = new Client(url, { clientId: "node-space", deadlineMs: 20000 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const before = await client.study("node-space", { parameters, minimise: { ms: 1 } });
+  (await before.suggest()).report({ ms: 5 });
+  await client.flush(20000);
+  const whole = (min, max, value) => ({ integer: { min, max, scale: "SCALE_LINEAR" }, defaultValue: { integer: value } });
+  const space = { parameters: [{ name: "level", ...whole(1, 9, 5) }, { name: "threads", ...whole(1, 4, 2) }] };
+  const answer = await client.call("changeSpace", { name: "studies/node-space", revision: 1, space });
+  assert.deepEqual([answer.keptTrials, answer.study.spaceRevision], ["1", 2]);
+  const threads = { name: "threads", type: "integer", min: 1, max: 4, default: 2 };
+  const after = await client.study("node-space", { parameters: [...parameters, threads], minimise: { ms: 1 } });
+  for (const [study, names] of [[before, ["level"]], [after, ["level", "threads"]]]) {
+    const suggestion = await study.suggest();
+    assert.deepEqual([suggestion.source, Object.keys(suggestion.configuration).sort()], ["daemon", names], suggestion.problem);
+    suggestion.report({ ms: 4 });
+    await client.flush(20000);
+  }
+  await client.deleteStudy("node-space");
+  client.close();
+}
+
 // Its pauses take some seconds, in which the others run.
 const defective = byADefectiveDaemon();
 await trials();
 await sideBySide();
 await inEpisodes();
+await acrossAChangeOfTheSpace();
 await byAnOlderDaemon();
 await byANewerDaemon();
 await whileTheStudyIsLoaded(3);

@@ -15,7 +15,7 @@ use crate::v1;
 #[path = "../../../model/src/testing.rs"]
 mod testing;
 
-/// A specification, without the daemon's own fields (name, identity, time and statistics).
+/// A specification, without the daemon's own fields (name, identity, revision, time and statistics).
 #[must_use]
 pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1::Study {
     let indicator = |indicator: &Indicator| v1::Indicator {
@@ -54,6 +54,7 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
         statistics: None,
         policy_differs: Vec::new(),
         uid: String::new(),
+        space_revision: 0,
     }
 }
 

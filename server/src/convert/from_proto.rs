@@ -11,7 +11,7 @@ use treewright_core::tuner::Ask;
 use treewright_core::value::Value;
 use treewright_proto::convert::{
     configuration_from_wire, fingerprint_from_wire, outcome_from_wire, session_policy_from_wire,
-    spec_from_wire,
+    space_from_wire, spec_from_wire,
 };
 use treewright_proto::v1;
 
@@ -38,6 +38,21 @@ pub struct Suggest {
     pub ask: Ask,
     /// The configuration that the client wants to measure, unless the service chooses.
     pub wanted: Option<RawConfiguration>,
+    /// The revision of the space that the client works with; 0 for the present one.
+    pub space_revision: u32,
+}
+
+/// A change of a study's space, as it is asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpaceChange {
+    /// The revision that is changed.
+    pub revision: u32,
+    /// The new space.
+    pub space: Space,
+    /// Values of added and removed parameters, other than their defaults.
+    pub fixed: RawConfiguration,
+    /// Only the effect is asked for.
+    pub validate_only: bool,
 }
 
 /// Reads a specification.
@@ -51,13 +66,30 @@ pub fn study(study: v1::Study) -> Result<StudySpec, Error> {
         said.policy.clone().decide().and_then(|policy| policy.check(&said.space)).map_err(invalid)?;
     let spec = said.with_policy(policy);
     spec.validate().map_err(|error| Error::invalid("study", error))?;
-    printable(&spec.space)?;
+    printable("study.space", &spec.space)?;
     Ok(spec)
+}
+
+/// Reads a change of a study's space.
+///
+/// # Errors
+/// [`Error::Invalid`] with the field.
+pub fn space_change(request: v1::ChangeSpaceRequest) -> Result<SpaceChange, Error> {
+    let space = request.space.ok_or_else(|| required("space"))?;
+    let space = space_from_wire("space", space)?;
+    printable("space", &space)?;
+    let fixed = v1::Configuration { values: request.fixed };
+    Ok(SpaceChange {
+        revision: request.revision,
+        space,
+        fixed: configuration_from_wire("fixed", fixed)?,
+        validate_only: request.validate_only,
+    })
 }
 
 /// Refuses text values that a database, a table or a terminal cannot hold. Names have no such characters.
 /// A stored study may have some, from before this rule.
-fn printable(space: &Space) -> Result<(), Error> {
+fn printable(field: &str, space: &Space) -> Result<(), Error> {
     for parameter in space.parameters() {
         let Domain::Categorical { values } = &parameter.domain else { continue };
         for value in values {
@@ -66,7 +98,7 @@ fn printable(space: &Space) -> Result<(), Error> {
             {
                 let name = &parameter.name;
                 let problem = format!("parameter {name:?}: the value {text:?} has a control character");
-                return Err(Error::invalid("study.space", problem));
+                return Err(Error::invalid(field, problem));
             }
         }
     }
@@ -91,6 +123,7 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
             fidelities: request.fidelities,
         },
         wanted: request.wanted.map(|wanted| configuration_from_wire("wanted", wanted)).transpose()?,
+        space_revision: request.space_revision,
     })
 }
 

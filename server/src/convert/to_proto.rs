@@ -20,6 +20,7 @@ pub fn study(record: &StudyRecord) -> v1::Study {
     v1::Study {
         name: study_name(&record.id),
         uid: record.uid.to_string(),
+        space_revision: record.earlier.revision(),
         create_time: Some(timestamp_to_wire(record.create_ms)),
         statistics: Some(v1::StudyStatistics {
             states: signed(statistics.states),

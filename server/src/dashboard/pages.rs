@@ -173,6 +173,7 @@ async fn read_trials(
             order_by: order.to_owned(),
             page_size: i32::try_from(most - found.len()).unwrap_or(i32::MAX).min(1000),
             page_token,
+            in_present_space: false,
         };
         let page = rpc::trials::query(visitor.tuning, visitor.caller, request).await?;
         found.extend(page.trials);

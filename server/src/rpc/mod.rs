@@ -132,6 +132,13 @@ impl TuningService for Service {
         self.answer(request, studies::rename).await
     }
 
+    async fn change_space(
+        &self,
+        request: Request<wire::ChangeSpaceRequest>,
+    ) -> Result<Response<wire::ChangeSpaceResponse>, Status> {
+        self.answer(request, studies::change_space).await
+    }
+
     async fn delete_study(&self, request: Request<wire::DeleteStudyRequest>) -> Result<Response<()>, Status> {
         self.answer(request, studies::delete).await
     }

@@ -1,6 +1,7 @@
 //! Requests that concern a study.
 
 use prost::Message as _;
+use treewright_proto::convert::{signed, space_to_wire};
 use treewright_proto::v1 as wire;
 use treewright_store::limits::PAGE_SIZE_DEFAULT;
 use treewright_store::{StoreError, StudyRecord, cursor};
@@ -28,8 +29,11 @@ pub(super) async fn create(
     let study = request.study.ok_or_else(|| required("study"))?;
     let given = study.policy.clone().unwrap_or_default();
     let spec = from_proto::study(study)?;
-    let answer = |stored: &StudyRecord| wire::Study {
+    // A client whose space is an earlier one of the study works with that.
+    let answer = |stored: &StudyRecord, space_revision| wire::Study {
         policy_differs: policy_differences(&given, &spec.policy, &stored.spec.policy),
+        space: Some(space_to_wire(&spec.space)),
+        space_revision,
         ..to_proto::study(stored)
     };
     let spent = match caller.spend_study() {
@@ -38,9 +42,9 @@ pub(super) async fn create(
         // even where the study vanishes meanwhile.
         Err(over) => {
             let Ok(stored) = tuning.get_study(&id).await else { return Err(over) };
-            return match stored.spec.first_difference(&spec) {
-                None => Ok(answer(&stored)),
-                Some(difference) => Err(StoreError::StudyExists { study: id, difference }.into()),
+            return match stored.revision_of(&spec) {
+                Ok(revision) => Ok(answer(&stored, revision)),
+                Err(difference) => Err(StoreError::StudyExists { study: id, difference }.into()),
             };
         }
     };
@@ -48,7 +52,8 @@ pub(super) async fn create(
     if created.is_new {
         spent.keep();
     }
-    Ok(answer(&created.study))
+    let revision = created.study.revision_of(&spec);
+    Ok(answer(&created.study, revision.unwrap_or_else(|_| created.study.earlier.revision())))
 }
 
 pub(crate) async fn get(
@@ -142,6 +147,21 @@ pub(super) async fn rename(
     let to = names::study_id("study_id", &request.study_id)?;
     caller.reach(&to)?;
     Ok(to_proto::study(&tuning.rename_study(&name, &to).await?))
+}
+
+pub(super) async fn change_space(
+    tuning: &Tuning,
+    caller: &Caller,
+    request: wire::ChangeSpaceRequest,
+) -> Result<wire::ChangeSpaceResponse, Error> {
+    let name = reach::study(tuning, caller, "name", &request.name).await?;
+    let (record, effect) = tuning.change_space(&name, &from_proto::space_change(request)?).await?;
+    Ok(wire::ChangeSpaceResponse {
+        study: Some(to_proto::study(&record)),
+        kept_trials: signed(effect.kept),
+        outside_trials: signed(effect.outside),
+        given_back_trials: signed(effect.given_back),
+    })
 }
 
 pub(super) async fn delete(

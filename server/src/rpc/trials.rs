@@ -1,12 +1,12 @@
 //! Requests that concern trials.
 
 use prost::Message as _;
-use treewright_proto::convert::fingerprint_from_wire;
+use treewright_proto::convert::{configuration_to_wire, fingerprint_from_wire};
 use treewright_proto::v1 as wire;
-use treewright_store::TrialQuery;
 use treewright_store::cursor::Cursor;
 use treewright_store::filter::{Filter, Order};
 use treewright_store::limits::PAGE_SIZE;
+use treewright_store::{StudyRecord, TrialQuery};
 
 use super::reach;
 use crate::access::caller::Caller;
@@ -59,7 +59,8 @@ pub(crate) async fn predict(
 ) -> Result<wire::PredictResponse, Error> {
     let study = reach::study(tuning, caller, "study", &request.study).await?;
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
-    let prediction = tuning.predict(&study, &request.indicators, fingerprint.as_ref()).await?;
+    let (indicators, revision) = (&request.indicators, request.space_revision);
+    let prediction = tuning.predict(&study, indicators, fingerprint.as_ref(), revision).await?;
     Ok(to_proto::prediction(&prediction))
 }
 
@@ -100,10 +101,12 @@ pub(crate) async fn query(
     let study = reach::study(tuning, caller, "study", &request.study).await?;
     let filter = Filter::parse(&request.filter).map_err(|error| Error::invalid("filter", error))?;
     let order = Order::parse(&request.order_by).map_err(|error| Error::invalid("order_by", error))?;
-    if filter.has_names() {
-        let spec = tuning.get_study(&study.id).await?.spec;
-        let named = filter.check_names(&request.filter, &spec);
+    let mut present = None;
+    if filter.has_names() || request.in_present_space {
+        let StudyRecord { spec, earlier, .. } = tuning.get_study(&study.id).await?;
+        let named = filter.check_names(&request.filter, &spec, &earlier);
         named.map_err(|error| Error::invalid("filter", error))?;
+        present = request.in_present_space.then_some((spec.space, earlier));
     }
     let question = [study.id.as_str(), &request.filter, &request.order_by];
     let after =
@@ -114,19 +117,26 @@ pub(crate) async fn query(
 
     let mut next = page.next;
     let mut trials = Vec::with_capacity(page.trials.len());
-    let mut bytes = 0;
-    for trial in &page.trials {
-        let answer = to_proto::trial(&study, trial);
+    let (mut bytes, mut last) = (0, None);
+    for trial in page.trials {
+        let mut answer = to_proto::trial(&study, &trial);
         bytes += answer.encoded_len();
-        if bytes > PAGE_BYTES && !trials.is_empty() {
-            let last = &page.trials[trials.len() - 1];
+        if let Some(last) = last.as_ref().filter(|_| bytes > PAGE_BYTES) {
             next = Some(query.order.place(last));
             break;
         }
-        trials.push(answer);
+        let mut is_inside = true;
+        if let Some((space, earlier)) = &present {
+            let revision = earlier.revision_of(trial.number);
+            let adopted = earlier.adopt(revision, trial.configuration.clone(), space);
+            is_inside = adopted.is_some();
+            answer.configuration = adopted.map(|configuration| configuration_to_wire(&configuration));
+        }
+        trials.extend(is_inside.then_some(answer));
+        last = Some(trial);
     }
     assert!(trials.len() <= query.size as usize, "{} trials on a page of {}", trials.len(), query.size);
-    assert!(next.is_none() || !trials.is_empty(), "pages of nothing never come to an end");
+    assert!(next.is_none() || last.is_some(), "pages of nothing never come to an end");
     Ok(wire::QueryTrialsResponse {
         trials,
         next_page_token: next.map_or_else(String::new, |next| next.token(&question)),

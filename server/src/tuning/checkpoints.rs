@@ -131,7 +131,7 @@ pub(super) mod tests {
     pub(in crate::tuning) async fn suggested(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
         let indicators = BTreeMap::from([("x".to_owned(), place)]);
         let ask = Ask { client_id: client_id.to_owned(), indicators, ..Ask::default() };
-        let suggest = Suggest { study: "hall".into(), ask, wanted: None };
+        let suggest = Suggest { study: "hall".into(), ask, wanted: None, space_revision: 0 };
         tuning.suggest(suggest).await.expect("a trial")
     }
 

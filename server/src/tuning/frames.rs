@@ -4,6 +4,7 @@ use treewright_core::trial::{RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Tuner, TunerError};
 use treewright_store::{Fence, Receipt, Store};
 
+use super::loading::misfit;
 use super::planning::{Preparation, Prepared};
 use super::{Live, Tuning};
 use crate::convert::from_proto::{Report, Suggest};
@@ -240,8 +241,21 @@ impl Live {
         }
     }
 
-    /// Answers a question, or returns its preparation.
+    /// Answers a question with a trial that its client can run, or returns its preparation.
     fn suggest(
+        &mut self,
+        suggest: &Suggest,
+        prepared: Prepared,
+        now_ms: i64,
+    ) -> Result<Result<(Trial, Change), TunerError>, Preparation> {
+        match self.outdated(suggest.space_revision) {
+            None => self.decide(suggest, prepared, now_ms),
+            Some(revision) => self.suggest_outdated(suggest, revision, prepared, now_ms),
+        }
+    }
+
+    /// Answers a question with a trial of the present space, or returns its preparation.
+    pub(super) fn decide(
         &mut self,
         suggest: &Suggest,
         prepared: Prepared,
@@ -284,12 +298,10 @@ impl Live {
             let study = self.fence().study().to_owned();
             return Err(treewright_store::StoreError::Fenced { study }.into());
         }
-        trial.check(&self.tuner.spec().space).map_err(|error| {
-            Error::Store(treewright_store::StoreError::Inconsistent {
-                study: Some(self.fence().study().to_owned()),
-                problem: format!("a configuration does not fit its study: {error}"),
-            })
-        })
+        let number = trial.number;
+        let adopted = trial.adopt(&self.earlier, &self.tuner.spec().space);
+        let adopted = adopted.map_err(|error| misfit(self.fence().study(), error))?;
+        adopted.ok_or_else(|| TunerError::OutsideSpace { number }.into())
     }
 }
 
@@ -372,7 +384,7 @@ mod tests {
             tuning.create_study(study, &spec()).await.expect("created");
             let indicators = [("x".to_owned(), 0.5)].into();
             let ask = Ask { client_id: "one".to_owned(), indicators, ..Ask::default() };
-            let suggest = Suggest { study: study.into(), ask, wanted: None };
+            let suggest = Suggest { study: study.into(), ask, wanted: None, space_revision: 0 };
             assert_eq!(tuning.suggest(suggest).await.expect("a trial").number, 1);
             if is_reported {
                 let report = report_of(&TrialName { study: study.into(), number: 1 });
@@ -409,11 +421,11 @@ mod tests {
         let study = StudyName { id: "hall".to_owned(), uid: Some(uid) };
         let indicators: BTreeMap<_, _> = [("x".to_owned(), 0.5)].into();
         let ask = Ask { client_id: "one".to_owned(), indicators: indicators.clone(), ..Ask::default() };
-        let suggest = Suggest { study: study.clone(), ask, wanted: None };
+        let suggest = Suggest { study: study.clone(), ask, wanted: None, space_revision: 0 };
         let trial = TrialName { study: study.clone(), number };
         let refused = [
             tuning.suggest(suggest).await.err(),
-            tuning.predict(&study, &indicators, None).await.err(),
+            tuning.predict(&study, &indicators, None, 0).await.err(),
             tuning.best(&study, None, None).await.err(),
             tuning.get_trial(&trial).await.err(),
         ];

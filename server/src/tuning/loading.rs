@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use treewright_core::ids::StudyUid;
 use treewright_core::limits::CHECKPOINT_BYTES_PER_TRIAL;
-use treewright_core::space::Space;
+use treewright_core::space::{EarlierSpaces, Space};
 use treewright_core::trial::{RawTrial, Trial, TrialState};
 use treewright_core::tuner::{RestoreError, Restoring, Tuner};
 use treewright_store::{Fence, Loaded, Store, StoreError};
@@ -50,6 +50,8 @@ pub(super) struct Read {
     pub(super) fence: Fence,
     /// The checkpoint that it began with.
     pub(super) saved: Saved,
+    /// The spaces that the study had before.
+    pub(super) earlier: EarlierSpaces,
 }
 
 /// Loads a study. Breaks earlier fences of it.
@@ -75,7 +77,7 @@ async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Er
     let known = record.statistics.completed_trials;
     let skipped = record.last_trial.saturating_sub(record.statistics.trials);
     let identity = Identity { uid: record.uid, named_after: record.named_after, skipped };
-    let spec = Arc::new(record.spec);
+    let (spec, earlier) = (Arc::new(record.spec), Arc::new(record.earlier));
     let failed = |problem| Error::Restore { study: study.clone(), problem };
     // A checkpoint from a partly restored database could be ahead of the trials.
     let checkpoint = checkpoint.filter(|one| one.completion <= known);
@@ -95,30 +97,49 @@ async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Er
         if trials.is_empty() {
             break;
         }
-        let trials = check(&study, trials, &spec.space)?;
+        let (of, space, earlier) = (study.clone(), Arc::clone(&spec), Arc::clone(&earlier));
+        let trials = compute(move || adopt(&of, trials, &space.space, &earlier)).await??;
         restoring = compute(move || learn(restoring, &trials)).await?.map_err(failed)?;
     }
     let tuner = compute(move || restoring.finish(open_trials)).await?.map_err(failed)?;
-    Ok(Read { tuner, identity, fence, saved })
+    Ok(Read { tuner, identity, fence, saved, earlier: Arc::unwrap_or_clone(earlier) })
 }
 
+/// A completion, and its trial in the space that the study has by now; none where the trial is outside.
+pub(super) type Adopted = (u64, Option<Trial>);
+
 /// Learns consecutive trials while they are the next ones: a change of predictor goes back.
-fn learn(mut restoring: Restoring, trials: &[Trial]) -> Result<Restoring, RestoreError> {
-    for trial in trials {
-        restoring.learn(trial)?;
-        if trial.completion != Some(restoring.after()) {
+fn learn(mut restoring: Restoring, trials: &[Adopted]) -> Result<Restoring, RestoreError> {
+    for (completion, trial) in trials {
+        match trial {
+            Some(trial) => restoring.learn(trial)?,
+            None => restoring.pass_over(*completion)?,
+        }
+        if *completion != restoring.after() {
             break;
         }
     }
     Ok(restoring)
 }
 
-fn check(study: &str, trials: Vec<RawTrial>, space: &Space) -> Result<Vec<Trial>, Error> {
-    let checked = trials.into_iter().map(|trial| trial.check(space));
-    checked.collect::<Result<_, _>>().map_err(|error| {
-        let problem = format!("a configuration does not fit its study: {error}");
-        Error::Store(StoreError::Inconsistent { study: Some(study.to_owned()), problem })
-    })
+/// Reads completed trials in the space that their study has by now.
+pub(super) fn adopt(
+    study: &str,
+    trials: Vec<RawTrial>,
+    space: &Space,
+    earlier: &EarlierSpaces,
+) -> Result<Vec<Adopted>, Error> {
+    let adopt = |trial: RawTrial| {
+        let completion = trial.completion.unwrap_or(0);
+        trial.adopt(earlier, space).map(|adopted| (completion, adopted)).map_err(|error| misfit(study, error))
+    };
+    trials.into_iter().map(adopt).collect()
+}
+
+/// The error for a stored configuration that its study does not explain.
+pub(super) fn misfit(study: &str, error: impl std::fmt::Display) -> Error {
+    let problem = format!("a configuration does not fit its study: {error}");
+    Error::Store(StoreError::Inconsistent { study: Some(study.to_owned()), problem })
 }
 
 #[cfg(test)]

@@ -4,8 +4,9 @@
 //! durable, and answers. So every answer rests on durable changes. No model is fitted under the lock:
 //! `planning` does that before. `runtime` holds the tuners in memory, `loading` reads a study from the
 //! database, `checkpoints` saves knowledge so that less has to be read, `retention` removes old trials,
-//! `frames` suggests and reports, `trials` and `studies` have the other requests by topic, `presence` notes
-//! absences of the daemon, `figures` collects the metrics' data.
+//! `frames` suggests and reports, `spaces` changes spaces and answers to clients of earlier ones, `trials`
+//! and `studies` have the other requests by topic, `presence` notes absences of the daemon, `figures`
+//! collects the metrics' data.
 
 mod checkpoints;
 mod compute;
@@ -17,6 +18,7 @@ mod planning;
 mod presence;
 mod retention;
 mod runtime;
+mod spaces;
 mod studies;
 mod trials;
 
@@ -36,6 +38,7 @@ use presence::Presence;
 use runtime::{Live, Runtime};
 
 pub use frames::{FrameAnswer, Reported};
+pub use spaces::SpaceEffect;
 
 /// The use cases on one store. Holds the tuners of the studies in memory.
 pub struct Tuning {

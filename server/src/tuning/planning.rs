@@ -178,7 +178,10 @@ mod tests {
     async fn suggest(tuning: &Tuning, client_id: &str) -> Trial {
         let indicators = [("x".to_owned(), 0.5)].into();
         let ask = Ask { client_id: client_id.to_owned(), indicators, ..Ask::default() };
-        tuning.suggest(Suggest { study: "hall".into(), ask, wanted: None }).await.expect("a trial")
+        tuning
+            .suggest(Suggest { study: "hall".into(), ask, wanted: None, space_revision: 0 })
+            .await
+            .expect("a trial")
     }
 
     fn is_by_model(trial: &Trial) -> bool {
@@ -218,13 +221,17 @@ mod tests {
         let all = u32::try_from(tuning.planning_permits.available_permits()).expect("few processors");
         let places = tuning.planning_permits.acquire_many(all).await.expect("never closed");
         assert_eq!(suggest(&tuning, "two").await.mode(), Mode::Explore, "a guess near the best");
-        let predicted =
-            tuning.predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
+        let predicted = tuning
+            .predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None, 0)
+            .await
+            .expect("an answer");
         assert_eq!(predicted.reason().source, "default", "nothing was measured there");
         drop(places);
         assert_eq!(suggest(&tuning, "three").await.mode(), Mode::Explore);
-        let predicted =
-            tuning.predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
+        let predicted = tuning
+            .predict(&"hall".into(), &[("x".to_owned(), 0.9)].into(), None, 0)
+            .await
+            .expect("an answer");
         let source = predicted.reason().source;
         assert!(["portfolio", "contextual"].contains(&source.as_str()), "what others know: {source}");
     }

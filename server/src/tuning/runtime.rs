@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 use tokio::sync::Notify;
 use tokio::task::AbortHandle;
 use tokio::time::timeout;
+use treewright_core::space::EarlierSpaces;
 use treewright_core::trial::TrialState;
 use treewright_core::tuner::{Change, Tuner};
 use treewright_store::{Fence, Receipt, Store};
@@ -106,8 +107,10 @@ pub(super) struct Live {
     pub(super) tally: FrameCounts,
     /// The completion of the checkpoint at the last removal of trials.
     pub(super) thinned: u64,
-    /// The tuner has to be read again: its policy needs models that it lacks.
+    /// The tuner has to be read again: its policy needs models that it lacks, or the space has changed.
     pub(super) is_stale: bool,
+    /// The spaces that the study had before.
+    pub(super) earlier: EarlierSpaces,
 }
 
 impl Live {
@@ -252,7 +255,7 @@ impl Runtime {
 
 /// Makes the loaded tuner that of a study, if the study still has a place in memory.
 fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
-    let Read { mut tuner, identity, fence, saved } = read;
+    let Read { mut tuner, identity, fence, saved, earlier } = read;
     assert_eq!(fence.study(), study, "another study was read");
     let Some(runtime) = runtime.upgrade() else {
         return;
@@ -275,6 +278,7 @@ fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
         planned_searches,
         tally,
         is_stale: false,
+        earlier,
     });
 }
 

@@ -131,7 +131,8 @@ impl Tuning {
         Ok(page)
     }
 
-    /// The prediction. Writes nothing and waits for nothing.
+    /// The prediction, for a client that knows a revision of the space, 0 for the present one. Writes nothing
+    /// and waits for nothing.
     ///
     /// # Errors
     /// As the wire contract names them.
@@ -140,6 +141,7 @@ impl Tuning {
         study: &StudyName,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
+        space_revision: u32,
     ) -> Result<Prediction, Error> {
         self.with_plan(&study.id, None, |live, _, prepared, _| {
             if let Err(another) = live.is_meant(study) {
@@ -152,7 +154,9 @@ impl Tuning {
                     None => SuggestionPlan::default(),
                 },
             };
-            Ok(live.tuner.predict_planned(indicators, fingerprint, plan).map_err(Error::from))
+            let predicted = live.tuner.predict_planned(indicators, fingerprint, plan);
+            let predicted = predicted.and_then(|prediction| live.in_revision(space_revision, prediction));
+            Ok(predicted.map_err(Error::from))
         })
         .await?
     }

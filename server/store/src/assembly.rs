@@ -42,6 +42,7 @@ impl StudyRow {
 
     fn into_checked(self) -> Result<StudyRecord, StoreError> {
         let last_trial = unsigned(self.last_trial.max(self.named_after))?;
+        let (spec, earlier) = into_specification(&self.specification, &self.policy)?;
         let record = StudyRecord {
             id: self.name,
             uid: self
@@ -50,7 +51,8 @@ impl StudyRow {
                 .map_err(|error| inconsistent(format!("{:?}: {error}", self.uid)))?,
             named_after: unsigned(self.named_after)?,
             last_trial,
-            spec: into_specification(&self.specification, &self.policy)?,
+            spec,
+            earlier,
             create_ms: self.create_ms,
             statistics: StudyCounts {
                 states: unsigned(self.states)?,
@@ -84,16 +86,16 @@ pub(crate) struct StudyRows {
 }
 
 impl StudyRows {
-    /// Checks every row against the study's space.
+    /// Reads every row in the study's space. Open trials and visits outside are left out.
     pub(crate) fn into_loaded(self, fence: Fence) -> Result<Loaded, StoreError> {
         let models_since = unsigned(self.study.models_since)?;
         let study = self.study.into_record()?;
-        let space = &study.spec.space;
+        let (space, earlier) = (&study.spec.space, &study.earlier);
         let misfit = |error| inconsistent(format!("a configuration does not fit its study: {error}"));
         let open_trials = self
             .open_trials
             .into_iter()
-            .map(|row| row.into_trial()?.check(space).map_err(misfit))
+            .filter_map(|row| adopted(row.into_trial(), |trial| trial.adopt(earlier, space).map_err(misfit)))
             .collect::<Result<Vec<Trial>, _>>()?;
         debug_assert!(
             rise_behind(0, open_trials.iter().map(|trial| trial.number)),
@@ -108,13 +110,23 @@ impl StudyRows {
             visits: self
                 .visits
                 .into_iter()
-                .map(|row| row.into_visit()?.check(space).map_err(misfit))
+                .filter_map(|row| {
+                    adopted(row.into_visit(), |visit| visit.adopt(earlier, space).map_err(misfit))
+                })
                 .collect::<Result<_, _>>()?,
             last_trial: study.last_trial,
             models_since,
         };
         Ok(Loaded { fence, snapshot, open_trials, checkpoint: self.checkpoint, study })
     }
+}
+
+/// A row in the study's space, or an error; nothing where it is outside.
+fn adopted<R, T>(
+    row: Result<R, StoreError>,
+    adopt: impl FnOnce(R) -> Result<Option<T>, StoreError>,
+) -> Option<Result<T, StoreError>> {
+    row.and_then(adopt).transpose()
 }
 
 /// Numbers and completions from rows as they are read.

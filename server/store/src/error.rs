@@ -13,7 +13,7 @@ pub enum StoreError {
     },
     /// The id is taken by another specification.
     #[error(
-        "study {study:?} exists with a different specification: {difference} (stored against given); choose another id or repeat the stored specification"
+        "study {study:?} exists with a different specification: {difference} (stored against given); choose another id, repeat the stored specification, or change the study's space if that is all that differs"
     )]
     StudyExists {
         /// The id.

@@ -7,6 +7,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use async_trait::async_trait;
 use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
+use treewright_core::space::{EarlierSpaces, SpaceError};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Checkpoint, Snapshot, StateRecord, StudyCounts, Visit};
@@ -14,7 +15,7 @@ use treewright_core::tuner::{Change, Checkpoint, Snapshot, StateRecord, StudyCou
 use crate::error::StoreError;
 use crate::fence::{Fence, Receipt};
 use crate::limits;
-use crate::raw::raw_trial;
+use crate::raw::{raw_trial, raw_visit};
 use crate::rows::inconsistent;
 use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
 
@@ -40,6 +41,7 @@ struct MemoryStudy {
     named_after: u64,
     skipped: u64,
     spec: StudySpec,
+    earlier: EarlierSpaces,
     create_ms: i64,
     fence: Option<Fence>,
     states: BTreeMap<u64, StateRecord>,
@@ -138,6 +140,7 @@ impl MemoryStudy {
             named_after: self.named_after,
             last_trial,
             spec: self.spec.clone(),
+            earlier: self.earlier.clone(),
             create_ms: self.create_ms,
             statistics: StudyCounts {
                 states: self.states.len() as u64,
@@ -181,7 +184,12 @@ impl MemoryStudy {
             }
             for trial in &change.trials {
                 self.completed.extend(trial.completion.map(|completion| (completion, trial.number)));
-                self.trials.insert(trial.number, trial.clone());
+                let mut trial = Trial { decision: trial.decision.stored(), ..trial.clone() };
+                // A stored trial keeps what was handed out, as in the other stores.
+                if let Some(stored) = self.trials.get(&trial.number) {
+                    trial.configuration.clone_from(&stored.configuration);
+                }
+                self.trials.insert(trial.number, trial);
             }
         }
         self.check();
@@ -194,10 +202,7 @@ impl Store for MemoryStore {
     async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
         let mut inner = self.lock()?;
         if let Some(stored) = inner.studies.get(id) {
-            return match stored.spec.first_difference(spec) {
-                None => Ok(Created { study: stored.record(id), is_new: false }),
-                Some(difference) => Err(StoreError::StudyExists { study: id.to_owned(), difference }),
-            };
+            return stored.record(id).found(spec);
         }
         if inner.studies.len() >= limits::STUDIES as usize {
             return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
@@ -210,6 +215,7 @@ impl Store for MemoryStore {
             named_after: former,
             skipped: former,
             spec: spec.clone(),
+            earlier: EarlierSpaces::default(),
             create_ms: now_ms,
             fence: None,
             states: BTreeMap::new(),
@@ -285,16 +291,22 @@ impl Store for MemoryStore {
         assert!(found.states.iter().all(|(id, state)| *id == state.id));
         assert!(found.visits.iter().all(|(client_id, visit)| *client_id == visit.client_id));
         assert!(found.trials.iter().all(|(number, trial)| *number == trial.number));
+        let (space, earlier) = (&found.spec.space, &found.earlier);
+        let misfit = |error: SpaceError| inconsistent(error.to_string());
+        let open = found.trials.values().filter(|trial| trial.state == TrialState::Open);
+        let open = open.map(|trial| raw_trial(trial.clone()).adopt(earlier, space).map_err(misfit));
+        let visits = found.visits.values().map(|visit| raw_visit(visit.clone()).adopt(earlier, space));
+        let visits = visits.map(|visit| visit.map_err(misfit));
         Ok(Loaded {
             fence,
             study: found.record(study),
             snapshot: Snapshot {
                 states: found.states.values().cloned().collect(),
-                visits: found.visits.values().cloned().collect(),
+                visits: visits.filter_map(Result::transpose).collect::<Result<_, _>>()?,
                 last_trial: found.last_trial(),
                 models_since: found.models_since,
             },
-            open_trials: found.trials.values().filter(|t| t.state == TrialState::Open).cloned().collect(),
+            open_trials: open.filter_map(Result::transpose).collect::<Result<_, _>>()?,
             checkpoint: found.checkpoint.clone(),
         })
     }
@@ -313,6 +325,19 @@ impl Store for MemoryStore {
             let study = inner.fenced(fence)?;
             study.spec.policy = policy.clone();
             study.models_since = models_since;
+            Ok(())
+        });
+        if result.is_err() {
+            fence.break_up();
+        }
+        Receipt::settled(result)
+    }
+
+    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
+        let result = self.lock().and_then(|mut inner| {
+            let study = inner.fenced(fence)?;
+            (study.spec, study.earlier, study.checkpoint) = (spec.clone(), earlier.clone(), None);
+            study.states.values_mut().for_each(|state| state.search = None);
             Ok(())
         });
         if result.is_err() {

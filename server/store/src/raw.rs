@@ -1,7 +1,8 @@
-//! A trial for readers: its configuration is a plain map, because a trial that is only shown need not be
-//! checked against the study's space again.
+//! Trials and visits whose configurations are plain maps: what is only shown need not be checked against the
+//! study's space again, and what is of an earlier space of the study is read in the present one.
 
 use treewright_core::trial::{RawTrial, Trial};
+use treewright_core::tuner::{RawVisit, Visit, VisitDecision};
 
 /// Forgets that the configuration has been checked.
 pub(crate) fn raw_trial(trial: Trial) -> RawTrial {
@@ -23,5 +24,23 @@ pub(crate) fn raw_trial(trial: Trial) -> RawTrial {
         complete_ms: trial.complete_ms,
         completion: trial.completion,
         fingerprint: trial.fingerprint,
+    }
+}
+
+/// Forgets that the kept configuration has been checked.
+pub(crate) fn raw_visit(visit: Visit) -> RawVisit {
+    let decision = match visit.decision {
+        VisitDecision::Explore { rule, estimate } => VisitDecision::Explore { rule, estimate },
+        VisitDecision::Exploit { configuration, predicted_cost, exploit, said } => {
+            VisitDecision::Exploit { configuration: configuration.into(), predicted_cost, exploit, said }
+        }
+    };
+    RawVisit {
+        client_id: visit.client_id,
+        state_id: visit.state_id,
+        number: visit.number,
+        since: visit.since,
+        decision,
+        account: visit.account,
     }
 }

@@ -9,6 +9,7 @@ use serde_json::Value as Json;
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::decision::recorded::Recorded;
 use treewright_core::policy::Policy;
+use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Explanation, Outcome, OutcomeKind, RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Exploration, RawVisit, RecordedVisitDecision, StateRecord, Visit};
@@ -175,11 +176,12 @@ impl TrialRow {
             Some(Outcome::Aborted { lower_bound }) => (None, Some(*lower_bound)),
             Some(Outcome::Ok) | None => (None, None),
         };
+        let decision = trial.decision.stored();
         Ok(Self {
             number: signed(trial.number)?,
             client_id: trial.client_id.clone(),
             state_id: signed(trial.state_id)?,
-            mode: trial.mode().word().to_owned(),
+            mode: decision.mode().word().to_owned(),
             state: trial.state.word().to_owned(),
             outcome: trial.outcome.as_ref().map(|outcome| outcome.kind().word().to_owned()),
             outcome_reason,
@@ -194,7 +196,7 @@ impl TrialRow {
             configuration: configuration_to_json(trial.configuration.values()),
             indicators: write(&trial.indicators)?,
             measurements: write(&trial.measurements)?,
-            reason: write(&trial.decision)?,
+            reason: write(&decision)?,
             fingerprint: trial.fingerprint.as_ref().map(write).transpose()?,
         })
     }
@@ -299,14 +301,28 @@ impl VisitRow {
     }
 }
 
+/// The field of the specification with the spaces before the present one. Earlier versions ignore it.
+const EARLIER_SPACES: &str = "earlier_spaces";
+
 /// The two texts of a study: everything but the policy, and the policy.
-pub(crate) fn specification(spec: &StudySpec) -> Result<(String, String), StoreError> {
-    let mut json = serde_json::to_value(spec).map_err(|error| inconsistent(error.to_string()))?;
-    if let Some(fields) = json.as_object_mut() {
+pub(crate) fn specification(
+    spec: &StudySpec,
+    earlier: &EarlierSpaces,
+) -> Result<(String, String), StoreError> {
+    let json = |error: serde_json::Error| inconsistent(error.to_string());
+    let mut fields = serde_json::to_value(spec).map_err(json)?;
+    if let Some(fields) = fields.as_object_mut() {
         fields.remove("policy");
+        if !earlier.is_empty() {
+            fields.insert(EARLIER_SPACES.to_owned(), serde_json::to_value(earlier).map_err(json)?);
+        }
     }
-    let texts = (json.to_string(), policy(&spec.policy)?);
-    debug_assert_eq!(into_specification(&texts.0, &texts.1).as_ref(), Ok(spec), "it is read as another");
+    let texts = (fields.to_string(), policy(&spec.policy)?);
+    debug_assert_eq!(
+        into_specification(&texts.0, &texts.1).as_ref(),
+        Ok(&(spec.clone(), earlier.clone())),
+        "it is read as another"
+    );
     Ok(texts)
 }
 
@@ -316,14 +332,22 @@ pub(crate) fn policy(policy: &Policy) -> Result<String, StoreError> {
     Ok(text)
 }
 
-/// Joins the two texts of a study again.
-pub(crate) fn into_specification(specification: &str, policy: &str) -> Result<StudySpec, StoreError> {
+/// Joins the two texts of a study again, and tells its earlier spaces.
+pub(crate) fn into_specification(
+    specification: &str,
+    policy: &str,
+) -> Result<(StudySpec, EarlierSpaces), StoreError> {
+    let refused = |error: serde_json::Error| inconsistent(format!("column specification: {error}"));
     let mut json: Json = read("specification", specification)?;
     let policy: Json = read("policy", policy)?;
+    let mut earlier = EarlierSpaces::default();
     if let Some(fields) = json.as_object_mut() {
         fields.insert("policy".to_owned(), policy);
+        if let Some(spaces) = fields.remove(EARLIER_SPACES) {
+            earlier = serde_json::from_value(spaces).map_err(refused)?;
+        }
     }
-    serde_json::from_value(json).map_err(|error| inconsistent(format!("column specification: {error}")))
+    Ok((serde_json::from_value(json).map_err(refused)?, earlier))
 }
 
 /// A configuration in the form for people and filters:

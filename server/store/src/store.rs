@@ -3,6 +3,7 @@
 use async_trait::async_trait;
 use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
+use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial};
 use treewright_core::tuner::{Change, Checkpoint, Snapshot, StudyCounts};
@@ -26,10 +27,35 @@ pub struct StudyRecord {
     pub last_trial: u64,
     /// The specification, with the policy in force.
     pub spec: StudySpec,
+    /// The spaces that the study had before its present one.
+    pub earlier: EarlierSpaces,
     /// The time of its creation, in milliseconds since 1970.
     pub create_ms: i64,
     /// Counts.
     pub statistics: StudyCounts,
+}
+
+impl StudyRecord {
+    /// The revision of the space with which a specification is that of the study, now or earlier. An error
+    /// is the first difference from the present specification, in words.
+    pub fn revision_of(&self, spec: &StudySpec) -> Result<u32, String> {
+        let Some(difference) = self.spec.first_difference(spec) else {
+            return Ok(self.earlier.revision());
+        };
+        let revision = self.earlier.find(&spec.space, &self.spec.space).filter(|_| {
+            let then = StudySpec { space: spec.space.clone(), ..self.spec.clone() };
+            then.first_difference(spec).is_none()
+        });
+        revision.ok_or(difference)
+    }
+
+    /// The answer to the creation of a study where this one exists.
+    pub(crate) fn found(self, spec: &StudySpec) -> Result<Created, StoreError> {
+        match self.revision_of(spec) {
+            Ok(_) => Ok(Created { study: self, is_new: false }),
+            Err(difference) => Err(StoreError::StudyExists { study: self.id, difference }),
+        }
+    }
 }
 
 /// The size of a store, in bytes.
@@ -99,13 +125,14 @@ pub struct ClosedTrial {
 
 /// Keeps studies, states, trials and visits.
 ///
-/// Two kinds of methods: the `async` ones are whole use cases. [`commit`](Store::commit) and
-/// [`update_policy`](Store::update_policy) only take their place in the order of writes and return at
-/// once, so that a caller can hold a lock while it queues and let go before it waits.
+/// Two kinds of methods: the `async` ones are whole use cases. [`commit`](Store::commit),
+/// [`update_policy`](Store::update_policy) and [`change_space`](Store::change_space) only take their place in
+/// the order of writes and return at once, so that a caller can hold a lock while it queues and let go before
+/// it waits.
 #[async_trait]
 pub trait Store: Send + Sync + 'static {
-    /// Creates a study with an identity of its own, or finds an equal one under the same id. Its trial
-    /// numbers begin after those of earlier studies of that id.
+    /// Creates a study with an identity of its own, or finds an equal one under the same id, be it with one
+    /// of its earlier spaces. Its trial numbers begin after those of earlier studies of that id.
     async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError>;
 
     /// Reads a study.
@@ -165,6 +192,11 @@ pub trait Store: Send + Sync + 'static {
 
     /// Queues a new policy, and with it [`Snapshot::models_since`].
     fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt;
+
+    /// Queues a new space of a study, with its policy as it is in that space, and the spaces before. The
+    /// searches of all states and the checkpoint are dropped, because they are of another space. The tuner
+    /// must be loaded anew.
+    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt;
 
     /// Reads the completed trials behind a place in the order of completion, in that order, at most `size` of
     /// them. They never change, so the fence only names the study and may be broken. The cost does not depend

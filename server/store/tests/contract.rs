@@ -3,9 +3,13 @@
 mod common;
 
 use common::{change, completed, decided, open, spec, state, visit};
+use treewright_core::configuration::RawConfiguration;
 use treewright_core::policy::{Policy, SearchMethod};
+use treewright_core::space::{Domain, EarlierSpaces, Parameter, Space};
+use treewright_core::study::StudySpec;
 use treewright_core::trial::{Mode, Outcome, RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, Checkpoint};
+use treewright_core::tuner::{Change, Checkpoint, Visit};
+use treewright_core::value::Value;
 use treewright_store::filter::{Filter, Order};
 use treewright_store::{Fence, MemoryStore, SqliteStore, Store, StoreError, TrialQuery};
 
@@ -49,6 +53,7 @@ contract!(
     a_commit_is_stored_whole_or_not_at_all,
     a_newer_load_breaks_the_fence,
     policies_change_and_stay,
+    a_changed_space_keeps_trials_as_they_ran,
     deleting_takes_everything_along,
     a_study_that_is_created_again_is_another,
     a_renamed_study_stays_the_same_one,
@@ -356,6 +361,42 @@ async fn policies_change_and_stay(store: &dyn Store) {
     assert_eq!(stored.spec.policy, policy);
     assert_eq!(stored.spec.first_difference(&spec()), None);
     assert_eq!(store.load("hall").await.unwrap().snapshot.models_since, 3);
+}
+
+async fn a_changed_space_keeps_trials_as_they_ran(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let trials = vec![completed(1, 1, Outcome::Ok), open(2)];
+    let visits = vec![Visit { since: 1, ..visit("renderer", 1) }];
+    commit(store, &held, &[Change { visits, ..change(trials) }]).await.unwrap();
+    store.save_checkpoint(&held, &Checkpoint { completion: 1, bytes: vec![7; 9] }).await.unwrap();
+    // All trials had `compact` switched on, which goes, and none had `wide`.
+    let (before, none) = (spec(), RawConfiguration::new());
+    let off = Value::Boolean(false);
+    let wide = Parameter { name: "wide".into(), domain: Domain::Boolean, default: off, active_if: None };
+    let parameters = before.space.parameters().iter().filter(|one| one.name != "compact").cloned();
+    let space = Space::new(parameters.chain([wide]).collect(), Vec::new()).unwrap();
+    let changed = StudySpec { space, ..before.clone() };
+    let on = RawConfiguration::from([("compact".to_owned(), Value::Boolean(true))]);
+    let earlier = |fixed| EarlierSpaces::default().changed(&before.space, &changed.space, 2, fixed).unwrap();
+    store.change_space(&held, &changed, &earlier(on.clone())).durable().await.unwrap();
+    let stored = store.get_study("hall").await.unwrap();
+    assert_eq!((&stored.spec, &stored.earlier), (&changed, &earlier(on)));
+    assert_eq!((stored.revision_of(&before), stored.revision_of(&changed)), (Ok(1), Ok(2)));
+    assert!(!store.create_study("hall", &before, 9).await.unwrap().is_new);
+    assert!(store.create_study("hall", &StudySpec { seed: 8, ..before.clone() }, 9).await.is_err());
+    let loaded = store.load("hall").await.unwrap();
+    let Trial { configuration, decision, .. } = loaded.open_trials[0].clone();
+    assert!(changed.space.owns(&configuration) && loaded.checkpoint.is_none());
+    assert_eq!(decision.mode(), Mode::Pinned, "it is read as wanted");
+    assert_eq!(loaded.snapshot.visits.len(), 1);
+    let late = Trial { configuration, decision, ..completed(2, 2, Outcome::Ok) };
+    commit(store, &loaded.fence, &[change(vec![late])]).await.unwrap();
+    for trial in store.completed_trials(&loaded.fence, 0, 9).await.unwrap() {
+        assert_eq!(trial.configuration, open(1).configuration.to_raw(), "trial {}", trial.number);
+        assert_eq!(trial.decision, open(1).decision, "trial {}", trial.number);
+    }
+    store.change_space(&loaded.fence, &changed, &earlier(none)).durable().await.unwrap();
+    assert!(store.load("hall").await.unwrap().snapshot.visits.is_empty());
 }
 
 async fn deleting_takes_everything_along(store: &dyn Store) {

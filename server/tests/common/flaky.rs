@@ -6,6 +6,7 @@ use std::time::Duration;
 use async_trait::async_trait;
 use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
+use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::{Change, Checkpoint};
@@ -70,6 +71,9 @@ impl Store for Flaky {
     }
     fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
         self.inner.update_policy(fence, policy, models_since)
+    }
+    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
+        self.inner.change_space(fence, spec, earlier)
     }
 
     async fn completed_trials(

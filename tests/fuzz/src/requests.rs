@@ -65,9 +65,10 @@ pub enum Kind {
     GetBest,
     GetTrial,
     RenameStudy,
+    ChangeSpace,
 }
 
-const KINDS: [Kind; 14] = [
+const KINDS: [Kind; 15] = [
     Kind::CreateStudy,
     Kind::GetStudy,
     Kind::ListStudies,
@@ -82,6 +83,7 @@ const KINDS: [Kind; 14] = [
     Kind::GetBest,
     Kind::GetTrial,
     Kind::RenameStudy,
+    Kind::ChangeSpace,
 ];
 
 async fn send(service: &Service, kind: Kind, bytes: &[u8]) -> Option<Result<(), Status>> {
@@ -100,6 +102,7 @@ async fn send(service: &Service, kind: Kind, bytes: &[u8]) -> Option<Result<(), 
         Kind::GetBest => service.get_best(decode(bytes)?).await.map(drop),
         Kind::GetTrial => service.get_trial(decode(bytes)?).await.map(drop),
         Kind::RenameStudy => service.rename_study(decode(bytes)?).await.map(drop),
+        Kind::ChangeSpace => service.change_space(decode(bytes)?).await.map(drop),
     })
 }
 

@@ -70,6 +70,12 @@ fn requests() -> Vec<(Kind, Vec<u8>)> {
     };
     let other = wire::CreateStudyRequest { study_id: "other".to_owned(), study: Some(example::study()) };
     let rename = wire::RenameStudyRequest { name: study(), study_id: "renamed".to_owned() };
+    let change = wire::ChangeSpaceRequest {
+        name: study(),
+        revision: 1,
+        space: example::study().space,
+        ..Default::default()
+    };
     let identified = "studies/s@0123456789abcdef/trials/1".to_owned();
     vec![
         (Kind::CreateStudy, other.encode_to_vec()),
@@ -96,6 +102,7 @@ fn requests() -> Vec<(Kind, Vec<u8>)> {
         (Kind::GetTrial, wire::GetTrialRequest { name: trial() }.encode_to_vec()),
         (Kind::GetTrial, wire::GetTrialRequest { name: identified }.encode_to_vec()),
         (Kind::RenameStudy, rename.encode_to_vec()),
+        (Kind::ChangeSpace, change.encode_to_vec()),
     ]
 }
 

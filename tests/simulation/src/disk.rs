@@ -17,6 +17,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::time::sleep;
 use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
+use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::{Change, Checkpoint};
@@ -47,6 +48,11 @@ enum Job {
         fence: Fence,
         policy: Box<Policy>,
         models_since: u64,
+        answer: Answer,
+    },
+    Space {
+        fence: Fence,
+        space: Box<(StudySpec, EarlierSpaces)>,
         answer: Answer,
     },
     /// Ends once everything before it has.
@@ -136,7 +142,7 @@ fn address(replica: usize) -> String {
 impl Job {
     fn fence(&self) -> Option<&Fence> {
         match self {
-            Job::Commit { fence, .. } | Job::Policy { fence, .. } => Some(fence),
+            Job::Commit { fence, .. } | Job::Policy { fence, .. } | Job::Space { fence, .. } => Some(fence),
             Job::Barrier { .. } => None,
         }
     }
@@ -144,7 +150,9 @@ impl Job {
 
 fn refuse(job: Job, error: &StoreError) {
     let answer = match job {
-        Job::Commit { fence, answer, .. } | Job::Policy { fence, answer, .. } => {
+        Job::Commit { fence, answer, .. }
+        | Job::Policy { fence, answer, .. }
+        | Job::Space { fence, answer, .. } => {
             fence.break_up();
             answer
         }
@@ -250,6 +258,11 @@ impl Writer {
             Job::Policy { fence, policy, models_since, answer } => {
                 let write =
                     |durable: &Fence| self.durable.store.update_policy(durable, &policy, models_since);
+                let result = self.under(&fence, write);
+                (answer, result)
+            }
+            Job::Space { fence, space, answer } => {
+                let write = |durable: &Fence| self.durable.store.change_space(durable, &space.0, &space.1);
                 let result = self.under(&fence, write);
                 (answer, result)
             }
@@ -369,6 +382,13 @@ impl Store for SimulatedDisk {
         let (answer, receipt) = Receipt::pending();
         let (fence, policy) = (fence.clone(), Box::new(policy.clone()));
         self.enqueue(Job::Policy { fence, policy, models_since, answer });
+        receipt
+    }
+
+    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
+        let (answer, receipt) = Receipt::pending();
+        let (fence, space) = (fence.clone(), Box::new((spec.clone(), earlier.clone())));
+        self.enqueue(Job::Space { fence, space, answer });
         receipt
     }
 

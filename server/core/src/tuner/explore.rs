@@ -267,7 +267,7 @@ impl Tuner {
     /// Makes sure that the state has a search of the policy's kind, unless its budget is spent. Trials that
     /// carry points of an earlier search only feed the table from then on. The new search receives the
     /// results of the table if an earlier one spent its budget, which was raised since, or if these results
-    /// come from other machines or other databases.
+    /// come from other machines, other databases or an earlier space of the study.
     fn ensure_exploration(&mut self, room: usize, state: StateId, planned: &mut Planned) {
         // The policy's own number of trials need not be noted.
         let more = if room > self.spec.policy.trials_per_state as usize { room } else { 0 };

@@ -72,7 +72,7 @@ pub use types::{
     StateRecord, StudyCounts, TunerError, Visit, VisitDecision,
 };
 
-use crate::configuration::RawConfiguration;
+use crate::configuration::{Configuration, RawConfiguration};
 use crate::decision::{Choice, Decision};
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
@@ -201,10 +201,22 @@ impl Tuner {
         now_ms: i64,
     ) -> Result<(Trial, Change), TunerError> {
         let configuration = self.spec.space.configuration(wanted)?;
+        self.suggest_chosen(ask, configuration, None, now_ms)
+    }
+
+    /// [`Tuner::suggest_wanted`] of a configuration of the study's space that the caller chose, and the words
+    /// that say why.
+    pub fn suggest_chosen(
+        &mut self,
+        ask: &Ask,
+        configuration: Configuration,
+        said: Option<String>,
+        now_ms: i64,
+    ) -> Result<(Trial, Change), TunerError> {
         let question = self.question(ask)?;
-        let decision = Decision { origin: ask.origin.clone(), ..Choice::Wanted.decided() };
-        let wanted = Prediction { configuration, predicted_cost: None, decision, insight: None };
-        self.answer(question, Some(wanted), Planned::AtOnce, now_ms)
+        let decision = Decision { origin: ask.origin.clone(), said, ..Choice::Wanted.decided() };
+        let chosen = Prediction { configuration, predicted_cost: None, decision, insight: None };
+        self.answer(question, Some(chosen), Planned::AtOnce, now_ms)
     }
 
     // Report, and the other ends of a trial.

@@ -9,6 +9,7 @@ use super::tests::{ask, cost, measured, spec, with_levels};
 use super::*;
 use crate::limits::{CLIENTS_MAX, MACHINES_MAX};
 use crate::policy::{Operation, Policy, PredictorMethod, SearchMethod};
+use crate::space::EarlierSpaces;
 use crate::trial::{Fingerprint, Outcome, RawTrial, Trial, TrialState};
 
 /// The simplest store: rows as text, so that the tests find every loss of serde.
@@ -44,7 +45,7 @@ impl Rows {
         trials.sort_by_key(|trial| trial.completion);
         let visit = |row: &String| {
             let raw: RawVisit = serde_json::from_str(row).expect("own row");
-            raw.check(&spec.space).expect("a valid configuration")
+            raw.adopt(&EarlierSpaces::default(), &spec.space).expect("a valid configuration").expect("inside")
         };
         let snapshot = Snapshot {
             states: self.states.values().map(|row| serde_json::from_str(row).expect("own row")).collect(),

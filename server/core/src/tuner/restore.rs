@@ -82,6 +82,22 @@ impl Restoring {
         if trial.cost.is_some_and(|cost| !cost.is_finite() || cost < 0.0) {
             return Err(inconsistent(format!("trial {} has an impossible cost", trial.number)));
         }
+        self.step(completion, Some(trial));
+        Ok(())
+    }
+
+    /// Passes over the next completed trial, which is outside the study's space. It still counts, and
+    /// [`after`](Restoring::after) may go back as for one that is learnt.
+    pub fn pass_over(&mut self, completion: u64) -> Result<(), RestoreError> {
+        if completion <= self.after() {
+            return Err(inconsistent(format!("completion {completion} comes out of its order")));
+        }
+        self.step(completion, None);
+        Ok(())
+    }
+
+    /// Goes on to a completion, with its trial unless that is passed over.
+    fn step(&mut self, completion: u64, trial: Option<&Trial>) {
         // Trials in between may be gone.
         let since = self.tuner.models.since();
         self.taught = self.taught.filter(|_| completion <= since);
@@ -89,22 +105,25 @@ impl Restoring {
             self.tuner.reach(since);
             self.begin_models();
             if self.taught.is_some() {
-                return Ok(());
+                return;
             }
         }
         if let Some(taught) = &mut self.taught {
             *taught = completion;
-            if let Ok(normalised) = self.tuner.spec.indicators.normalise(&trial.indicators) {
+            if let Some(trial) = trial
+                && let Ok(normalised) = self.tuner.spec.indicators.normalise(&trial.indicators)
+            {
                 self.tuner.teach(trial, &normalised);
             }
             self.tuner.models.catch_up(&self.tuner.spec.space);
-        } else {
+        } else if let Some(trial) = trial {
             self.tuner.reach(completion - 1);
             self.tuner.complete(trial);
+        } else {
+            self.tuner.reach(completion);
         }
         self.taught = self.taught.filter(|taught| *taught < since);
         self.begin_models();
-        Ok(())
     }
 
     /// Begins the models once the tables have reached their completion.
@@ -246,7 +265,8 @@ fn inconsistent(what: String) -> RestoreError {
 mod tests {
     use super::*;
     use crate::policy::Policy;
-    use crate::trial::Outcome;
+    use crate::space::EarlierSpaces;
+    use crate::trial::{Outcome, RawTrial};
     use crate::tuner::tests::{ask, cost, measured, spec};
 
     /// A tuner after `frames` frames in three states, its rows, and its completed trials.
@@ -303,6 +323,50 @@ mod tests {
                 assert_eq!(best(state), best(other));
             }
         }
+    }
+
+    #[test]
+    fn what_was_measured_in_an_earlier_space_is_known_and_takes_nothing_of_a_budget() {
+        let policy = Policy { epsilon: 1.0, trials_per_state: 10, confirm_rounds: 0, ..Policy::default() };
+        let (mut tuner, mut snapshot, all) = grown(policy, 90);
+        let next = |tuner: &mut Tuner| tuner.suggest(&ask("b", 0.0, 0.5), 2).expect("valid").0;
+        assert!(!next(&mut tuner).decision.explores(), "the budget is spent");
+        let space = tuner.spec().space.clone();
+        let earlier = EarlierSpaces::default().changed(&space, &space, 90, Default::default());
+        let earlier = earlier.expect("a change");
+        snapshot.states.iter_mut().for_each(|state| state.search = None);
+        let adopt = |trial: &Trial| {
+            let row = serde_json::to_string(trial).expect("plain data");
+            let raw: RawTrial = serde_json::from_str(&row).expect("own row");
+            raw.adopt(&earlier, &space).expect("it fits").expect("it is inside")
+        };
+        let adopted: Vec<Trial> = all.iter().map(adopt).collect();
+        let mut back = restored(&tuner, &snapshot, &adopted, None);
+        let state = back.states.known()[0].results.clone();
+        assert_eq!((state.runs(), state.searched()), (0, 0));
+        assert!(state.tried() >= 5 && state.is_carried_over());
+        let trial = next(&mut back);
+        assert!(trial.decision.explores(), "{trial:?}");
+        let is_same =
+            |known: &Trial| known.state_id == trial.state_id && known.configuration == trial.configuration;
+        assert!(!all.iter().any(is_same), "what is known is not measured again: {trial:?}");
+    }
+
+    #[test]
+    fn a_trial_that_is_passed_over_counts_and_teaches_nothing() {
+        let (tuner, snapshot, all) = grown(Policy::default(), 60);
+        let mut restoring = Restoring::new(tuner.spec().clone(), snapshot, None).expect("consistent");
+        for trial in &all[..59] {
+            restoring.learn(trial).expect("in order");
+        }
+        let mut learnt = restoring.tuner.clone();
+        restoring.pass_over(60).expect("in order");
+        assert_eq!(restoring.after(), 60);
+        assert!(restoring.pass_over(60).is_err(), "it was passed over");
+        let back = restoring.finish([]).expect("whole");
+        assert_eq!(back.statistics().completed_trials, 60);
+        learnt.reach(60);
+        assert_eq!(back.learnt().checkpoint(), learnt.learnt().checkpoint());
     }
 
     #[test]

@@ -112,7 +112,10 @@ impl Tuner {
         let policy = &self.spec.policy;
         match fixed {
             Some(fixed) => {
-                trial.mode() == fixed.decision.mode() && trial.configuration == fixed.configuration
+                // One of an earlier space, which is read as wanted, may be of a cheaper level.
+                trial.decision.fidelity.is_none()
+                    && trial.mode() == fixed.decision.mode()
+                    && trial.configuration == fixed.configuration
             }
             None if trial.mode() == Mode::Pinned => false,
             None if trial.decision.fidelity.is_some() && !ask.fidelities => false,

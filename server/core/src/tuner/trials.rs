@@ -43,6 +43,11 @@ impl OpenTrials {
         self.open.get(&number)
     }
 
+    /// Every open trial, by rising number.
+    pub(super) fn all(&self) -> impl Iterator<Item = &Trial> {
+        self.open.values()
+    }
+
     /// The open trial that a client holds for a state.
     pub(super) fn of_client(&self, client_id: &str, state: StateId) -> Option<&Trial> {
         let number = self.held.get(client_id)?.get(&state)?;

@@ -17,7 +17,7 @@ use crate::limits::{
 use crate::names::NAME_RULE;
 use crate::objective::ObjectiveError;
 use crate::session::SessionPolicy;
-use crate::space::{Space, SpaceError};
+use crate::space::{EarlierSpaces, Space, SpaceError};
 use crate::standing::Standing;
 use crate::study::StudyError;
 use crate::trial::{Fingerprint, Mode, Reason, Trial, TrialState};
@@ -120,23 +120,29 @@ pub enum VisitDecision<C = Configuration> {
 }
 
 impl RawVisit {
-    /// Checks the kept configuration against the space of the study.
-    pub fn check(self, space: &Space) -> Result<Visit, SpaceError> {
+    /// Reads a visit in the space that its study has by now: `None` where the kept configuration is outside,
+    /// so that the client's next question begins another visit.
+    pub fn adopt(self, earlier: &EarlierSpaces, space: &Space) -> Result<Option<Visit>, SpaceError> {
         let decision = match self.decision {
             VisitDecision::Explore { rule, estimate } => VisitDecision::Explore { rule, estimate },
             VisitDecision::Exploit { configuration, predicted_cost, exploit, said } => {
-                let configuration = space.configuration(configuration)?;
+                // One that was decided right after a change is of the present space, and stays as it is.
+                let adopted = match earlier.is_empty() {
+                    true => Some(space.configuration(configuration)?),
+                    false => earlier.adopt(earlier.revision_of(self.since), configuration, space),
+                };
+                let Some(configuration) = adopted else { return Ok(None) };
                 VisitDecision::Exploit { configuration, predicted_cost, exploit, said }
             }
         };
-        Ok(Visit {
+        Ok(Some(Visit {
             client_id: self.client_id,
             state_id: self.state_id,
             number: self.number,
             since: self.since,
             decision,
             account: self.account,
-        })
+        }))
     }
 }
 
@@ -329,6 +335,21 @@ pub enum TunerError {
          stored; measure the configuration again as a wanted one"
     )]
     GivenUp {
+        /// The trial.
+        number: u64,
+    },
+    /// A client of an earlier revision of the space can run nothing that the present space allows.
+    #[error(
+        "no known configuration of the study's space fits revision {revision} of it, with which this program \
+         works; start the program with the present space"
+    )]
+    Outdated {
+        /// The revision of the client.
+        revision: u32,
+    },
+    /// The trial's configuration lies outside the space that the study has by now.
+    #[error("trial {number} is outside the space that the study has by now; ask for a new one")]
+    OutsideSpace {
         /// The trial.
         number: u64,
     },

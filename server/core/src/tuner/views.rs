@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::policy::PredictorMethod;
 use crate::predict::prequential::ErrorInterval;
 use crate::session::SessionPolicy;
-use crate::trial::Fingerprint;
+use crate::trial::{Fingerprint, Trial};
 use crate::tuner::gain::GainEvidence;
 use crate::tuner::plan::Planned;
 use crate::tuner::transfer::Transfer;
@@ -21,6 +22,17 @@ impl Tuner {
             completed_trials: self.completed,
             open_trials: self.trials.len() as u64,
         }
+    }
+
+    /// The open trials, by rising number.
+    pub fn open_trials(&self) -> impl Iterator<Item = &Trial> {
+        self.trials.all()
+    }
+
+    /// The cheapest configuration measured in a state, of those that can be run and that `fits` takes.
+    pub fn cheapest(&self, state: u64, fits: impl Fn(&Configuration) -> bool) -> Option<Configuration> {
+        let mut ranked = self.states.results(StateId(state)).ranked().map(|record| &record.configuration);
+        ranked.find(|configuration| fits(configuration)).cloned()
     }
 
     /// The place in the order of completion at which the models in use were begun; to be stored with the

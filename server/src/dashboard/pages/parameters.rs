@@ -85,11 +85,14 @@ pub(in super::super) async fn parameters(
     render(&page)
 }
 
+/// A trial of an earlier space may have a value that the present one does not have; it is left out.
 fn run(parameters: &[Parameter], trial: &v1::Trial) -> Option<Run> {
     let values = configuration_from_wire("configuration", trial.configuration.clone()?).ok()?;
-    let place =
-        |parameter: &Parameter| values.get(&parameter.name).and_then(|value| stats::place(parameter, value));
-    Some((parameters.iter().map(place).collect(), trial.cost?))
+    let place = |parameter: &Parameter| match values.get(&parameter.name) {
+        Some(value) => stats::place(parameter, value).map(Some),
+        None => Some(None),
+    };
+    Some((parameters.iter().map(place).collect::<Option<_>>()?, trial.cost?))
 }
 
 /// The parameters in pictures, the most important first.

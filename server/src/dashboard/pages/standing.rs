@@ -77,6 +77,7 @@ pub(super) async fn roofline(visitor: &Visitor<'_>, id: &str, of: &StateStands) 
         study: format!("studies/{id}"),
         indicators: of.trial.indicators.clone(),
         fingerprint: of.trial.fingerprint.clone(),
+        space_revision: 0,
     };
     let prediction = rpc::trials::predict(visitor.tuning, visitor.caller, request).await.ok()?;
     let expected = prediction.state.and_then(|state| state.expected_gain).unwrap_or(0.0);

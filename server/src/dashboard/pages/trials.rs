@@ -39,6 +39,7 @@ pub(in super::super) async fn trials(
         order_by: if order.is_empty() { "number desc".to_owned() } else { order.clone() },
         page_size: ROWS,
         page_token: query.text("page"),
+        in_present_space: false,
     };
     let (page, problem) = match rpc::trials::query(visitor.tuning, visitor.caller, request).await {
         Ok(page) => (page, None),

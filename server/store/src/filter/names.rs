@@ -3,6 +3,7 @@
 //! A comparison with an unknown name would match no trial, which looks like an answer. Names of measurements
 //! are not checked: clients may report any beside the objective's metrics.
 
+use treewright_core::space::{EarlierSpaces, Space};
 use treewright_core::study::StudySpec;
 
 use super::token::{FilterToken, tokens};
@@ -18,13 +19,24 @@ impl Filter {
         self.comparisons.iter().any(is_named)
     }
 
-    /// Refuses parameters and indicators that the study does not have. `text` is the filter's source.
+    /// Refuses parameters and indicators that the study does not have. Those of its earlier spaces find what
+    /// ran there. `text` is the filter's source.
     ///
     /// # Errors
     /// [`FilterError`] with the place of the first such name, and the known names.
-    pub fn check_names(&self, text: &str, spec: &StudySpec) -> Result<(), FilterError> {
+    pub fn check_names(
+        &self,
+        text: &str,
+        spec: &StudySpec,
+        earlier: &EarlierSpaces,
+    ) -> Result<(), FilterError> {
         debug_assert_eq!(Self::parse(text).as_ref(), Ok(self), "the filter is of another text");
-        let parameters: Vec<&str> = spec.space.parameters().iter().map(|one| one.name.as_str()).collect();
+        let mut parameters: Vec<&str> = Vec::new();
+        for parameter in std::iter::once(&spec.space).chain(earlier.spaces()).flat_map(Space::parameters) {
+            if !parameters.contains(&parameter.name.as_str()) {
+                parameters.push(&parameter.name);
+            }
+        }
         let indicators: Vec<&str> =
             spec.indicators.indicators().iter().map(|one| one.name.as_str()).collect();
         for comparison in &self.comparisons {
@@ -58,7 +70,7 @@ fn listed(names: &[&str]) -> String {
 #[cfg(test)]
 mod tests {
     use treewright_core::policy::Policy;
-    use treewright_core::space::{Scale, Space};
+    use treewright_core::space::Scale;
 
     use super::*;
 
@@ -69,12 +81,17 @@ mod tests {
     }
 
     fn check(text: &str) -> Result<(), FilterError> {
-        Filter::parse(text).expect("a filter").check_names(text, &spec())
+        let before = Space::builder().boolean("robust").default(true).build().expect("valid");
+        let spec = spec();
+        let earlier = EarlierSpaces::default().changed(&before, &spec.space, 9, Default::default());
+        let earlier = earlier.expect("a change");
+        Filter::parse(text).expect("a filter").check_names(text, &spec, &earlier)
     }
 
     #[test]
     fn names_that_a_study_does_not_have_are_pointed_at() {
         check("").expect("nothing is named");
+        check("config.robust = true").expect("it had it");
         check("config.quality = 2 AND indicator.x < 0.5 AND measurement.anything > 1").expect("it has them");
         for (text, position, problem) in [
             ("config.qualty = 2", 1, "no parameter \"qualty\"; it has quality"),

@@ -34,6 +34,7 @@ use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
+use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::{Change, Checkpoint};
@@ -259,6 +260,18 @@ impl Store for PostgresStore {
                 let fence = fence.clone();
                 let study = fence.study().to_owned();
                 self.enqueue(&study, StudyJob::Policy { fence, policy, models_since, answer });
+                Receipt(receipt)
+            }
+            Err(error) => Receipt::refused(fence, error),
+        }
+    }
+
+    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
+        match rows::specification(spec, earlier) {
+            Ok((specification, policy)) => {
+                let (answer, receipt) = oneshot::channel();
+                let (fence, study) = (fence.clone(), fence.study().to_owned());
+                self.enqueue(&study, StudyJob::Space { fence, specification, policy, answer });
                 Receipt(receipt)
             }
             Err(error) => Receipt::refused(fence, error),

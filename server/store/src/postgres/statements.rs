@@ -176,6 +176,13 @@ pub(super) const STUDY_CLAIM: &str = concat!(
 pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $3::json, models_since = $4 \
      WHERE id = $1 AND epoch = $2 AND name IS NOT NULL";
 
+/// A new space, and the removal of what is of the earlier one: searches and the checkpoint.
+pub(super) const SPACE_UPDATE: &str = "WITH held AS MATERIALIZED (SELECT id FROM studies \
+     WHERE id = $1 AND epoch = $2 AND name IS NOT NULL FOR NO KEY UPDATE), \
+     searches AS (UPDATE states SET search = NULL WHERE study IN (SELECT id FROM held) AND search IS NOT NULL), \
+     saved AS (DELETE FROM checkpoints WHERE study IN (SELECT id FROM held)) \
+     UPDATE studies SET specification = $3::json, policy = $4::json WHERE id IN (SELECT id FROM held)";
+
 /// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count;
 /// trial numbers have gaps. Each of these values is at the end of an index.
 macro_rules! study_select {
@@ -367,7 +374,7 @@ mod tests {
     /// The holder of an earlier epoch may wake up at any statement.
     #[test]
     fn every_write_under_a_fence_asks_for_its_epoch() {
-        for statement in [POLICY_UPDATE, PART_UPSERT, OTHER_CHECKPOINTS_DELETE, TRIALS_DELETE] {
+        for statement in [POLICY_UPDATE, SPACE_UPDATE, PART_UPSERT, OTHER_CHECKPOINTS_DELETE, TRIALS_DELETE] {
             assert!(statement.contains("epoch = $2 AND name IS NOT NULL"), "{statement}");
         }
         assert!(BATCH.contains("s.epoch = f.epoch"));

@@ -2,6 +2,7 @@
 
 use sqlx::postgres::PgConnection;
 use treewright_core::ids::StudyUid;
+use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 
 use super::{failed, read, statements as sql};
@@ -28,7 +29,7 @@ pub(super) async fn create(
             if count >= i64::from(limits::STUDIES) {
                 return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
             }
-            let (specification, policy) = rows::specification(spec)?;
+            let (specification, policy) = rows::specification(spec, &EarlierSpaces::default())?;
             let inserted = sqlx::query(sql::STUDY_INSERT)
                 .bind(id)
                 .bind(specification)
@@ -43,10 +44,7 @@ pub(super) async fn create(
         }
         found => found?,
     };
-    match stored.spec.first_difference(spec) {
-        None => Ok(Created { study: stored, is_new }),
-        Some(difference) => Err(StoreError::StudyExists { study: id.to_owned(), difference }),
-    }
+    Ok(Created { is_new, ..stored.found(spec)? })
 }
 
 /// Checks the rows of a statement that names one by its key.

@@ -45,6 +45,13 @@ pub(super) enum StudyJob {
         models_since: i64,
         answer: oneshot::Sender<Result<(), StoreError>>,
     },
+    /// The specification and the policy of a changed space.
+    Space {
+        fence: Fence,
+        specification: String,
+        policy: String,
+        answer: oneshot::Sender<Result<(), StoreError>>,
+    },
     /// A part of a checkpoint. Its failure breaks no fence.
     Part {
         fence: Fence,
@@ -62,7 +69,9 @@ impl StudyJob {
     /// it may be stored.
     pub(super) fn refuse(self, error: StoreError) {
         match self {
-            Self::Commit { fence, answer, .. } | Self::Policy { fence, answer, .. } => {
+            Self::Commit { fence, answer, .. }
+            | Self::Policy { fence, answer, .. }
+            | Self::Space { fence, answer, .. } => {
                 fence.break_up();
                 tracing::warn!(study = fence.study(), %error, "a change was not stored");
                 drop(answer.send(Err(error)));
@@ -73,7 +82,11 @@ impl StudyJob {
     }
 
     fn stored(self) {
-        if let Self::Commit { answer, .. } | Self::Policy { answer, .. } | Self::Part { answer, .. } = self {
+        if let Self::Commit { answer, .. }
+        | Self::Policy { answer, .. }
+        | Self::Space { answer, .. }
+        | Self::Part { answer, .. } = self
+        {
             drop(answer.send(Ok(())));
         }
     }
@@ -220,8 +233,8 @@ impl Writer {
         claimed
     }
 
-    /// A write that shares no statement: a policy, a part of a checkpoint, or a commit under a broken fence,
-    /// which is refused.
+    /// A write that shares no statement: a policy, a space, a part of a checkpoint, or a commit under a fence
+    /// that is broken, which is refused.
     async fn alone(&mut self, job: &StudyJob) -> Result<(), StoreError> {
         match job {
             StudyJob::Policy { fence, policy, models_since, .. } => {
@@ -229,6 +242,11 @@ impl Writer {
                 let query = sqlx::query(sql::POLICY_UPDATE);
                 let query = query.bind(fence.key()).bind(fence.epoch()).bind(policy).bind(models_since);
                 self.execute_held(fence, query).await
+            }
+            StudyJob::Space { fence, specification, policy, .. } => {
+                fence.check()?;
+                let query = sqlx::query(sql::SPACE_UPDATE).bind(fence.key()).bind(fence.epoch());
+                self.execute_held(fence, query.bind(specification).bind(policy)).await
             }
             StudyJob::Part { fence, row, .. } => {
                 fence.check()?;

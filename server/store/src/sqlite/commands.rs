@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use sqlx::AssertSqlSafe;
 use sqlx::sqlite::SqliteConnection;
 use treewright_core::ids::StudyUid;
+use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::tuner::StudyCounts;
 
@@ -41,6 +42,12 @@ pub(super) enum WriteCommand {
         fence: Fence,
         policy: String,
         models_since: u64,
+    },
+    /// The specification and the policy of a changed space.
+    Space {
+        fence: Fence,
+        specification: String,
+        policy: String,
     },
     /// A part of a checkpoint. Its failure breaks no fence.
     Part {
@@ -108,14 +115,15 @@ pub(super) async fn apply(
         WriteCommand::Policy { fence, policy, models_since } => {
             fence.check()?;
             debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
-            let done = sqlx::query(sql::POLICY_UPDATE)
-                .bind(fence.key())
-                .bind(policy)
-                .bind(rows::signed(*models_since)?)
-                .execute(connection)
-                .await
-                .map_err(refused)?;
-            one_at_most(done.rows_affected());
+            let update = sqlx::query(sql::POLICY_UPDATE).bind(fence.key()).bind(policy);
+            let update = update.bind(rows::signed(*models_since)?).execute(connection);
+            one_at_most(update.await.map_err(refused)?.rows_affected());
+            Ok(WriteResult::Nothing)
+        }
+        WriteCommand::Space { fence, specification, policy } => {
+            fence.check()?;
+            debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
+            change_space(connection, fence.key(), specification, policy).await.map_err(refused)?;
             Ok(WriteResult::Nothing)
         }
         WriteCommand::Part { fence, row } => {
@@ -196,6 +204,21 @@ async fn rename(
     Ok(Some(key))
 }
 
+/// Changes the space of a study, and removes what is of the earlier one.
+async fn change_space(
+    connection: &mut SqliteConnection,
+    study: i64,
+    specification: &str,
+    policy: &str,
+) -> Result<(), sqlx::Error> {
+    let changing = sqlx::query(sql::SPACE_UPDATE).bind(study).bind(specification).bind(policy);
+    one_at_most(changing.execute(&mut *connection).await?.rows_affected());
+    for removal in [sql::SEARCHES_DELETE, sql::CHECKPOINTS_DELETE] {
+        sqlx::query(removal).bind(study).execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
 /// Saves a part of a checkpoint. The last part removes earlier checkpoints and the parts that a crash left.
 async fn save_part(
     connection: &mut SqliteConnection,
@@ -252,12 +275,7 @@ async fn create(
     now_ms: i64,
 ) -> Result<Created, StoreError> {
     match read::study(&mut *connection, id).await {
-        Ok(stored) => {
-            return match stored.spec.first_difference(spec) {
-                None => Ok(Created { study: stored, is_new: false }),
-                Some(difference) => Err(StoreError::StudyExists { study: id.to_owned(), difference }),
-            };
-        }
+        Ok(stored) => return stored.found(spec),
         Err(StoreError::StudyNotFound { .. }) => {}
         Err(error) => return Err(error),
     }
@@ -266,7 +284,7 @@ async fn create(
     if count >= i64::from(limits::STUDIES) {
         return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
     }
-    let (specification, policy) = rows::specification(spec)?;
+    let (specification, policy) = rows::specification(spec, &EarlierSpaces::default())?;
     let inserted = sqlx::query(sql::STUDY_INSERT)
         .bind(id)
         .bind(specification)

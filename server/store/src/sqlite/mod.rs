@@ -30,6 +30,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
+use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::{Change, Checkpoint};
@@ -216,6 +217,16 @@ impl Store for SqliteStore {
         let fence = fence.clone();
         match rows::policy(policy) {
             Ok(policy) => self.enqueue_change(WriteCommand::Policy { fence, policy, models_since }),
+            Err(error) => Receipt::refused(&fence, error),
+        }
+    }
+
+    fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
+        let fence = fence.clone();
+        match rows::specification(spec, earlier) {
+            Ok((specification, policy)) => {
+                self.enqueue_change(WriteCommand::Space { fence, specification, policy })
+            }
             Err(error) => Receipt::refused(&fence, error),
         }
     }

@@ -89,6 +89,14 @@ pub(super) const REAP_STUDY: &str = "DELETE FROM studies WHERE id = $1";
 
 pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $2, models_since = $3 WHERE id = $1";
 
+/// A new space, and the removal of what is of the earlier one: searches and the checkpoint.
+pub(super) const SPACE_UPDATE: &str = "UPDATE studies SET specification = $2, policy = $3 WHERE id = $1";
+
+pub(super) const SEARCHES_DELETE: &str = "UPDATE states SET search = NULL, search_packed = NULL \
+     WHERE study = $1 AND (search IS NOT NULL OR search_packed IS NOT NULL)";
+
+pub(super) const CHECKPOINTS_DELETE: &str = "DELETE FROM checkpoints WHERE study = $1";
+
 /// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count;
 /// trial numbers have gaps. Each of these values is at the end of an index.
 macro_rules! study_select {

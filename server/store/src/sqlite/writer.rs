@@ -41,7 +41,10 @@ impl Reply {
 impl WriteJob {
     pub(super) fn refuse(self, error: StoreError) {
         // The caller's change is lost, so no later change computed on it may be stored.
-        if let WriteCommand::Policy { fence, .. } | WriteCommand::Commit { fence, .. } = &self.command {
+        if let WriteCommand::Policy { fence, .. }
+        | WriteCommand::Space { fence, .. }
+        | WriteCommand::Commit { fence, .. } = &self.command
+        {
             fence.break_up();
             tracing::warn!(study = fence.study(), %error, "a change was not stored");
         }

@@ -105,6 +105,14 @@ fn a_client_that_knows_levels_no_more_gets_a_full_trial() {
     let full = suggest(&mut tuner, "a", 0.5, 0.5);
     assert_eq!((&full.configuration, &full.decision.fidelity), (&cheap.configuration, &None));
     assert_ne!(full.number, cheap.number);
+    // In a changed space a trial is read as wanted.
+    let decision = Choice::Wanted.decided();
+    let adopted = Decision { fidelity: cheap.decision.fidelity.clone(), ..decision.clone() };
+    let configuration = full.configuration.clone();
+    let wanted =
+        Prediction { configuration, predicted_cost: None, decision: decision.clone(), insight: None };
+    let fits = |decision| tuner.still_fits(&knowing(), &Trial { decision, ..full.clone() }, Some(&wanted));
+    assert_eq!([fits(decision), fits(adopted)], [true, false]);
 }
 
 proptest! {

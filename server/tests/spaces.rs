@@ -1,0 +1,238 @@
+//! A study's space changes while it has trials: nothing is lost, and clients of the space before go on.
+
+mod common;
+
+use std::collections::BTreeMap;
+
+use common::{
+    Client, START_MS, Server, ask, assert_refused, create, done, get, integer, report, study, text,
+};
+use tonic::Code;
+use treewright_proto::v1::{self as wire, parameter, value};
+
+fn whole(name: &str, min: i64, max: i64, default: i64) -> wire::Parameter {
+    wire::Parameter {
+        name: name.to_owned(),
+        domain: Some(parameter::Domain::Integer(wire::IntegerDomain { min, max, scale: 0 })),
+        default_value: Some(integer(default)),
+        active_if: None,
+    }
+}
+
+fn space() -> wire::Space {
+    study().space.expect("it has one")
+}
+
+/// The space with other values of `quality`.
+fn of_qualities(qualities: &[&str]) -> wire::Space {
+    let mut space = space();
+    let values = qualities.iter().map(|quality| text(quality)).collect();
+    space.parameters[2].domain = Some(parameter::Domain::Categorical(wire::CategoricalDomain { values }));
+    space
+}
+
+/// More room: further values of `max_leaf` and `quality`, and another parameter.
+fn wider() -> wire::Space {
+    let mut space = of_qualities(&["low", "high", "ultra"]);
+    space.parameters[1] = whole("max_leaf", 1, 64, 8);
+    space.parameters.push(whole("spp", 1, 16, 4));
+    space
+}
+
+fn change(revision: u32, space: wire::Space) -> wire::ChangeSpaceRequest {
+    wire::ChangeSpaceRequest {
+        name: "studies/hall".to_owned(),
+        revision,
+        space: Some(space),
+        ..wire::ChangeSpaceRequest::default()
+    }
+}
+
+/// Kept, outside and given back.
+async fn changed(client: &mut Client, request: wire::ChangeSpaceRequest) -> (i64, i64, i64) {
+    let answer = client.change_space(request).await.expect("changed").into_inner();
+    (answer.kept_trials, answer.outside_trials, answer.given_back_trials)
+}
+
+fn values(trial: &wire::Trial) -> BTreeMap<String, wire::Value> {
+    trial.configuration.clone().expect("it has one").values
+}
+
+fn number(values: &BTreeMap<String, wire::Value>, name: &str) -> Option<i64> {
+    match values.get(name)?.kind {
+        Some(value::Kind::Integer(number)) => Some(number),
+        _ => None,
+    }
+}
+
+/// A frame of a client that knows a revision of the space, 0 for the present one.
+async fn frame(client: &mut Client, name: &str, space_revision: u32) -> wire::Trial {
+    let request = wire::SuggestRequest { space_revision, ..ask(name, 10.0) };
+    let trial = client.suggest(request).await.expect("a trial").into_inner();
+    let values = values(&trial);
+    let cost = 100 - number(&values, "max_leaf").unwrap_or(0) - number(&values, "spp").unwrap_or(4);
+    done(client, &trial.name, cost as f64).await;
+    trial
+}
+
+async fn created(client: &mut Client, space: wire::Space) -> Result<wire::Study, tonic::Status> {
+    let study = wire::Study { space: Some(space), ..study() };
+    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study) };
+    client.create_study(request).await.map(tonic::Response::into_inner)
+}
+
+async fn best(client: &mut Client) -> wire::Best {
+    let request = wire::GetBestRequest { study: "studies/hall".to_owned(), ..Default::default() };
+    client.get_best(request).await.expect("something was measured").into_inner()
+}
+
+async fn trials_stay_and_clients_of_both_spaces_are_served(server: &Server) {
+    let mut client = server.client().await;
+    assert_eq!(create(&mut client, "hall").await.space_revision, 1);
+    for _ in 0..12 {
+        frame(&mut client, "a", 1).await;
+    }
+    let dry = wire::ChangeSpaceRequest { validate_only: true, ..change(1, wider()) };
+    assert_eq!(changed(&mut client, dry).await, (12, 0, 0));
+    assert_eq!(create(&mut client, "hall").await.space_revision, 1, "nothing was changed");
+    assert_eq!(changed(&mut client, change(1, wider())).await, (12, 0, 0));
+    assert_eq!(changed(&mut client, change(1, wider())).await, (12, 0, 0), "it is repeated");
+    let stale = client.change_space(change(1, of_qualities(&["low"]))).await;
+    assert_refused(stale, Code::FailedPrecondition, "has revision 2, not 1");
+
+    let first = get(&mut client, "studies/hall/trials/1").await;
+    assert_eq!(number(&values(&first), "spp"), None, "a trial keeps what it ran with");
+    let query = |in_present_space| wire::QueryTrialsRequest {
+        study: "studies/hall".to_owned(),
+        in_present_space,
+        ..Default::default()
+    };
+    for (in_present_space, spp) in [(false, None), (true, Some(4))] {
+        let page = client.query_trials(query(in_present_space)).await.expect("a page").into_inner();
+        assert_eq!(page.trials.len(), 12);
+        assert!(page.trials.iter().all(|trial| number(&values(trial), "spp") == spp));
+    }
+    let known = best(&mut client).await.configuration.expect("it has one");
+    assert_eq!(number(&known.values, "spp"), Some(4), "and is read with the default");
+
+    let mut explored = false;
+    for _ in 0..30 {
+        let values = values(&frame(&mut client, "new", 0).await);
+        explored |= number(&values, "spp") != Some(4);
+    }
+    assert!(explored, "the search goes on in the new space");
+    for _ in 0..20 {
+        let trial = frame(&mut client, "old", 1).await;
+        let values = values(&trial);
+        let names: Vec<&str> = values.keys().map(String::as_str).collect();
+        assert_eq!(names, ["max_leaf", "min_leaf", "quality"], "{trial:?}");
+        assert!(number(&values, "max_leaf") <= Some(32) && values["quality"] != text("ultra"), "{trial:?}");
+        let stored = get(&mut client, &trial.name).await;
+        assert_eq!(stored.state(), wire::TrialState::Completed);
+        assert!(number(&self::values(&stored), "spp").is_some(), "{stored:?}");
+    }
+
+    for (space_revision, parameters) in [(0, 4), (1, 3), (2, 4)] {
+        let (study, indicators) = ("studies/hall".to_owned(), common::triangles(10.0));
+        let request = wire::PredictRequest { study, indicators, space_revision, ..Default::default() };
+        let predicted = client.predict(request).await.expect("an answer").into_inner();
+        assert_eq!(predicted.configuration.expect("it has one").values.len(), parameters);
+    }
+
+    let old = created(&mut client, space()).await.expect("found");
+    assert_eq!((old.space_revision, old.space.expect("it has one").parameters.len()), (1, 3));
+    let new = created(&mut client, wider()).await.expect("found");
+    assert_eq!((new.space_revision, new.space.expect("it has one").parameters.len()), (2, 4));
+    let other = created(&mut client, of_qualities(&["low"])).await;
+    assert_refused(other, Code::AlreadyExists, "change the study's space");
+}
+
+#[tokio::test]
+async fn trials_stay_and_clients_of_both_spaces_are_served_in_memory() {
+    let server = Server::in_memory().await;
+    trials_stay_and_clients_of_both_spaces_are_served(&server).await;
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn trials_stay_and_clients_of_both_spaces_are_served_after_a_restart() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("studies.db");
+    let server = Server::on_disk(&path, START_MS).await;
+    trials_stay_and_clients_of_both_spaces_are_served(&server).await;
+    let before = best(&mut server.client().await).await;
+    server.stop().await;
+    let server = Server::on_disk(&path, START_MS).await;
+    let mut client = server.client().await;
+    assert_eq!(best(&mut client).await, before);
+    frame(&mut client, "old", 1).await;
+    frame(&mut client, "new", 0).await;
+    server.stop().await;
+}
+
+/// A trial of a configuration that the client wants.
+async fn wanted(client: &mut Client, name: &str, quality: &str) -> wire::Trial {
+    let values = [("min_leaf", integer(1)), ("max_leaf", integer(8)), ("quality", text(quality))];
+    let values = values.map(|(name, value)| (name.to_owned(), value)).into();
+    let wanted = Some(wire::Configuration { values });
+    client.suggest(wire::SuggestRequest { wanted, ..ask(name, 10.0) }).await.expect("a trial").into_inner()
+}
+
+#[tokio::test]
+async fn what_is_outside_is_left_out_until_it_is_inside_again() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await;
+    create(&mut client, "hall").await;
+    for (quality, cost) in [("high", 1.0), ("low", 5.0)] {
+        let trial = wanted(&mut client, "a", quality).await;
+        done(&mut client, &trial.name, cost).await;
+    }
+    let open = wanted(&mut client, "b", "high").await;
+    assert_eq!(changed(&mut client, change(1, of_qualities(&["low"]))).await, (1, 1, 1));
+    assert_refused(
+        client.report(report(&open.name, 1.0)).await,
+        Code::FailedPrecondition,
+        "outside the space",
+    );
+    let only = best(&mut client).await;
+    assert_eq!((only.cost, only.measurements), (5.0, 1));
+    let study = "studies/hall".to_owned();
+    let query = wire::QueryTrialsRequest { study, in_present_space: true, ..Default::default() };
+    let inside = client.query_trials(query).await.expect("a page").into_inner().trials;
+    assert_eq!(inside.len(), 1, "{inside:?}");
+    for _ in 0..5 {
+        assert_eq!(values(&frame(&mut client, "a", 0).await)["quality"], text("low"));
+    }
+    assert_eq!(changed(&mut client, change(2, space())).await, (7, 0, 0), "nothing is lost");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn what_cannot_be_served_is_refused_with_a_remedy() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await;
+    create(&mut client, "hall").await;
+    let mut apart = space();
+    apart.parameters[1] = whole("max_leaf", 33, 64, 40);
+    let mut odd = change(1, apart.clone());
+    odd.fixed.insert("quality".to_owned(), text("low"));
+    assert_refused(client.change_space(odd).await, Code::InvalidArgument, "neither adds nor removes");
+
+    let pinned = wanted(&mut client, "a", "high").await.configuration;
+    let policy = wire::Policy { pinned, ..study().policy.expect("it has one") };
+    let pinned = wire::Study { name: "studies/hall".to_owned(), policy: Some(policy), ..study() };
+    let update = wire::UpdateStudyRequest { study: Some(pinned), update_mask: None };
+    client.update_study(update).await.expect("pinned");
+    let refused = client.change_space(change(1, apart.clone())).await;
+    assert_refused(refused, Code::InvalidArgument, "the pinned configuration");
+    let free = wire::Study { name: "studies/hall".to_owned(), ..study() };
+    let update = wire::UpdateStudyRequest { study: Some(free), update_mask: None };
+    client.update_study(update).await.expect("not pinned");
+
+    assert_eq!(changed(&mut client, change(1, apart)).await, (0, 0, 1));
+    let old = wire::SuggestRequest { space_revision: 1, ..ask("old", 10.0) };
+    assert_refused(client.suggest(old).await, Code::FailedPrecondition, "start the program with");
+    let trial = frame(&mut client, "new", 2).await;
+    assert!(number(&values(&trial), "max_leaf") >= Some(33));
+    server.stop().await;
+}
