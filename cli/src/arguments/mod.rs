@@ -88,7 +88,7 @@ Examples:
         #[arg(long)]
         standing: bool,
     },
-    /// Creates, shows, copies, renames or deletes a study
+    /// Creates, shows, changes, copies, renames or deletes a study
     #[command(subcommand)]
     Study(StudyCommand),
     /// Lists the trials of a study

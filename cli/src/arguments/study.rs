@@ -48,6 +48,19 @@ pub(crate) enum StudyCommand {
     },
     /// Prints the JSON schema of study files
     Schema,
+    /// Changes the parameters and constraints of a study, which keeps its trials
+    #[command(after_help = "\
+Without --yes it only shows what would change. Trials from before count with the default of each new \
+parameter; those with a value that the file no longer has are kept and left out, until another change \
+takes them in again. Programs that work with the parameters from before go on. For other changes, such \
+as another indicator, use `study clone --spec`; for the policy, `treewright policy`.
+
+Examples:
+  treewright study show sponza --format toml > sponza.toml
+  treewright study edit sponza sponza.toml
+  treewright study edit sponza sponza.toml --yes
+  treewright study edit sponza sponza.toml --fixed compact=true")]
+    Edit(EditStudy),
     /// Copies a study and what it learnt, optionally with a changed specification
     #[command(after_help = "\
 With --spec the copy gets another specification. Old trials get the default of each new parameter, and \
@@ -75,6 +88,22 @@ Examples:
         #[arg(long)]
         yes: bool,
     },
+}
+
+/// What to change.
+#[derive(Debug, Args)]
+pub(crate) struct EditStudy {
+    /// Its id, e.g. `sponza`
+    pub(crate) name: String,
+    /// A study file with the new parameters and constraints; - for standard input
+    pub(crate) file: PathBuf,
+    /// What all trials before had of a new parameter, or all later ones have of one that is gone; repeat for
+    /// each. Default: its default
+    #[arg(long, value_name = "NAME=VALUE", value_parser = parameter)]
+    pub(crate) fixed: Vec<(String, Value)>,
+    /// Make the change
+    #[arg(long)]
+    pub(crate) yes: bool,
 }
 
 /// What to copy.

@@ -141,6 +141,8 @@ pub(crate) struct Importer<'a> {
     client: &'a Client,
     study: &'a str,
     spec: &'a StudySpec,
+    /// The revision of the space of `spec`.
+    space_revision: u32,
     /// The name of this database.
     site: String,
     /// The study, named with its identity.
@@ -177,6 +179,7 @@ impl<'a> Importer<'a> {
             client,
             study: study.id(),
             spec: study.spec()?,
+            space_revision: study.space_revision,
             site: site.to_owned(),
             name: study.identified_name(),
             own: [format!("{}/trials/", study.uid), format!("{site}/{}/trials/", study.name)],
@@ -245,16 +248,18 @@ impl<'a> Importer<'a> {
         let whole = |trial: &CarriedTrial| self.spec.space.complete(&trial.configuration).ok();
         // Times are not compared: a table has none, and a trial that comes home from another site has the
         // time of its import there.
-        let is_held = held
-            .get(&number)
-            .is_some_and(|own| own.measurements == trial.measurements && whole(own) == whole(trial));
+        // One from before a change of the space may have a configuration that is not of it.
+        let is_same = |own: &CarriedTrial| whole(trial).is_none_or(|one| whole(own) == Some(one));
+        let is_held =
+            held.get(&number).is_some_and(|own| own.measurements == trial.measurements && is_same(own));
         self.held = Some(held);
         Ok(is_held)
     }
 
     fn read_held(&self) -> Result<BTreeMap<u64, CarriedTrial>, Failure> {
         let mut held = BTreeMap::new();
-        for trial in self.client.trials(&self.name, TrialQuery::all().filter("state = COMPLETED")) {
+        let completed = TrialQuery::all().filter("state = COMPLETED").in_present_space();
+        for trial in self.client.trials(&self.name, completed) {
             let trial = trial?;
             held.extend(trial.number().zip(CarriedTrial::of(&trial, &self.site)));
         }
@@ -298,6 +303,7 @@ impl<'a> Importer<'a> {
             session: Some(0),
             wanted: Some(whole.into()),
             origin: Some(trial.origin.clone()),
+            space_revision: self.space_revision,
             ..Question::default()
         };
         Ok((question, measured))

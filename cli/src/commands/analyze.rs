@@ -14,7 +14,7 @@ pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<Strin
     let trials = |further: &str| -> Result<Vec<_>, Failure> {
         let parts = ["state = COMPLETED", &wanted.filter, further];
         let filter: Vec<&str> = parts.into_iter().filter(|part| !part.trim().is_empty()).collect();
-        let query = TrialQuery::all().filter(filter.join(" AND "));
+        let query = TrialQuery::all().filter(filter.join(" AND ")).in_present_space();
         Ok(client.trials(&name, query).collect::<Result<_, _>>()?)
     };
     // Each by itself first, so that an error points into the user's own words and not into the joined ones.

@@ -60,7 +60,8 @@ fn write_file(client: &Client, export: &Export, path: &Path) -> Result<(), Failu
 fn write(client: &Client, export: &Export, out: &mut (impl Write + Send)) -> Result<(), Failure> {
     let site = export.site.clone().unwrap_or_else(files::host);
     let study = client.get_study(&export.study)?;
-    let trials = client.trials(&study.identified_name(), TrialQuery::all().filter(&export.filter));
+    let query = TrialQuery::all().filter(&export.filter).in_present_space();
+    let trials = client.trials(&study.identified_name(), query);
     // In a table, what a trial at a cheaper level measured would look like a result.
     let trials = trials.filter(|trial| !trial.as_ref().is_ok_and(|trial| trial.fidelity.is_some()));
     match export.format {

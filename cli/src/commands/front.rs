@@ -20,7 +20,7 @@ pub(super) fn run(client: &Client, wanted: &FrontOf, json: bool) -> Result<Strin
     let spec = study.spec()?;
     let is_input = |name: &str| name != Front::DIRECTION;
     let has_inputs = spec.indicators.indicators().iter().any(|indicator| is_input(&indicator.name));
-    let query = TrialQuery::all().filter("state = COMPLETED");
+    let query = TrialQuery::all().filter("state = COMPLETED").in_present_space();
     let mut trials = client.trials(&study.identified_name(), query).collect::<Result<Vec<_>, _>>()?;
     let machine = |trial: &TrialRecord| trial.fingerprint.as_ref().map(|machine| format!("{machine:?}"));
     match wanted.state {

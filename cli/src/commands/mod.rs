@@ -92,6 +92,7 @@ fn is_repeatable(command: &Command) -> bool {
             | Command::Thaw { .. }
             | Command::Import(_)
             | Command::Watch(_)
+            | Command::Study(StudyCommand::Edit(_))
     )
 }
 

@@ -32,6 +32,7 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
         client_id: Some(ask.client.clone().unwrap_or_else(|| format!("shell@{}", files::host()))),
         session: Some(0),
         wanted,
+        space_revision: study.space_revision,
         ..Question::default()
     };
     // The trial's name says of which study it is, should that be deleted and created again before the report.

@@ -1,12 +1,12 @@
-//! Studies: list, create, show, copy, rename, delete.
+//! Studies: list, create, show, change, copy, rename, delete.
 
 use std::path::Path;
 
 use treewright_client::blocking::Client;
-use treewright_client::{Best, StudyRecord, TrialQuery};
+use treewright_client::{Best, Configuration, StudyRecord, TrialQuery};
 
 use super::carry::create_with_trials;
-use crate::arguments::study::{CloneStudy, StudyCommand};
+use crate::arguments::study::{CloneStudy, EditStudy, StudyCommand};
 use crate::carry::{CarriedTrial, Importer, Tally};
 use crate::failure::Failure;
 use crate::files;
@@ -66,6 +66,7 @@ pub(super) fn run(client: &Client, command: &StudyCommand, json: bool) -> Result
             let tally = clone(client, copy)?;
             either(json, &tally, || tally.words())
         }
+        StudyCommand::Edit(change) => edit(client, change, json),
         StudyCommand::Rename { name, to } => rename(client, name, to, json),
         StudyCommand::Delete { name, yes } => delete(client, name, *yes, json),
     }
@@ -105,13 +106,43 @@ fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally, Failure> {
         }
         let site = files::host();
         let importer = Importer::new(client, target, &site, &copy.indicators, false)?;
-        let trials =
-            client.trials(&original.identified_name(), TrialQuery::all().filter("state = COMPLETED"));
+        let completed = TrialQuery::all().filter("state = COMPLETED").in_present_space();
+        let trials = client.trials(&original.identified_name(), completed);
         importer.run(trials.filter_map(|trial| match trial {
             Ok(trial) => CarriedTrial::of(&trial, &site).map(Ok),
             Err(problem) => Some(Err(problem.into())),
         }))
     })
+}
+
+/// Changes the space of a study, or shows what that would mean.
+fn edit(client: &Client, change: &EditStudy, json: bool) -> Result<String, Failure> {
+    let (study, file) = (client.get_study(&change.name)?, StudyFile::read(&change.file)?.spec()?);
+    let before = study.spec()?;
+    let others = [
+        ("indicators", file.indicators == before.indicators),
+        ("objective", file.objective == before.objective),
+        ("state_tolerance", file.state_tolerance == before.state_tolerance),
+        ("seed", file.seed == before.seed),
+    ];
+    if let Some((what, _)) = others.iter().find(|(_, is_same)| !is_same) {
+        let message = format!("{what}: not as in {}, which keeps it; use `study clone --spec`", study.name);
+        return Err(Failure::Data(message));
+    }
+    let fixed: Configuration = change.fixed.iter().cloned().collect();
+    let differences = show::space::differences(&before.space, &file.space, &fixed);
+    let (name, revision) = (study.identified_name(), study.space_revision);
+    let changed = client.change_space(&name, revision, &file.space, &fixed, !change.yes)?;
+    let record = serde_json::json!({
+        "study": changed.study.name,
+        "space_revision": changed.study.space_revision,
+        "is_changed": change.yes && !differences.is_empty(),
+        "differences": differences,
+        "kept_trials": changed.kept_trials,
+        "outside_trials": changed.outside_trials,
+        "given_back_trials": changed.given_back_trials,
+    });
+    either(json, &record, || show::space::changed(&differences, &changed, change.yes))
 }
 
 fn rename(client: &Client, name: &str, to: &str, json: bool) -> Result<String, Failure> {

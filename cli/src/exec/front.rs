@@ -42,7 +42,7 @@ impl Job<'_> {
             let found = &self.study.display_name;
             return Err(Failure::Data(format!("{} is no {wanted}, but `{found}`", self.study.name)));
         }
-        let completed = || TrialQuery::all().filter("state = COMPLETED");
+        let completed = || TrialQuery::all().filter("state = COMPLETED").in_present_space();
         let known = |client: &treewright_client::blocking::Client| {
             client.trials(&self.study.identified_name(), completed()).collect::<Result<Vec<_>, _>>()
         };

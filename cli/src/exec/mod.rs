@@ -234,6 +234,7 @@ impl Job<'_> {
             session_policy: self.session_policy,
             wanted: wanted.cloned(),
             fidelities: self.fidelities,
+            space_revision: self.study.space_revision,
             ..Question::default()
         }
     }

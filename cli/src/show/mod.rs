@@ -2,6 +2,7 @@
 
 mod front;
 mod live;
+pub(crate) mod space;
 
 use std::fmt::Write as _;
 
@@ -102,6 +103,9 @@ pub(crate) fn study(study: &StudyRecord, found: &[Best]) -> String {
             time(study.create_time)
         ),
     );
+    if study.space_revision > 1 {
+        line(&mut text, &format!("revision {} of its space", study.space_revision));
+    }
     if !found.is_empty() {
         text += &best_of_states(found, study);
     }

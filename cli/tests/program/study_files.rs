@@ -62,6 +62,31 @@ fn mistakes_in_files_are_named() {
 }
 
 #[test]
+fn a_change_is_shown_and_made_once_it_is_confirmed() {
+    let (fake, folder) = (Fake::start(), tempfile::tempdir().expect("a folder"));
+    let file = write(folder.path(), "zstd.toml", STUDY);
+    answer(&fake, &["study", "create", &file]);
+    let long = "[[parameters]]\nname = \"long\"\ntype = \"boolean\"\ndefault = false\n\n[[objective]]";
+    let more = STUDY.replace("max = 19", "max = 22").replace("[[objective]]", long);
+    let more = write(folder.path(), "more.toml", &more);
+    let revision = |fake: &Fake| fake.book().studies["studies/zstd"].space_revision;
+    let shown = answer(&fake, &["study", "edit", "zstd", &more]);
+    assert!(shown.contains("~ level: a whole number from 1 to 19, default 3 -> "), "{shown}");
+    assert!(shown.contains("+ long: ") && shown.contains("add --yes"), "{shown}");
+    assert_eq!(revision(&fake), 1);
+    let done = answer(&fake, &["study", "edit", "zstd", &more, "--fixed", "long=true", "--yes"]);
+    assert!(done.contains("count with true") && done.contains("has revision 2 of its space"), "{done}");
+    assert_eq!(revision(&fake), 2);
+    answer(&fake, &["suggest", "zstd"]);
+    assert_eq!(fake.book().revisions, [2], "it is answered in the space whose names it prints");
+    assert!(answer(&fake, &["study", "edit", "zstd", &more]).contains("has this space already"));
+    let other = STUDY.replace("render_ms", "bytes");
+    let output = run(&fake, &["study", "edit", "zstd", &write(folder.path(), "other.toml", &other)]);
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && words.contains("objective: not as in studies/zstd"), "{words}");
+}
+
+#[test]
 fn a_copy_has_the_trials_and_the_rest_of_what_was_learnt() {
     let fake = with_trials();
     let cloned = answer(&fake, &["study", "clone", "sponza", "copy"]);
