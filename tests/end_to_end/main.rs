@@ -21,6 +21,7 @@ mod restart;
 mod sampling;
 mod security;
 mod sockets;
+mod spaces;
 mod storm;
 mod tuning;
 mod unit;
