@@ -301,7 +301,7 @@ mod tests {
     #[test]
     fn all_states_can_be_turned_to() {
         let of = |query: &str, states: i64| listed(&Query::read(query), states);
-        assert_eq!(of("", 0), Ok(1..=0));
+        assert!(of("", 0).expect("there is nothing to list").is_empty());
         assert_eq!(of("", 70), Ok(1..=STATES));
         assert_eq!(of("from=49", 70), Ok(49..=70));
         let error = of("from=71", 70).expect_err("there are only 70").to_string();
