@@ -4,6 +4,8 @@
 //! was outside after one change may be inside again after the next. So nothing is checked on the way: only
 //! the present space decides, and a change that is undone brings every trial back.
 
+use std::mem::discriminant;
+
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::{Configuration, RawConfiguration};
@@ -63,7 +65,8 @@ impl EarlierSpaces {
     }
 
     /// The spaces before after a change of the present space `from` into `to`. `last_trial` was the last to
-    /// be handed out, and `fixed` is as in [`EarlierSpace`].
+    /// be handed out, and `fixed` is as in [`EarlierSpace`]. A parameter that comes again, without a value
+    /// there, had what it kept when it went, if its new domain has that.
     ///
     /// # Errors
     /// [`SpaceError`] when a fixed value is of no parameter that the change adds or removes or not of its
@@ -91,7 +94,18 @@ impl EarlierSpaces {
             let allowed = parameter.domain.to_string();
             Err(SpaceError::Value { parameter: name, value, allowed })
         });
-        let fixed = fixed.collect::<Result<_, _>>()?;
+        let mut fixed = fixed.collect::<Result<RawConfiguration, _>>()?;
+        for Parameter { name, domain, default, .. } in to.parameters() {
+            if from.parameter(name).is_none()
+                && !fixed.contains_key(name)
+                && let Some((_, kept)) = self.since(1, name, from)
+            {
+                let kept = in_kind(domain, kept);
+                if kept != *default && domain.contains(&kept) {
+                    fixed.insert(name.clone(), kept);
+                }
+            }
+        }
         let mut changed = self.clone();
         changed.0.push(EarlierSpace { space: from.clone(), last_trial, fixed });
         Ok(changed)
@@ -100,16 +114,25 @@ impl EarlierSpaces {
     /// A configuration of a revision in the present space: `None` where it is outside.
     ///
     /// A parameter without a value has the one that all trials had before it was added. A value of a
-    /// parameter that was removed must be the one that all trials have since then.
+    /// parameter that was removed must be the one that all trials have since then, be it named or that of all
+    /// trials before the parameter was added. Where a parameter of another kind has got the name since, it is
+    /// another parameter.
     pub fn adopt(
         &self,
         revision: u32,
         mut values: RawConfiguration,
         present: &Space,
     ) -> Option<Configuration> {
+        if !self.had_what_is_gone(revision, &values, present) {
+            return None;
+        }
         let mut adopted = RawConfiguration::new();
         for parameter in present.parameters() {
-            let value = values.remove(&parameter.name);
+            let name = &parameter.name;
+            let is_its = |value: &Value| {
+                is_of_kind(parameter, value) || !self.is_kept(revision, (name, value), present)
+            };
+            let value = values.remove(name).filter(is_its);
             match (is_active(parameter, &adopted), value) {
                 (true, value) => {
                     let value = value.as_ref().unwrap_or_else(|| self.before(revision, parameter, present));
@@ -122,8 +145,7 @@ impl EarlierSpaces {
                 (false, _) => {}
             }
         }
-        let is_kept = |(name, value): (&String, &Value)| self.since(revision, name) == Some(value);
-        if !values.iter().all(is_kept) {
+        if !values.iter().all(|left| self.is_kept(revision, left, present)) {
             return None;
         }
         present.configuration(adopted).ok()
@@ -142,9 +164,10 @@ impl EarlierSpaces {
         for parameter in space.parameters() {
             if is_active(parameter, &values) {
                 let default = present.parameter(&parameter.name).map(|here| &here.default);
-                let unnamed = || default.or_else(|| self.since(revision, &parameter.name));
-                let value = configuration.get(&parameter.name).or_else(unnamed);
-                let value = value.unwrap_or(&parameter.default);
+                let value = configuration.get(&parameter.name).or(default);
+                let value = value.filter(|value| is_of_kind(parameter, value));
+                let kept = || self.since(revision, &parameter.name, present).map(|(_, kept)| kept);
+                let value = value.or_else(kept).unwrap_or(&parameter.default);
                 values.insert(parameter.name.clone(), in_kind(&parameter.domain, value));
             }
         }
@@ -153,16 +176,42 @@ impl EarlierSpaces {
         (adopted == *configuration).then_some(expressed)
     }
 
+    /// Whether a configuration of a revision had what all have since then of each parameter that came after
+    /// it and is gone again.
+    fn had_what_is_gone(&self, revision: u32, values: &RawConfiguration, present: &Space) -> bool {
+        let Some(own) = self.space(revision) else { return true };
+        self.changes(revision, present).skip(1).all(|(then, ..)| {
+            let mut held = RawConfiguration::new();
+            then.parameters().iter().all(|parameter| {
+                let name = &parameter.name;
+                let is_of = |space: &Space| space.parameter(name).is_some();
+                let unnamed = present.parameter(name).or((!is_of(own)).then_some(parameter));
+                let before = || unnamed.map(|unnamed| self.before(revision, unnamed, present));
+                let value = values.get(name).or_else(before).filter(|_| is_active(parameter, &held));
+                let Some(value) = value else { return true };
+                let is_kept = is_of(own) || is_of(present) || self.is_kept(revision, (name, value), present);
+                held.insert(name.clone(), in_kind(&parameter.domain, value));
+                is_kept
+            })
+        })
+    }
+
+    /// Whether a value of a parameter is the one that all have since the parameter was removed.
+    fn is_kept(&self, revision: u32, (name, value): (&String, &Value), present: &Space) -> bool {
+        let since = self.since(revision, name, present);
+        since.is_some_and(|(removed, kept)| in_kind(&removed.domain, value) == *kept)
+    }
+
     /// The changes from a revision on, each as the space before, the space after, and its fixed values.
     fn changes<'a>(
         &'a self,
         revision: u32,
-        present: Option<&'a Space>,
-    ) -> impl DoubleEndedIterator<Item = (&'a Space, Option<&'a Space>, &'a RawConfiguration)> {
+        present: &'a Space,
+    ) -> impl DoubleEndedIterator<Item = (&'a Space, &'a Space, &'a RawConfiguration)> {
         let from = (revision.max(1) as usize - 1).min(self.0.len());
         (from..self.0.len()).map(move |place| {
             let EarlierSpace { space, fixed, .. } = &self.0[place];
-            (space, self.0.get(place + 1).map(|next| &next.space).or(present), fixed)
+            (space, self.0.get(place + 1).map_or(present, |next| &next.space), fixed)
         })
     }
 
@@ -170,19 +219,23 @@ impl EarlierSpaces {
     /// change that added it.
     fn before<'a>(&'a self, revision: u32, parameter: &'a Parameter, present: &'a Space) -> &'a Value {
         let name = &parameter.name;
-        let added = self.changes(revision, Some(present)).find_map(|(before, after, fixed)| {
-            let added = after?.parameter(name).filter(|_| before.parameter(name).is_none())?;
+        let added = self.changes(revision, present).find_map(|(before, after, fixed)| {
+            let added = after.parameter(name).filter(|_| before.parameter(name).is_none())?;
             Some(fixed.get(name).unwrap_or(&added.default))
         });
         added.unwrap_or(&parameter.default)
     }
 
-    /// The value of a parameter that the present space does not have, since the last change that removed it.
-    fn since(&self, revision: u32, name: &str) -> Option<&Value> {
-        self.changes(revision, None).rev().find_map(|(before, after, fixed)| {
-            let is_gone = after.is_none_or(|after| after.parameter(name).is_none());
-            let removed = before.parameter(name).filter(|_| is_gone)?;
-            Some(fixed.get(name).unwrap_or(&removed.default))
+    /// The last change that removed a parameter: the parameter, and its value since then.
+    fn since<'a>(
+        &'a self,
+        revision: u32,
+        name: &str,
+        present: &'a Space,
+    ) -> Option<(&'a Parameter, &'a Value)> {
+        self.changes(revision, present).rev().find_map(|(before, after, fixed)| {
+            let removed = before.parameter(name).filter(|_| after.parameter(name).is_none())?;
+            Some((removed, fixed.get(name).unwrap_or(&removed.default)))
         })
     }
 }
@@ -202,6 +255,11 @@ fn in_kind(domain: &Domain, value: &Value) -> Value {
         }
         value => domain.as_of(value).canonical(),
     }
+}
+
+/// Whether a value is of the kind of a parameter's values.
+fn is_of_kind(parameter: &Parameter, value: &Value) -> bool {
+    discriminant(&in_kind(&parameter.domain, value)) == discriminant(&parameter.default)
 }
 
 /// Whether a parameter is active, with the values of those before it.
@@ -274,6 +332,58 @@ mod tests {
         assert_eq!(adopted(&[(&wide, none()), (&narrow, none())], raw(&[("a", 7)])), None);
         let undone = [(&wide, none()), (&narrow, none()), (&wide, none())];
         assert_eq!(adopted(&undone, raw(&[("a", 7)])).as_deref(), Some("a=7"));
+    }
+
+    #[test]
+    fn what_came_and_went_must_have_had_its_fixed_value_too() {
+        let none = RawConfiguration::new;
+        let (one, two) = (space(&[("a", 9, 3)]), space(&[("a", 9, 3), ("b", 9, 1)]));
+        // All trials of `one` ran with `b=1`, and those of the last revision run with `b=8`.
+        let went = [(&one, none()), (&two, none()), (&one, raw(&[("b", 8)]))];
+        assert_eq!(adopted(&went, raw(&[("a", 7)])), None);
+        let given = [(&one, none()), (&two, raw(&[("b", 8)])), (&one, raw(&[("b", 8)]))];
+        assert_eq!(adopted(&given, raw(&[("a", 7)])).as_deref(), Some("a=7"));
+        // Where `b` has no effect, it matters to nobody.
+        let mut parameters = two.parameters().to_vec();
+        let any_of = vec![Value::Integer(5)];
+        parameters[1].active_if = Some(crate::space::Condition { parameter: "a".into(), any_of });
+        let gated = Space::new(parameters, Vec::new()).expect("a space");
+        let went = [(&one, none()), (&gated, none()), (&one, raw(&[("b", 8)]))];
+        assert_eq!(adopted(&went, raw(&[("a", 7)])).as_deref(), Some("a=7"));
+        assert_eq!(adopted(&went, raw(&[("a", 5)])), None);
+        // What comes again had what it kept meanwhile, and before it came first what it had then.
+        let again = [(&two, none()), (&one, raw(&[("b", 8)])), (&two, none())];
+        let (mut earlier, mut present) = (EarlierSpaces::default(), again[0].0);
+        for (to, fixed) in &again[1..] {
+            earlier = earlier.changed(present, to, 9, fixed.clone()).expect("a change");
+            present = to;
+        }
+        let between = earlier.adopt(2, raw(&[("a", 7)]), present).expect("inside");
+        assert_eq!(between.to_raw(), raw(&[("a", 7), ("b", 8)]));
+        let twice = [(&one, none()), (&two, none()), (&one, raw(&[("b", 8)])), (&two, none())];
+        assert_eq!(adopted(&twice, raw(&[("a", 7)])).as_deref(), Some("a=7 b=1"));
+    }
+
+    #[test]
+    fn a_name_may_go_to_a_parameter_of_another_kind() {
+        let none = RawConfiguration::new;
+        let (whole, other) = (space(&[("a", 9, 3), ("b", 9, 2)]), space(&[("b", 9, 2)]));
+        let boolean = Space::builder().integer("b", 0..=9).default(2).boolean("a").default(true);
+        let boolean = boolean.build().expect("a space");
+        let changes = [(&whole, none()), (&other, none()), (&boolean, none())];
+        assert_eq!(adopted(&changes, raw(&[("a", 3), ("b", 1)])).as_deref(), Some("a=true b=1"));
+        assert_eq!(adopted(&changes, raw(&[("a", 4), ("b", 1)])), None, "it was outside meanwhile");
+        assert_eq!(adopted(&[(&whole, none()), (&boolean, none())], raw(&[("a", 3), ("b", 1)])), None);
+        let earlier = EarlierSpaces::default().changed(&whole, &other, 9, none()).expect("a change");
+        let earlier = earlier.changed(&other, &boolean, 9, none()).expect("a change");
+        let expressed = earlier.express(1, &boolean.default_configuration(), &boolean);
+        let expressed = expressed.expect("it has what `a` kept");
+        assert_eq!(expressed.to_raw(), raw(&[("a", 3), ("b", 2)]));
+        // A whole number that became real is the same number when it goes.
+        let real = Space::builder().integer("b", 0..=9).default(2).float("a", 0.0..=9.0).default(3.0);
+        let real = real.build().expect("a space");
+        let changes = [(&whole, none()), (&real, none()), (&other, none())];
+        assert_eq!(adopted(&changes, raw(&[("a", 3), ("b", 1)])).as_deref(), Some("b=1"));
     }
 
     #[test]
