@@ -208,6 +208,33 @@ async fn what_is_outside_is_left_out_until_it_is_inside_again() {
 }
 
 #[tokio::test]
+async fn who_knows_an_earlier_space_gets_nothing_else_than_it_wants_and_its_own_default_in_shadow() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await;
+    create(&mut client, "hall").await;
+    let cheap = wanted(&mut client, "a", "high").await;
+    done(&mut client, &cheap.name, 1.0).await;
+    let mut far = space();
+    far.parameters[1] = whole("max_leaf", 1, 64, 40);
+    assert_eq!(changed(&mut client, change(1, far)).await, (1, 0, 0));
+
+    let values = [("min_leaf", integer(1)), ("max_leaf", integer(50)), ("quality", text("low"))];
+    let values = values.map(|(name, value)| (name.to_owned(), value)).into();
+    let wanted = Some(wire::Configuration { values });
+    let request = wire::SuggestRequest { wanted, space_revision: 1, ..ask("old", 10.0) };
+    assert_refused(client.suggest(request).await, Code::InvalidArgument, "outside the space");
+
+    let operation = wire::Operation::Shadow.into();
+    let policy = wire::Policy { operation, ..study().policy.expect("it has one") };
+    let shadow = wire::Study { name: "studies/hall".to_owned(), policy: Some(policy), ..study() };
+    let update = wire::UpdateStudyRequest { study: Some(shadow), update_mask: None };
+    client.update_study(update).await.expect("in shadow");
+    let values = self::values(&frame(&mut client, "old", 1).await);
+    assert_eq!((number(&values, "max_leaf"), &values["quality"]), (Some(8), &text("low")));
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn what_cannot_be_served_is_refused_with_a_remedy() {
     let server = Server::in_memory().await;
     let mut client = server.client().await;

@@ -11,7 +11,7 @@ use treewright_core::decision::Decision;
 use treewright_core::policy::Policy;
 use treewright_core::space::{EarlierSpaces, SpaceError};
 use treewright_core::study::StudySpec;
-use treewright_core::trial::Trial;
+use treewright_core::trial::{Mode, Trial};
 use treewright_core::tuner::{Change, Prediction, TunerError};
 use treewright_store::{Fence, StudyRecord};
 
@@ -170,15 +170,26 @@ impl Live {
         let mut suggest = suggest.clone();
         if let Some(wanted) = suggest.wanted.take() {
             match self.earlier.adopt(revision, wanted, &self.tuner.spec().space) {
-                Some(wanted) => suggest.wanted = Some(wanted.into()),
-                None => return Ok(Err(SpaceError::Outside { revision }.into())),
+                // A client that gets another configuration than it wants would take it for that.
+                Some(wanted) if self.expressed(revision, &wanted).is_some() => {
+                    suggest.wanted = Some(wanted.into());
+                }
+                _ => return Ok(Err(SpaceError::Outside { revision }.into())),
             }
         }
+        let last = self.tuner.statistics().trials;
         Ok(self.decide(&suggest, prepared, now_ms)?.and_then(|(trial, mut change)| {
             if let Some(configuration) = self.expressed(revision, &trial.configuration) {
                 return Ok((Trial { configuration, ..trial }, change));
             }
-            let chosen = self.cheapest_known(revision, trial.state_id).unwrap_or(fallback);
+            // Where the default is to run, theirs comes nearest to it.
+            let known = || self.cheapest_known(revision, trial.state_id);
+            let known = if trial.mode() == Mode::Default { None } else { known() };
+            let chosen = known.unwrap_or(fallback);
+            // One that it was given before may be running.
+            if trial.number > last {
+                self.tuner.forgo(&trial);
+            }
             let (ask, said) = (suggest.ask.at(now_ms), Some(words(revision)));
             let instead = self.tuner.suggest_chosen(&ask, chosen, said, now_ms);
             // The first answer is not stored, so the copy in memory is ahead of the database.

@@ -168,6 +168,12 @@ impl Account {
         self.handed_out - 1
     }
 
+    /// Forgets a trial that was handed out and that its client never hears of.
+    pub(super) fn forgo(&mut self, trial: u64) {
+        self.handed_out = self.handed_out.saturating_sub(1);
+        self.out.remove(&trial);
+    }
+
     /// The rest of the budget, less all reserved costs. Negative where a client overstepped a cap.
     pub(super) fn left(&self, budget: f64) -> f64 {
         let unsettled: f64 = self.unsettled.iter().map(|charge| charge.cost).sum();

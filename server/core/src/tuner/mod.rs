@@ -219,6 +219,14 @@ impl Tuner {
         self.answer(question, Some(chosen), Planned::AtOnce, now_ms)
     }
 
+    /// Charges nothing for a trial that was just handed out and that its client never hears of, because it
+    /// gets [another](Tuner::suggest_chosen).
+    pub fn forgo(&mut self, trial: &Trial) {
+        if let Some(account) = self.visits.account_mut(&trial.client_id) {
+            account.forgo(trial.number);
+        }
+    }
+
     // Report, and the other ends of a trial.
 
     /// Takes the result of a trial and returns the change to store before the result is acknowledged.

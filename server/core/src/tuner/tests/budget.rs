@@ -40,6 +40,29 @@ fn answers_explain_the_budget_and_sessions_begin_anew() {
 }
 
 #[test]
+fn a_trial_that_its_client_never_hears_of_is_not_charged() {
+    let policy = Policy { regret_budget: Some(0.1), abort_above: Some(1.5), ..explore_always() };
+    let mut tuner = tuner(policy);
+    let question = Ask { can_abort: true, ..ask("a", 0.5, 0.5) };
+    let trial = loop {
+        let trial = tuner.suggest(&question, 0).expect("valid").0;
+        if trial.decision.explores() {
+            break trial;
+        }
+        finish(&mut tuner, &trial, Outcome::Ok);
+    };
+    let left = trial.reason().explanation.budget_left.expect("it has a budget");
+    let now_left = |tuner: &Tuner| tuner.visits.account("a").expect("it has a budget").left(0.1);
+    assert!(now_left(&tuner) < left, "it is set aside");
+    tuner.forgo(&trial);
+    let default = tuner.spec.space.default_configuration();
+    let (instead, change) = tuner.suggest_chosen(&question, default, None, 0).expect("valid");
+    assert!(change.trials.iter().any(|one| one.number == trial.number && one.state != TrialState::Open));
+    assert!(instead.number > trial.number && change.visits.len() == 1);
+    assert!((now_left(&tuner) - left).abs() < 1e-9, "{} of {left} are left", now_left(&tuner));
+}
+
+#[test]
 fn an_infeasible_default_leaves_nothing_but_exploring() {
     let mut tuner = tuner(Policy { regret_budget: Some(0.05), ..explore_always() });
     let first = suggest(&mut tuner, "a", 0.5, 0.5);
