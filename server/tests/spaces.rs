@@ -224,7 +224,7 @@ async fn who_knows_an_earlier_space_gets_nothing_else_than_it_wants_and_its_own_
     let request = wire::SuggestRequest { wanted, space_revision: 1, ..ask("old", 10.0) };
     assert_refused(client.suggest(request).await, Code::InvalidArgument, "outside the space");
 
-    let operation = wire::Operation::Shadow.into();
+    let operation = wire::Operation::Shadow as i32;
     let policy = wire::Policy { operation, ..study().policy.expect("it has one") };
     let shadow = wire::Study { name: "studies/hall".to_owned(), policy: Some(policy), ..study() };
     let update = wire::UpdateStudyRequest { study: Some(shadow), update_mask: None };
