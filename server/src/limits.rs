@@ -173,6 +173,9 @@ pub const PLANNING_WAIT: Duration = Duration::from_millis(5);
 /// a processor.
 pub const COMPUTING_NICENESS: i32 = 10;
 
+/// Longest earlier spaces of a study together, as they are written on the wire. They are read with the study.
+pub const EARLIER_SPACES_BYTES: usize = 2 << 20;
+
 /// Completed trials that are read at once when a study is loaded: a few megabytes.
 pub const TRIALS_PER_READ: u32 = 1000;
 

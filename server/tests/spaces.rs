@@ -235,6 +235,30 @@ async fn who_knows_an_earlier_space_gets_nothing_else_than_it_wants_and_its_own_
 }
 
 #[tokio::test]
+async fn what_a_study_remembers_of_its_spaces_is_limited() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await;
+    create(&mut client, "hall").await;
+    // About 700 kB each.
+    let values: Vec<_> = (0..64).map(|value| text(&format!("{value:0256}"))).collect();
+    let parameter = |number: usize| wire::Parameter {
+        name: format!("p{number}"),
+        domain: Some(parameter::Domain::Categorical(wire::CategoricalDomain { values: values.clone() })),
+        default_value: Some(values[0].clone()),
+        active_if: None,
+    };
+    for revision in 1..=4 {
+        let mut large = space();
+        large.parameters.extend((0..40).map(parameter));
+        large.parameters[1] = whole("max_leaf", 1, 32, 8 + i64::from(revision));
+        assert_eq!(changed(&mut client, change(revision, large)).await, (0, 0, 0), "{revision}");
+    }
+    let last = client.change_space(change(5, space())).await;
+    assert_refused(last, Code::InvalidArgument, "copy the study");
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn what_cannot_be_served_is_refused_with_a_remedy() {
     let server = Server::in_memory().await;
     let mut client = server.client().await;

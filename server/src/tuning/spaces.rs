@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 
+use prost::Message as _;
 use treewright_core::configuration::Configuration;
 use treewright_core::decision::Decision;
 use treewright_core::policy::Policy;
@@ -13,6 +14,7 @@ use treewright_core::space::{EarlierSpaces, SpaceError};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Mode, Trial};
 use treewright_core::tuner::{Change, Prediction, TunerError};
+use treewright_proto::convert::space_to_wire;
 use treewright_store::{Fence, StudyRecord};
 
 use super::compute::compute;
@@ -136,6 +138,12 @@ impl Live {
         let last_trial = self.tuner.statistics().trials;
         let earlier = self.earlier.changed(&spec.space, &change.space, last_trial, change.fixed.clone());
         let earlier = earlier.map_err(|error| Error::invalid("space", error))?;
+        let bytes: usize = earlier.spaces().map(|space| space_to_wire(space).encoded_len()).sum();
+        if bytes > limits::EARLIER_SPACES_BYTES {
+            let most = limits::EARLIER_SPACES_BYTES;
+            let problem = format!("the earlier spaces have {bytes} bytes, more than {most}; copy the study");
+            return Err(Error::invalid("space", problem));
+        }
         let adopted = |own: &Configuration| earlier.adopt(present, own.to_raw(), &change.space);
         let pinned = spec.policy.pinned.as_ref().map(|pinned| {
             let problem = format!("the pinned configuration {pinned} is outside it; end the pin first");
