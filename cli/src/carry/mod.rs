@@ -245,13 +245,12 @@ impl<'a> Importer<'a> {
             Some(held) => held,
             None => self.read_held()?,
         };
-        let whole = |trial: &CarriedTrial| self.spec.space.complete(&trial.configuration).ok();
         // Times are not compared: a table has none, and a trial that comes home from another site has the
         // time of its import there.
-        // One from before a change of the space may have a configuration that is not of it.
-        let is_same = |own: &CarriedTrial| whole(trial).is_none_or(|one| whole(own) == Some(one));
-        let is_held =
-            held.get(&number).is_some_and(|own| own.measurements == trial.measurements && is_same(own));
+        let is_held = held.get(&number).is_some_and(|own| {
+            own.measurements == trial.measurements
+                && is_same(&self.spec.space, &trial.configuration, &own.configuration)
+        });
         self.held = Some(held);
         Ok(is_held)
     }
@@ -344,6 +343,15 @@ fn in_kinds(space: &Space, configuration: &Configuration) -> Configuration {
     configuration.iter().map(in_kind).collect()
 }
 
+/// Whether a carried configuration can be one that a study of the space holds. One from before a change of
+/// the space may have values that are not of it, and lacks parameters that had other values than their
+/// defaults.
+fn is_same(space: &Space, carried: &Configuration, own: &Configuration) -> bool {
+    let whole = |configuration: &Configuration| space.complete(configuration).ok();
+    let is_own = |(name, value): (&str, &Value)| own.get(name) == Some(value);
+    whole(carried).is_none_or(|one| whole(own) == Some(one)) || carried.iter().all(is_own)
+}
+
 /// Whether measurements have a cost, unless they are beyond a limit. The service refuses others.
 fn has_cost(spec: &StudySpec, measurements: &BTreeMap<String, f64>) -> Result<(), String> {
     match spec.objective.beyond(measurements) {
@@ -380,6 +388,20 @@ mod tests {
         for other in [written(8.5, "True"), written(8.0, "yes"), written(1e300, "True")] {
             assert!(space.complete(&in_kinds(&space, &other)).is_err(), "{other}");
         }
+    }
+
+    #[test]
+    fn a_trial_from_before_a_change_of_the_space_is_the_one_that_is_held() {
+        let space = Space::builder().integer("level", 1..=9).default(3).boolean("long").default(false);
+        let space = space.build().expect("a space");
+        // It ran before `long` came, which was true then.
+        let own = Configuration::new().with("level", 8).with("long", true);
+        let carried = Configuration::new().with("level", 8);
+        assert!(is_same(&space, &carried, &own));
+        assert!(is_same(&space, &carried.clone().with("gone", 1), &own), "whatever it had beside");
+        assert!(is_same(&space, &Configuration::new(), &own.clone().with("level", 3).with("long", false)));
+        assert!(!is_same(&space, &Configuration::new().with("level", 7), &own));
+        assert!(!is_same(&space, &carried.with("long", false), &own));
     }
 
     #[test]
