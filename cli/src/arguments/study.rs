@@ -51,9 +51,10 @@ pub(crate) enum StudyCommand {
     /// Changes the parameters and constraints of a study, which keeps its trials
     #[command(after_help = "\
 Without --yes it only shows what would change. Trials from before count with the default of each new \
-parameter, or with what it kept if it was there before; those with a value that the file no longer has are \
-kept and left out, until another change takes them in again. Programs that work with the parameters from before go on. For other changes, such \
-as another indicator, use `study clone --spec`; for the policy, `treewright policy`.
+parameter, or with what it kept if it was there before; those with a value that the file no longer has \
+are kept and left out, until another change takes them in again. Programs that work with the \
+parameters from before go on. For other changes, such as another indicator, use `study clone --spec`; \
+for the policy, `treewright policy`.
 
 Examples:
   treewright study show sponza --format toml > sponza.toml
