@@ -53,7 +53,12 @@ pub(super) fn peer(text: &str) -> Result<DashboardPeer, String> {
     else {
         return Err(FORM.to_owned());
     };
-    let authority = format!("{host}:{}", url.port_u16().unwrap_or(80));
+    // A port that is none must not lead to the usual one.
+    let port = match url.authority().and_then(|authority| authority.as_str().strip_prefix(host)) {
+        Some("") => 80,
+        _ => url.port_u16().filter(|port| *port > 0).ok_or(FORM)?,
+    };
+    let authority = format!("{host}:{port}");
     Ok(DashboardPeer { name: name.to_owned(), authority, token: None })
 }
 
@@ -104,6 +109,9 @@ mod tests {
             "a=http://127.0.0.1:8081/studies",
             "a=http://127.0.0.1:8081/?x=1",
             "a=http://user:geheim@127.0.0.1:8081",
+            "a=http://127.0.0.1:80810",
+            "a=http://127.0.0.1:808l",
+            "a=http://127.0.0.1:0",
             "a\u{7}=http://127.0.0.1:8081",
         ] {
             let error = peer(bad).expect_err(bad);
