@@ -5,6 +5,7 @@
 //! are kept, and waits a moment only for studies that were never summarised.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::ops::Bound;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use prost_types::Timestamp;
@@ -58,6 +59,8 @@ struct KnownSummaries {
     by_uid: HashMap<String, KnownSummary>,
     /// The id and the counts of each study to summarise, by its identity.
     pending: BTreeMap<String, (String, v1::StudyStatistics)>,
+    /// The study whose turn was last.
+    turn_of: String,
     /// The number of changes.
     changes: u64,
 }
@@ -73,6 +76,17 @@ impl KnownSummary {
         let age = now.saturating_duration_since(self.made);
         let is_old = self.counts != counts && age >= limits::DASHBOARD_SUMMARY_AGE;
         is_old || (!self.summary.is_whole && age >= limits::DASHBOARD_SUMMARY_RETRY)
+    }
+}
+
+impl KnownSummaries {
+    /// Takes the study whose turn it is. They come round in the order of their identities, so that none has
+    /// to wait for others that change again and again.
+    fn take_next(&mut self) -> Option<(String, (String, v1::StudyStatistics))> {
+        let after = (Bound::Excluded(&self.turn_of), Bound::Unbounded);
+        let next = self.pending.range(after).chain(&self.pending).next();
+        self.turn_of = next.map(|(uid, _)| uid.clone())?;
+        self.pending.remove_entry(&self.turn_of)
     }
 }
 
@@ -136,7 +150,7 @@ impl Summaries {
     async fn work(&self, tuning: &Tuning) {
         let _turn = self.turn.lock().await;
         loop {
-            let next = self.lock().pending.pop_first();
+            let next = self.lock().take_next();
             let Some((uid, (id, counts))) = next else { break };
             let made = summarise(tuning, &id, &uid).await;
             self.keep(uid, counts, made);
@@ -174,10 +188,9 @@ async fn summarise(tuning: &Tuning, id: &str, uid: &str) -> Result<StudySummary,
     let (caller, view) = (Caller::Anyone, record.spec.objective.view());
     let visitor = Visitor { tuning, caller: &caller, frame: PageFrame { has_token: false } };
     let newest = read_trials(&visitor, id, "", "number desc", 1).await?.pop();
-    let (mut standings, mut holder, mut is_whole) = (Vec::new(), None, true);
+    let (mut standings, mut holder) = (Vec::new(), None);
     for number in 1..=signed(record.statistics.states).min(STATES) {
         let Some(state) = read_state(&visitor, id, number).await? else { continue };
-        is_whole &= state.standing.is_some();
         standings.extend(state.standing);
         if state.holder.is_some() {
             holder = state.holder;
@@ -190,8 +203,9 @@ async fn summarise(tuning: &Tuning, id: &str, uid: &str) -> Result<StudySummary,
         gain_note: note_of(&standings, gains.len(), view.better_side()),
         progress: progress(&standings),
         last: newest.and_then(|trial| last_time(&trial)),
+        // A state in which nothing was measured has nothing to tell before the counts change.
+        is_whole: holder.is_none(),
         holder,
-        is_whole,
     })
 }
 
@@ -256,9 +270,16 @@ fn progress(standings: &[Standing]) -> &'static str {
 mod tests {
     use std::time::Duration;
 
+    use treewright_core::policy::Policy;
+    use treewright_core::space::Space;
     use treewright_core::standing::Confirmation;
+    use treewright_core::study::StudySpec;
+    use treewright_core::tuner::Ask;
+    use treewright_store::MemoryStore;
 
     use super::*;
+    use crate::clock::ManualClock;
+    use crate::convert::from_proto::Suggest;
 
     fn gain(share: f64, half: f64) -> Gain {
         Gain { share, low: Some(share - half), high: Some(share + half), probability_better: None }
@@ -325,7 +346,7 @@ mod tests {
         let note = |studies: &[v1::Study]| summaries.note(studies, &shown, Instant::now());
         assert_eq!(note(&[study("a", 1), study("b", 1)]), (true, true));
         assert_eq!(note(&[study("a", 1)]), (false, true), "it is being made");
-        let (uid, (_, counts)) = summaries.lock().pending.pop_first().expect("only what is shown");
+        let (uid, (_, counts)) = summaries.lock().take_next().expect("only what is shown");
         assert!(uid == "a" && summaries.lock().pending.is_empty());
         let whole = StudySummary { is_whole: true, ..StudySummary::default() };
         summaries.keep(uid, counts, Ok(whole.clone()));
@@ -333,10 +354,40 @@ mod tests {
         tokio::time::advance(Duration::from_secs(3600)).await;
         assert_eq!(note(&[study("a", 1)]), (false, false), "nothing has changed");
         assert_eq!(note(&[study("a", 2)]), (true, false));
-        let (uid, (_, counts)) = summaries.lock().pending.pop_first().expect("it has changed");
+        let (uid, (_, counts)) = summaries.lock().take_next().expect("it has changed");
         summaries.keep(uid, counts, Err(Error::Draining));
         assert_eq!(note(&[study("a", 3)]), (false, false), "not at every page");
         tokio::time::advance(limits::DASHBOARD_SUMMARY_RETRY).await;
         assert_eq!(note(&[study("a", 2)]), (true, false), "it could not be made");
+    }
+
+    #[test]
+    fn no_study_waits_for_others_that_change_again_and_again() {
+        let (summaries, studies) = (Summaries::default(), ["a", "b", "c"].map(|uid| study(uid, 1)));
+        let shown: BTreeSet<String> = studies.iter().map(|study| study.uid.clone()).collect();
+        let turns = [0; 6].map(|_| {
+            // What was summarised has changed before the next one is taken.
+            summaries.note(&studies, &shown, Instant::now());
+            summaries.lock().take_next().expect("one is due").0
+        });
+        assert_eq!(turns, ["a", "b", "c", "a", "b", "c"]);
+    }
+
+    #[tokio::test]
+    async fn a_state_without_measurements_is_not_asked_for_again_and_again() {
+        let (store, clock) = (Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
+        let tuning = Tuning::new(store, clock);
+        let space = Space::builder().integer("a", 0..=9).default(4).build().expect("valid");
+        let spec = StudySpec::builder(space).minimise("render_ms", 1.0).build().expect("valid");
+        let spec = spec.with_policy(Policy::default());
+        let created = tuning.create_study("hall", &spec).await.expect("created");
+        let ask = Ask { client_id: "one".to_owned(), ..Ask::default() };
+        let suggest = Suggest { study: "hall".into(), ask, wanted: None, space_revision: 0 };
+        tuning.suggest(suggest).await.expect("a trial");
+        let uid = created.study.uid.to_string();
+        let made = summarise(&tuning, "hall", &uid).await.expect("the study is there");
+        assert!(made.is_whole && made.gain.is_none() && made.last.is_some(), "{made:?}");
+        let another = summarise(&tuning, "hall", "0000000000000abc").await;
+        assert!(matches!(another, Err(Error::Replaced { .. })), "{another:?}");
     }
 }
