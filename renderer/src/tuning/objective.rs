@@ -192,11 +192,15 @@ pub fn frame_cost(times: FrameTimes, frames_per_build: u32) -> f64 {
     times.noise.map_or(frame_ms, |noise| frame_ms * noise.samples_to_error)
 }
 
-/// The id of that study, e.g. `total-paper`. A study keeps its parameters for good: the full space, which had
-/// more of them once, has a number, e.g. `render-full-2`.
+/// The id of that study, e.g. `total-paper`.
 pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
-    let edition = if space.preset() == Preset::Full { "-2" } else { "" };
-    format!("{}-{}{edition}", objective.name(), space.name())
+    format!("{}-{}", objective.name(), space_in_ids(space))
+}
+
+/// The name of a space in the ids of its studies. The full space, which had more parameters once, has a number,
+/// e.g. `full-2`: studies with the former ones stay what they are.
+pub fn space_in_ids(space: &TuningSpace) -> String {
+    space.name() + if space.preset() == Preset::Full { "-2" } else { "" }
 }
 
 #[cfg(test)]
@@ -215,6 +219,7 @@ mod tests {
             "total-full-robust-moving-instanced-2"
         );
         assert_eq!(study_id(Objective::Total, &TuningSpace::paper()), "total-paper");
+        assert_eq!(space_in_ids(&space(false, false, true)), "full-instanced-2");
     }
 
     #[test]

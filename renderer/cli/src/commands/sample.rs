@@ -32,7 +32,7 @@ use treewright_renderer::film::Film;
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, SAMPLES_PER_PLACE_MAX};
 use treewright_renderer::space::{Narrowing, TuningSpace};
-use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_renderer::tuning::objective::{Objective, space_in_ids, specification};
 use treewright_renderer::tuning::sampling::{SAMPLE, SEQUENCE, Sequence};
 use treewright_renderer::tuning::search::{SearchSetting, trial};
 use treewright_renderer::tuning::verdict;
@@ -121,7 +121,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             Objective::Render,
             arguments.frame.threads,
         )?;
-        let id = arguments.server.study.clone().unwrap_or_else(|| format!("sample-{}", whole.name()));
+        let id = arguments.server.study.clone().unwrap_or_else(|| format!("sample-{}", space_in_ids(&whole)));
         if study.as_ref() != Some(&id) {
             // A model is of no use here, and fitting one would disturb the next measurement.
             let policy = Policy::new().predictor(PredictorMethod::NearestNeighbour).epsilon(0.0);
