@@ -168,3 +168,50 @@ pub(super) fn bounds_below(node: NodeRef, parameters: &TreeParameters, triangles
         false => for_node!(parameters, N => of_children::<N>(node)),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::binary::tests::boxes;
+    use super::super::ploc::tests::over;
+    use super::super::walk::Met;
+    use super::*;
+
+    /// The boxes of all children, node by node.
+    fn children(tree: &Tree) -> Vec<Bounds> {
+        let mut all = Vec::new();
+        tree.walk(&mut |met| {
+            if let Met::Node { children, .. } = met {
+                all.extend_from_slice(children);
+            }
+        });
+        all
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn whoever_built_a_tree_its_children_are_in_the_order_for_shadow_rays(boxes in boxes()) {
+            let device = Device::open(0).expect("Embree starts");
+            let triangles = Arc::new(over(&boxes));
+            for builder in [Builder::Embree, Builder::Ploc] {
+                for collapse in [Collapse::Builder, Collapse::Optimal] {
+                    let parameters = TreeParameters {
+                        builder,
+                        collapse,
+                        branching_factor: 4,
+                        max_leaf_size: 4,
+                        max_depth: 64,
+                        ..TreeParameters::default()
+                    };
+                    let tree = Tree::build(&device, &triangles, &parameters).expect("it builds");
+                    let built = children(&tree);
+                    let Root { node, bounds, .. } = tree.root;
+                    // SAFETY: the tree has these parameters, and nothing else looks at it meanwhile.
+                    for_node!(parameters, N => for_block!(parameters, B => unsafe {
+                        sort_children::<N, B>(node, bounds, &parameters);
+                    }));
+                    proptest::prop_assert!(built == children(&tree), "{:?}", parameters);
+                }
+            }
+        }
+    }
+}
