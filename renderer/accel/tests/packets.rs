@@ -12,8 +12,8 @@ use treewright_accel::{
 mod back_ends;
 mod scenes;
 
-/// Every back end that may trace packets in its own way: native scenes, and trees with every kind of node and
-/// test on every instruction set.
+/// Every back end that may trace packets in its own way: native scenes, and trees with every kind of node,
+/// block and test on every instruction set.
 fn structures(triangles: &Arc<Triangles>) -> Vec<(String, Structure)> {
     let device = back_ends::device();
     let built = |choice| build(&device, triangles, &choice).expect("it builds");

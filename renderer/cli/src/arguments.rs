@@ -345,7 +345,7 @@ impl StructureArguments {
 pub fn note_retired(space: &TuningSpace, configuration: &Configuration) {
     for name in space.retired(configuration) {
         eprintln!(
-            "note: {name} is ignored: it is no parameter any more, and its value is what is always done"
+            "note: {name} is ignored: it is no parameter any more, and what was recommended is always done"
         );
     }
 }
