@@ -9,7 +9,7 @@
 //! | `geometry` | the hash of a scene's geometry |
 //! | `json_lines` | records on disk |
 //! | `simulated` | parts of the examples' studies |
-//! | `commands` | the program `treewright-lab`: these and `leave-out` |
+//! | `commands` | the program `treewright-lab`: these |
 //!
 //! The examples of this crate measure the tuner without a renderer: searches, predictors, regret
 //! (`cargo run --release -p treewright-lab --example NAME`). Nothing of the product depends on this crate.

@@ -394,21 +394,7 @@ impl Renderer {
         options: &RenderOptions,
         film: &mut Film,
     ) -> (f64, Counts) {
-        self.render_needing(self.needs(), structure, view, options, film)
-    }
-
-    /// Renders with a shading kernel that can do more than the scene needs, which changes no picture.
-    ///
-    /// # Panics
-    /// If it can do less.
-    pub fn render_needing(
-        &self,
-        needs: Needs,
-        structure: &Structure,
-        view: &View,
-        options: &RenderOptions,
-        film: &mut Film,
-    ) -> (f64, Counts) {
+        let needs = self.needs();
         let sample = Sample { prepared: &self.prepared, view, options, needs, film, until: None };
         let begin = Instant::now();
         let (counts, _) = self.pool.install(|| structure.visit(sample));

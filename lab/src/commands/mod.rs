@@ -7,7 +7,6 @@ mod evaluate;
 mod evaluate_parameters;
 mod evaluate_setup;
 mod fleet;
-mod leave_out;
 mod leave_scene_out;
 mod verify_answers;
 
@@ -20,7 +19,6 @@ use treewright_render_cli::{carry_out, output, parse};
 
 const EXAMPLES: &str = "\
 Examples:
-  treewright-lab leave-out --scene builtin:model
   treewright-lab leave-scene-out --book scenes.json
   treewright-lab fleet --record fleet.jsonl
   treewright-lab evaluate record --record paper.jsonl --only gallery,voxels --cameras 20
@@ -50,8 +48,6 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Measure the gain from leaving out shading features that a scene does not use.
-    LeaveOut(Box<leave_out::Arguments>),
     /// Measure the service on scenes it has never seen.
     LeaveSceneOut(leave_scene_out::Arguments),
     /// Measure what a machine gains from its own measurements, from its group's, and from the fleet's.
@@ -76,7 +72,6 @@ pub fn main() -> ExitCode {
 
 fn run(command: &Command) -> Result<(), CliError> {
     match command {
-        Command::LeaveOut(arguments) => leave_out::run(arguments),
         Command::LeaveSceneOut(arguments) => leave_scene_out::run(arguments),
         Command::Fleet(arguments) => fleet::run(arguments),
         Command::Converge(arguments) => converge::run(arguments),

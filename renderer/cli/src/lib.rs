@@ -51,7 +51,7 @@ Examples:
   treewright-render bench --scene builtin:city --rounds 15
   treewright-render converge --scene builtin:hall --plot hall.svg
 
-The commands from leave-out on are those of the program treewright-lab, which must lie in the same folder.
+The commands from leave-scene-out on are those of the program treewright-lab, which must lie in the same folder.
 
 Environment:
   TREEWRIGHT_ISA  widest instruction set to use: sse2, avx2 or avx512. Default: the processor's best
@@ -98,8 +98,6 @@ enum Command {
     Rays(rays::Arguments),
     #[command(flatten)]
     Manual(ManualCommand),
-    /// Measure the gain from leaving out shading features that a scene does not use.
-    LeaveOut(laboratory::Arguments),
     /// Measure the service on scenes it has never seen.
     LeaveSceneOut(laboratory::Arguments),
     /// Compare error over time: which picture is good enough first, builds and tuning included.
@@ -178,7 +176,6 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Bench(arguments) => bench::run(arguments),
         Command::Rays(arguments) => rays::run(arguments),
         Command::Manual(command) => command.run(<Cli as clap::CommandFactory>::command()),
-        Command::LeaveOut(arguments) => laboratory::run("leave-out", arguments),
         Command::LeaveSceneOut(arguments) => laboratory::run("leave-scene-out", arguments),
         Command::Converge(arguments) => laboratory::run("converge", arguments),
         Command::Evaluate(arguments) => laboratory::run("evaluate", arguments),
