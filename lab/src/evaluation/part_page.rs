@@ -15,7 +15,6 @@ use super::part_figures::{
 use super::parts::{PARTS, came_to};
 use super::record::{Clock, GroupKind, PartSearch, Record, Versus};
 
-
 /// The page's sections; empty where nothing of the kind was recorded.
 pub(crate) fn html(record: &Record, space: &TuningSpace, clock: Clock) -> String {
     splitting_section(record, clock) + &parts_section(record, space, clock) + &needles_section(record, clock)
