@@ -3,11 +3,10 @@
 //! `cargo bench -p treewright-accel -- --rounds 21 --json rays.json`
 //!
 //! `TREEWRIGHT_RAYS` names recordings (files or folders, separated as in `PATH`) that
-//! `treewright-render rays` has made of real frames; without it, three procedural scenes with rays of their
-//! own serve. Every round runs every structure once on every set of rays, and a ratio is taken within a
-//! round, so that a slow spell of the machine hits both sides. Nothing is timed before its answers have been
-//! compared ray by ray with native Embree's, and those of native Embree with brute force. `tools/tinybvh.sh`
-//! compiles one more peer.
+//! `treewright-render rays` has made of frames. Every round runs every structure once on every set of rays,
+//! and a ratio is taken within a round, so that a slow spell of the machine hits both sides. Nothing is timed
+//! before its answers have been compared ray by ray with native Embree's, and those of native Embree with
+//! brute force. `tools/tinybvh.sh` compiles one more peer.
 
 mod answers;
 mod bandwidth;
@@ -15,14 +14,10 @@ mod contenders;
 mod measure;
 mod overview;
 mod peers;
-mod procedural;
-#[path = "../../tests/scenes/mod.rs"]
-mod scenes;
 mod summary;
 mod tinybvh;
 
 use std::error::Error;
-use std::ffi::OsStr;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -92,8 +87,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             .collect::<Result<_, _>>()?,
         scenes: Vec::new(),
     };
-    for (name, recording) in recordings(&arguments.scene, &device)? {
-        let recording = recording()?;
+    for path in recordings(&arguments.scene)? {
+        let (name, recording) = (name(&path), read(&path)?);
         let contenders = contenders::build_all(&device, &recording, &arguments.structure, arguments.builds)?;
         let expected = answers::check(&name, &recording, &contenders)?;
         let visits = contenders::visits(&device, &recording)?;
@@ -118,30 +113,16 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Reads or makes a recording when its turn comes.
-type Source<'a> = Box<dyn FnOnce() -> Result<Recording, Box<dyn Error>> + 'a>;
-
-/// The scenes to measure, by name.
-fn recordings<'a>(filter: &str, device: &'a Device) -> Result<Vec<(String, Source<'a>)>, Box<dyn Error>> {
-    let mut found: Vec<(String, Source<'a>)> = Vec::new();
-    if let Some(places) = std::env::var_os(RECORDINGS) {
-        for path in files(&places)? {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            found.push((name, Box::new(move || read(&path))));
-        }
-    } else {
-        for scene in procedural::SCENES {
-            found.push((scene.name.to_owned(), Box::new(move || Ok(scene.record(device)?))));
-        }
-    }
-    found.retain(|(name, _)| name.contains(filter));
-    Ok(found)
+/// The name of a recording's scene.
+fn name(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The recordings at some places: files as they are, folders for the files in them that end in `.rays`.
-fn files(places: &OsStr) -> Result<Vec<PathBuf>, Box<dyn Error>> {
+/// The recordings to measure: files as they are, folders for the files in them that end in `.rays`.
+fn recordings(filter: &str) -> Result<Vec<PathBuf>, Box<dyn Error>> {
     let mut files = Vec::new();
-    for place in std::env::split_paths(places) {
+    let places = std::env::var_os(RECORDINGS).unwrap_or_default();
+    for place in std::env::split_paths(&places).filter(|place| !place.as_os_str().is_empty()) {
         if !place.is_dir() {
             files.push(place);
             continue;
@@ -161,6 +142,7 @@ fn files(places: &OsStr) -> Result<Vec<PathBuf>, Box<dyn Error>> {
             format!("{RECORDINGS} names no recording: make some with `treewright-render rays`").into()
         );
     }
+    files.retain(|path| name(path).contains(filter));
     Ok(files)
 }
 
