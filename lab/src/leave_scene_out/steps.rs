@@ -200,18 +200,17 @@ impl Stage {
         let mut answers = BTreeMap::new();
         let interrupt = self.interrupt;
         let mut failure = None;
-        let found =
-            search::run(&mut self.renderer, &mut study.tuner(), &setting, iterations, None, |trial| {
-                // The report of this trial goes out with the next question; those before it are known.
-                let known = trial.number - 1;
-                if CHECKPOINTS.contains(&known) {
-                    match study.best(&state) {
-                        Ok(best) => drop(answers.insert(known, best.configuration)),
-                        Err(error) => failure = Some(error),
-                    }
+        let found = search::run(&mut self.renderer, &mut study.tuner(), &setting, iterations, |trial| {
+            // The report of this trial goes out with the next question; those before it are known.
+            let known = trial.number - 1;
+            if CHECKPOINTS.contains(&known) {
+                match study.best(&state) {
+                    Ok(best) => drop(answers.insert(known, best.configuration)),
+                    Err(error) => failure = Some(error),
                 }
-                !interrupt.requested()
-            })?;
+            }
+            !interrupt.requested()
+        })?;
         client.flush(DEADLINE)?;
         if let Some(error) = failure {
             return Err(error.into());

@@ -186,15 +186,6 @@ fn wrong_command_lines_are_explained() {
     ] {
         fails(&format!("image --scene builtin:quick --detail 0.1 -o a.png {more}"), USAGE, &[said]);
     }
-    // What moves along the path is no other camera.
-    for camera in ["--camera 0", "--eye 1,2,3", "--target 1,2,3", "--up 0,0,1", "--fov 30"] {
-        let name = camera.split(' ').next().unwrap_or_default();
-        fails(
-            &format!("tune --scene builtin:quick --moving 0.1 {camera}"),
-            USAGE,
-            &["cannot be used with", name],
-        );
-    }
     fails("", USAGE, &["Usage"]);
     fails("dance", USAGE, &["dance"]);
 }

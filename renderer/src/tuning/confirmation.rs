@@ -72,7 +72,7 @@ pub fn confirm(
         !is_over(trial) && unanswered < UNANSWERED_MAX && go_on()
     };
     let trials_max = u32::try_from(searched).unwrap_or(TRIALS_MAX).clamp(TRIALS_LEAST, TRIALS_MAX);
-    let trials = search::trials(renderer, &mut tuner, setting, trials_max, None, wanted)?;
+    let trials = search::trials(renderer, &mut tuner, setting, trials_max, wanted)?;
     drop(tuner);
     patience.call(|| client.flush(FLUSH))?;
     settled(study, patience, setting, trials)

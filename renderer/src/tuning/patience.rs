@@ -14,15 +14,14 @@ const LOOK: Duration = Duration::from_millis(500);
 
 /// Says what to run next.
 pub trait NextTrial {
-    /// The suggestion for this frame; the next frame will have the `upcoming` indicators. Hands in the result
-    /// of the frame before.
-    fn next(&mut self, now: &Indicators, upcoming: &Indicators, previous: Option<Finished>) -> Suggestion;
+    /// The suggestion for this frame. Hands in the result of the frame before.
+    fn next(&mut self, state: &Indicators, previous: Option<Finished>) -> Suggestion;
 }
 
 /// Asks when it needs an answer, and waits for it within the client's deadline.
 impl NextTrial for Tuner {
-    fn next(&mut self, now: &Indicators, _upcoming: &Indicators, previous: Option<Finished>) -> Suggestion {
-        Tuner::next(self, now, previous)
+    fn next(&mut self, state: &Indicators, previous: Option<Finished>) -> Suggestion {
+        Tuner::next(self, state, previous)
     }
 }
 
@@ -74,14 +73,14 @@ impl<'a> PatientTuner<'a> {
 }
 
 impl NextTrial for PatientTuner<'_> {
-    fn next(&mut self, now: &Indicators, upcoming: &Indicators, previous: Option<Finished>) -> Suggestion {
+    fn next(&mut self, state: &Indicators, previous: Option<Finished>) -> Suggestion {
         let begin = Instant::now();
         let limit = if self.gave_up { Duration::ZERO } else { self.patience.limit };
-        let mut is_there = self.tuner.wait(now, Duration::ZERO);
+        let mut is_there = self.tuner.wait(state, Duration::ZERO);
         while !is_there && begin.elapsed() < limit && (self.patience.go_on)() {
-            is_there = self.tuner.wait(now, LOOK.min(limit));
+            is_there = self.tuner.wait(state, LOOK.min(limit));
         }
         self.gave_up = !is_there;
-        self.tuner.next_before(now, upcoming, previous)
+        self.tuner.next(state, previous)
     }
 }

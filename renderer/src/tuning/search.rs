@@ -20,7 +20,6 @@ use super::objective::{
     RENDER_MS, TREND, TRIALS_BEFORE, UNDELAYED_MS,
 };
 use super::patience::NextTrial;
-use super::workload::Workload;
 use crate::disturbance::{Disturbance, Watch};
 use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
@@ -30,8 +29,6 @@ use crate::noise::{BRIGHTNESS_TOLERANCE, FrameNoise, HALF_SAMPLES};
 use crate::scheduling::ThreadTimes;
 use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
-use treewright_scene::camera_path::CameraPath;
-use treewright_scene::indicators::SceneIndicators;
 
 /// One frame of the search.
 #[derive(Clone, Debug, Serialize)]
@@ -109,31 +106,6 @@ impl SearchSetting {
     }
 }
 
-/// A camera that moves on with every iteration of a search.
-#[derive(Clone, Debug)]
-pub struct Drift {
-    /// The path it moves along.
-    pub path: CameraPath,
-    /// Where it begins, 0 to 1.
-    pub from: f32,
-    /// Which share of the path it covers during the search.
-    pub span: f32,
-    /// The scene's part of the indicators.
-    pub scene: SceneIndicators,
-    /// The workload of each frame.
-    pub workload: Workload,
-}
-
-impl Drift {
-    /// The setting of an iteration, counted from 1.
-    fn at(&self, setting: &SearchSetting, number: u32, iterations: u32) -> SearchSetting {
-        let share = (number - 1) as f32 / (iterations - 1).max(1) as f32;
-        let camera = self.path.sample(self.from + self.span * share);
-        let indicators = self.workload.state(&self.scene.with_camera(&camera));
-        SearchSetting { view: View { camera, ..setting.view }, indicators, ..setting.clone() }
-    }
-}
-
 /// The result of a search.
 #[derive(Clone, Debug)]
 pub struct SearchOutcome {
@@ -177,7 +149,6 @@ pub fn run(
     tuner: &mut dyn NextTrial,
     setting: &SearchSetting,
     iterations: u32,
-    drift: Option<&Drift>,
     on_iteration: impl FnMut(&Iteration) -> bool,
 ) -> Result<SearchOutcome, ClientError> {
     let mut film = Film::new(setting.width, setting.height);
@@ -186,7 +157,7 @@ pub fn run(
     reference(renderer, setting, &mut film);
     let watch = Watch::begin();
     let mut references = reference(renderer, setting, &mut film);
-    let all = trials(renderer, tuner, setting, iterations, drift, on_iteration)?;
+    let all = trials(renderer, tuner, setting, iterations, on_iteration)?;
     references.extend(reference(renderer, setting, &mut film));
     let disturbance = watch.end(renderer.threads(), &references);
     Ok(SearchOutcome { trials: all, reference_ms: Summary::of(&references).median, disturbance })
@@ -198,19 +169,14 @@ pub(super) fn trials(
     tuner: &mut dyn NextTrial,
     setting: &SearchSetting,
     iterations: u32,
-    drift: Option<&Drift>,
     mut on_iteration: impl FnMut(&Iteration) -> bool,
 ) -> Result<Vec<Iteration>, ClientError> {
     let mut film = Film::new(setting.width, setting.height);
     let mut all = Vec::new();
     let mut previous: Option<Finished> = None;
     for number in 1..=iterations {
-        let at = |number| drift.map(|drift| drift.at(setting, number, iterations));
-        let (moved, next) = (at(number), at((number + 1).min(iterations)));
-        let upcoming = next.as_ref().unwrap_or(setting).indicators.clone();
-        let setting = moved.as_ref().unwrap_or(setting);
         let begin = Instant::now();
-        let suggestion = tuner.next(&setting.indicators, &upcoming, previous.take());
+        let suggestion = tuner.next(&setting.indicators, previous.take());
         let waiting_ms = milliseconds(begin);
         let (configuration, cap_ms) = (suggestion.configuration(), suggestion.abort_above());
         let (outcome, times) = trial(renderer, configuration, cap_ms, setting, &mut film);

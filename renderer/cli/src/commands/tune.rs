@@ -24,7 +24,7 @@ use treewright_renderer::tuning::ending::{Ending, Progress};
 use treewright_renderer::tuning::objective::{specification, study_id};
 use treewright_renderer::tuning::patience::{Patience, PatientTuner};
 use treewright_renderer::tuning::results::{Milestone, Overhead, Prediction, SceneFacts, TuningResults};
-use treewright_renderer::tuning::search::{self, Drift, SearchOutcome, SearchSetting};
+use treewright_renderer::tuning::search::{self, SearchOutcome, SearchSetting};
 use treewright_renderer::tuning::verdict::{self, Gains, Rival};
 use treewright_renderer::tuning::who::Who;
 use treewright_renderer::tuning::workload::Workload;
@@ -104,21 +104,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         frames: arguments.frames(),
         indicators: state,
     };
-    let drift = arguments.moving.map(|span| Drift {
-        path: CameraPath::of(&scene),
-        from: arguments.camera.at.unwrap_or(0.0),
-        span,
-        scene: SceneIndicators::of(&scene),
-        workload,
-    });
     let go_on = || !interrupt.requested();
     let patience = Patience { limit: PATIENCE, go_on: &go_on };
     // Gone before the confirmation begins, so that the trial that it has asked for ahead is given back.
     let mut tuner = PatientTuner::new(&study, patience);
-    // A camera that moves has another best configuration in each frame.
-    let asked = drift.is_none().then_some(&study);
     let Searched { mut found, milestones, ending } =
-        search(&mut renderer, &mut tuner, &setting, arguments, drift.as_ref(), asked, interrupt)?;
+        search(&mut renderer, &mut tuner, &setting, arguments, &study, interrupt)?;
     let searched = found.trials.len();
     drop(tuner);
     let mut notes = Vec::new();
@@ -304,15 +295,14 @@ struct Searched {
     ending: Option<Ending>,
 }
 
-/// Runs the search under a progress bar. At each milestone the `asked` study returns its best configuration
-/// and the expected gain of further trials.
+/// Runs the search under a progress bar. At each milestone the study returns its best configuration and the
+/// expected gain of further trials.
 fn search(
     renderer: &mut Renderer,
     tuner: &mut PatientTuner<'_>,
     setting: &SearchSetting,
     arguments: &Arguments,
-    drift: Option<&Drift>,
-    asked: Option<&Study>,
+    study: &Study,
     interrupt: Interrupt,
 ) -> Result<Searched, CliError> {
     let iterations = arguments.iterations;
@@ -321,7 +311,7 @@ fn search(
     let mut best: Option<f64> = None;
     let mut away = false;
     let mut milestones = Vec::new();
-    let found = search::run(renderer, tuner, setting, iterations, drift, |iteration| {
+    let found = search::run(renderer, tuner, setting, iterations, |iteration| {
         spent += Duration::from_secs_f64(iteration.total_ms / 1e3);
         if let Some(cost) = iteration.cost {
             best = Some(best.map_or(cost, |best| best.min(cost)));
@@ -337,7 +327,7 @@ fn search(
             });
             away = now_away;
         }
-        if let Some(study) = asked.filter(|_| !away && is_milestone(iteration.number)) {
+        if !away && is_milestone(iteration.number) {
             let trials = iteration.number;
             if let Ok(best) = study.best(&setting.indicators) {
                 milestones.push(Milestone { trials, configuration: best.configuration, over_start: None });

@@ -99,11 +99,6 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FACTOR", conflicts_with = "paper", allow_negative_numbers = true, value_parser = factor)]
     abort_above: Option<f64>,
 
-    /// Move the camera along its path during the search, from `--at` on and over this share of the path.
-    /// Cameras that are close together count as the same state.
-    #[arg(long, value_name = "SPAN", num_args = 0..=1, default_missing_value = "0.02", value_parser = unit_interval, conflicts_with_all = ["camera", "eye", "target", "up", "fov"])]
-    pub(super) moving: Option<f32>,
-
     /// Write all results, including every trial, as JSON.
     #[arg(long, value_name = "FILE")]
     pub(super) json: Option<PathBuf>,
