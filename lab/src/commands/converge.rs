@@ -11,7 +11,6 @@ use crate::converge::curve::{ComparisonPlan, Entrant, compare};
 use crate::converge::equal_error::{BASELINES, equal_error};
 use crate::converge::metrics::Yardstick;
 use crate::converge::reference::{Reference, TRUSTED_FROM};
-use crate::converge::report;
 use crate::converge::results::{ComparisonResults, ContenderResult, ReferenceFacts};
 use crate::geometry::geometry_hash;
 use treewright_render_cli::arguments::{Size, ViewArguments};
@@ -39,9 +38,9 @@ How to read the result:
 Read a curve down to twice the reference's own error: more --reference-spp lower that.
 
 Examples:
-  treewright-render converge --scene builtin:hall --plot hall.svg
+  treewright-render converge --scene builtin:hall --json hall.json
   treewright-render tune --scene builtin:city --json tuned.json
-  treewright-render converge --scene builtin:city --tuned tuned.json --plot city.svg";
+  treewright-render converge --scene builtin:city --tuned tuned.json";
 
 /// Arguments of `converge`.
 #[derive(Args, Clone, Debug)]
@@ -71,10 +70,6 @@ pub(super) struct Arguments {
     /// Write everything as JSON; `-` prints it instead of the tables.
     #[arg(long, value_name = "FILE|-")]
     json: Option<PathBuf>,
-
-    /// Write the plot.
-    #[arg(long, value_name = "FILE.svg")]
-    plot: Option<PathBuf>,
 }
 
 impl Arguments {
@@ -83,15 +78,15 @@ impl Arguments {
         self.json.as_ref().is_some_and(|path| path.as_os_str() == "-")
     }
 
-    fn check_files(&self) -> Result<(), CliError> {
+    fn check_file(&self) -> Result<(), CliError> {
         let json = self.json.as_ref().filter(|_| !self.prints_json());
-        [json, self.plot.as_ref()].into_iter().flatten().try_for_each(|path| check_folder(path))
+        json.map_or(Ok(()), |path| check_folder(path))
     }
 }
 
 /// Compares the configurations and prints the results.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    arguments.check_files()?;
+    arguments.check_file()?;
     let chosen = arguments.entrants.read(arguments.view.frame.threads)?;
     let scene = arguments.view.scene.load()?;
     let camera = arguments.view.camera.find(&scene)?;
@@ -189,24 +184,13 @@ fn reference(
 }
 
 fn write(arguments: &Arguments, results: &ComparisonResults) -> Result<(), CliError> {
-    let quiet = arguments.prints_json();
-    if quiet {
-        output::json(results)?;
-    } else {
-        converge_output::print(results);
+    if arguments.prints_json() {
+        return output::json(results);
     }
-    let save = |path: &PathBuf, text: String| {
-        write_file(path, text.as_bytes())?;
-        if !quiet {
-            println!("wrote {}", path.display());
-        }
-        Ok::<(), CliError>(())
-    };
-    if let Some(path) = arguments.json.as_ref().filter(|_| !quiet) {
-        save(path, output::to_json(results)?)?;
-    }
-    if let Some(path) = &arguments.plot {
-        save(path, report::svg_file(results)?)?;
+    converge_output::print(results);
+    if let Some(path) = &arguments.json {
+        write_file(path, output::to_json(results)?.as_bytes())?;
+        println!("wrote {}", path.display());
     }
     Ok(())
 }

@@ -25,7 +25,7 @@ Examples:
   treewright-lab evaluate verify --record paper.jsonl --only gallery,voxels
   treewright-lab evaluate parameters --record paper.jsonl --only gallery --cameras 20
   treewright-lab report --record paper.jsonl --out evaluation
-  treewright-lab converge --scene builtin:hall --plot hall.svg
+  treewright-lab converge --scene builtin:hall --json hall.json
 
 Environment:
   TREEWRIGHT_ISA  widest instruction set to use: sse2, avx2 or avx512. Default: the processor's best

@@ -14,7 +14,7 @@
 //! | `slope` | is the slope the −1 of an unbiased estimator? |
 //! | `equal_error` | how much earlier one contender reaches an error than another |
 //! | `results` | all results, for JSON |
-//! | `report` | the results for people: plot and words |
+//! | `report` | words for the results |
 
 pub mod bootstrap;
 pub mod curve;

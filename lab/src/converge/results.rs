@@ -91,20 +91,6 @@ impl ContenderResult {
             origin,
         }
     }
-
-    /// The runs' mean at each checkpoint that all have: wall time in seconds without the time to find the
-    /// configuration, and error with its interval.
-    pub fn mean_curve(&self) -> Vec<(f64, Interval)> {
-        let runs = &self.curve.runs;
-        let length = runs.iter().map(|run| run.points.len()).min().unwrap_or(0);
-        (0..length)
-            .filter_map(|point| {
-                let wall: f64 = runs.iter().map(|run| run.build_ms + run.points[point].render_ms).sum();
-                let errors: Vec<f64> = runs.iter().map(|run| run.points[point].relative_mse).collect();
-                Some((wall / runs.len() as f64 / 1e3, mean_of(&errors)?))
-            })
-            .collect()
-    }
 }
 
 /// Mean of independent values with its interval; `None` when there are none.

@@ -49,7 +49,7 @@ Examples:
   treewright-render sample --scene builtin:hall --cameras 10 --samples 1000 --space paper
   treewright-render play --scene builtin:hall --frames 50 --compare
   treewright-render bench --scene builtin:city --rounds 15
-  treewright-render converge --scene builtin:hall --plot hall.svg
+  treewright-render converge --scene builtin:hall --json hall.json
 
 The commands from leave-scene-out on are those of the program treewright-lab, which must lie in the same folder.
 

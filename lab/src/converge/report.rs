@@ -1,8 +1,5 @@
-//! The comparison for people: a plot, and words for its results.
+//! Words for the results of a comparison.
 
-mod chart;
-
-pub use chart::svg_file;
 use treewright_renderer::tuning::who::NATIVE_DEFAULT;
 
 use super::bootstrap::Interval;
@@ -34,6 +31,3 @@ pub(crate) fn target_in_words(target: &EqualError) -> String {
         None => format!("{error}: the least that all reach"),
     }
 }
-
-#[cfg(test)]
-mod tests;
