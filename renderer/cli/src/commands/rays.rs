@@ -5,13 +5,10 @@ use std::io::BufWriter;
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
-use treewright_accel::recording::RayClass;
 use treewright_accel::{BuildChoice, Device, NativeOptions, build};
 
 use crate::arguments::{CameraArguments, SceneArguments, Size};
 use crate::error::CliError;
-use crate::output;
 use treewright_renderer::film::Film;
 use treewright_renderer::integrator::{Prepared, View};
 use treewright_renderer::limits::BOUNCES_MAX;
@@ -40,19 +37,6 @@ pub(crate) struct Arguments {
     /// Output file, preferably ending in `.rays`.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-
-    /// Print the counts as JSON.
-    #[arg(long)]
-    json: bool,
-}
-
-/// The output of `rays --json`.
-#[derive(Debug, Serialize)]
-struct Outcome {
-    scene: String,
-    triangles: usize,
-    sets: Vec<(RayClass, usize)>,
-    out: PathBuf,
 }
 
 /// Renders one sample a pixel on one thread and writes its rays.
@@ -78,22 +62,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let recording = pool.install(|| record(&prepared, &structure, &view, &mut film));
     let file = File::create(&arguments.out).map_err(unwritable)?;
     recording.write(BufWriter::new(file))?;
-    let outcome = Outcome {
-        scene: scene.name.clone(),
-        triangles: scene.triangles.len(),
-        sets: recording.sets.iter().map(|set| (set.class, set.rays.len())).collect(),
-        out: arguments.out.clone(),
-    };
-    if arguments.json {
-        return output::json(&outcome);
-    }
-    println!("{}: {} triangles", outcome.scene, outcome.triangles);
-    for (class, rays) in &outcome.sets {
-        println!("{rays:>9} {}", class.name());
+    println!("{}: {} triangles", scene.name, scene.triangles.len());
+    for set in &recording.sets {
+        println!("{:>9} {}", set.rays.len(), set.class.name());
     }
     if scene.triangles.has_masks() {
         println!("note: a recording holds no masks, so what replays it meets cut-out triangles everywhere");
     }
-    println!("wrote {}", outcome.out.display());
+    println!("wrote {}", arguments.out.display());
     Ok(())
 }

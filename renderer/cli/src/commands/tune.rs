@@ -9,7 +9,7 @@ use treewright_client::{Configuration, ConfirmationStage, Indicators, Source};
 pub(crate) use super::tune_arguments::Arguments;
 use super::tune_output;
 use crate::arguments::{note_retired, read_configuration};
-use crate::error::{CliError, write_file};
+use crate::error::{CliError, check_folder, write_file};
 use crate::interrupt::Interrupt;
 use crate::output;
 use crate::report;
@@ -51,14 +51,7 @@ const PATIENCE: Duration = Duration::from_secs(300);
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let arguments = &arguments.with_space()?;
     for path in arguments.json.iter().chain(&arguments.report) {
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
-            return Err(CliError::Failed(format!(
-                "{}: the folder {} does not exist; create it first",
-                path.display(),
-                folder.display()
-            )));
-        }
+        check_folder(path)?;
     }
     let candidates = arguments.candidate.iter().map(|path| read_configuration(path));
     let candidates = candidates.collect::<Result<Vec<_>, _>>()?;
