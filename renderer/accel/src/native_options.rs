@@ -66,10 +66,6 @@ pub enum NativeAcceleration {
     Bvh4Triangle4,
     /// Four children, watertight.
     Bvh4Triangle4v,
-    /// Four children, small leaves.
-    Bvh4Triangle4i,
-    /// Four children in compressed nodes, small leaves: the smallest of all.
-    Qbvh4Triangle4i,
     /// Eight children.
     Bvh8Triangle4,
     /// Eight children, watertight.
@@ -78,40 +74,29 @@ pub enum NativeAcceleration {
     Bvh8Triangle4i,
     /// Eight children in compressed nodes.
     Qbvh8Triangle4,
-    /// Eight children in compressed nodes, small leaves.
-    Qbvh8Triangle4i,
 }
 
 impl NativeAcceleration {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 7] = [
         Self::Auto,
         Self::Bvh4Triangle4,
         Self::Bvh4Triangle4v,
-        Self::Bvh4Triangle4i,
-        Self::Qbvh4Triangle4i,
         Self::Bvh8Triangle4,
         Self::Bvh8Triangle4v,
         Self::Bvh8Triangle4i,
         Self::Qbvh8Triangle4,
-        Self::Qbvh8Triangle4i,
     ];
 
     /// Whether Embree can build it with this quality. All can be built with medium quality.
     pub fn offers(self, quality: NativeQuality) -> bool {
         match self {
-            Self::Auto
-            | Self::Bvh4Triangle4
-            | Self::Bvh4Triangle4v
-            | Self::Bvh4Triangle4i
-            | Self::Bvh8Triangle4 => true,
+            Self::Auto | Self::Bvh4Triangle4 | Self::Bvh4Triangle4v | Self::Bvh8Triangle4 => true,
             // Embree 4.4.0 also takes a builder with splits for `Bvh8Triangle4v`, but half of its hits are
             // wrong.
-            Self::Bvh8Triangle4v
-            | Self::Qbvh4Triangle4i
-            | Self::Bvh8Triangle4i
-            | Self::Qbvh8Triangle4
-            | Self::Qbvh8Triangle4i => quality == NativeQuality::Medium,
+            Self::Bvh8Triangle4v | Self::Bvh8Triangle4i | Self::Qbvh8Triangle4 => {
+                quality == NativeQuality::Medium
+            }
         }
     }
 
@@ -122,14 +107,8 @@ impl NativeAcceleration {
     /// by one. Below an instance they do not check, and call a function that is not there.
     pub(crate) fn traced(self, packets: Packets) -> Packets {
         match self {
-            Self::Qbvh4Triangle4i | Self::Qbvh8Triangle4 | Self::Qbvh8Triangle4i => Packets::Single,
-            Self::Auto
-            | Self::Bvh4Triangle4
-            | Self::Bvh4Triangle4v
-            | Self::Bvh4Triangle4i
-            | Self::Bvh8Triangle4
-            | Self::Bvh8Triangle4v
-            | Self::Bvh8Triangle4i => packets,
+            Self::Qbvh8Triangle4 => Packets::Single,
+            _ => packets,
         }
     }
 
@@ -139,13 +118,10 @@ impl NativeAcceleration {
             Self::Auto => "default",
             Self::Bvh4Triangle4 => "bvh4.triangle4",
             Self::Bvh4Triangle4v => "bvh4.triangle4v",
-            Self::Bvh4Triangle4i => "bvh4.triangle4i",
-            Self::Qbvh4Triangle4i => "qbvh4.triangle4i",
             Self::Bvh8Triangle4 => "bvh8.triangle4",
             Self::Bvh8Triangle4v => "bvh8.triangle4v",
             Self::Bvh8Triangle4i => "bvh8.triangle4i",
             Self::Qbvh8Triangle4 => "qbvh8.triangle4",
-            Self::Qbvh8Triangle4i => "qbvh8.triangle4i",
         }
     }
 }
