@@ -201,20 +201,6 @@ fn too_little_depth_is_infeasible_or_a_right_tree() {
 }
 
 #[test]
-fn contradictory_limits_are_named() {
-    let triangles = scenes::soup(50, 0.1, 97);
-    for (min_leaf_size, max_leaf_size, named) in
-        [(8, 4, "min_leaf_size"), (0, 4, "min_leaf_size"), (1, 0, "max_leaf_size"), (33, 33, "max_leaf_size")]
-    {
-        let parameters = TreeParameters { min_leaf_size, max_leaf_size, ..TreeParameters::default() };
-        match build(&device(), &triangles, &BuildChoice::Tree(parameters)) {
-            Err(BuildError::InvalidParameters { parameter, .. }) => assert_eq!(parameter, named),
-            other => panic!("{min_leaf_size} to {max_leaf_size} gave {other:?}"),
-        }
-    }
-}
-
-#[test]
 fn costs_at_their_limits_build_right_trees() {
     let triangles = scenes::soup(800, 0.1, 98);
     let rays = scenes::rays(100, 99);

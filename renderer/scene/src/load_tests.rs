@@ -1,6 +1,6 @@
-//! The readers on small files written here, and on a folder of scenes when `TREEWRIGHT_SCENES` names one.
+//! The readers on small files written here.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::Vec3;
 use serde_json::{Value, json};
@@ -328,51 +328,4 @@ fn bad_ply_files() {
     assert!(error_of("not.ply", b"solid of something else").contains("ply"));
     let two_corners = file(3, "2", &format!("{points}2 0 1\n3 0 1 2\n"));
     assert_eq!(load_bytes("two.ply", two_corners.as_bytes()).unwrap().triangles.len(), 1);
-}
-
-/// Every file below a folder with one of the extensions.
-fn files_below(folder: &Path, files: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let path = entry.path();
-        if path.is_dir() {
-            files_below(&path, files);
-        } else {
-            files.push(path);
-        }
-    }
-}
-
-#[test]
-fn a_folder_of_scenes_never_causes_a_panic() {
-    let Some(folder) = std::env::var_os("TREEWRIGHT_SCENES") else {
-        println!("skipped: TREEWRIGHT_SCENES names no folder of scenes");
-        return;
-    };
-    let mut files = Vec::new();
-    files_below(Path::new(&folder), &mut files);
-    files.sort();
-    for path in files {
-        match load(&path) {
-            Ok(scene) => {
-                let triangles = scene.triangles.len();
-                println!(
-                    "{}: {triangles} triangles, {} meshes, {:?}",
-                    path.display(),
-                    scene.meshes.len(),
-                    scene.notes
-                );
-                assert_eq!(
-                    scene.meshes.iter().map(|mesh| mesh.triangle_count as usize).sum::<usize>(),
-                    triangles
-                );
-                assert!(scene.normals.is_empty() || scene.normals.len() == scene.triangles.positions().len());
-                assert!(scene.meshes.iter().all(|mesh| (mesh.material as usize) < scene.materials.len()));
-            }
-            Err(error) => {
-                let message = error.to_string();
-                println!("{message}");
-                assert!(!message.contains("gave up"), "{message}");
-            }
-        }
-    }
 }
