@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use treewright_tests::programs::{run, stderr, stdout};
+use treewright_tests::programs::{run, stderr, stdout, token};
 use treewright_tests::sandbox::skip;
 
 use crate::dashboard;
@@ -317,7 +317,7 @@ fn choose_studies(browser: &Browser, address: &str) {
 fn log_in(browser: &Browser, folder: &Path) {
     let database = folder.join("tuning.db");
     let (_daemon, address) = dashboard::start(folder, &["--tokens"]);
-    let good = dashboard::token(database.to_str().expect("text"), &["--scope", "read"]);
+    let good = token(&database, &["--scope", "read"]);
     browser.goto(format!("http://{address}/studies/toy"));
     assert!(browser.becomes("return location.pathname === '/login'"));
     browser.type_into("[name=token]", &format!("tw1_wrong{ENTER}"));

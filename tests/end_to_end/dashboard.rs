@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{run, stderr, stdout};
+use treewright_tests::programs::{run, stderr, stdout, token};
 
 /// An answer: its status, its head and its body.
 struct Answer {
@@ -62,15 +62,6 @@ pub(crate) fn create(folder: &Path, url: &str) {
     std::fs::write(&file, study).expect("a file");
     let made = run("treewright", &["--server", url, "study", "create", file.to_str().expect("text")]);
     assert!(made.status.success(), "{}", stderr(&made));
-}
-
-/// Makes a token for the daemon of a database.
-pub(crate) fn token(database: &str, more: &[&str]) -> String {
-    let mut all = vec!["token", "create", "--database", database, "--name", "a test"];
-    all.extend(more);
-    let output = run("treewrightd", &all);
-    assert!(output.status.success(), "{}", stderr(&output));
-    stdout(&output).split_whitespace().find(|word| word.starts_with("tw1_")).expect("a token").to_owned()
 }
 
 #[test]
@@ -190,7 +181,7 @@ fn one_list_holds_the_studies_of_other_daemons() {
     // The second asks for tokens; whoever shows none is led to its log-in.
     let database = folders[1].path().join("tuning.db");
     let (_two, second) = start(folders[1].path(), &["--tokens"]);
-    let shown = token(database.to_str().expect("text"), &["--scope", "read"]);
+    let shown = token(&database, &["--scope", "read"]);
     let file = folders[2].path().join("token");
     std::fs::write(&file, &shown).expect("a file");
     let peers = format!("farm=http://{first},guarded=http://{second},gone=http://127.0.0.1:1");

@@ -11,6 +11,7 @@ use tonic::Code;
 use treewright_proto::v1 as pb;
 use treewright_tests::daemon::Daemon;
 
+use crate::lockouts::frame;
 use crate::wire;
 
 /// The daemon's limit of open Tune streams.
@@ -54,12 +55,6 @@ async fn more_streams_than_there_is_room_for_are_refused_and_others_are_served()
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
     assert!(daemon.terminate().success());
-}
-
-/// A frame of HTTP/2 (RFC 9113, section 4.1).
-fn frame(kind: u8, flags: u8, stream: u32, payload: &[u8]) -> Vec<u8> {
-    let length = u32::try_from(payload.len()).expect("a short frame").to_be_bytes();
-    [&length[1..], &[kind, flags], &stream.to_be_bytes(), payload].concat()
 }
 
 #[tokio::test]

@@ -18,7 +18,7 @@ use treewright_proto::v1 as pb;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::ports::lasting_address;
-use treewright_tests::programs::{run, stderr, stdout};
+use treewright_tests::programs::{run, stderr, stdout, token};
 
 use crate::guard::{Caller, Show, until};
 use crate::wire;
@@ -59,16 +59,6 @@ fn held(daemon: &Daemon, database: &Path, after: &str) {
         missing = missing_locks(daemon, database);
     }
     assert!(missing.is_empty(), "after {after} the daemon has no lock on {missing:?}");
-}
-
-/// Makes a token with the command line, beside the running daemon.
-pub(crate) fn token(database: &Path, more: &[&str]) -> String {
-    let database = database.to_str().expect("plain");
-    let mut arguments = vec!["token", "create", "--database", database, "--name", "a test"];
-    arguments.extend(more);
-    let made = run("treewrightd", &arguments);
-    assert!(made.status.success(), "{}", stderr(&made));
-    stdout(&made).trim().to_owned()
 }
 
 async fn caller(url: &str, token: Option<&str>) -> Caller {

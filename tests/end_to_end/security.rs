@@ -12,7 +12,7 @@ use tonic::{Code, Request, Status};
 use treewright_proto::v1 as pb;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{run, stderr, stdout};
+use treewright_tests::programs::{run, stderr, token};
 
 use crate::guard::{Authority, Caller, Show, until};
 use crate::wire;
@@ -47,12 +47,7 @@ impl Guarded {
 
     /// Makes a token with the command line, beside the running daemon.
     fn token(&self, arguments: &[&str]) -> String {
-        let database = self.file("tuning.db").to_string_lossy().into_owned();
-        let mut all = vec!["token", "create", "--database", &database, "--name", "a test"];
-        all.extend(arguments);
-        let output = run("treewrightd", &all);
-        assert!(output.status.success(), "{}", stderr(&output));
-        stdout(&output).trim().to_owned()
+        token(self.file("tuning.db"), arguments)
     }
 
     fn revoke(&self, token: &str) {

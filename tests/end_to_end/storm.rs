@@ -26,10 +26,10 @@ use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_test_postgres::{Database, Server, holder_of};
 use treewright_tests::daemon::Daemon;
 use treewright_tests::ports::lasting_address;
-use treewright_tests::programs::{run, stderr};
+use treewright_tests::programs::{run, stderr, token};
 
 use crate::guard::{Caller, Show, until};
-use crate::locks::{self, other_program};
+use crate::locks::other_program;
 use crate::wire;
 
 const STUDY: &str = "storm";
@@ -288,7 +288,7 @@ fn read_beside(database: PathBuf, storm: Arc<Storm>) -> u32 {
 impl Weather {
     async fn begin(database: &Path, replicas: usize) -> Self {
         let daemons: Vec<Daemon> = (0..replicas).map(|_| start(database, &lasting_address())).collect();
-        let token = locks::token(database, &["--scope", "admin"]);
+        let token = token(database, &["--scope", "admin"]);
         let mut first = caller(daemons[0].url(), &token);
         let list = || pb::ListStudiesRequest::default();
         until("the token comes into force", async || first.list_studies(list()).await, Result::is_ok).await;

@@ -8,7 +8,6 @@
 mod leaf_study;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use leaf_study::{report, study};
@@ -20,7 +19,7 @@ use tonic::transport::Endpoint;
 use treewright_proto::v1 as wire;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{run, stderr, stdout};
+use treewright_tests::programs::token;
 
 const FLOODER: IpAddr = IpAddr::V4(Ipv4Addr::new(127, 0, 0, 2));
 const FRAME: Duration = Duration::from_micros(33_333);
@@ -169,19 +168,11 @@ fn figures((mut times_ms, failed): (Vec<f64>, usize)) -> String {
     format!("{served} of {} | {:.1} | {:.1}", served + failed, at(0.5), at(0.99))
 }
 
-fn new_token(database: &Path) -> String {
-    let database = database.to_string_lossy();
-    let arguments = ["token", "create", "--database", &*database, "--name", "floods", "--scope", "admin"];
-    let output = run("treewrightd", &arguments);
-    assert!(output.status.success(), "{}", stderr(&output));
-    stdout(&output).trim().to_owned()
-}
-
 async fn row(name: &str, kind: Flood, connections: usize, time: Duration) {
     let folder = tempfile::tempdir().expect("a folder");
     let database = folder.path().join("floods.db");
     let daemon = Daemon::start_with(&database, &["--tokens"], &folder.path().join("log"));
-    let token = new_token(&database);
+    let token = token(&database, &["--scope", "admin"]);
     let url = daemon.url().to_owned();
     let mut client = TuningServiceClient::connect(url.clone()).await.expect("a connection");
     let create = || wire::CreateStudyRequest { study_id: "hall".into(), study: Some(study()) };

@@ -58,6 +58,19 @@ pub fn run(name: &str, arguments: &[&str]) -> Output {
         .unwrap_or_else(|error| panic!("{name} does not start: {error}"))
 }
 
+/// Makes a token for the daemon of a database, with the daemon's own command.
+///
+/// # Panics
+/// When it cannot be made.
+pub fn token(database: impl AsRef<Path>, more: &[&str]) -> String {
+    let database = database.as_ref().to_str().expect("a path of text");
+    let mut arguments = vec!["token", "create", "--database", database, "--name", "a test"];
+    arguments.extend(more);
+    let made = run("treewrightd", &arguments);
+    assert!(made.status.success(), "{}", stderr(&made));
+    stdout(&made).trim().to_owned()
+}
+
 /// Standard error of a finished program as text.
 pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
