@@ -33,8 +33,6 @@ fn errors_are_compared_over_time() {
         assert!(ends("relative_mse") > floor);
         let first = contenders[0]["relative_mse"]["estimate"].as_f64().expect("it was measured");
         assert!((ends("relative_mse") / first - 1.0).abs() < 0.1);
-        let slope = contender["slope"]["range"].as_array().expect("there are runs enough");
-        assert!(slope[0].as_f64() < Some(-0.5) && slope[1].as_f64() > Some(-1.5), "{slope:?}");
     }
     assert_eq!(contenders[6]["setup_ms"], 5e6);
     let last = results["equal_error"].as_array().and_then(|all| all.last()).expect("an error all reach");
@@ -46,7 +44,7 @@ fn errors_are_compared_over_time() {
     assert!(ratio("ratio_with_setup") < ratio("ratio") * 0.1, "an hour of tuning does not pay off at once");
 
     let printed = succeeds(path, &format!("{arguments} --json c.json --config quality=1"));
-    for words in ["slope", "sooner than native", "quality=1", "wrote c.json"] {
+    for words in ["sooner than native", "quality=1", "wrote c.json"] {
         assert!(printed.contains(words), "{words:?} is missing: {printed}");
     }
     let written = std::fs::read_to_string(path.join("c.json")).expect("it was written");

@@ -31,7 +31,6 @@ builds and frames, and for tuned configurations also the tuning; they stand stil
 compared with the reference. Each of --runs begins anew with other random numbers.
 
 How to read the result:
-  slope     of the error over rendering time, both logarithmic; in theory -1
   sooner    a baseline's time to the same error over the contender's
   [ , ]     95 % interval over the runs; five runs are a good start
 
@@ -147,7 +146,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             .into_iter()
             .zip(chosen)
             .map(|(curve, Chosen { configuration, origin, .. })| {
-                ContenderResult::new(curve, configuration, origin, floor)
+                ContenderResult::new(curve, configuration, origin)
             })
             .collect(),
     };

@@ -25,15 +25,8 @@ pub(super) fn print(results: &ComparisonResults) {
     let text = |interval: Option<Interval>, digits: usize| {
         interval.map_or_else(|| "–".to_owned(), |interval| with_range(&interval, digits))
     };
-    let mut table = output::table(&[
-        "contender",
-        "tuning s",
-        "build ms",
-        "ms a sample",
-        "samples",
-        "relative error",
-        "slope",
-    ]);
+    let mut table =
+        output::table(&["contender", "tuning s", "build ms", "ms a sample", "samples", "relative error"]);
     for found in &results.contenders {
         let curve = &found.curve;
         if let Some(failure) = &curve.failure {
@@ -48,7 +41,6 @@ pub(super) fn print(results: &ComparisonResults) {
             text(found.frame_ms, 2),
             format!("{:.0}", mean(found.samples)),
             format!("{:.2e}", mean(found.relative_mse)),
-            text(found.slope, 3),
         ]);
     }
     println!("{table}");

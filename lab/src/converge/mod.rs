@@ -2,8 +2,8 @@
 //!
 //! The gain of a faster structure is the time saved until a picture is good enough, build and tuning
 //! included. So every contender renders progressively, and the clock is stopped while its picture is compared
-//! with a converged reference. The results are errors over seconds: curves, their slopes, and how much
-//! earlier than another a contender reaches the same error.
+//! with a converged reference. The results are errors over seconds: curves, and how much earlier than
+//! another a contender reaches the same error.
 //!
 //! | module | contents |
 //! |---|---|
@@ -11,7 +11,6 @@
 //! | `reference` | the converged picture, and its own error |
 //! | `curve` | several contenders, interleaved, over several independent runs |
 //! | `bootstrap` | intervals of any statistic of independent runs |
-//! | `slope` | is the slope the −1 of an unbiased estimator? |
 //! | `equal_error` | how much earlier one contender reaches an error than another |
 //! | `results` | all results, for JSON |
 //! | `report` | words for the results |
@@ -23,7 +22,6 @@ pub mod metrics;
 pub mod reference;
 pub mod report;
 pub mod results;
-pub mod slope;
 
 #[cfg(test)]
 mod testing {

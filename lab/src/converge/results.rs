@@ -6,7 +6,6 @@ use treewright_client::{Configuration, Fingerprint};
 use super::bootstrap::{Interval, interval};
 use super::curve::{Curve, Run};
 use super::equal_error::EqualError;
-use super::slope::{TimeAndError, slope};
 use treewright_renderer::tuning::results::SceneFacts;
 
 /// A finished comparison.
@@ -63,29 +62,20 @@ pub struct ContenderResult {
     pub samples: Option<Interval>,
     /// Relative error when the time was up; mean over runs.
     pub relative_mse: Option<Interval>,
-    /// Exponent of the error's fall over rendering time; −1 in theory. Absent when too few points lie above
-    /// the reference's own error.
-    pub slope: Option<Interval>,
 }
 
 impl ContenderResult {
-    /// Evaluates a curve. `floor` is the reference's own error.
-    pub fn new(curve: Curve, configuration: Option<Configuration>, origin: String, floor: f64) -> Self {
+    /// Evaluates a curve.
+    pub fn new(curve: Curve, configuration: Option<Configuration>, origin: String) -> Self {
         let mean = |value: &dyn Fn(&Run) -> f64| {
             let values: Vec<f64> = curve.runs.iter().map(value).collect();
             mean_of(&values)
         };
-        let paths: Vec<Vec<TimeAndError>> = curve
-            .runs
-            .iter()
-            .map(|run| run.points.iter().map(|point| (point.render_ms, point.relative_mse)).collect())
-            .collect();
         Self {
             build_ms: mean(&|run| run.build_ms),
             frame_ms: mean(&|run| run.end.render_ms / f64::from(run.end.samples)),
             samples: mean(&|run| f64::from(run.end.samples)),
             relative_mse: mean(&|run| run.end.relative_mse),
-            slope: slope(&paths, floor),
             curve,
             configuration,
             origin,
