@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use clap::Args;
 use clap::builder::TypedValueParser;
-use clap::{Args, ValueEnum};
 use glam::DVec3;
 use treewright_accel::{BuildChoice, NativeOptions, NativeQuality};
 use treewright_client::{Configuration, Indicators};
 
 use crate::error::CliError;
 use crate::names::one_of;
-pub use crate::scene_arguments::{SceneArguments, UpAxis};
+pub use crate::scene_arguments::SceneArguments;
 use treewright_renderer::frame::{Renderer, RendererError};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
@@ -173,28 +173,6 @@ pub struct ViewArguments {
     pub size: Size,
 }
 
-/// Build quality of Embree's own scenes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Native {
-    /// Morton codes: builds fast.
-    Low,
-    /// Binned surface area heuristic: Embree's default.
-    Medium,
-    /// With spatial splits: renders fast.
-    High,
-}
-
-impl Native {
-    /// Embree's quality of that name.
-    pub fn quality(self) -> NativeQuality {
-        match self {
-            Self::Low => NativeQuality::Low,
-            Self::Medium => NativeQuality::Medium,
-            Self::High => NativeQuality::High,
-        }
-    }
-}
-
 /// Which parameters configurations are of.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct SpaceArguments {
@@ -317,17 +295,17 @@ pub struct StructureArguments {
     pub config_file: Option<PathBuf>,
 
     /// Use Embree's own structure, traced path by path with single rays.
-    #[arg(long, value_enum)]
-    pub native: Option<Native>,
+    #[arg(long, value_parser = native())]
+    pub native: Option<NativeQuality>,
 }
 
 impl StructureArguments {
     /// The structure to build and the way to render: the space's default without arguments.
     pub fn choice(&self, threads: usize) -> Result<Choice, CliError> {
         let space = self.space.whole(Objective::Render, threads)?;
-        if let Some(native) = self.native {
+        if let Some(quality) = self.native {
             let robust = self.space.robust;
-            let options = NativeOptions { quality: native.quality(), robust, ..NativeOptions::default() };
+            let options = NativeOptions { quality, robust, ..NativeOptions::default() };
             return Ok(BuildChoice::Native(options).into());
         }
         let configuration = match (&self.config, &self.config_file) {
@@ -435,6 +413,15 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
             },
         )
     }))
+}
+
+/// Reads the build quality of Embree's own scenes.
+fn native() -> impl TypedValueParser<Value = NativeQuality> {
+    one_of([
+        (NativeQuality::Low, "low", "Morton codes: builds fast"),
+        (NativeQuality::Medium, "medium", "Binned surface area heuristic: Embree's default"),
+        (NativeQuality::High, "high", "With spatial splits: renders fast"),
+    ])
 }
 
 /// A number from 0 to 1.

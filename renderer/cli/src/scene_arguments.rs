@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use clap::Args;
 use clap::builder::TypedValueParser;
-use clap::{Args, ValueEnum};
 use treewright_scene::motion::{Motion, Mover};
 use treewright_scene::{Environment, Scene, Sky, Up, builtin, load_upright};
 
@@ -43,8 +43,8 @@ pub struct SceneArguments {
     pub time: f32,
 
     /// Axis of the file that points up.
-    #[arg(long, value_enum, default_value_t = UpAxis::Y)]
-    pub up_axis: UpAxis,
+    #[arg(long, value_parser = up_axis(), default_value = "y")]
+    pub up_axis: Up,
 
     /// Equirectangular environment map, .hdr or .exr; replaces the scene's own sky and sun.
     #[arg(long, value_name = "FILE")]
@@ -63,28 +63,6 @@ pub struct SceneArguments {
     pub flatten: bool,
 }
 
-/// Axes that may point up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum UpAxis {
-    /// As in glTF.
-    #[default]
-    Y,
-    /// As in most files from construction and for printing.
-    Z,
-    /// Some of the same.
-    X,
-}
-
-impl From<UpAxis> for Up {
-    fn from(axis: UpAxis) -> Self {
-        match axis {
-            UpAxis::X => Self::X,
-            UpAxis::Y => Self::Y,
-            UpAxis::Z => Self::Z,
-        }
-    }
-}
-
 impl SceneArguments {
     /// A scene by its name alone, as it is.
     pub fn plain(scene: String, detail: f32, scene_seed: Option<u64>, time: f32) -> Self {
@@ -95,7 +73,7 @@ impl SceneArguments {
             time,
             motion: None,
             animation: None,
-            up_axis: UpAxis::Y,
+            up_axis: Up::Y,
             environment: None,
             environment_rotation: 0.0,
             environment_scale: 1.0,
@@ -157,7 +135,7 @@ impl SceneArguments {
 
     fn still(&self) -> Result<Arc<Scene>, CliError> {
         let scene = match self.scene.strip_prefix(BUILTIN) {
-            Some(_) if self.up_axis != UpAxis::Y => {
+            Some(_) if self.up_axis != Up::Y => {
                 return Err(CliError::Usage("--up-axis is for files; built-in scenes stand on y".to_owned()));
             }
             Some(name) => {
@@ -166,7 +144,7 @@ impl SceneArguments {
                 let options = builtin::Options { detail: self.detail, time: self.time, seed };
                 builtin::build(name, &options)?
             }
-            None => load_upright(&self.scene, self.up_axis.into())?,
+            None => load_upright(&self.scene, self.up_axis)?,
         };
         let mut scene = if self.flatten { scene.flattened()? } else { scene };
         if let Some(path) = &self.environment {
@@ -204,6 +182,15 @@ impl Moving {
 /// Reads the name of a motion.
 fn motion() -> impl TypedValueParser<Value = Motion> {
     one_of(Motion::ALL.map(|motion| (motion, motion.name(), motion.about())))
+}
+
+/// Reads the axis that points up.
+fn up_axis() -> impl TypedValueParser<Value = Up> {
+    one_of([
+        (Up::Y, "y", "As in glTF"),
+        (Up::Z, "z", "As in most files from construction and for printing"),
+        (Up::X, "x", "Some of the same"),
+    ])
 }
 
 fn finite(text: &str) -> Result<f32, String> {
