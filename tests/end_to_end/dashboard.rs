@@ -294,8 +294,7 @@ fn wrong_logins_are_counted_and_pages_use_up_a_quota() {
     let folder = tempfile::tempdir().expect("a folder");
     let database = folder.path().join("tuning.db");
     let slow = {
-        let database = database.to_str().expect("text");
-        let make = || token(database, &["--scope", "read", "--requests-per-s", "2"]);
+        let make = || token(&database, &["--scope", "read", "--requests-per-s", "2"]);
         // The database is made by the first daemon.
         drop(start(folder.path(), &["--tokens"]));
         make()
@@ -336,8 +335,7 @@ fn who_shows_no_token_sees_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let database = folder.path().join("tuning.db");
     let (_daemon, address) = start(folder.path(), &["--tokens"]);
-    let database = database.to_str().expect("text");
-    let token = |more: &[&str]| token(database, more);
+    let token = |more: &[&str]| token(&database, more);
     // The one that is waited for below is the last, so that the daemon knows both then.
     let narrow = token(&["--scope", "read", "--study", "other"]);
     let good = token(&["--scope", "read"]);
@@ -389,9 +387,8 @@ fn a_token_that_may_change_a_study_steers_it_from_its_pages() {
     let folder = tempfile::tempdir().expect("a folder");
     let database = folder.path().join("tuning.db");
     let (daemon, address) = start(folder.path(), &["--tokens"]);
-    let database = database.to_str().expect("text");
-    let reads = token(database, &["--scope", "read"]);
-    let admin = token(database, &["--scope", "admin"]);
+    let reads = token(&database, &["--scope", "read"]);
+    let admin = token(&database, &["--scope", "admin"]);
     let file = folder.path().join("token");
     std::fs::write(&file, &admin).expect("a file");
     let shell = |given: &[&str]| {

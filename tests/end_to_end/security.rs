@@ -47,7 +47,7 @@ impl Guarded {
 
     /// Makes a token with the command line, beside the running daemon.
     fn token(&self, arguments: &[&str]) -> String {
-        token(self.file("tuning.db"), arguments)
+        token(&self.file("tuning.db"), arguments)
     }
 
     fn revoke(&self, token: &str) {

@@ -62,8 +62,8 @@ pub fn run(name: &str, arguments: &[&str]) -> Output {
 ///
 /// # Panics
 /// When it cannot be made.
-pub fn token(database: impl AsRef<Path>, more: &[&str]) -> String {
-    let database = database.as_ref().to_str().expect("a path of text");
+pub fn token(database: &Path, more: &[&str]) -> String {
+    let database = database.to_str().expect("a path of text");
     let mut arguments = vec!["token", "create", "--database", database, "--name", "a test"];
     arguments.extend(more);
     let made = run("treewrightd", &arguments);
