@@ -120,7 +120,7 @@ pub(crate) const WORTH: f64 = 20.0;
 /// Least probability that such an answer can be run.
 pub(crate) const RUNS_LEAST: f64 = 0.99;
 
-/// The probability that one more configuration can be run after `successes` successes and no failure. The
+/// The probability that one more configuration can be run after `successes` others ran and none failed. The
 /// prior: half of all programs run every configuration; in the others every share of runnable ones is equally
 /// likely.
 pub(crate) fn runs_after(successes: usize) -> f64 {

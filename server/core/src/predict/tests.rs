@@ -267,6 +267,46 @@ fn an_infeasible_configuration_is_never_answered_in_its_state() {
     }
 }
 
+/// Where a limit of feasibility moves with the state, what ran on one side of it may fail on the other.
+#[test]
+fn where_something_failed_a_prediction_ran_on_both_sides_and_not_only_far_away() {
+    let mut world = World::new(2, 1);
+    let mut random = ChaCha8Rng::seed_from_u64(9);
+    let (cheap, default) = ([0.3, 0.5], [0.5, 0.5]);
+    let cost = |point: &[f64; 2]| 1.0 + 20.0 * ((point[0] - 0.3).powi(2) + (point[1] - 0.5).powi(2));
+    let fails = || Outcome::Infeasible { reason: String::new() };
+    let known = [0.2, 0.3, 0.4, 0.6, 0.7, 0.8];
+    for state in known {
+        let others: [[f64; 2]; 4] = std::array::from_fn(|_| [0.6 * random.random::<f64>(), random.random()]);
+        for point in [cheap, default].iter().chain(&others) {
+            world.measure(&[state], point, cost(point));
+        }
+        world.take(&[state], &[0.95, random.random()], fails(), None, 1);
+    }
+    let answer = |world: &World, state: f64| {
+        let state = [state];
+        let query = Query { rival: Some(world.space.default_ref()), ..world.query(&state) };
+        let answer = world.predictors.predict(PredictorMethod::Contextual, &query);
+        answer.map(|(answer, _)| answer.configuration)
+    };
+    let best = world.space.decode(&cheap);
+    assert_eq!(answer(&world, 0.5), Some(best.clone()));
+    for step in 0..=40 {
+        let state = f64::from(step) / 40.0;
+        // In a known state its own measurements suffice.
+        let is_known = world.states.iter().any(|known| known.anchor == [state]);
+        if let Some(answer) = answer(&world, state).filter(|_| !is_known) {
+            let ran = world.states.iter().filter(|known| known.results.ran(&answer).is_some());
+            let (below, above): (Vec<f64>, Vec<f64>) =
+                ran.map(|known| known.anchor[0]).partition(|anchor| *anchor < state);
+            assert!(!below.is_empty() && !above.is_empty(), "{answer:?} at {state} is known of one side");
+        }
+    }
+    world.measure(&[0.5], &default, cost(&default));
+    world.take(&[0.5], &cheap, fails(), None, 1);
+    assert_ne!(answer(&world, 0.51), Some(best), "it failed in the nearest state that tried it");
+}
+
 #[test]
 fn the_same_lessons_give_the_same_bytes() {
     let (a, b) = (trained(20, 6, 1.0), trained(20, 6, 1.0));

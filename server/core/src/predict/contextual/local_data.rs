@@ -10,6 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::configuration::Configuration;
 use crate::gp::warping::RobustLog;
 use crate::gp::{Hyperparameters, Process, Sample, acquisition};
+use crate::matrix::dot;
 use crate::predict::contextual::lowest::LowestBound;
 use crate::predict::contextual::running::{Running, Runs};
 use crate::predict::contextual::{FeatureMap, PRIOR};
@@ -155,8 +156,24 @@ impl LocalData {
         Running::of(&self.features, runs, &self.state)
     }
 
+    /// Whether a configuration ran in the nearest state that tried it, and in two states between which the
+    /// asked one lies: in the ball of which they are opposite points. Where a limit of feasibility moves with
+    /// the state, one side says little of the other.
+    fn ran_around(&self, configuration: &Configuration) -> bool {
+        let tried = self.sources.iter().find_map(|source| source.results.record(configuration));
+        let ran = self.sources.iter().filter(|source| source.results.ran(configuration).is_some());
+        // The machine is the last feature of a state.
+        let width = self.state.len() - 1;
+        let way = |source: &SourceState| -> Vec<f64> {
+            source.state[..width].iter().zip(&self.state).map(|(there, here)| there - here).collect()
+        };
+        let ways: Vec<Vec<f64>> = ran.map(way).collect();
+        let is_beyond = |way: &Vec<f64>| ways.iter().any(|other| dot(way, other) <= 0.0);
+        tried.is_some_and(|record| !record.fails()) && ways.iter().any(is_beyond)
+    }
+
     /// The configuration of the least cost, less some deviations, that can probably be run. Beside a rival it
-    /// must almost surely run and be worth its risk; else there is no answer.
+    /// must almost surely run, lie among those that ran, and be worth its risk; else there is no answer.
     pub(super) fn answer(
         &self,
         hyper: &Hyperparameters,
@@ -178,14 +195,14 @@ impl LocalData {
                 Some(here) if here.ran(&configuration).is_some() => return false,
                 _ => {}
             }
-            // Limits of feasibility are sharp, and their model is not. So beside a rival, where anything
-            // failed near by, only a configuration that ran in a near state is an answer.
-            let ran_near = || self.sources.iter().any(|source| source.results.ran(&configuration).is_some());
-            if asked.rival.is_some() && running.knows_failures() && !ran_near() {
-                return true;
-            }
             let features = layout.features(x, &layout.active(x));
-            running.probability(&features) < runs_least
+            // Limits of feasibility are sharp, and their model is not. So beside a rival an answer lies among
+            // what ran near by.
+            let is_among = || match running.knows_failures() {
+                true => self.ran_around(&configuration),
+                false => running.encloses(&features),
+            };
+            running.probability(&features) < runs_least || asked.rival.is_some() && !is_among()
         };
         let is_worth = |x: &[f64]| {
             asked.rival.is_none_or(|rival| {

@@ -206,7 +206,7 @@ proptest! {
 
 /// Five states in which the cheapest configurations fail, as of a compressor whose output may not grow.
 #[test]
-fn what_is_predicted_while_a_study_is_tuned_can_mostly_be_run() {
+fn what_is_predicted_while_a_study_is_tuned_can_nearly_always_be_run() {
     // Answers that a model predicted, and those that other states answer; and how many of each failed.
     let (mut predicted, mut taken_over) = ((0, 0), (0, 0));
     for seed in 0..40 {
@@ -231,8 +231,8 @@ fn what_is_predicted_while_a_study_is_tuned_can_mostly_be_run() {
     }
     println!("predicted, and of these failed: {predicted:?}; taken over: {taken_over:?}");
     let (count, failed) = predicted;
-    // The goal is one in a hundred. Measured were 15 of 291, and 86 of 473 where a sure model of feasibility
-    // sufficed; limits are sharper than the model believes.
-    assert!(count > 100 && 12 * failed <= count, "{failed} of {count} predictions failed");
+    // The goal is one in a hundred. Where it sufficed that a prediction ran in one near state, 15 of 291
+    // failed, and 86 of 473 where a sure model of feasibility did; limits are sharper than the model believes.
+    assert!(count > 30 && 30 * failed <= count, "{failed} of {count} predictions failed");
     assert_eq!(taken_over.1, 0, "what runs in other states runs here");
 }

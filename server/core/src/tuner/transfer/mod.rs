@@ -13,6 +13,8 @@
 mod evidence;
 mod other_machines;
 
+use std::collections::BTreeSet;
+
 use crate::configuration::Configuration;
 use crate::decision::ExploitSource;
 use crate::gp::Posterior;
@@ -88,10 +90,14 @@ impl<'a> Transfer<'a> {
             deviation: answer.expected.deviation.max(f64::MIN_POSITIVE),
         };
         let near = query.nearest(RUNS_STATES, false, |_| true);
-        let tables = near.iter().map(|near| &self.states[at(near.name as usize)].results);
+        let near = near.iter().map(|near| &self.states[at(near.name as usize)]);
+        // Where nothing ran in the asked state yet, it is not among the near ones.
+        let tables = near.chain(query.here).map(|state| &state.results);
         let records = || tables.clone().flat_map(|results| results.records());
-        let ran = records().filter(|record| !record.fails()).count();
-        is_worth(change, WORTH) && records().all(|record| !record.fails()) && runs_after(ran) >= RUNS_LEAST
+        let ran: BTreeSet<&Configuration> = records().map(|record| &record.configuration).collect();
+        is_worth(change, WORTH)
+            && records().all(|record| !record.fails())
+            && runs_after(ran.len()) >= RUNS_LEAST
     }
 
     /// The first configuration to run in a state without measurements, if the predictor expects much gain
