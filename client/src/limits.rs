@@ -13,8 +13,6 @@ pub const DEFAULT_QUEUE: usize = 1024;
 pub const LARGEST_QUEUE: usize = 1 << 20;
 /// Distinct configurations remembered for the time when the daemon is away.
 pub const REMEMBERED_CONFIGURATIONS: usize = 16;
-/// Configurations remembered as infeasible, so that they are not handed out as a fallback.
-pub const REMEMBERED_INFEASIBLE: usize = 256;
 /// Suggestions that one study may have under way at once; a further one gets the fallback.
 pub const OUTSTANDING_SUGGESTIONS: usize = 256;
 /// Frames that a tuner's stream may have unanswered; a further one gets the fallback.

@@ -1,48 +1,27 @@
-//! The configuration to run with when the daemon does not answer: the last one of the
-//! daemon that was not reported infeasible.
+//! The configurations to run with when the daemon does not answer: those of the daemon that ran here.
 
 use std::collections::VecDeque;
 
 use crate::{Configuration, limits};
 
-/// The last good configurations of one study, and those known to be bad.
+/// The last configurations of one study that ran to their end and did not fail since. Oldest first, distinct.
 #[derive(Debug, Default)]
-pub(crate) struct RememberedConfigurations {
-    /// Oldest first, distinct.
-    good: VecDeque<Configuration>,
-    infeasible: VecDeque<Configuration>,
-}
+pub(crate) struct RememberedConfigurations(VecDeque<Configuration>);
 
 impl RememberedConfigurations {
-    /// A configuration came from the daemon.
-    pub(crate) fn remember(&mut self, configuration: &Configuration) {
-        if !self.infeasible.contains(configuration) {
-            push(&mut self.good, configuration, limits::REMEMBERED_CONFIGURATIONS);
+    /// A configuration ran to its end, or could not be run.
+    pub(crate) fn note(&mut self, configuration: &Configuration, runs: bool) {
+        self.0.retain(|other| other != configuration);
+        if runs {
+            self.0.push_back(configuration.clone());
+        }
+        if self.0.len() > limits::REMEMBERED_CONFIGURATIONS {
+            self.0.pop_front();
         }
     }
 
-    /// A configuration was reported infeasible.
-    pub(crate) fn infeasible(&mut self, configuration: &Configuration) {
-        self.good.retain(|other| other != configuration);
-        push(&mut self.infeasible, configuration, limits::REMEMBERED_INFEASIBLE);
-    }
-
-    /// A configuration was measured, so it works after all (in another state).
-    pub(crate) fn feasible(&mut self, configuration: &Configuration) {
-        self.infeasible.retain(|other| other != configuration);
-    }
-
     pub(crate) fn last_good(&self) -> Option<&Configuration> {
-        self.good.back()
-    }
-}
-
-/// Puts an entry at the end, once, and forgets the oldest beyond the limit.
-fn push(list: &mut VecDeque<Configuration>, configuration: &Configuration, limit: usize) {
-    list.retain(|other| other != configuration);
-    list.push_back(configuration.clone());
-    if list.len() > limit {
-        list.pop_front();
+        self.0.back()
     }
 }
 
@@ -55,17 +34,16 @@ mod tests {
     }
 
     #[test]
-    fn an_infeasible_configuration_is_not_handed_out_again() {
+    fn what_failed_is_not_handed_out_again_until_it_runs() {
         let mut memory = RememberedConfigurations::default();
         assert_eq!(memory.last_good(), None);
-        memory.remember(&configuration(1));
-        memory.remember(&configuration(2));
-        memory.infeasible(&configuration(2));
+        memory.note(&configuration(1), true);
+        memory.note(&configuration(2), true);
+        memory.note(&configuration(2), false);
         assert_eq!(memory.last_good(), Some(&configuration(1)));
-        memory.remember(&configuration(2));
-        assert_eq!(memory.last_good(), Some(&configuration(1)));
-        memory.feasible(&configuration(2));
-        memory.remember(&configuration(2));
+        memory.note(&configuration(1), false);
+        assert_eq!(memory.last_good(), None);
+        memory.note(&configuration(2), true);
         assert_eq!(memory.last_good(), Some(&configuration(2)));
     }
 
@@ -73,10 +51,9 @@ mod tests {
     fn it_does_not_grow() {
         let mut memory = RememberedConfigurations::default();
         for quality in 0..1000 {
-            memory.remember(&configuration(quality));
-            memory.infeasible(&configuration(-quality));
+            memory.note(&configuration(quality), true);
+            memory.note(&configuration(-quality), false);
         }
-        assert_eq!(memory.good.len(), limits::REMEMBERED_CONFIGURATIONS);
-        assert_eq!(memory.infeasible.len(), limits::REMEMBERED_INFEASIBLE);
+        assert_eq!(memory.0.len(), limits::REMEMBERED_CONFIGURATIONS);
     }
 }

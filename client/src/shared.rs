@@ -144,9 +144,6 @@ impl Shared {
             let what = trial.unreadable.join(", ");
             return Err(malformed(format!("{} has values of an unknown kind for {what}", trial.name)));
         }
-        if trial.fidelity.is_none() {
-            self.context.remember(&trial.configuration);
-        }
         Ok(Suggestion::of_trial(Arc::clone(&self.context), trial, lease))
     }
 

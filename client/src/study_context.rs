@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::core::Core;
 use crate::memory::RememberedConfigurations;
-use crate::{Configuration, Outcome, StudyRecord, StudySpec};
+use crate::{Configuration, Measurements, Outcome, StudyRecord, StudySpec};
 
 #[derive(Debug)]
 pub(crate) struct StudyContext {
@@ -57,23 +57,19 @@ impl StudyContext {
         *identified = Arc::from(record.identified_name());
     }
 
-    /// The last configuration that came from the daemon and was not reported infeasible.
+    /// The last configuration of the daemon that ran here and did not fail since.
     pub(crate) fn last_good(&self) -> Option<Configuration> {
         self.memory().last_good().cloned()
     }
 
-    /// The daemon has sent a configuration.
-    pub(crate) fn remember(&self, configuration: &Configuration) {
-        self.memory().remember(configuration);
-    }
-
-    /// Learns from a result what to fall back on.
-    pub(crate) fn learn(&self, configuration: &Configuration, outcome: &Outcome) {
-        match outcome {
-            Outcome::Infeasible { .. } => self.memory().infeasible(configuration),
-            Outcome::Ok => self.memory().feasible(configuration),
-            Outcome::Aborted { .. } | Outcome::Failed { .. } => {}
-        }
+    /// Learns from a result what to fall back on. What is beyond a limit does not count as run.
+    pub(crate) fn learn(&self, configuration: &Configuration, outcome: &Outcome, measured: &Measurements) {
+        let runs = match outcome {
+            Outcome::Ok => matches!(self.spec.objective.beyond(&measured.0), Ok(None)),
+            Outcome::Infeasible { .. } | Outcome::Failed { .. } => false,
+            Outcome::Aborted { .. } => return,
+        };
+        self.memory().note(configuration, runs);
     }
 
     fn memory(&self) -> MutexGuard<'_, RememberedConfigurations> {

@@ -19,10 +19,10 @@ use crate::{
 pub enum Source {
     /// The daemon, in time.
     Daemon,
-    /// The daemon did not answer; this is the last configuration that came from it and was not reported
-    /// infeasible.
+    /// The daemon did not answer; this is the last configuration of it that ran in this process and has not
+    /// failed since.
     LastGood,
-    /// The daemon has never answered; these are the space's recommended values.
+    /// The daemon did not answer, and nothing of it has run yet; these are the space's recommended values.
     Default,
 }
 
@@ -226,8 +226,9 @@ impl Suggestion {
                 }
             }
         };
-        if is_full {
-            self.study.learn(&self.configuration, &outcome);
+        // That the default ran is no news.
+        if is_full && self.source != Source::Default {
+            self.study.learn(&self.configuration, &outcome, &measurements);
         }
         let lease = self.lease.take();
         match &lease {

@@ -128,7 +128,7 @@ async fn a_hanging_daemon_costs_one_deadline_and_then_nothing() {
     options.back_off_max = Duration::from_secs(3600);
     let client = Client::connect(&fake.url(), options.deadline(Duration::from_secs(2))).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
-    drop(study.suggest(&state(1)).await);
+    study.suggest(&state(1)).await.report(measured(9.0), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
     fake.hold(Hold::Everything);
     let first = study.suggest(&state(2)).await;
@@ -178,6 +178,10 @@ async fn the_last_good_configuration_is_not_an_infeasible_one() {
     let bad = study.suggest(&state(1)).await;
     assert_eq!(bad.configuration().integer("max_depth").unwrap(), 34);
     bad.report(treewright_client::Measurements::new(), Outcome::infeasible("depth limit reached")).unwrap();
+    // Nor is it one that nobody ran.
+    let unknown = study.suggest(&state(1)).await;
+    assert_ne!(*unknown.configuration(), good_configuration);
+    unknown.abandon();
     client.flush(Duration::from_secs(20)).await.unwrap();
     fake.go_away();
     let fallback = study.suggest(&state(1)).await;

@@ -223,7 +223,6 @@ export class Study {
     try {
       const suggestion = await Promise.race([asked, expired]);
       this.client.stats.suggestions += 1;
-      if (suggestion.fidelity === undefined) this.#lastGood = suggestion.configuration;
       return suggestion;
     } catch (error) {
       late = true;
@@ -275,9 +274,13 @@ export class Study {
     return Object.keys(maximise).length === 1 && more.length === 0 ? weight / cost : cost;
   }
 
-  /** A configuration that cannot work here is no fallback. */
-  forget(configuration) {
-    if (JSON.stringify(configuration) === JSON.stringify(this.#lastGood)) this.#lastGood = undefined;
+  /** Learns from a result what to fall back on: the last configuration of the daemon that ran and has not failed since. */
+  learn(configuration, measurements, outcome) {
+    const { limits = {} } = this.spec;
+    const isBeyond = ([name, { atLeast = -Infinity, atMost = Infinity }]) =>
+      measurements[name] < atLeast || measurements[name] > atMost;
+    if (outcome.ok && !Object.entries(limits).some(isBeyond)) this.#lastGood = configuration;
+    else if (!outcome.aborted && JSON.stringify(configuration) === JSON.stringify(this.#lastGood)) this.#lastGood = undefined;
   }
 }
 
@@ -333,6 +336,8 @@ export class Suggestion {
     this.#checkValues(measurements);
     this.#open = false;
     const { client } = this.#study;
+    // That the default ran is no news.
+    if (this.source !== "default") this.#study.learn(this.configuration, measurements, outcome);
     if (this.trial === undefined) {
       client.stats.unreported += 1;
       return;
@@ -406,7 +411,6 @@ export class Suggestion {
   }
 
   infeasible(reason) {
-    this.#study.forget(this.configuration);
     this.#end({}, { infeasible: { reason: reason.slice(0, 1000) } });
   }
 
