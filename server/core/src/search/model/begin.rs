@@ -264,6 +264,27 @@ mod tests {
         assert!(best < 1.05, "{best}");
     }
 
+    #[test]
+    fn a_guide_is_tested_although_a_stopped_trial_was_measured_late() {
+        let mut search = following(&FIRST);
+        let opposite =
+            |search: &ModelSearch, x: &[f64]| search.setup.layout.guided(x).map(|guided| libm::exp(-guided));
+        for number in 0..8 {
+            assert!(search.setup.layout.has_guide(), "after {number}");
+            let point = search.ask().expect("nothing is out");
+            let cost = opposite(&search, &point.x).expect("a guide");
+            // The last one is stopped first, so that it is known when it counts.
+            let stopped = Verdict::AtLeast(0.5 * cost);
+            let verdict = if number < 7 { Verdict::Cost(cost) } else { stopped };
+            search.tell(point.id, Feedback { verdict, fresh: true });
+            if number == 7 {
+                assert!(search.setup.layout.has_guide(), "seven were measured");
+                search.hear(point.x, Verdict::Cost(cost));
+            }
+        }
+        assert!(!search.setup.layout.has_guide(), "costs fall where the guide says that they rise");
+    }
+
     /// Every gain of a state is told over its default.
     #[test]
     fn a_search_that_begins_with_results_measures_the_default_unless_it_is_among_them() {

@@ -525,9 +525,7 @@ impl Search for ModelSearch {
         }
         self.told += 1;
         self.test_elsewhere();
-        if known.is_none() {
-            self.test_guide();
-        }
+        self.test_guide();
         if self.seen.len() > KEPT_MAX {
             let worst = (0..self.seen.len() / 2)
                 .max_by(|&a, &b| self.seen[a].observed.cost().total_cmp(&self.seen[b].observed.cost()));
