@@ -107,7 +107,7 @@ impl Confirming {
         Some((place, (self.race.rounds(place) + running(place)) as u64 + 1))
     }
 
-    /// Takes a trial out, with its cost if it has one, or with the finding that its contender cannot win.
+    /// Takes a trial out, with its cost if it has one, or with the finding that its contender cannot be run.
     pub(super) fn release(&mut self, trial: u64, finding: Option<Finding>) {
         let Some(place) = self.open.remove(&trial) else {
             return;
@@ -179,7 +179,7 @@ impl Confirming {
 pub(super) enum Finding {
     /// A cost.
     Cost(f64),
-    /// The contender cannot be run, or is not worth being run to the end.
+    /// The contender cannot be run.
     Fails,
 }
 
@@ -386,9 +386,10 @@ impl Tuner {
             {
                 None
             }
-            (Some(Outcome::Infeasible { .. } | Outcome::Aborted { .. }), _) => Some(Finding::Fails),
+            (Some(Outcome::Infeasible { .. }), _) => Some(Finding::Fails),
             _ if trial.decision.silent => None,
-            (Some(Outcome::Ok), Some(cost)) => Some(Finding::Cost(cost)),
+            // A contender did well before, so a trial that was stopped is one dear measurement like others.
+            (Some(Outcome::Ok | Outcome::Aborted { .. }), Some(cost)) => Some(Finding::Cost(cost)),
             (Some(Outcome::Failed { .. }), _) if gives_up => Some(Finding::Fails),
             _ => None,
         };

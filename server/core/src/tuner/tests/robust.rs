@@ -74,6 +74,35 @@ fn one_absurd_report_changes_no_answer_for_longer_than_ten_frames() {
     }
 }
 
+/// In a study where everything costs the same, one trial of the incumbent in its race is stopped.
+#[test]
+fn one_stopped_trial_of_a_race_replaces_no_incumbent() {
+    let (mut raced, mut kept) = (0, 0);
+    for seed in 0..WORLDS {
+        let policy = Policy { epsilon: 1.0, trials_per_state: 40, ..Policy::default() };
+        let mut tuner = Tuner::new(Arc::new(StudySpec { seed, ..spec(policy) })).expect("valid");
+        let default = tuner.spec().space.default_configuration();
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut was_stopped = false;
+        for _ in 0..300 {
+            let trial = suggest(&mut tuner, "a", 0.5, 0.5);
+            let own = tuner.searches.of(StateId(1));
+            let is_raced = own.is_some_and(|own| own.confirms(trial.number));
+            let is_stopped = is_raced && !was_stopped && trial.configuration == default;
+            was_stopped |= is_stopped;
+            let outcome = if is_stopped { Outcome::Aborted { lower_bound: 1e9 } } else { Outcome::Ok };
+            let cost = 40.0 * f64::exp(0.03 * normal(&mut random));
+            assert!(tuner.report(&trial, measured(cost), outcome, 1).is_ok());
+        }
+        let best = tuner.best(None, None).expect("valid").expect("measured");
+        raced += u64::from(was_stopped);
+        kept += u64::from(best.configuration == default);
+    }
+    assert!(raced >= WORLDS / 2, "{raced} races of {WORLDS}");
+    // Chance alone may put a challenger ahead now and then.
+    assert!(kept + 2 >= WORLDS, "{kept} of {WORLDS} incumbents are kept");
+}
+
 fn truth_of(tuner: &Tuner, best: &Best) -> f64 {
     let trial = Trial {
         configuration: best.configuration.clone(),
