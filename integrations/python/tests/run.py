@@ -646,8 +646,8 @@ def optuna_sampler(url: str) -> None:
     assert known.cost <= first
     # Parameters and categories are called as in Optuna, as far as the daemon takes such names.
     configuration = known.configuration
-    assert set(configuration) == {"x", "n", "step", "kind_of_tree", "block", "compact"}, configuration
-    assert configuration["kind_of_tree"] in ("a", "None", "3") and configuration["block"] in (16, 32), configuration
+    assert set(configuration) == {"x", "n", "step", "Kind_of_tree", "block", "compact"}, configuration
+    assert configuration["Kind_of_tree"] in ("a", "None", "3") and configuration["block"] in (16, 32), configuration
     assert isinstance(configuration["compact"], bool) and -4 <= configuration["x"] <= 4, configuration
     print(f"Optuna: {first} to {best} in 40 trials")
     at_its_own_point(client, optuna, TreewrightSampler)
@@ -673,6 +673,15 @@ def at_its_own_point(client, optuna, TreewrightSampler) -> None:
         assert each.value == cost(**each.params)
     best = client.existing_study("optuna-own-point").best()
     assert (best.configuration, best.cost) == ({"x": 1.5, "y": 0}, 1.0) and client.stats()["refused"] == 0, best
+    # What lies beyond the space that the sampler was given is not learnt from, and the study goes on.
+    narrow = {"kind": optuna.distributions.CategoricalDistribution(["a", "b"])}
+    sampler = TreewrightSampler(narrow, client, "optuna-beyond", policy={"epsilon": 1.0, "confirm_rounds": 0})
+    study = optuna.create_study(sampler=sampler)
+    study.enqueue_trial({"kind": "c"})
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        study.optimize(lambda trial: float(len(trial.suggest_categorical("kind", ["a", "b", "c"]))), n_trials=1)
+    assert study.trials[0].params == {"kind": "c"} and any("beyond the search space" in str(each.message) for each in told), told
 
 
 def in_parallel(client, optuna, TreewrightSampler) -> None:

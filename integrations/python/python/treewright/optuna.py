@@ -134,8 +134,9 @@ def _names(wanted: "list[str]") -> "dict[str, str]":
     """Parameters are called as in Optuna, as far as the daemon's rule for names allows it."""
     names: "dict[str, str]" = {}
     for name in wanted:
-        plain = re.sub(r"[^a-z0-9_]", "_", name.lower())
-        plain = (plain if plain[:1].isalpha() else f"p_{plain}")[:NAME_MAX]
+        # Letters and digits of any script.
+        plain = re.sub(r"[^\w.-]", "_", name)
+        plain = (plain if re.match(r"[^\W\d]", plain) else f"p_{plain}")[:NAME_MAX]
         number, unique = 1, plain
         while unique in names.values():
             number += 1
@@ -164,9 +165,13 @@ class _Bound:
 
     def holds(self, params: Mapping[str, Any]) -> bool:
         """Whether what the objective asked for lies in the space."""
-        return all(
-            one._contains(one.to_internal_repr(params[name])) for name, one in self.distributions.items() if name in params
-        )
+        try:
+            return all(
+                one._contains(one.to_internal_repr(params[name])) for name, one in self.distributions.items() if name in params
+            )
+        except ValueError:
+            # It is none of the choices, or no number.
+            return False
 
     def middle(self) -> "dict[str, Any]":
         """Values for parameters that nobody asked for."""
@@ -296,11 +301,15 @@ class TreewrightSampler(BaseSampler):
         """The suggestion, if the trial ran with it; else a trial of what it ran with."""
         wanted = bound.middle() if suggestion is None else bound.read(suggestion.configuration)
         ran = {**wanted, **{name: trial.params[name] for name in wanted if name in trial.params}}
-        if suggestion is not None and bound.write(wanted) == bound.write(ran):
+        is_held = bound.holds(ran)
+        if suggestion is not None and is_held and bound.write(wanted) == bound.write(ran):
             return suggestion
         if suggestion is not None:
             suggestion.abandon()
-        if state not in (TrialState.COMPLETE, TrialState.PRUNED) or not bound.holds(ran):
+        if not is_held:
+            problem = "it ran with values beyond the search space"
+            warnings.warn(f"trial {trial.number} is not learnt from, because {problem}", RuntimeWarning, stacklevel=2)
+        if state not in (TrialState.COMPLETE, TrialState.PRUNED) or not is_held:
             return None
         return bound.study.trial_of(bound.write(ran), self._indicators)
 
