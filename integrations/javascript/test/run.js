@@ -449,6 +449,42 @@ async function acrossAChangeOfTheSpace() {
   client.close();
 }
 
+/** While the daemon is away, the last configuration of it that ran is run again, not one that nobody ran or that failed. */
+async function fallingBack() {
+  const levels = ["3", undefined, "4", undefined, "4", undefined];
+  let asked = 0;
+  const handlers = {
+    CreateStudy: (call, answer) => answer(null, { name: "studies/fallbacks" }),
+    Suggest: ({ request: { study } }, answer) => {
+      const level = levels[asked++];
+      if (level === undefined) return answer({ code: grpc.status.UNAVAILABLE, details: "it is away" });
+      answer(null, { name: `${study}/trials/${asked}`, configuration: { values: { level: { integer: level } } } });
+    },
+    Report: (call, answer) => answer(null, {}),
+    AbandonTrial: (call, answer) => answer(null, {}),
+  };
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { deadlineMs: 20000 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const study = await client.study("fallbacks", { parameters, minimise: { ms: 1 } });
+  const ends = [
+    ["default", 5, (suggestion) => suggestion.abandon()],
+    ["last_good", 4, (suggestion) => suggestion.report({ ms: 1 })],
+    ["default", 5, (suggestion) => suggestion.infeasible("it ran once")],
+  ];
+  for (const [source, level, end] of ends) {
+    const suggestion = await study.suggest();
+    assert.equal(suggestion.source, "daemon", suggestion.problem);
+    end(suggestion);
+    const fallback = await study.suggest();
+    assert.deepEqual([fallback.source, fallback.configuration], [source, { level }]);
+    fallback.report({ ms: 2 });
+  }
+  await client.flush(20000);
+  client.close();
+  server.forceShutdown();
+}
+
 // Its pauses take some seconds, in which the others run.
 const defective = byADefectiveDaemon();
 await trials();
@@ -457,6 +493,7 @@ await inEpisodes();
 await acrossAChangeOfTheSpace();
 await byAnOlderDaemon();
 await byANewerDaemon();
+await fallingBack();
 await whileTheStudyIsLoaded(3);
 await byADaemonThatComesLate();
 await closedWhileReportsWait();
