@@ -208,3 +208,22 @@ fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
     assert_eq!((twin.state_id, &twin.configuration), (near.state_id, &near.configuration));
     assert!(!["group", "fleet"].contains(&twin.reason().source.as_str()));
 }
+
+#[test]
+fn what_fails_on_the_nearest_relation_is_no_answer_of_machines() {
+    let mut tuner = tuner(exploit_always());
+    let space = tuner.spec().space.clone();
+    let [best, other] = [0.3, 0.6].map(|travel| space.decode(&[0.9, 0.1, 0.2, travel]));
+    let [first, second, third] = [4, 8, 16].map(|threads| Node::like(threads, 1.0));
+    for (node, outcome) in [(first, infeasible()), (second, Outcome::Ok)] {
+        let runs =
+            [(space.default_ref(), Outcome::Ok, 20.0), (&other, Outcome::Ok, 12.0), (&best, outcome, 10.0)];
+        for (configuration, outcome, cost) in runs {
+            for _ in 0..2 {
+                let trial = tuner.suggest_wanted(&node.ask(), configuration.to_raw(), 0).expect("valid").0;
+                assert!(tuner.report(&trial, measured(cost), outcome.clone(), 1).is_ok());
+            }
+        }
+    }
+    assert_eq!(tuner.suggest(&third.ask(), 0).expect("valid").0.configuration, other);
+}

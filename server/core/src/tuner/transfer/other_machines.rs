@@ -175,7 +175,8 @@ impl<'a> OtherMachines<'a> {
         Some(PooledEstimate { mean: sum / precision, level, machines, measurements })
     }
 
-    /// The configuration with the least estimate among those that `filter` passes and that can be run here.
+    /// The configuration with the least estimate among those that `filter` passes and that can be run here, as
+    /// far as is known.
     fn best(&self, filter: impl Fn(&Configuration) -> bool) -> Option<(&'a Configuration, PooledEstimate)> {
         let (states, state) = (self.states, self.state);
         let baseline = states.results(state).ran(self.default).map(|record| log(record.mean_cost));
@@ -186,8 +187,13 @@ impl<'a> OtherMachines<'a> {
         let own = states.results(state).ranked().take(OWN_CANDIDATES);
         let others = self.peers.iter().flat_map(|peer| states.results(peer.state).ranked().take(CANDIDATES));
         let candidates = own.chain(others).map(|record| &record.configuration);
-        let candidates =
-            candidates.filter(|candidate| !states.results(state).fails(candidate) && filter(candidate));
+        // The nearest relation that tried a configuration says whether it runs.
+        let runs = |candidate: &Configuration| {
+            let mut near = std::iter::once(state).chain(self.peers.iter().map(|peer| peer.state));
+            let tried = near.find_map(|near| states.results(near).record(candidate));
+            tried.is_none_or(|record| !record.fails()) && !states.results(state).fails(candidate)
+        };
+        let candidates = candidates.filter(|candidate| runs(candidate) && filter(candidate));
         let estimated =
             candidates.filter_map(|candidate| Some((candidate, self.pooled(baseline, candidate)?)));
         estimated.min_by(|(_, a), (_, b)| a.mean.total_cmp(&b.mean))
