@@ -94,7 +94,7 @@ impl Running {
     /// two that ran, choices among those that ran, and inactive only what was inactive before.
     pub(super) fn encloses(&self, features: &[f64]) -> bool {
         let is_met = |(axis, kind): (usize, &FeatureKind)| {
-            let (x, ran) = (features[axis], || self.ran.iter().map(|ran| ran[axis]));
+            let (x, ran) = (features[axis], || self.ran.iter().map(move |ran| ran[axis]));
             if *kind != FeatureKind::Ordered || x == INACTIVE {
                 return ran().any(|other| other == x);
             }
