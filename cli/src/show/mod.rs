@@ -65,14 +65,20 @@ pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
     if studies.is_empty() {
         return "no studies yet".to_owned();
     }
-    let header = ["study", "states", "proven better", "nothing better", "going on", "median gain %"];
-    let mut table = table(&header, &[1, 2, 3, 4, 5]);
+    let [proven, likely, nothing] =
+        [StandingVerdict::Proven, StandingVerdict::Likely, StandingVerdict::NothingBetter]
+            .map(StandingVerdict::in_short);
+    let header = ["study", "states", proven, likely, nothing, "going on", "median gain %"];
+    let mut table = table(&header, &[1, 2, 3, 4, 5, 6]);
     for (study, found) in studies {
         let standings: Vec<&Standing> = found.iter().filter_map(|best| best.standing.as_ref()).collect();
+        // By the same words as everywhere: whatever a race still decides goes on.
         let count = |verdicts: &[StandingVerdict]| {
-            standings.iter().filter(|standing| verdicts.contains(&standing.verdict())).count()
+            let is_one =
+                |standing: &&&Standing| verdicts.iter().any(|one| one.in_short() == standing.in_short());
+            standings.iter().filter(is_one).count()
         };
-        let better = count(&[StandingVerdict::Proven]);
+        let [proven, likely] = [StandingVerdict::Proven, StandingVerdict::Likely].map(|one| count(&[one]));
         let nothing = count(&[StandingVerdict::NothingBetter, StandingVerdict::NothingToWin]);
         let view = view(study);
         let mut gains: Vec<f64> =
@@ -81,9 +87,10 @@ pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
         table.add_row([
             study.id().to_owned(),
             study.statistics.states.to_string(),
-            better.to_string(),
+            proven.to_string(),
+            likely.to_string(),
             nothing.to_string(),
-            (standings.len() - better - nothing).to_string(),
+            (standings.len() - proven - likely - nothing).to_string(),
             gains.get(gains.len() / 2).map(|gain| view.percent(*gain)).unwrap_or_default(),
         ]);
     }

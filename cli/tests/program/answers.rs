@@ -167,10 +167,20 @@ fn what_is_proven_is_told_wherever_the_best_is() {
         assert!(shown.contains("jumped 1 time(s)"), "{shown}");
     }
     let shown = answer(&fake, &["studies", "--standing"]);
-    let row = shown.lines().find(|line| line.contains("sponza")).expect("its row");
-    assert!(row.split_whitespace().eq(["sponza", "1", "0", "0", "1", "50.0"]), "{shown}");
+    let row = |shown: &str| {
+        let row = shown.lines().find(|line| line.contains("sponza")).expect("its row");
+        row.split_whitespace().map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(row(&shown), ["sponza", "1", "0", "0", "0", "1", "50.0"], "{shown}");
     let record = json(&answer(&fake, &["studies", "--standing", "--json"]));
     assert_eq!(record[0]["best"][0]["standing"]["gain"]["low"], 0.412);
+    let mut book = fake.book();
+    let confirmation = book.standing.as_mut().and_then(|standing| standing.confirmation.as_mut());
+    confirmation.expect("it is told").stage = v1::ConfirmationStage::Better as i32;
+    drop(book);
+    let shown = answer(&fake, &["studies", "--standing"]);
+    assert!(shown.contains("likely better"), "{shown}");
+    assert_eq!(row(&shown), ["sponza", "1", "0", "1", "0", "0", "50.0"], "{shown}");
 }
 
 #[test]

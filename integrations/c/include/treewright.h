@@ -224,8 +224,8 @@ enum tw_stage {
   TW_STAGE_OFF = 1,           /* the policy wants no confirmation */
   TW_STAGE_SEARCHING = 2,     /* the search goes on */
   TW_STAGE_RACING = 3,        /* the best few run against the incumbent */
-  TW_STAGE_BETTER = 4,        /* a challenger was proven better */
-  TW_STAGE_NOTHING_BETTER = 5 /* none was */
+  TW_STAGE_BETTER = 4,        /* a challenger is the answer: proven better, or likely to be */
+  TW_STAGE_NOTHING_BETTER = 5 /* none was shown to be better */
 };
 
 /* What is proven of an answer. A number of which nothing is known is NaN. Intervals are those of 95 %. */

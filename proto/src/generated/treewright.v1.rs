@@ -1295,8 +1295,8 @@ pub struct Confirmation {
     /// How many measurements there were in all.
     #[prost(int64, tag = "4")]
     pub measurements: i64,
-    /// Of the winner over the incumbent, from these rounds alone; its interval is valid whenever it is looked at. Unset
-    /// without a winner.
+    /// Of the answer over the default, or over the incumbent where the default did not run, from these rounds alone; its
+    /// interval is valid whenever it is looked at. Unset without a round of both.
     #[prost(message, optional, tag = "5")]
     pub gain: ::core::option::Option<Gain>,
 }
@@ -1314,15 +1314,15 @@ pub struct Standing {
     #[prost(message, optional, tag = "4")]
     pub gain: ::core::option::Option<Gain>,
     /// The incumbent is the answer. While the state is searched, another configuration takes its place once at least twenty
-    /// times as much is to be gained by that as lost; when the search has ended, once it is proven better. The incumbent is
-    /// what was last proven better in this state; before that, the best fixed configuration of the other states; without one,
+    /// times as much is to be gained by that as lost; when the search has ended, once it wins the confirmation. The incumbent
+    /// is what won the last one in this state; before that, the best fixed configuration of the other states; without one,
     /// the default.
     #[prost(bool, tag = "5")]
     pub nothing_better: bool,
     #[prost(message, optional, tag = "6")]
     pub confirmation: ::core::option::Option<Confirmation>,
-    /// How often the speed of a client's machine jumped while the state was measured. Costs are stated for the speed at
-    /// which the state was first measured.
+    /// How often the speed of a client's machine jumped while the state was measured. Costs are stated for the fastest speed
+    /// at which the machine ran for a while.
     #[prost(int64, tag = "7")]
     pub disturbances: i64,
     /// The most that any other measured configuration may gain over the answer, with a probability of 95 %, as a share.
@@ -1410,9 +1410,9 @@ pub enum ConfirmationStage {
     Searching = 2,
     /// The best few run against the incumbent.
     Racing = 3,
-    /// A challenger was proven better than the incumbent, and is the answer.
+    /// A challenger is the answer: it was proven better in the rounds, or is likely to be better by all measurements.
     Better = 4,
-    /// None was proven better than the incumbent, which is the answer.
+    /// None was shown to be better than the incumbent, which is the answer.
     NothingBetter = 5,
 }
 impl ConfirmationStage {
