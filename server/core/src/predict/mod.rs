@@ -81,8 +81,8 @@ pub struct Query<'a> {
 }
 
 impl Query<'_> {
-    /// The `count` measured states nearest to the asked one that pass `filter`, nearest first. Those of other
-    /// machines count as further away.
+    /// The `count` states nearest to the asked one in which something was tried and that pass `filter`, nearest
+    /// first. Those of other machines count as further away.
     pub(crate) fn nearest(
         &self,
         count: usize,
@@ -90,7 +90,7 @@ impl Query<'_> {
         filter: impl Fn(&KnownState) -> bool,
     ) -> Vec<IndexEntry> {
         let found = self.state_index.nearest(self.state, count, explored, |place| {
-            // The index never forgets that a state was explored.
+            // The index never forgets that a state was tried or explored.
             let passes = |known: &&KnownState| (known.explored || !explored) && filter(known);
             let known = self.known.get(place).filter(passes)?;
             Some(distance_2(self.machines.level(self.machine, known.machine)))

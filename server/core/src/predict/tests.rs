@@ -302,7 +302,7 @@ fn where_something_failed_a_prediction_ran_on_both_sides_and_not_only_far_away()
             assert!(!below.is_empty() && !above.is_empty(), "{answer:?} at {state} is known of one side");
         }
     }
-    world.measure(&[0.5], &default, cost(&default));
+    // Nothing ran there.
     world.take(&[0.5], &cheap, fails(), None, 1);
     assert_ne!(answer(&world, 0.51), Some(best), "it failed in the nearest state that tried it");
 }

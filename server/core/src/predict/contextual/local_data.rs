@@ -30,6 +30,8 @@ const QUOTA_LEAST: usize = 8;
 /// The weight of a measurement of the machine itself, of its group and of the fleet: machines differ.
 const TRUST: [f64; 3] = [1.0, 0.5, 0.25];
 
+/// Most near states in which nothing could be run, for the model of feasibility.
+const FAILED_STATES_MAX: usize = 16;
 /// Most failures that the model of feasibility is fitted to.
 const FAILURES_MAX: usize = 64;
 /// Least probability that an explored configuration can be run.
@@ -82,14 +84,19 @@ struct LocalSample<'a> {
 impl LocalData {
     /// Collects the measurements for a query: most of them from the nearest states, and the best of each.
     pub(super) fn new(features: &Arc<FeatureMap>, query: &Query<'_>) -> Self {
-        let found = query.nearest(ROWS_MAX, false, |state| state.results.best().is_some());
+        let mut found = query.nearest(ROWS_MAX, false, |state| state.results.best().is_some());
+        found.extend(query.nearest(FAILED_STATES_MAX, false, |state| {
+            state.results.best().is_none() && !state.results.records().is_empty()
+        }));
+        found.sort_by(|a, b| a.distance_2.total_cmp(&b.distance_2).then(a.name.cmp(&b.name)));
         let (mut sources, mut quota, mut rows) = (Vec::new(), QUOTA_FIRST, 0);
         for state in found.iter().filter_map(|found| query.known.get(found.name as usize)) {
             let taken = quota.min(ROWS_MAX - rows);
             sources.push(SourceState::of(features, query, state, taken));
-            rows += state.results.ranked().len().min(taken);
+            let given = state.results.ranked().len().min(taken);
+            rows += given;
             assert!(rows <= ROWS_MAX, "{rows} rows");
-            quota = (quota / 2).max(QUOTA_LEAST);
+            quota = if given > 0 { (quota / 2).max(QUOTA_LEAST) } else { quota };
             if rows >= ROWS_MAX {
                 break;
             }

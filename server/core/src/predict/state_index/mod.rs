@@ -20,11 +20,11 @@ pub(crate) use tree::{IndexEntry, match_distance_2};
 pub struct StateIndex {
     /// All states of each machine that may be met again, in which states are recognised.
     all: BTreeMap<MachineId, KdTree>,
-    /// States in which something was measured.
-    measured: KdTree,
-    /// Measured states in which a search was begun.
+    /// States in which something was tried, whether or not it ran.
+    tried: KdTree,
+    /// Those of them in which a search was begun.
     explored: KdTree,
-    /// For each state, whether the measured and the explored tree hold it.
+    /// For each state, whether the tried and the explored tree hold it.
     held: Vec<(bool, bool)>,
     /// Over the measured states.
     statistics: IndicatorStatistics,
@@ -38,7 +38,7 @@ impl StateIndex {
         let tree = KdTree::new(indicators);
         StateIndex {
             all: BTreeMap::new(),
-            measured: tree.clone(),
+            tried: tree.clone(),
             explored: tree,
             held: Vec::new(),
             statistics: IndicatorStatistics::new(indicators),
@@ -46,7 +46,7 @@ impl StateIndex {
         }
     }
 
-    /// Takes a new state, or notes that a known one was measured or explored. States come in the order of
+    /// Takes a new state, or notes that a known one was tried or explored. States come in the order of
     /// their ids; a second call changes nothing.
     pub fn note(&mut self, state: &KnownState) {
         let place = state.id.0 as u32 - 1;
@@ -56,19 +56,19 @@ impl StateIndex {
             self.held.push((false, false));
         }
         assert!((place as usize) < self.held.len(), "{:?} comes before its time", state.id);
-        let (measured, explored) = &mut self.held[place as usize];
-        if state.results.best().is_none() {
+        let (tried, explored) = &mut self.held[place as usize];
+        if state.results.records().is_empty() {
             return;
         }
-        if !*measured {
-            *measured = true;
-            self.measured.insert(place, &state.anchor);
+        if !*tried {
+            *tried = true;
+            self.tried.insert(place, &state.anchor);
         }
         if state.explored && !*explored {
             *explored = true;
             self.explored.insert(place, &state.anchor);
         }
-        assert!(*measured || !*explored, "what was explored was measured");
+        assert!(*tried || !*explored, "what was explored was tried");
     }
 
     /// Adds a state's indicators to the statistics of their reach. Called once for each state, in the order
@@ -136,7 +136,7 @@ impl StateIndex {
         self.all.values().filter_map(move |tree| Some(tree.within(state, tolerance)?.name as usize))
     }
 
-    /// The `count` nearest states in which something was measured, nearest first. `further` gives the square
+    /// The `count` nearest states in which something was tried, nearest first. `further` gives the square
     /// of an additional distance, and `None` for states to leave out. `explored` leaves out those without a
     /// search.
     pub(crate) fn nearest(
@@ -146,7 +146,7 @@ impl StateIndex {
         explored: bool,
         mut further: impl FnMut(usize) -> Option<f64>,
     ) -> Vec<IndexEntry> {
-        let tree = if explored { &self.explored } else { &self.measured };
+        let tree = if explored { &self.explored } else { &self.tried };
         tree.nearest(state, &self.weights, count, &mut |name| further(name as usize))
     }
 }

@@ -89,10 +89,8 @@ impl<'a> Transfer<'a> {
             mean: answer.expected.cost - known.cost,
             deviation: answer.expected.deviation.max(f64::MIN_POSITIVE),
         };
-        let near = query.nearest(RUNS_STATES, false, |_| true);
-        let near = near.iter().map(|near| &self.states[at(near.name as usize)]);
-        // Where nothing ran in the asked state yet, it is not among the near ones.
-        let tables = near.chain(query.here).map(|state| &state.results);
+        let near = query.nearest(RUNS_STATES, false, |state| !state.results.records().is_empty());
+        let tables = near.iter().map(|near| &self.states[at(near.name as usize)].results);
         let records = || tables.clone().flat_map(|results| results.records());
         let ran: BTreeSet<&Configuration> = records().map(|record| &record.configuration).collect();
         is_worth(change, WORTH)
