@@ -81,8 +81,8 @@ pub struct Query<'a> {
 }
 
 impl Query<'_> {
-    /// The `count` states nearest to the asked one in which something was tried and that pass `filter`, nearest
-    /// first. Those of other machines count as further away.
+    /// The `count` states nearest to the asked one in which something was tried and that pass `filter`,
+    /// nearest first. Those of other machines count as further away.
     pub(crate) fn nearest(
         &self,
         count: usize,

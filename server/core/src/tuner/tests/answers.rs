@@ -232,7 +232,7 @@ fn what_is_predicted_while_a_study_is_tuned_can_nearly_always_be_run() {
     println!("predicted, and of these failed: {predicted:?}; taken over: {taken_over:?}");
     let (count, failed) = predicted;
     // The goal is one in a hundred. Where it sufficed that a prediction ran in one near state, 15 of 291
-    // failed, and 86 of 473 where a sure model of feasibility did; limits are sharper than the model believes.
+    // failed, and 86 of 473 where a sure model of feasibility did: limits are sharper than it believes.
     assert!(count > 30 && 30 * failed <= count, "{failed} of {count} predictions failed");
     assert_eq!(taken_over.1, 0, "what runs in other states runs here");
 }

@@ -175,8 +175,8 @@ impl<'a> OtherMachines<'a> {
         Some(PooledEstimate { mean: sum / precision, level, machines, measurements })
     }
 
-    /// The configuration with the least estimate among those that `filter` passes and that can be run here, as
-    /// far as is known.
+    /// The configuration with the least estimate among those that `filter` passes and that can be run here,
+    /// as far as is known.
     fn best(&self, filter: impl Fn(&Configuration) -> bool) -> Option<(&'a Configuration, PooledEstimate)> {
         let (states, state) = (self.states, self.state);
         let baseline = states.results(state).ran(self.default).map(|record| log(record.mean_cost));
