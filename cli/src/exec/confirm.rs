@@ -15,7 +15,7 @@ impl Session<'_> {
         // Where nothing is proven yet, the pairs may prove it.
         let found = summary.best.as_ref().map(|best| &best.configuration).filter(|best| *best != default);
         let Some(candidate) = found.cloned().or_else(|| self.own.lowest(default)) else {
-            progress::note("nothing better than the default was found, so there is nothing to confirm");
+            progress::note("nothing beside the default has run, so there is nothing to confirm");
             return Ok(());
         };
         let Some(gain) = self.pairs(&candidate, pairs)? else { return Ok(()) };

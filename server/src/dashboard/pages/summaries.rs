@@ -83,8 +83,8 @@ impl KnownSummaries {
     /// Takes the study whose turn it is. They come round in the order of their identities, so that none has
     /// to wait for others that change again and again.
     fn take_next(&mut self) -> Option<(String, (String, v1::StudyStatistics))> {
-        let after = (Bound::Excluded(&self.turn_of), Bound::Unbounded);
-        let next = self.pending.range(after).chain(&self.pending).next();
+        let after = (Bound::Excluded(self.turn_of.as_str()), Bound::Unbounded);
+        let next = self.pending.range::<str, _>(after).chain(&self.pending).next();
         self.turn_of = next.map(|(uid, _)| uid.clone())?;
         self.pending.remove_entry(&self.turn_of)
     }
