@@ -1,3 +1,5 @@
+//! Tests of objectives: their limits, their stored forms, and costs as weighted sums.
+
 use super::*;
 
 fn term(metric: &str, weight: f64) -> ObjectiveTerm {

@@ -492,9 +492,11 @@ mod tests {
         let slow = Slow::new(&tokens, Duration::ZERO);
         let access = Access { store: Arc::clone(&slow) as _, ..access };
         let caller = access.authorize(TUNE, Authorization::Bearer(&text)).await.unwrap();
+        // Both are spent before the copy of the tokens is too old.
+        let spent = [caller.spend_trial().unwrap(), caller.spend_trial().unwrap()];
         slow.is_silent.store(true, Ordering::Relaxed);
-        for _ in 0..2 {
-            caller.spend_trial().unwrap().keep();
+        for trial in spent {
+            trial.keep();
             access.save().await;
             sleep(limits::TROUBLE_PERIOD / 2).await;
         }

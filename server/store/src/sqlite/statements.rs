@@ -149,8 +149,8 @@ macro_rules! trial_columns {
 /// The columns that a [`TrialRow`](crate::rows::TrialRow) reads.
 pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
 
-/// A stored trial keeps its other columns. Only the lease, what `reason` notes of its client, and the report can
-/// still change.
+/// A stored trial keeps its other columns. Only the lease, what `reason` notes of its client, and the report
+/// can still change.
 pub(super) const TRIAL_UPSERT: &str = concat!(
     "INSERT INTO trials (study, ",
     trial_columns!(),
