@@ -26,9 +26,7 @@ pub(crate) struct File {
 pub(crate) fn rust_files() -> impl Iterator<Item = File> {
     let mut found = Vec::new();
     let top = workspace();
-    for folder in
-        ["model", "proto", "server", "client", "cli", "renderer", "integrations", "lab", "tests"]
-    {
+    for folder in ["model", "proto", "server", "client", "cli", "renderer", "integrations", "lab", "tests"] {
         collect(&top, &top.join(folder), &mut found);
     }
     assert!(found.len() > 20, "the source files were not found");

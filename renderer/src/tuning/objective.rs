@@ -197,8 +197,8 @@ pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
     format!("{}-{}", objective.name(), space_in_ids(space))
 }
 
-/// The name of a space in the ids of its studies. The full space, which had more parameters once, has a number,
-/// e.g. `full-2`: studies with the former ones stay what they are.
+/// The name of a space in the ids of its studies. The full space, which had more parameters once, has a
+/// number, e.g. `full-2`: studies with the former ones stay what they are.
 pub fn space_in_ids(space: &TuningSpace) -> String {
     space.name() + if space.preset() == Preset::Full { "-2" } else { "" }
 }
