@@ -47,7 +47,7 @@ pub struct Conditions {
     /// Measurements of each contender.
     pub rounds: u32,
     /// The number of frames that share a build. With 1 each frame has its build, as in real-time rendering.
-    /// Otherwise each structure is built anew for each round too, as far as [`REBUILD_S`] goes, because equal
+    /// Otherwise each structure is built anew for each round too, as far as a minute goes, because equal
     /// configurations differ from build to build.
     pub frames_per_build: u32,
     /// The measured quantity.

@@ -15,8 +15,8 @@
 //! * Trees shallower than 24 levels were never among the good ones, and every tenth of them cannot be built.
 //! * Packets of another kind for camera rays gain nothing (measured on three scenes): these values are left
 //!   out. Rays after a bounce always go alone, in the order of their pixels: neither packets nor sorting pay.
-//! * Only the best grouping of a finished tree makes nodes of sixteen, so it has a parameter of its own for the
-//!   width.
+//! * Only the best grouping of a finished tree makes nodes of sixteen, so it has a parameter of its own for
+//!   the width.
 //! * Only a scene of instances has something to copy or to open.
 //! * A scene without lights that are sampled has no shadow rays; their parameters stay part of the one space
 //!   of all scenes, and are without effect there.

@@ -1,8 +1,8 @@
 //! The result of Embree's builder when the tree is to be collapsed afterwards: pairs of children, boxes, and
 //! triangle numbers, in Embree's memory. It lives only until [`super::binary`] has read it.
 //!
-//! The functions that Embree calls are like those of [`super::callbacks`]. A node also counts the leaves below
-//! it, so that a reader of the sketch can share the work between threads beforehand.
+//! The functions that Embree calls are like those of [`super::callbacks`]. A node also counts the leaves
+//! below it, so that a reader of the sketch can share the work between threads beforehand.
 
 use std::ffi::c_void;
 

@@ -78,10 +78,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     pub(super) size: Size,
 
-    /// Interleaved rounds in which the winner is measured again, beside the start and native Embree, each with
-    /// builds of its own as far as a minute goes. Who is not shown to be faster than the start there does not
-    /// replace it; fewer than six rounds show nothing by themselves. After two minutes there are no more than
-    /// six.
+    /// Interleaved rounds in which the winner is measured again, beside the start and native Embree, each
+    /// with builds of its own as far as a minute goes. Who is not shown to be faster than the start there
+    /// does not replace it; fewer than six rounds show nothing by themselves. After two minutes there are no
+    /// more than six.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     pub(super) rounds: u32,
 

@@ -17,8 +17,8 @@
 //!   itself never asks twice. That suits budgets of about 80 frames with a noise of a few percent; raise
 //!   `replicates` for noisier metrics.
 //! - *Start.* One vertex is the default configuration. Where half the budget does not pay for
-//!   `dimension + 1` vertices, there are fewer, and the simplex searches the subspace that they span while the
-//!   random search still reaches everything.
+//!   `dimension + 1` vertices, there are fewer, and the simplex searches the subspace that they span while
+//!   the random search still reaches everything.
 //! - *Lists of numbers.* Their values lie along the axis by size, in whatever order a study has them.
 //! - *Plateaus.* When answers stop being fresh, or the simplex has collapsed, the random search takes over,
 //!   with longer and longer steps.
