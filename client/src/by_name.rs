@@ -102,6 +102,19 @@ impl Client {
         self.core.read_trial("AbandonTrial", trial)
     }
 
+    /// Excludes a completed trial for a reason, or counts it again without one: nothing is learnt from an
+    /// excluded trial, which stays in the log. Errors: as for [`Client::tell`].
+    pub async fn exclude(&self, trial: &str, reason: Option<&str>) -> Result<TrialRecord, ClientError> {
+        let request = v1::ExcludeTrialRequest {
+            trial: trial.to_owned(),
+            reason: reason.unwrap_or_default().to_owned(),
+            include: reason.is_none(),
+        };
+        let mut rpc = self.core.rpc();
+        let trial = self.core.admin("ExcludeTrial", rpc.exclude_trial(request)).await?;
+        self.core.read_trial("ExcludeTrial", trial)
+    }
+
     /// Renews a trial's lease, counted from now. Errors: as for [`Client::tell`].
     pub async fn renew(&self, trial: &str) -> Result<TrialRecord, ClientError> {
         self.core.extend_lease(trial).await

@@ -283,11 +283,18 @@ pub struct FrontHistory {
 }
 
 impl FrontHistory {
-    /// Goes on from the stored trials of one input and one machine. In the first quarter of the `planned`
+    /// Goes on from the stored trials of one input and one machine, of which those that are excluded do not
+    /// count, nor what repeats them. In the first quarter of the `planned`
     /// runs only the metrics themselves are minimised, unless that was over before.
     #[must_use]
     pub fn new(front: Front, trials: Vec<TrialRecord>, planned: u32) -> Self {
-        let trials: Vec<_> = trials.into_iter().filter(|trial| trial.outcome.is_some()).collect();
+        let excluded = trials.iter().filter(|trial| trial.exclusion.is_some());
+        let excluded: BTreeSet<u64> = excluded.filter_map(TrialRecord::number).collect();
+        let is_excluded = |number: Option<u64>| number.is_some_and(|number| excluded.contains(&number));
+        let counts = |trial: &TrialRecord| {
+            trial.outcome.is_some() && !is_excluded(trial.number()) && !is_excluded(carried_from(trial))
+        };
+        let trials: Vec<_> = trials.into_iter().filter(counts).collect();
         let before = trials.iter().filter(|trial| carried_from(trial).is_none()).count();
         Self { front, trials, planned, before, over: BTreeSet::new() }
     }
@@ -426,7 +433,9 @@ impl FrontHistory {
 }
 
 fn is_measured(trial: &TrialRecord) -> bool {
-    trial.outcome == Some(OpenEnum::Known(Outcome::Ok)) && trial.fidelity.is_none()
+    trial.outcome == Some(OpenEnum::Known(Outcome::Ok))
+        && trial.fidelity.is_none()
+        && trial.exclusion.is_none()
 }
 
 /// The number of the run whose result a trial of this study repeats for its own direction.

@@ -87,6 +87,9 @@ pub struct TrialRecord {
     /// The name of the cheaper level at which it is to run; `None` at the full one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fidelity: Option<String>,
+    /// Why it is excluded from all that is learnt; `None` where it counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exclusion: Option<String>,
 }
 
 impl TrialRecord {

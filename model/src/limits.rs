@@ -14,6 +14,8 @@ pub const CLIENT_ID_CHARACTERS_MAX: usize = 128;
 pub const TEXT_VALUE_CHARACTERS_MAX: usize = 256;
 /// Longest reason of an infeasible or failed outcome, in characters.
 pub const OUTCOME_REASON_CHARACTERS_MAX: usize = 1000;
+/// Longest reason of the exclusion of a trial, in characters.
+pub const EXCLUSION_CHARACTERS_MAX: usize = 500;
 /// Longest origin of a trial that was carried over, in characters.
 pub const ORIGIN_CHARACTERS_MAX: usize = 200;
 /// Longest entry of a fingerprint, in characters.

@@ -182,6 +182,10 @@ pub struct Trial<C = Configuration> {
     pub completion: Option<u64>,
     /// The client's description of its machine.
     pub fingerprint: Option<Fingerprint>,
+    /// Why a completed trial is excluded: it stays in the log, and nothing is learnt from it. `None` where it
+    /// counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exclusion: Option<String>,
 }
 
 /// A trial whose configuration has not been checked yet: as it is read from a table.
@@ -240,6 +244,7 @@ impl<C> Trial<C> {
             complete_ms: self.complete_ms,
             completion: self.completion,
             fingerprint: self.fingerprint,
+            exclusion: self.exclusion,
         })
     }
 }

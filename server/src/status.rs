@@ -55,6 +55,7 @@ fn tuner_code(error: &TunerError) -> Code {
         | TunerError::Outdated { .. }
         | TunerError::OutsideSpace { .. }
         | TunerError::Abandoned { .. }
+        | TunerError::NotCompleted { .. }
         | TunerError::NotOpen { .. } => Code::FailedPrecondition,
         TunerError::UnknownTrial { .. } => Code::NotFound,
     }

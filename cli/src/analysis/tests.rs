@@ -58,6 +58,7 @@ fn trial(number: u64, state: i64, values: [i64; 2], idle: bool, kind: &str, ms: 
         abort_above: None,
         origin: None,
         fidelity: None,
+        exclusion: None,
     }
 }
 

@@ -10,7 +10,7 @@ use super::indicator;
 pub(crate) const TRIALS_HELP: &str = "\
 Filter: comparisons joined by AND, with = != < <= > >=, text in double quotes. Fields: state (OPEN, \
 COMPLETED, ABANDONED, EXPIRED), mode (DEFAULT, EXPLORE, EXPLOIT, PINNED), outcome (OK, INFEASIBLE, \
-ABORTED, FAILED), client_id, state_id, number, cost, late, measurement.NAME, config.NAME, indicator.NAME.
+ABORTED, FAILED), client_id, state_id, number, cost, late, excluded, measurement.NAME, config.NAME, indicator.NAME.
 
 Examples:
   treewright trials sponza --order-by cost --limit 5
@@ -35,10 +35,10 @@ pub(crate) const IMPORT_HELP: &str = "\
 Trials are added with the results they had elsewhere; nothing is run. Each keeps its machine, client and \
 origin. Trials that came from this study, or were imported before, are skipped, so databases of several \
 sites can be merged in any order and as often as you like. Only trials with a result are imported: OK, \
-INFEASIBLE and ABORTED.
+INFEASIBLE and ABORTED. Excluded ones are not.
 
 A CSV or Parquet file needs columns config.NAME, indicator.NAME and measurement.NAME. Optional columns \
-are outcome (OK, INFEASIBLE, ABORTED), lower_bound, client_id and origin. An exported Parquet file also \
+are outcome (OK, INFEASIBLE, ABORTED), lower_bound, client_id, origin and exclusion. An exported Parquet file also \
 contains the study; for other tables, name it with --study.
 
 --optuna-study reads a database of Optuna (RDB storage in SQLite), and --vizier-study one of OSS Vizier. \

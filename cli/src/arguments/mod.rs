@@ -148,6 +148,21 @@ Examples:
         /// The study's id
         study: String,
     },
+    /// Excludes a completed trial, e.g. of a disturbed machine: it stays in the log, and nothing is learnt from it
+    #[command(
+        after_help = "Example:\n  treewright exclude studies/zstd/trials/12 'another program ran beside it'"
+    )]
+    Exclude {
+        /// The trial's name, STUDY/trials/NUMBER
+        trial: String,
+        /// Why it does not count
+        reason: String,
+    },
+    /// Ends `exclude`: the trial counts again
+    Include {
+        /// The trial's name, STUDY/trials/NUMBER
+        trial: String,
+    },
     /// Writes a study and its trials to a file
     #[command(after_help = data::EXPORT_HELP)]
     Export(Export),

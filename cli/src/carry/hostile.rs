@@ -118,6 +118,7 @@ fn damaged_parquet_files_are_refused() {
         abort_above: None,
         origin: None,
         fidelity: None,
+        exclusion: None,
     };
     let mut whole = Vec::new();
     let header = jsonl::Header::new("here", study());

@@ -56,6 +56,9 @@ pub(crate) struct CarriedTrial {
     /// When it was reported, RFC 3339.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) complete_time: Option<String>,
+    /// Why it is excluded where it was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) exclusion: Option<String>,
 }
 
 impl CarriedTrial {
@@ -81,6 +84,7 @@ impl CarriedTrial {
             // An import has to send one, and one that says nothing is none.
             fingerprint: trial.fingerprint.clone().filter(|machine| *machine != Fingerprint::default()),
             complete_time: trial.complete_time.map(time),
+            exclusion: trial.exclusion.clone(),
         })
     }
 }
@@ -114,6 +118,8 @@ pub(crate) struct Tally {
     pub(crate) imported: u64,
     /// There already, from here or from an earlier import.
     pub(crate) known: u64,
+    /// Not added, because they are excluded where they come from.
+    pub(crate) excluded: u64,
     /// Cannot be trials of this study.
     pub(crate) misfits: u64,
     /// Why the first of these cannot.
@@ -128,6 +134,9 @@ impl Tally {
         let would = if self.dry_run { "would be added" } else { "added" };
         let mut text =
             format!("{}: {} trial(s) {would}, {} already known", self.study, self.imported, self.known);
+        if self.excluded > 0 {
+            text += &format!(", {} excluded", self.excluded);
+        }
         if self.misfits > 0 {
             let first = self.first_misfit.as_deref().unwrap_or_default();
             text += &format!(", {} do not fit (the first: {first})", self.misfits);
@@ -205,6 +214,10 @@ impl<'a> Importer<'a> {
             let key = key(&trial.origin).to_owned();
             if self.known.contains(&key) || self.holds(&key, &trial)? {
                 tally.known += 1;
+                continue;
+            }
+            if trial.exclusion.is_some() {
+                tally.excluded += 1;
                 continue;
             }
             let added = match self.fit(&trial) {

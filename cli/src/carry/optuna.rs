@@ -93,6 +93,7 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
             cost: None,
             fingerprint: None,
             complete_time: None,
+            exclusion: None,
         });
     }
     Ok(read)

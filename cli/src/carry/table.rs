@@ -17,6 +17,8 @@ const INDICATOR: &str = "indicator.";
 pub(super) const MEASUREMENT: &str = "measurement.";
 /// The column that holds the machine, as JSON.
 pub(super) const FINGERPRINT: &str = "fingerprint";
+/// The column with the reason of an excluded trial.
+const EXCLUSION: &str = "exclusion";
 
 /// The kind of a column's cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -126,6 +128,7 @@ fn fixed(site: String, view: CostView) -> Vec<TrialColumn> {
         TrialColumn::new(FINGERPRINT, Kind::Text, |trial| {
             serde_json::to_string(trial.fingerprint.as_ref()?).ok().map(TrialCell::Text)
         }),
+        TrialColumn::new(EXCLUSION, Kind::Text, |trial| trial.exclusion.clone().map(TrialCell::Text)),
     ]
 }
 
@@ -155,6 +158,7 @@ pub(super) enum Role {
     Client,
     Origin,
     Fingerprint,
+    Exclusion,
 }
 
 impl Role {
@@ -172,6 +176,7 @@ impl Role {
             "client_id" => Some(Self::Client),
             "origin" => Some(Self::Origin),
             FINGERPRINT => Some(Self::Fingerprint),
+            EXCLUSION => Some(Self::Exclusion),
             _ => None,
         })
     }
@@ -189,6 +194,7 @@ pub(super) struct Row {
     client_id: Option<String>,
     origin: Option<String>,
     fingerprint: Option<Fingerprint>,
+    exclusion: Option<String>,
 }
 
 impl Row {
@@ -208,6 +214,7 @@ impl Row {
             Role::LowerBound => self.lower_bound = Some(number(&value)?),
             Role::Client => self.client_id = Some(value.to_string()),
             Role::Origin => self.origin = Some(value.to_string()),
+            Role::Exclusion => self.exclusion = Some(value.to_string()),
             Role::Fingerprint => {
                 let machine = serde_json::from_str(&value.to_string());
                 self.fingerprint = Some(machine.map_err(|error| format!("{FINGERPRINT}: {error}"))?);
@@ -239,6 +246,7 @@ impl Row {
             cost: None,
             fingerprint: self.fingerprint,
             complete_time: None,
+            exclusion: self.exclusion,
         }))
     }
 }

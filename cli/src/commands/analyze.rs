@@ -15,7 +15,9 @@ pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<Strin
         let parts = ["state = COMPLETED", &wanted.filter, further];
         let filter: Vec<&str> = parts.into_iter().filter(|part| !part.trim().is_empty()).collect();
         let query = TrialQuery::all().filter(filter.join(" AND ")).in_present_space();
-        Ok(client.trials(&name, query).collect::<Result<_, _>>()?)
+        let mut trials = client.trials(&name, query).collect::<Result<Vec<_>, _>>()?;
+        trials.retain(|trial| trial.exclusion.is_none());
+        Ok(trials)
     };
     // Each by itself first, so that an error points into the user's own words and not into the joined ones.
     check(client, &name, "--filter", &wanted.filter)?;

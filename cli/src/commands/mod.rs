@@ -90,6 +90,8 @@ fn is_repeatable(command: &Command) -> bool {
             | Command::Unpin { .. }
             | Command::Freeze { .. }
             | Command::Thaw { .. }
+            | Command::Exclude { .. }
+            | Command::Include { .. }
             | Command::Import(_)
             | Command::Watch(_)
             | Command::Study(StudyCommand::Edit(_))
@@ -120,6 +122,8 @@ fn ask(client: &Client, address: &Address, arguments: &Arguments) -> Result<Stri
         Command::Unpin { study } => steer::unpin(client, study, json),
         Command::Freeze { study } => steer::freeze(client, study, true, json),
         Command::Thaw { study } => steer::freeze(client, study, false, json),
+        Command::Exclude { trial, reason } => trials::exclude(client, trial, Some(reason.as_str()), json),
+        Command::Include { trial } => trials::exclude(client, trial, None, json),
         Command::Export(export) => carry::export(client, export),
         Command::Import(import) => carry::import(client, import, json),
         Command::Watch(watch) => watch::run(client, watch, json),

@@ -106,11 +106,31 @@ pub(super) fn predict(client: &Client, state: &State, json: bool) -> Result<Stri
     Ok(show::prediction(&prediction, study.spec()?))
 }
 
+/// A trial's name, with or without `studies/`, as studies are named everywhere here.
+fn trial_name(name: &str) -> String {
+    format!("studies/{}", name.trim_start_matches("studies/"))
+}
+
+/// Excludes a trial for a reason, or counts it again without one.
+pub(super) fn exclude(
+    client: &Client,
+    trial: &str,
+    reason: Option<&str>,
+    json: bool,
+) -> Result<String, Failure> {
+    let stored = client.exclude(&trial_name(trial), reason)?;
+    either(json, &stored, || match reason {
+        Some(_) => {
+            let name = stored.name.trim_start_matches("studies/");
+            format!("nothing is learnt from {name} any more; undo this with `treewright include {name}`")
+        }
+        None => format!("{} counts again", stored.name),
+    })
+}
+
 pub(super) fn explain(client: &Client, state: &State, json: bool) -> Result<String, Failure> {
     if state.study.contains("/trials/") {
-        // With or without `studies/`, as studies are named everywhere here.
-        let name = format!("studies/{}", state.study.trim_start_matches("studies/"));
-        let trial = client.trial(&name)?;
+        let trial = client.trial(&trial_name(&state.study))?;
         if json {
             return either(json, &trial, String::new);
         }

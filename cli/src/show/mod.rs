@@ -182,7 +182,9 @@ pub(crate) fn trials(trials: &[TrialRecord], limit: usize, is_by_number: bool, v
             trial.number().map_or_else(|| trial.name.clone(), |number| number.to_string()),
             trial.state_id.to_string(),
             trial.mode.to_string(),
-            ended + if trial.late { " (late)" } else { "" },
+            ended
+                + if trial.late { " (late)" } else { "" }
+                + if trial.exclusion.is_some() { " (excluded)" } else { "" },
             trial.cost.map_or_else(String::new, |cost| figure(view.value(cost))),
             trial.configuration.to_string(),
         ]);
@@ -228,6 +230,9 @@ pub(crate) fn trial(trial: &TrialRecord, view: &CostView) -> String {
     }
     if let Some(origin) = &trial.origin {
         line(&mut text, &format!("measured as {origin}"));
+    }
+    if let Some(reason) = &trial.exclusion {
+        line(&mut text, &format!("excluded: {reason}"));
     }
     line(
         &mut text,

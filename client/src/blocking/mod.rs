@@ -189,6 +189,11 @@ impl Client {
         self.run(async |client| client.give_back(trial).await)
     }
 
+    /// See [`crate::Client::exclude`]. Errors: as there.
+    pub fn exclude(&self, trial: &str, reason: Option<&str>) -> Result<TrialRecord, ClientError> {
+        self.run(async |client| client.exclude(trial, reason).await)
+    }
+
     /// See [`crate::Client::renew`]. Errors: as there.
     pub fn renew(&self, trial: &str) -> Result<TrialRecord, ClientError> {
         self.run(async |client| client.renew(trial).await)

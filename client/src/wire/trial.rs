@@ -34,6 +34,7 @@ pub(crate) fn trial_from_wire(trial: v1::Trial) -> Result<TrialRecord, Problem> 
         abort_above: trial.abort_above.filter(|cost| cost.is_finite() && *cost >= 0.0),
         origin: Some(trial.origin).filter(|origin| !origin.is_empty()),
         fidelity: Some(trial.fidelity).filter(|level| !level.is_empty()),
+        exclusion: Some(trial.exclusion).filter(|reason| !reason.is_empty()),
         name: trial.name,
     })
 }

@@ -228,7 +228,7 @@ fn named_like(stored: &v1::Study, study: &v1::Study) -> v1::Study {
     v1::Study { display_name: stored.display_name.clone(), ..study.clone() }
 }
 
-fn find<'a>(trials: &'a mut [v1::Trial], name: &str) -> Result<&'a mut v1::Trial, Status> {
+pub(super) fn find<'a>(trials: &'a mut [v1::Trial], name: &str) -> Result<&'a mut v1::Trial, Status> {
     let found = trials.iter_mut().find(|trial| trial.name == name);
     found.ok_or_else(|| Status::not_found(format!("{name} does not exist")))
 }

@@ -133,6 +133,14 @@ impl TuningService for Service {
         Ok(Response::new(v1::ChangeSpaceResponse { study: Some(study), ..Default::default() }))
     }
 
+    async fn exclude_trial(&self, request: Request<v1::ExcludeTrialRequest>) -> Answer<v1::Trial> {
+        let v1::ExcludeTrialRequest { trial, reason, .. } = request.into_inner();
+        let mut book = self.book();
+        let trial = super::book::find(&mut book.trials, &trial)?;
+        trial.exclusion = reason;
+        Ok(Response::new(trial.clone()))
+    }
+
     async fn delete_study(&self, request: Request<v1::DeleteStudyRequest>) -> Answer<()> {
         let name = request.into_inner().name;
         let mut book = self.book();

@@ -38,6 +38,7 @@ fn row<'py>(python: Python<'py>, record: &TrialRecord) -> PyResult<Bound<'py, Py
     row.set_item("cost", record.cost)?;
     row.set_item("fidelity", record.fidelity.as_deref())?;
     row.set_item("late", record.late)?;
+    row.set_item("exclusion", record.exclusion.as_deref())?;
     row.set_item("create_time", seconds(record.create_time))?;
     row.set_item("complete_time", seconds(record.complete_time))?;
     row.set_item("configuration", shown(python, &record.configuration)?)?;

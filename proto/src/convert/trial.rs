@@ -29,6 +29,7 @@ pub fn trial_to_wire<C: Values>(name: String, trial: &Trial<C>) -> v1::Trial {
         abort_above: trial.decision.abort_above(),
         origin: trial.decision.origin.clone().unwrap_or_default(),
         fidelity: trial.decision.fidelity.clone().unwrap_or_default(),
+        exclusion: trial.exclusion.clone().unwrap_or_default(),
     }
 }
 

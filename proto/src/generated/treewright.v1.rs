@@ -595,6 +595,10 @@ pub struct Trial {
     /// said that it knows of levels. Empty at the full one.
     #[prost(string, tag = "20")]
     pub fidelity: ::prost::alloc::string::String,
+    /// Why the trial is excluded: it stays in the log, and no model, answer or analysis counts it (ExcludeTrial). Empty for
+    /// one that counts.
+    #[prost(string, tag = "21")]
+    pub exclusion: ::prost::alloc::string::String,
 }
 /// How an answer came about, for people and for logs.
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -1208,6 +1212,18 @@ pub struct ExtendLeaseRequest {
     pub trial: ::prost::alloc::string::String,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct ExcludeTrialRequest {
+    /// `studies/{study}/trials/{trial}`. REQUIRED.
+    #[prost(string, tag = "1")]
+    pub trial: ::prost::alloc::string::String,
+    /// Why, for people: 1 to 500 printable characters. REQUIRED, unless the trial is to count again.
+    #[prost(string, tag = "2")]
+    pub reason: ::prost::alloc::string::String,
+    /// The trial counts again. OPTIONAL; without a reason.
+    #[prost(bool, tag = "3")]
+    pub include: bool,
+}
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct GetTrialRequest {
     /// `studies/{study}/trials/{trial}`. REQUIRED.
     #[prost(string, tag = "1")]
@@ -1220,7 +1236,7 @@ pub struct QueryTrialsRequest {
     pub study: ::prost::alloc::string::String,
     /// Comparisons joined by AND, e.g. `state = COMPLETED AND cost < 12.5 AND config.quality = 2`.
     /// Fields: `state` (OPEN, COMPLETED, ABANDONED, EXPIRED), `mode` (DEFAULT, EXPLORE, EXPLOIT, PINNED),
-    /// `outcome` (OK, INFEASIBLE, ABORTED, FAILED), `client_id`, `state_id`, `number`, `cost`, `late`,
+    /// `outcome` (OK, INFEASIBLE, ABORTED, FAILED), `client_id`, `state_id`, `number`, `cost`, `late`, `excluded`,
     /// `measurement.NAME`, `config.NAME`, `indicator.NAME`. Operators: = != \< \<= > >=. Text in double
     /// quotes. OPTIONAL, at most 2000 characters, 32 comparisons.
     #[prost(string, tag = "2")]
@@ -1865,6 +1881,33 @@ pub mod tuning_service_client {
                 .insert(GrpcMethod::new("treewright.v1.TuningService", "ExtendLease"));
             self.inner.unary(req, path, codec).await
         }
+        /// Excludes a completed trial, because its measurement was wrong or its machine disturbed, or counts it again. It stays in
+        /// the log with all its data, and a report that is repeated is answered as before; no table, model, search, best
+        /// configuration or standing rests on it. The study is read again without it, and its searches go on with what is left.
+        /// Where retention removed older trials, what they alone had told is forgotten by that. Idempotent; another reason
+        /// replaces the one before.
+        /// Errors: NOT_FOUND; FAILED_PRECONDITION when the trial is not completed; INVALID_ARGUMENT (the reason).
+        pub async fn exclude_trial(
+            &mut self,
+            request: impl tonic::IntoRequest<super::ExcludeTrialRequest>,
+        ) -> std::result::Result<tonic::Response<super::Trial>, tonic::Status> {
+            self.inner
+                .ready()
+                .await
+                .map_err(|e| {
+                    tonic::Status::unknown(
+                        format!("Service was not ready: {}", e.into()),
+                    )
+                })?;
+            let codec = tonic_prost::ProstCodec::default();
+            let path = http::uri::PathAndQuery::from_static(
+                "/treewright.v1.TuningService/ExcludeTrial",
+            );
+            let mut req = request.into_request();
+            req.extensions_mut()
+                .insert(GrpcMethod::new("treewright.v1.TuningService", "ExcludeTrial"));
+            self.inner.unary(req, path, codec).await
+        }
         /// Errors: NOT_FOUND.
         pub async fn get_trial(
             &mut self,
@@ -2060,6 +2103,16 @@ pub mod tuning_service_server {
         async fn extend_lease(
             &self,
             request: tonic::Request<super::ExtendLeaseRequest>,
+        ) -> std::result::Result<tonic::Response<super::Trial>, tonic::Status>;
+        /// Excludes a completed trial, because its measurement was wrong or its machine disturbed, or counts it again. It stays in
+        /// the log with all its data, and a report that is repeated is answered as before; no table, model, search, best
+        /// configuration or standing rests on it. The study is read again without it, and its searches go on with what is left.
+        /// Where retention removed older trials, what they alone had told is forgotten by that. Idempotent; another reason
+        /// replaces the one before.
+        /// Errors: NOT_FOUND; FAILED_PRECONDITION when the trial is not completed; INVALID_ARGUMENT (the reason).
+        async fn exclude_trial(
+            &self,
+            request: tonic::Request<super::ExcludeTrialRequest>,
         ) -> std::result::Result<tonic::Response<super::Trial>, tonic::Status>;
         /// Errors: NOT_FOUND.
         async fn get_trial(
@@ -2729,6 +2782,51 @@ pub mod tuning_service_server {
                     let inner = self.inner.clone();
                     let fut = async move {
                         let method = ExtendLeaseSvc(inner);
+                        let codec = tonic_prost::ProstCodec::default();
+                        let mut grpc = tonic::server::Grpc::new(codec)
+                            .apply_compression_config(
+                                accept_compression_encodings,
+                                send_compression_encodings,
+                            )
+                            .apply_max_message_size_config(
+                                max_decoding_message_size,
+                                max_encoding_message_size,
+                            );
+                        let res = grpc.unary(method, req).await;
+                        Ok(res)
+                    };
+                    Box::pin(fut)
+                }
+                "/treewright.v1.TuningService/ExcludeTrial" => {
+                    #[allow(non_camel_case_types)]
+                    struct ExcludeTrialSvc<T: TuningService>(pub Arc<T>);
+                    impl<
+                        T: TuningService,
+                    > tonic::server::UnaryService<super::ExcludeTrialRequest>
+                    for ExcludeTrialSvc<T> {
+                        type Response = super::Trial;
+                        type Future = BoxFuture<
+                            tonic::Response<Self::Response>,
+                            tonic::Status,
+                        >;
+                        fn call(
+                            &mut self,
+                            request: tonic::Request<super::ExcludeTrialRequest>,
+                        ) -> Self::Future {
+                            let inner = Arc::clone(&self.0);
+                            let fut = async move {
+                                <T as TuningService>::exclude_trial(&inner, request).await
+                            };
+                            Box::pin(fut)
+                        }
+                    }
+                    let accept_compression_encodings = self.accept_compression_encodings;
+                    let send_compression_encodings = self.send_compression_encodings;
+                    let max_decoding_message_size = self.max_decoding_message_size;
+                    let max_encoding_message_size = self.max_encoding_message_size;
+                    let inner = self.inner.clone();
+                    let fut = async move {
+                        let method = ExcludeTrialSvc(inner);
                         let codec = tonic_prost::ProstCodec::default();
                         let mut grpc = tonic::server::Grpc::new(codec)
                             .apply_compression_config(

@@ -48,6 +48,7 @@ pub const RULES: &[AccessRule] = &[
     rule("/treewright.v1.TuningService/ExtendLease", "ExtendLease", TUNE),
     rule("/treewright.v1.TuningService/RenameStudy", "RenameStudy", ADMIN),
     rule("/treewright.v1.TuningService/ChangeSpace", "ChangeSpace", ADMIN),
+    rule("/treewright.v1.TuningService/ExcludeTrial", "ExcludeTrial", ADMIN),
     rule("/treewright.v1.TuningService/DeleteStudy", "DeleteStudy", ADMIN),
     rule("/grpc.health.v1.Health/Check", "Health.Check", Need::Nothing),
     rule("/grpc.health.v1.Health/Watch", "Health.Watch", Need::Nothing),

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use treewright_core::configuration::RawConfiguration;
+use treewright_core::limits::EXCLUSION_CHARACTERS_MAX;
 use treewright_core::session::SessionPolicy;
 use treewright_core::space::{Domain, Space};
 use treewright_core::study::StudySpec;
@@ -155,6 +156,25 @@ pub fn report(request: v1::ReportRequest) -> Result<Report, Error> {
         measurements: request.measurements,
         outcome: request.outcome.and_then(outcome_from_wire).ok_or_else(|| required("outcome"))?,
     })
+}
+
+/// Reads why a trial is excluded; none where it counts again.
+///
+/// # Errors
+/// [`Error::Invalid`] with the rule for reasons.
+pub fn exclusion(request: &v1::ExcludeTrialRequest) -> Result<Option<&str>, Error> {
+    let reason = request.reason.as_str();
+    let is_long = || reason.chars().nth(EXCLUSION_CHARACTERS_MAX).is_some();
+    match (request.include, reason.trim().is_empty()) {
+        (true, true) => Ok(None),
+        (true, false) => Err(Error::invalid("reason", "a trial counts again without one; leave it out")),
+        (false, true) => Err(required("reason")),
+        (false, false) if is_long() || reason.chars().any(char::is_control) => {
+            let problem = format!("must be 1 to {EXCLUSION_CHARACTERS_MAX} printable characters");
+            Err(Error::invalid("reason", problem))
+        }
+        (false, false) => Ok(Some(reason)),
+    }
 }
 
 /// The error for a field that is missing.

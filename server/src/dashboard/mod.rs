@@ -41,7 +41,7 @@ use crate::tuning::Tuning;
 use crate::{limits, rpc, status};
 use pages::{PageFrame, StudyIndex};
 use query::Query;
-use steering::Steered;
+use steering::{Steered, SteeringForm};
 use treewright_store::StoreError;
 use treewright_store::tokens::Scope;
 
@@ -215,10 +215,8 @@ impl Dashboard {
         slot: &ConnectionSlot,
     ) -> Response<Body> {
         let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
-        let (study, pinned) = match *parts.as_slice() {
-            ["studies", study, "policy"] => (study, None),
-            ["studies", study, "trials", number, "pin"] => (study, Some(number)),
-            _ => return text(StatusCode::METHOD_NOT_ALLOWED, "only GET\n".to_owned()),
+        let Some((study, asked)) = SteeringForm::at(&parts) else {
+            return text(StatusCode::METHOD_NOT_ALLOWED, "only GET\n".to_owned());
         };
         let frame = PageFrame { has_token: self.access.is_some() };
         let caller = match self.enter(path, headers).await {
@@ -235,12 +233,8 @@ impl Dashboard {
             Err(refused) => return refused,
         };
         let visitor = Visitor { tuning: &self.tuning, caller: &caller, frame };
-        let changed = match pinned {
-            Some(number) => steering::pin(&visitor, study, number).await,
-            None => steering::set_field(&visitor, study, &form).await,
-        };
-        match changed {
-            Ok(Steered::Changed(id)) => redirect(&format!("/studies/{id}/policy"), None),
+        match asked.steer(&visitor, study, &form).await {
+            Ok(Steered::Changed(page)) => redirect(&page, None),
             Ok(Steered::Elsewhere(advice)) => {
                 page(StatusCode::SERVICE_UNAVAILABLE, pages::problem(frame, "Not from here", &advice))
             }
@@ -395,6 +389,7 @@ fn failure(frame: PageFrame, error: &Error) -> Response<Body> {
         Code::NotFound => (StatusCode::NOT_FOUND, "Not found"),
         Code::PermissionDenied => (StatusCode::FORBIDDEN, "Not allowed"),
         Code::InvalidArgument => (StatusCode::BAD_REQUEST, "Cannot be read"),
+        Code::FailedPrecondition => (StatusCode::CONFLICT, "Not possible"),
         Code::ResourceExhausted if matches!(error, Error::Quota { .. }) => {
             (StatusCode::TOO_MANY_REQUESTS, "Not now")
         }

@@ -65,6 +65,7 @@ struct TrialRow {
     state: i64,
     mode: String,
     outcome: String,
+    is_excluded: bool,
     reason: String,
     cost: String,
     client: String,
@@ -156,7 +157,7 @@ fn asked_axis<'a>(
     }
 }
 
-/// At most `most` trials for which a filter holds.
+/// At most `most` trials that count and for which a filter holds.
 async fn read_trials(
     visitor: &Visitor<'_>,
     id: &str,
@@ -166,10 +167,11 @@ async fn read_trials(
 ) -> Result<Vec<v1::Trial>, Error> {
     let mut found = Vec::new();
     let mut page_token = String::new();
+    let joint = if filter.is_empty() { "" } else { " AND " };
     while found.len() < most {
         let request = v1::QueryTrialsRequest {
             study: format!("studies/{id}"),
-            filter: filter.to_owned(),
+            filter: format!("{filter}{joint}excluded = false"),
             order_by: order.to_owned(),
             page_size: i32::try_from(most - found.len()).unwrap_or(i32::MAX).min(1000),
             page_token,
@@ -199,6 +201,7 @@ fn row(trial: &v1::Trial, head: &Head) -> TrialRow {
         state: trial.state_id,
         mode: word(trial.mode().as_str_name(), "MODE_"),
         outcome,
+        is_excluded: !trial.exclusion.is_empty(),
         reason,
         cost: trial.cost.map(|cost| figure(head.view.value(cost))).unwrap_or_default(),
         client: trial.client_id.clone(),

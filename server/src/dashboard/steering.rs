@@ -1,4 +1,4 @@
-//! Changes of a study's policy from its pages, for visitors with the needed scope.
+//! Changes of a study from its pages, for visitors with the needed scope.
 //!
 //! A form that another site sends in a browser's name changes nothing: the cookie stays away from it, and a
 //! form has to come from a page of this port ([`is_own_form`]). Forms name their study by its identity, so
@@ -18,18 +18,88 @@ use treewright_store::StoreError;
 
 /// What became of a form.
 pub(super) enum Steered {
-    /// The study, which has this id by now, is changed.
+    /// The study is changed, and this page shows it, under the id that the study has by now.
     Changed(String),
     /// Another replica holds the study and nothing is changed; what to do instead.
     Elsewhere(String),
 }
 
-/// What a form changes in a policy.
+/// What a form asks for.
 struct FormChange {
-    policy: v1::Policy,
-    paths: Vec<String>,
+    request: FormRequest,
+    /// The words for the log.
+    changed: String,
     /// The command of `treewright` that does the same, and what stands there behind the study's id.
     command: (&'static str, String),
+}
+
+/// The request that a form stands for.
+enum FormRequest {
+    Study(v1::UpdateStudyRequest),
+    Exclusion(v1::ExcludeTrialRequest),
+}
+
+impl FormRequest {
+    /// A change of these fields of a study.
+    fn of_study(study: v1::Study, paths: Vec<String>) -> Self {
+        Self::Study(v1::UpdateStudyRequest { study: Some(study), update_mask: Some(FieldMask { paths }) })
+    }
+
+    /// Sends it as its RPC, and returns the page that shows the change.
+    async fn send(&self, visitor: &Visitor<'_>) -> Result<String, Error> {
+        let Visitor { tuning, caller, .. } = visitor;
+        match self {
+            Self::Study(request) => {
+                let study = rpc::studies::update(tuning, caller, request.clone()).await?;
+                Ok(format!("/studies/{}/policy", pages::id(&study.name)))
+            }
+            Self::Exclusion(request) => {
+                let trial = rpc::trials::exclude(tuning, caller, request.clone()).await?;
+                Ok(format!("/{}", trial.name))
+            }
+        }
+    }
+}
+
+/// A form of a study's pages.
+pub(super) enum SteeringForm<'a> {
+    /// A field of the policy.
+    Field,
+    /// Pins the configuration of a trial.
+    Pin(&'a str),
+    /// Excludes a trial.
+    Exclude(&'a str),
+    /// Counts a trial again.
+    Include(&'a str),
+}
+
+impl<'a> SteeringForm<'a> {
+    /// The study and the form of an address, in its parts.
+    pub(super) fn at(parts: &[&'a str]) -> Option<(&'a str, Self)> {
+        Some(match *parts {
+            ["studies", study, "policy"] => (study, Self::Field),
+            ["studies", study, "trials", number, "pin"] => (study, Self::Pin(number)),
+            ["studies", study, "trials", number, "exclude"] => (study, Self::Exclude(number)),
+            ["studies", study, "trials", number, "include"] => (study, Self::Include(number)),
+            _ => return None,
+        })
+    }
+
+    /// Does what a form asks for. The study is named by its id or as `ID@UID`.
+    pub(super) async fn steer(
+        &self,
+        visitor: &Visitor<'_>,
+        study: &str,
+        form: &Query,
+    ) -> Result<Steered, Error> {
+        let change = match self {
+            Self::Field => set_field(study, form)?,
+            Self::Pin(number) => pin(visitor, study, number).await?,
+            Self::Exclude(number) => exclusion(study, number, Some(form.text("reason"))),
+            Self::Include(number) => exclusion(study, number, None),
+        };
+        update(visitor, change).await
+    }
 }
 
 /// Whether a form comes from a page of this port by the browser's headers, or from a program with a token of
@@ -56,10 +126,9 @@ fn says_own(headers: &HeaderMap) -> Option<bool> {
 }
 
 /// Sets the field of the policy that a form names to its value, or back to its default where that is empty.
-/// The study is named by its id or as `ID@UID`.
-pub(super) async fn set_field(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<Steered, Error> {
+fn set_field(study: &str, form: &Query) -> Result<FormChange, Error> {
     let (field, value) = (form.text("field"), form.text("value"));
-    let command = ("policy", flag(&field, &value));
+    let command = ("policy", format!(" {}", flag(&field, &value)));
     let change = if value.is_empty() {
         PolicyChange::clear([field])
     } else {
@@ -67,13 +136,35 @@ pub(super) async fn set_field(visitor: &Visitor<'_>, study: &str, form: &Query) 
         set.set_text(&field, &value).map_err(|error| Error::invalid("value", error))?;
         PolicyChange::set(set)
     };
-    let (policy, paths) = (policy_to_wire(change.values()), change.paths());
-    update(visitor, study, FormChange { policy, paths, command }).await
+    Ok(policy_change(study, policy_to_wire(change.values()), change.paths(), command))
+}
+
+fn policy_change(
+    study: &str,
+    policy: v1::Policy,
+    paths: Vec<String>,
+    command: (&'static str, String),
+) -> FormChange {
+    let study = v1::Study { name: format!("studies/{study}"), policy: Some(policy), ..v1::Study::default() };
+    FormChange { changed: paths.join(", "), request: FormRequest::of_study(study, paths), command }
+}
+
+/// Excludes a trial for a reason, or counts it again without one.
+fn exclusion(study: &str, number: &str, reason: Option<String>) -> FormChange {
+    let (verb, include) = (if reason.is_some() { "exclude" } else { "include" }, reason.is_none());
+    let said = reason.as_ref().map(|reason| format!(" {}", shell_word(reason))).unwrap_or_default();
+    let trial = format!("studies/{study}/trials/{number}");
+    let reason = reason.unwrap_or_default();
+    FormChange {
+        changed: format!("{verb} trial {number}"),
+        request: FormRequest::Exclusion(v1::ExcludeTrialRequest { trial, reason, include }),
+        command: (verb, format!("/trials/{number}{said}")),
+    }
 }
 
 /// Gives every client of the study the configuration of one of its trials. Both the trial and the policy are
 /// those of the study that the form names.
-pub(super) async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Result<Steered, Error> {
+async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Result<FormChange, Error> {
     let request = v1::GetTrialRequest { name: format!("studies/{study}/trials/{number}") };
     let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
     let mut words = Vec::new();
@@ -82,33 +173,30 @@ pub(super) async fn pin(visitor: &Visitor<'_>, study: &str, number: &str) -> Res
         words.push(shell_word(&format!("{name}={value}")));
     }
     let policy = v1::Policy { pinned: trial.configuration, ..v1::Policy::default() };
-    let (paths, command) = (vec!["policy.pinned".to_owned()], ("pin", words.join(" ")));
-    update(visitor, study, FormChange { policy, paths, command }).await
+    let (paths, command) = (vec!["policy.pinned".to_owned()], ("pin", format!(" {}", words.join(" "))));
+    Ok(policy_change(study, policy, paths, command))
 }
 
-/// Changes the policy. A study that is being read into memory is waited for.
-async fn update(visitor: &Visitor<'_>, study: &str, change: FormChange) -> Result<Steered, Error> {
+/// Changes the study. One that is being read into memory is waited for.
+async fn update(visitor: &Visitor<'_>, change: FormChange) -> Result<Steered, Error> {
     if !may_steer(visitor.caller) {
         return Err(Error::Denied("only a token of scope admin changes a study from its pages"));
     }
-    let FormChange { policy, paths, command } = change;
-    let changed = paths.join(", ");
-    let study = v1::Study { name: format!("studies/{study}"), policy: Some(policy), ..v1::Study::default() };
-    let request = v1::UpdateStudyRequest { study: Some(study), update_mask: Some(FieldMask { paths }) };
+    let FormChange { request, changed, command } = change;
     let mut waits = 0;
-    let study = loop {
-        match rpc::studies::update(visitor.tuning, visitor.caller, request.clone()).await {
-            Ok(study) => break study,
+    loop {
+        match request.send(visitor).await {
+            Ok(page) => {
+                tracing::info!(page, changed, token = visitor.caller.id(), "changed from the dashboard");
+                return Ok(Steered::Changed(page));
+            }
             Err(Error::Store(StoreError::Elsewhere { study, address })) => {
                 return Ok(Steered::Elsewhere(advice(&study, &address, &command)));
             }
             Err(problem) if is_loading(&problem) && waits < LOADING_WAITS => waits += 1,
             Err(problem) => return Err(problem),
         }
-    };
-    let id = pages::id(&study.name);
-    tracing::info!(study = id, changed, token = visitor.caller.id(), "changed from the dashboard");
-    Ok(Steered::Changed(id.to_owned()))
+    }
 }
 
 /// What to do where another replica holds the study. Requests of the command line are passed on to it, forms
@@ -117,7 +205,7 @@ fn advice(study: &str, address: &str, (verb, rest): &(&'static str, String)) -> 
     format!(
         "Nothing was changed: the replica at {address} holds study {study}, and a page changes only what its \
          own replica holds. Use the dashboard of that replica, or run this with any of them as the server: \
-         treewright {verb} {study} {rest}"
+         treewright {verb} {study}{rest}"
     )
 }
 
@@ -184,7 +272,8 @@ mod tests {
     #[test]
     fn advice_names_the_holder_and_the_command_that_does_the_same() {
         let command = |field: &str, value: &str| {
-            let said = advice("hall", "http://10.0.0.7:7878", &("policy", flag(field, value)));
+            let said =
+                advice("hall", "http://10.0.0.7:7878", &("policy", format!(" {}", flag(field, value))));
             assert!(said.contains("the replica at http://10.0.0.7:7878 holds study hall"), "{said}");
             said.rsplit(": ").next().unwrap_or_default().to_owned()
         };
@@ -196,6 +285,9 @@ mod tests {
             ["a=-1.5", "kind=<b>", "it's", ""].map(shell_word),
             ["a=-1.5", "'kind=<b>'", r"'it'\''s'", "''"]
         );
+        let excludes = exclusion("hall", "7", Some("the fan failed".to_owned())).command;
+        let said = advice("hall", "http://10.0.0.7:7878", &excludes);
+        assert!(said.ends_with(": treewright exclude hall/trials/7 'the fan failed'"), "{said}");
     }
 
     #[test]

@@ -204,6 +204,13 @@ impl TuningService for Service {
         self.answer(request, trials::extend_lease).await
     }
 
+    async fn exclude_trial(
+        &self,
+        request: Request<wire::ExcludeTrialRequest>,
+    ) -> Result<Response<wire::Trial>, Status> {
+        self.answer(request, trials::exclude).await
+    }
+
     async fn get_trial(
         &self,
         request: Request<wire::GetTrialRequest>,

@@ -83,6 +83,17 @@ pub(super) async fn extend_lease(
     Ok(to_proto::trial(&name.study, &trial))
 }
 
+pub(crate) async fn exclude(
+    tuning: &Tuning,
+    caller: &Caller,
+    request: wire::ExcludeTrialRequest,
+) -> Result<wire::Trial, Error> {
+    let name = reach::trial(tuning, caller, "trial", &request.trial).await?;
+    let reason = from_proto::exclusion(&request)?;
+    let trial = tuning.exclude_trial(&name, reason).await?;
+    Ok(to_proto::trial(&name.study, &trial))
+}
+
 pub(crate) async fn get(
     tuning: &Tuning,
     caller: &Caller,

@@ -4,12 +4,13 @@
 //! durable, and answers. So every answer rests on durable changes. No model is fitted under the lock:
 //! `planning` does that before. `runtime` holds the tuners in memory, `loading` reads a study from the
 //! database, `checkpoints` saves knowledge so that less has to be read, `retention` removes old trials,
-//! `frames` suggests and reports, `spaces` changes spaces and answers to clients of earlier ones, `trials`
-//! and `studies` have the other requests by topic, `presence` notes absences of the daemon, `figures`
-//! collects the metrics' data.
+//! `frames` suggests and reports, `spaces` changes spaces and answers to clients of earlier ones, `exclusion`
+//! keeps trials out of all that is learnt, `trials` and `studies` have the other requests by topic, `presence`
+//! notes absences of the daemon, `figures` collects the metrics' data.
 
 mod checkpoints;
 mod compute;
+mod exclusion;
 mod figures;
 mod frames;
 mod loading;
@@ -48,7 +49,7 @@ pub struct Tuning {
     /// Permits for plans that are computed at once.
     planning_permits: Arc<Semaphore>,
     /// One caller at a time saves checkpoints: a slow one must not replace a newer checkpoint, on whose
-    /// ground trials may have been removed.
+    /// ground trials may have been removed. Nor is one saved while a trial is excluded.
     saving: Semaphore,
     runtimes: Mutex<Runtimes>,
 }

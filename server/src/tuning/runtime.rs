@@ -107,7 +107,8 @@ pub(super) struct Live {
     pub(super) tally: FrameCounts,
     /// The completion of the checkpoint at the last removal of trials.
     pub(super) thinned: u64,
-    /// The tuner has to be read again: its policy needs models that it lacks, or the space has changed.
+    /// The tuner has to be read again: its policy needs models that it lacks, or the space or the trials that
+    /// count have changed.
     pub(super) is_stale: bool,
     /// The spaces that the study had before.
     pub(super) earlier: EarlierSpaces,

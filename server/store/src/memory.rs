@@ -346,6 +346,21 @@ impl Store for MemoryStore {
         Receipt::settled(result)
     }
 
+    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
+        let result = self.lock().and_then(|mut inner| {
+            let study = inner.fenced(fence)?;
+            let trial = study.trials.get_mut(&number).filter(|trial| trial.state == TrialState::Completed);
+            let missing = || StoreError::TrialNotFound { study: fence.study().to_owned(), number };
+            trial.ok_or_else(missing)?.exclusion = reason.map(str::to_owned);
+            study.checkpoint = None;
+            Ok(())
+        });
+        if result.is_err() {
+            fence.break_up();
+        }
+        Receipt::settled(result)
+    }
+
     async fn completed_trials(
         &self,
         fence: &Fence,

@@ -132,6 +132,9 @@ fn push_comparison<D: Dialect>(sql: &mut D, comparison: &FieldComparison) {
         FieldComparison::Late(operator, late) => {
             push_equality(sql, "late", *operator).flag(*late);
         }
+        FieldComparison::Excluded(operator, excluded) => {
+            push_equality(sql, "(exclusion IS NOT NULL)", *operator).flag(*excluded);
+        }
         FieldComparison::ClientId(operator, text) => {
             push(sql, "client_id", *operator).string(text);
         }

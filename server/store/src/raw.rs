@@ -24,6 +24,7 @@ pub(crate) fn raw_trial(trial: Trial) -> RawTrial {
         complete_ms: trial.complete_ms,
         completion: trial.completion,
         fingerprint: trial.fingerprint,
+        exclusion: trial.exclusion,
     }
 }
 

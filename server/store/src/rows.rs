@@ -44,6 +44,7 @@ row! {
         pub(crate) measurements: String,
         pub(crate) reason: String,
         pub(crate) fingerprint: Option<String>,
+        pub(crate) exclusion: Option<String>,
     }
 }
 
@@ -198,6 +199,7 @@ impl TrialRow {
             measurements: write(&trial.measurements)?,
             reason: write(&decision)?,
             fingerprint: trial.fingerprint.as_ref().map(write).transpose()?,
+            exclusion: None,
         })
     }
 
@@ -235,6 +237,7 @@ impl TrialRow {
             complete_ms: self.complete_ms,
             completion: self.completion.map(unsigned).transpose()?,
             fingerprint: self.fingerprint.map(|text| read("fingerprint", &text)).transpose()?,
+            exclusion: self.exclusion,
         })
     }
 }

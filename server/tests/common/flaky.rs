@@ -75,6 +75,9 @@ impl Store for Flaky {
     fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
         self.inner.change_space(fence, spec, earlier)
     }
+    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
+        self.inner.exclude_trial(fence, number, reason)
+    }
 
     async fn completed_trials(
         &self,

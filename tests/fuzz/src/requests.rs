@@ -66,9 +66,10 @@ pub enum Kind {
     GetTrial,
     RenameStudy,
     ChangeSpace,
+    ExcludeTrial,
 }
 
-const KINDS: [Kind; 15] = [
+const KINDS: [Kind; 16] = [
     Kind::CreateStudy,
     Kind::GetStudy,
     Kind::ListStudies,
@@ -84,6 +85,7 @@ const KINDS: [Kind; 15] = [
     Kind::GetTrial,
     Kind::RenameStudy,
     Kind::ChangeSpace,
+    Kind::ExcludeTrial,
 ];
 
 async fn send(service: &Service, kind: Kind, bytes: &[u8]) -> Option<Result<(), Status>> {
@@ -103,6 +105,7 @@ async fn send(service: &Service, kind: Kind, bytes: &[u8]) -> Option<Result<(), 
         Kind::GetTrial => service.get_trial(decode(bytes)?).await.map(drop),
         Kind::RenameStudy => service.rename_study(decode(bytes)?).await.map(drop),
         Kind::ChangeSpace => service.change_space(decode(bytes)?).await.map(drop),
+        Kind::ExcludeTrial => service.exclude_trial(decode(bytes)?).await.map(drop),
     })
 }
 

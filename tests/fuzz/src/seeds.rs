@@ -76,6 +76,8 @@ fn requests() -> Vec<(Kind, Vec<u8>)> {
         space: example::study().space,
         ..Default::default()
     };
+    let reason = "disturbed".to_owned();
+    let exclude = wire::ExcludeTrialRequest { trial: trial(), reason, include: false };
     let identified = "studies/s@0123456789abcdef/trials/1".to_owned();
     vec![
         (Kind::CreateStudy, other.encode_to_vec()),
@@ -103,6 +105,7 @@ fn requests() -> Vec<(Kind, Vec<u8>)> {
         (Kind::GetTrial, wire::GetTrialRequest { name: identified }.encode_to_vec()),
         (Kind::RenameStudy, rename.encode_to_vec()),
         (Kind::ChangeSpace, change.encode_to_vec()),
+        (Kind::ExcludeTrial, exclude.encode_to_vec()),
     ]
 }
 

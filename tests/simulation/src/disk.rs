@@ -55,6 +55,12 @@ enum Job {
         space: Box<(StudySpec, EarlierSpaces)>,
         answer: Answer,
     },
+    Exclude {
+        fence: Fence,
+        number: u64,
+        reason: Option<String>,
+        answer: Answer,
+    },
     /// Ends once everything before it has.
     Barrier {
         answer: Answer,
@@ -142,7 +148,10 @@ fn address(replica: usize) -> String {
 impl Job {
     fn fence(&self) -> Option<&Fence> {
         match self {
-            Job::Commit { fence, .. } | Job::Policy { fence, .. } | Job::Space { fence, .. } => Some(fence),
+            Job::Commit { fence, .. }
+            | Job::Policy { fence, .. }
+            | Job::Space { fence, .. }
+            | Job::Exclude { fence, .. } => Some(fence),
             Job::Barrier { .. } => None,
         }
     }
@@ -152,7 +161,8 @@ fn refuse(job: Job, error: &StoreError) {
     let answer = match job {
         Job::Commit { fence, answer, .. }
         | Job::Policy { fence, answer, .. }
-        | Job::Space { fence, answer, .. } => {
+        | Job::Space { fence, answer, .. }
+        | Job::Exclude { fence, answer, .. } => {
             fence.break_up();
             answer
         }
@@ -263,6 +273,12 @@ impl Writer {
             }
             Job::Space { fence, space, answer } => {
                 let write = |durable: &Fence| self.durable.store.change_space(durable, &space.0, &space.1);
+                let result = self.under(&fence, write);
+                (answer, result)
+            }
+            Job::Exclude { fence, number, reason, answer } => {
+                let write =
+                    |durable: &Fence| self.durable.store.exclude_trial(durable, number, reason.as_deref());
                 let result = self.under(&fence, write);
                 (answer, result)
             }
@@ -389,6 +405,13 @@ impl Store for SimulatedDisk {
         let (answer, receipt) = Receipt::pending();
         let (fence, space) = (fence.clone(), Box::new((spec.clone(), earlier.clone())));
         self.enqueue(Job::Space { fence, space, answer });
+        receipt
+    }
+
+    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
+        let (answer, receipt) = Receipt::pending();
+        let (fence, reason) = (fence.clone(), reason.map(str::to_owned));
+        self.enqueue(Job::Exclude { fence, number, reason, answer });
         receipt
     }
 

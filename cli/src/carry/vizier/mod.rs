@@ -146,6 +146,7 @@ fn translate(name: &str, spec: &StudySpec, trials: &[Trial]) -> Result<Foreign, 
             cost: None,
             fingerprint: None,
             complete_time: None,
+            exclusion: None,
         });
     }
     Ok(foreign)

@@ -23,7 +23,7 @@ def _by_state(study: Study) -> "dict[int, list[dict[str, Any]]]":
     """Trials that were measured, by number, of each state: costs of different inputs cannot be compared."""
     states: "dict[int, list[dict[str, Any]]]" = {}
     for trial in study.trials("state = COMPLETED AND outcome = OK"):
-        if trial["cost"] is not None:
+        if trial["cost"] is not None and trial["exclusion"] is None:
             states.setdefault(trial["state_id"], []).append(trial)
     return states
 

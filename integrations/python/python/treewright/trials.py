@@ -8,8 +8,8 @@ __all__ = ["Trials"]
 
 
 class Trials(list):  # type: ignore[type-arg]
-    """Trials by number. Each is a dictionary: number, client_id, state_id, mode, state, outcome, cost, late, create_time and complete_time
-    (seconds since 1970), configuration, indicators, measurements."""
+    """Trials by number. Each is a dictionary: number, client_id, state_id, mode, state, outcome, cost, late, exclusion (the reason, for one from
+    which nothing is learnt), create_time and complete_time (seconds since 1970), configuration, indicators, measurements."""
 
     def rows(self) -> "list[dict[str, Any]]":
         """One flat dictionary a trial: parameters are called config.NAME, the others indicator.NAME and measurement.NAME."""

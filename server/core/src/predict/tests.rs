@@ -117,6 +117,7 @@ impl World {
             complete_ms: Some(0),
             completion: Some(self.trials),
             fingerprint: None,
+            exclusion: None,
         };
         Arc::make_mut(&mut self.states[place].results).learn(&trial, self.space.default_ref());
         self.state_index.note(&self.states[place]);

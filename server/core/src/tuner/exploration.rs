@@ -91,6 +91,15 @@ impl Exploration {
         assert!(!self.is_begun() && self.confirmed.is_none(), "nothing is left of the search");
     }
 
+    /// Drops the search, and where results of its own state are `disowned` also the race, its winner and what
+    /// ran at cheaper levels. Another search begins with the rest of the table.
+    pub(super) fn disbelieve(&mut self, disowned: bool) {
+        self.end();
+        if disowned {
+            (self.confirming, self.confirmed, self.ladder) = (None, None, None);
+        }
+    }
+
     /// The number of lost leases of a configuration.
     pub(super) fn lost(&self, configuration: &Configuration) -> u32 {
         let lost = self.lost.iter().find(|lost| lost.configuration == *configuration.values());

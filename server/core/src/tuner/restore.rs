@@ -12,7 +12,7 @@ use crate::predict::Predictors;
 use crate::study::StudySpec;
 use crate::trial::{Trial, TrialState};
 use crate::tuner::trials::OpenTrials;
-use crate::tuner::{Checkpoint, Exploration, RestoreError, Snapshot, StateRecord, Tuner, Visit};
+use crate::tuner::{Change, Checkpoint, Exploration, RestoreError, Snapshot, StateRecord, Tuner, Visit};
 
 /// A tuner that is being rebuilt. The driver reads the completed trials behind [`after`](Restoring::after) in
 /// the order of completion and [learns](Restoring::learn) them, again and again until there are none, and
@@ -68,9 +68,9 @@ impl Restoring {
         self.taught.unwrap_or(self.tuner.last_completion)
     }
 
-    /// Learns the next completed trial; its configuration was made by the study's space. If
-    /// [`after`](Restoring::after) then stands before the trial, the trial was not learnt: `after` went back,
-    /// and the trial comes again later.
+    /// Learns the next completed trial, or passes over it if it is excluded; its configuration was made by the
+    /// study's space. If [`after`](Restoring::after) then stands before the trial, the trial was not learnt:
+    /// `after` went back, and the trial comes again later.
     pub fn learn(&mut self, trial: &Trial) -> Result<(), RestoreError> {
         self.tuner.check_trial(trial)?;
         let Some(completion) = trial
@@ -82,11 +82,11 @@ impl Restoring {
         if trial.cost.is_some_and(|cost| !cost.is_finite() || cost < 0.0) {
             return Err(inconsistent(format!("trial {} has an impossible cost", trial.number)));
         }
-        self.step(completion, Some(trial));
+        self.step(completion, Some(trial).filter(|trial| trial.exclusion.is_none()));
         Ok(())
     }
 
-    /// Passes over the next completed trial, which is outside the study's space. It still counts, and
+    /// Passes over the next completed trial, which is outside the study's space. It is still counted, and
     /// [`after`](Restoring::after) may go back as for one that is learnt.
     pub fn pass_over(&mut self, completion: u64) -> Result<(), RestoreError> {
         if completion <= self.after() {
@@ -199,7 +199,26 @@ impl Tuner {
         restoring.finish(open)
     }
 
-    /// Goes on in the order of completion past trials that are not stored any more. They still count.
+    /// Drops what rests on a completed trial of a state that is excluded from now on, or counts again, and is
+    /// not learnt again from the completed trials: searches, the race of the state, and what clients exploit
+    /// there. The tuner is then to be restored from the changed trials.
+    pub fn disown(&mut self, state_id: u64) -> Change {
+        let own = StateId(state_id);
+        let mut change = Change { forgotten: self.visits.forget_exploiting(own), ..Change::default() };
+        for state in self.states.ids() {
+            // The searches of other states began with what served best elsewhere.
+            let runs = |search: &Exploration| search.search.is_some() || state == own;
+            if self.searches.of(state).is_some_and(runs)
+                && let Some(search) = self.searches.change(state)
+            {
+                search.disbelieve(state == own);
+                change.states.push(self.state_record(state));
+            }
+        }
+        change
+    }
+
+    /// Goes on in the order of completion past trials that are not stored any more. They are still counted.
     fn reach(&mut self, completion: u64) {
         assert!(completion >= self.last_completion, "{completion} after {}", self.last_completion);
         self.completed += completion - self.last_completion;

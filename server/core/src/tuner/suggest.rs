@@ -235,6 +235,7 @@ impl Tuner {
             complete_ms: None,
             completion: None,
             fingerprint: ask.fingerprint.clone(),
+            exclusion: None,
         };
         assert!(number > self.trials.last(), "{number:?} was handed out before");
         self.trials.enter(trial.clone());

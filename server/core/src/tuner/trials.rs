@@ -180,6 +180,7 @@ mod tests {
             complete_ms: None,
             completion: None,
             fingerprint: None,
+            exclusion: None,
         }
     }
 

@@ -367,6 +367,14 @@ pub enum TunerError {
         /// Its state.
         state: TrialState,
     },
+    /// The trial has no result that could be excluded.
+    #[error("trial {number} is {state:?}; only a completed one is excluded or counts again")]
+    NotCompleted {
+        /// The trial.
+        number: u64,
+        /// Its state.
+        state: TrialState,
+    },
     /// The study never handed out such a trial.
     #[error("trial {number} is not of this study")]
     UnknownTrial {

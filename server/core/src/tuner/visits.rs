@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
-use crate::tuner::{Account, Ask, Visit};
+use crate::tuner::{Account, Ask, Visit, VisitDecision};
 
 /// The visits of a study, by client.
 #[derive(Clone, Debug, Default)]
@@ -122,6 +122,22 @@ impl Visits {
         Some(visit.client_id)
     }
 
+    /// Forgets the visits that exploit something in a state and keep no account, so that their clients' next
+    /// questions decide anew. Those with an account lose only what they exploit when it proves worse.
+    pub(super) fn forget_exploiting(&mut self, state: StateId) -> Vec<String> {
+        let is_meant = |visit: &&Visit| {
+            let exploits = matches!(visit.decision, VisitDecision::Exploit { .. });
+            exploits && visit.state_id == state.0 && visit.account.is_none()
+        };
+        let meant: Vec<Visit> = self.by_client.values().filter(is_meant).cloned().collect();
+        for visit in &meant {
+            self.by_client.remove(&visit.client_id);
+            self.ages.remove(visit);
+        }
+        self.check();
+        meant.into_iter().map(|visit| visit.client_id).collect()
+    }
+
     /// Opens a client's account if the policy keeps one or its session has its own policy, and notes the
     /// client's state. Trials after `last` are of the session that the account is for.
     pub(super) fn keep_account(&mut self, ask: &Ask, policy: &Policy, state: StateId, last: TrialNumber) {
@@ -149,7 +165,6 @@ mod tests {
     use super::*;
     use crate::decision::{ExplorationEstimate, ExploreRule};
     use crate::session::SessionPolicy;
-    use crate::tuner::VisitDecision;
 
     #[test]
     fn who_was_decided_for_longest_ago_is_forgotten_first() {

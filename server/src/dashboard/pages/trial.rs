@@ -17,8 +17,9 @@ type Pairs = Vec<(String, String)>;
 struct Page {
     frame: PageFrame,
     head: Head,
-    /// Whether the visitor may pin its configuration.
+    /// Whether the visitor may pin its configuration, and may exclude it or count it again.
     may_pin: bool,
+    may_exclude: bool,
     row: TrialRow,
     facts: Pairs,
     summary: String,
@@ -42,6 +43,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
         given("Mode", row.mode.clone()),
         given("Outcome", row.outcome.clone()),
         given("Reason for the outcome", row.reason.clone()),
+        given("Excluded", trial.exclusion.clone()),
         given(&view.heading(), row.cost.clone()),
         given(&format!("Predicted {name}"), shown(trial.predicted_cost)),
         given(&format!("Stop {stop} {name}"), shown(trial.abort_above)),
@@ -64,6 +66,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
     let page = Page {
         frame: visitor.frame,
         may_pin: may_steer(visitor.caller) && row.outcome == "OK" && trial.fidelity.is_empty(),
+        may_exclude: may_steer(visitor.caller) && trial.state() == v1::TrialState::Completed,
         facts: facts.into_iter().flatten().collect(),
         summary: reason.summary.clone(),
         reasons: reasons(&reason, &view),

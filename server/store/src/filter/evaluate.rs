@@ -22,6 +22,7 @@ impl FieldComparison {
                 trial.outcome.as_ref().is_some_and(|outcome| operator.equality(outcome.kind() == *kind))
             }
             Self::Late(operator, late) => operator.equality(trial.late == *late),
+            Self::Excluded(operator, excluded) => operator.equality(trial.exclusion.is_some() == *excluded),
             Self::ClientId(operator, text) => operator.holds(trial.client_id.as_str(), text),
             Self::StateId(operator, id) => operator.holds(&signed(trial.state_id), id),
             Self::Number(operator, number) => operator.holds(&signed(trial.number), number),

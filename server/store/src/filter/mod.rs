@@ -105,6 +105,7 @@ pub(crate) enum FieldComparison {
     Mode(Operator, Mode),
     Outcome(Operator, OutcomeKind),
     Late(Operator, bool),
+    Excluded(Operator, bool),
     ClientId(Operator, String),
     StateId(Operator, i64),
     Number(Operator, i64),

@@ -8,7 +8,7 @@ use super::token::{FilterToken, PlacedToken, tokens};
 use super::{FieldComparison, Filter, FilterError, Literal, Operator};
 use crate::limits;
 
-const FIELDS: &str = "a field: state, mode, outcome, client_id, state_id, number, cost, late, \
+const FIELDS: &str = "a field: state, mode, outcome, client_id, state_id, number, cost, late, excluded, \
                       measurement.NAME, config.NAME or indicator.NAME";
 
 pub(super) fn filter(text: &str) -> Result<Filter, FilterError> {
@@ -98,7 +98,15 @@ impl Parser {
             Some((prefix, _)) => matches!(prefix, "measurement" | "config" | "indicator"),
             None => matches!(
                 word.as_str(),
-                "state" | "mode" | "outcome" | "client_id" | "state_id" | "number" | "cost" | "late"
+                "state"
+                    | "mode"
+                    | "outcome"
+                    | "client_id"
+                    | "state_id"
+                    | "number"
+                    | "cost"
+                    | "late"
+                    | "excluded"
             ),
         };
         if !known {
@@ -123,6 +131,10 @@ impl Parser {
             "late" => {
                 FieldComparison::Late(operator.equality("late")?, self.word(BOOLEANS, "a truth value")?)
             }
+            "excluded" => FieldComparison::Excluded(
+                operator.equality("excluded")?,
+                self.word(BOOLEANS, "a truth value")?,
+            ),
             "client_id" => FieldComparison::ClientId(operator.operator, self.text()?),
             "state_id" => FieldComparison::StateId(operator.operator, self.whole_number()?),
             "number" => FieldComparison::Number(operator.operator, self.whole_number()?),

@@ -278,6 +278,19 @@ impl Store for PostgresStore {
         }
     }
 
+    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
+        match rows::signed(number) {
+            Ok(number) => {
+                let (answer, receipt) = oneshot::channel();
+                let (fence, study) = (fence.clone(), fence.study().to_owned());
+                let reason = reason.map(batch::without_nul);
+                self.enqueue(&study, StudyJob::Exclude { fence, number, reason, answer });
+                Receipt(receipt)
+            }
+            Err(error) => Receipt::refused(fence, error),
+        }
+    }
+
     async fn completed_trials(
         &self,
         fence: &Fence,

@@ -183,6 +183,13 @@ pub(super) const SPACE_UPDATE: &str = "WITH held AS MATERIALIZED (SELECT id FROM
      saved AS (DELETE FROM checkpoints WHERE study IN (SELECT id FROM held)) \
      UPDATE studies SET specification = $3::json, policy = $4::json WHERE id IN (SELECT id FROM held)";
 
+/// The exclusion of a completed trial, and the removal of the checkpoint, which rests on other trials.
+pub(super) const TRIAL_EXCLUDE: &str = "WITH held AS MATERIALIZED (SELECT id FROM studies \
+     WHERE id = $1 AND epoch = $2 AND name IS NOT NULL FOR NO KEY UPDATE), \
+     saved AS (DELETE FROM checkpoints WHERE study IN (SELECT id FROM held)) \
+     UPDATE trials SET exclusion = $4 WHERE study IN (SELECT id FROM held) AND number = $3 \
+     AND state = 'COMPLETED'";
+
 /// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count;
 /// trial numbers have gaps. Each of these values is at the end of an index.
 macro_rules! study_select {
@@ -219,7 +226,8 @@ macro_rules! trial_columns {
     () => {
         "number, client_id, state_id, mode, state, outcome, outcome_reason, outcome_lower_bound, cost, \
          predicted_cost, late, create_ms, lease_expire_ms, complete_ms, completion, configuration::text, \
-         indicators::text, measurements::text, reason::text, fingerprint::text"
+         indicators::text, measurements::text, reason::text, fingerprint::text, \
+         exclusion"
     };
 }
 
@@ -374,7 +382,9 @@ mod tests {
     /// The holder of an earlier epoch may wake up at any statement.
     #[test]
     fn every_write_under_a_fence_asks_for_its_epoch() {
-        for statement in [POLICY_UPDATE, SPACE_UPDATE, PART_UPSERT, OTHER_CHECKPOINTS_DELETE, TRIALS_DELETE] {
+        for statement in
+            [POLICY_UPDATE, SPACE_UPDATE, TRIAL_EXCLUDE, PART_UPSERT, OTHER_CHECKPOINTS_DELETE, TRIALS_DELETE]
+        {
             assert!(statement.contains("epoch = $2 AND name IS NOT NULL"), "{statement}");
         }
         assert!(BATCH.contains("s.epoch = f.epoch"));

@@ -52,6 +52,13 @@ pub(super) enum StudyJob {
         policy: String,
         answer: oneshot::Sender<Result<(), StoreError>>,
     },
+    /// The reason for which a completed trial is excluded; none where it counts.
+    Exclude {
+        fence: Fence,
+        number: i64,
+        reason: Option<String>,
+        answer: oneshot::Sender<Result<(), StoreError>>,
+    },
     /// A part of a checkpoint. Its failure breaks no fence.
     Part {
         fence: Fence,
@@ -71,7 +78,8 @@ impl StudyJob {
         match self {
             Self::Commit { fence, answer, .. }
             | Self::Policy { fence, answer, .. }
-            | Self::Space { fence, answer, .. } => {
+            | Self::Space { fence, answer, .. }
+            | Self::Exclude { fence, answer, .. } => {
                 fence.break_up();
                 tracing::warn!(study = fence.study(), %error, "a change was not stored");
                 drop(answer.send(Err(error)));
@@ -85,6 +93,7 @@ impl StudyJob {
         if let Self::Commit { answer, .. }
         | Self::Policy { answer, .. }
         | Self::Space { answer, .. }
+        | Self::Exclude { answer, .. }
         | Self::Part { answer, .. } = self
         {
             drop(answer.send(Ok(())));
@@ -233,8 +242,8 @@ impl Writer {
         claimed
     }
 
-    /// A write that shares no statement: a policy, a space, a part of a checkpoint, or a commit under a fence
-    /// that is broken, which is refused.
+    /// A write that shares no statement: a policy, a space, the exclusion of a trial, a part of a checkpoint, or
+    /// a commit under a fence that is broken, which is refused.
     async fn alone(&mut self, job: &StudyJob) -> Result<(), StoreError> {
         match job {
             StudyJob::Policy { fence, policy, models_since, .. } => {
@@ -247,6 +256,13 @@ impl Writer {
                 fence.check()?;
                 let query = sqlx::query(sql::SPACE_UPDATE).bind(fence.key()).bind(fence.epoch());
                 self.execute_held(fence, query.bind(specification).bind(policy)).await
+            }
+            StudyJob::Exclude { fence, number, reason, .. } => {
+                fence.check()?;
+                // A trial that was removed meanwhile looks like a study that another replica has: it is
+                // missed when the study has been loaded again.
+                let query = sqlx::query(sql::TRIAL_EXCLUDE).bind(fence.key()).bind(fence.epoch());
+                self.execute_held(fence, query.bind(number).bind(reason.as_deref())).await
             }
             StudyJob::Part { fence, row, .. } => {
                 fence.check()?;

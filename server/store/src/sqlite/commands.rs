@@ -49,6 +49,12 @@ pub(super) enum WriteCommand {
         specification: String,
         policy: String,
     },
+    /// The reason for which a completed trial is excluded; none where it counts.
+    Exclude {
+        fence: Fence,
+        number: u64,
+        reason: Option<String>,
+    },
     /// A part of a checkpoint. Its failure breaks no fence.
     Part {
         fence: Fence,
@@ -124,6 +130,12 @@ pub(super) async fn apply(
             fence.check()?;
             debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
             change_space(connection, fence.key(), specification, policy).await.map_err(refused)?;
+            Ok(WriteResult::Nothing)
+        }
+        WriteCommand::Exclude { fence, number, reason } => {
+            fence.check()?;
+            debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
+            exclude(connection, fence, *number, reason.as_deref()).await?;
             Ok(WriteResult::Nothing)
         }
         WriteCommand::Part { fence, row } => {
@@ -217,6 +229,24 @@ async fn change_space(
         sqlx::query(removal).bind(study).execute(&mut *connection).await?;
     }
     Ok(())
+}
+
+/// Notes whether a completed trial counts, and removes the checkpoint, which rests on other trials.
+async fn exclude(
+    connection: &mut SqliteConnection,
+    fence: &Fence,
+    number: u64,
+    reason: Option<&str>,
+) -> Result<(), StoreError> {
+    let excluding =
+        sqlx::query(sql::TRIAL_EXCLUDE).bind(fence.key()).bind(rows::signed(number)?).bind(reason);
+    let excluded = excluding.execute(&mut *connection).await.map_err(refused)?.rows_affected();
+    one_at_most(excluded);
+    if excluded == 0 {
+        return Err(StoreError::TrialNotFound { study: fence.study().to_owned(), number });
+    }
+    let dropping = sqlx::query(sql::CHECKPOINTS_DELETE).bind(fence.key()).execute(connection);
+    dropping.await.map(|_| ()).map_err(refused)
 }
 
 /// Saves a part of a checkpoint. The last part removes earlier checkpoints and the parts that a crash left.

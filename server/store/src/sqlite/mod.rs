@@ -231,6 +231,11 @@ impl Store for SqliteStore {
         }
     }
 
+    fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
+        let (fence, reason) = (fence.clone(), reason.map(str::to_owned));
+        self.enqueue_change(WriteCommand::Exclude { fence, number, reason })
+    }
+
     async fn completed_trials(
         &self,
         fence: &Fence,

@@ -77,7 +77,7 @@ fn bind_visit<'q>(script: Statements<'q>, study: i64, row: &'q VisitRow) -> Stat
         .bind(&row.account)
 }
 
-/// Binds in the order of [`TRIAL_COLUMNS`](sql::TRIAL_COLUMNS).
+/// Binds in the order of the columns in [`TRIAL_UPSERT`](sql::TRIAL_UPSERT).
 fn bind_trial<'q>(script: Statements<'q>, study: i64, row: &'q TrialRow) -> Statements<'q> {
     script
         .bind(study)

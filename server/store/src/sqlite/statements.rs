@@ -138,11 +138,18 @@ pub(super) const VISIT_UPSERT: &str = "INSERT INTO visits \
 
 pub(super) const VISIT_DELETE: &str = "DELETE FROM visits WHERE study = ? AND client_id = ?";
 
-macro_rules! trial_columns {
+/// The columns of a trial that its rows are stored with.
+macro_rules! stored_columns {
     () => {
         "number, client_id, state_id, mode, state, outcome, outcome_reason, outcome_lower_bound, cost, \
          predicted_cost, late, create_ms, lease_expire_ms, complete_ms, completion, configuration, \
          indicators, measurements, reason, fingerprint"
+    };
+}
+
+macro_rules! trial_columns {
+    () => {
+        concat!(stored_columns!(), ", exclusion")
     };
 }
 
@@ -153,7 +160,7 @@ pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
 /// can still change.
 pub(super) const TRIAL_UPSERT: &str = concat!(
     "INSERT INTO trials (study, ",
-    trial_columns!(),
+    stored_columns!(),
     ") VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, \
      ?) ON CONFLICT (study, number) DO UPDATE SET state = excluded.state, outcome = excluded.outcome, \
      outcome_reason = excluded.outcome_reason, outcome_lower_bound = excluded.outcome_lower_bound, \
@@ -161,6 +168,9 @@ pub(super) const TRIAL_UPSERT: &str = concat!(
      complete_ms = excluded.complete_ms, completion = excluded.completion, \
      measurements = excluded.measurements, reason = excluded.reason"
 );
+
+pub(super) const TRIAL_EXCLUDE: &str = "UPDATE trials SET exclusion = $3 WHERE study = $1 AND number = $2 \
+     AND state = 'COMPLETED'";
 
 pub(super) const TRIAL_BY_NUMBER: &str =
     concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND number = $2");
@@ -233,6 +243,7 @@ mod tests {
             COMPLETED_TRIALS,
             CLOSED_TRIALS,
             TRIALS_DELETE,
+            TRIAL_EXCLUDE,
             DELETED_STUDY,
             STUDIES_WITH_DUE_LEASES,
             CHECKPOINT,

@@ -43,6 +43,7 @@ impl WriteJob {
         // The caller's change is lost, so no later change computed on it may be stored.
         if let WriteCommand::Policy { fence, .. }
         | WriteCommand::Space { fence, .. }
+        | WriteCommand::Exclude { fence, .. }
         | WriteCommand::Commit { fence, .. } = &self.command
         {
             fence.break_up();

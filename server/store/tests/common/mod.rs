@@ -79,6 +79,7 @@ pub(crate) fn open(number: u64) -> Trial {
             threads: 2,
             software: BTreeMap::from([("embree".to_owned(), "4.4.0".to_owned())]),
         }),
+        exclusion: None,
     }
 }
 

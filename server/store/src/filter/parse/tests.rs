@@ -31,7 +31,7 @@ fn the_example_of_the_contract_parses() {
 #[test]
 fn every_field_and_operator_parses() {
     let filter = Filter::parse(
-        r#"mode!=PINNED AND outcome=ABORTED AND late = false AND client_id>="a\"b\\" AND state_id<=-3
+        r#"mode!=PINNED AND outcome=ABORTED AND late = false AND excluded!=true AND client_id>="a\"b\\" AND state_id<=-3
            AND number>7 AND measurement.build_ms<1e3 AND indicator.x != -.5 AND config.flag = true
            AND config.kind = "sah""#,
     )
@@ -42,6 +42,7 @@ fn every_field_and_operator_parses() {
             FieldComparison::Mode(Operator::NotEqual, Mode::Pinned),
             FieldComparison::Outcome(Operator::Equal, OutcomeKind::Aborted),
             FieldComparison::Late(Operator::Equal, false),
+            FieldComparison::Excluded(Operator::NotEqual, true),
             FieldComparison::ClientId(Operator::GreaterOrEqual, "a\"b\\".into()),
             FieldComparison::StateId(Operator::LessOrEqual, -3),
             FieldComparison::Number(Operator::Greater, 7),
