@@ -215,6 +215,8 @@ async fn a_form_at_another_replica_says_which_one_holds_the_study() {
         ("policy", "field=operation&value=freeze", "treewright policy hall --operation freeze"),
         ("policy", "field=pinned&value=", "treewright policy hall --unpin"),
         ("trials/1/pin", "", "treewright pin hall max_leaf="),
+        ("trials/1/exclude", "reason=cold", "treewright exclude hall/trials/1 cold"),
+        ("trials/1/include", "", "treewright include hall/trials/1"),
     ] {
         let path = format!("/studies/hall@{uid}/{form}");
         let (status, answer) = other.post(&path, sent).await;

@@ -148,7 +148,7 @@ Examples:
         /// The study's id
         study: String,
     },
-    /// Excludes a completed trial, e.g. of a disturbed machine: it stays in the log, and nothing is learnt from it
+    /// Excludes a completed trial, e.g. of a disturbed machine: it is kept, and nothing is learnt from it
     #[command(
         after_help = "Example:\n  treewright exclude studies/zstd/trials/12 'another program ran beside it'"
     )]

@@ -37,7 +37,7 @@ impl Tuning {
                 live.knows(name)?;
                 if live.tuner.open_trial(name.number).is_some() {
                     let (number, state) = (name.number, TrialState::Open);
-                    return Err(TunerError::NotCompleted { number, state }.into());
+                    return Err(Error::from(TunerError::NotCompleted { number, state }));
                 }
                 Ok::<_, Error>(Exclusion::Read(live.mark(store)))
             })

@@ -24,6 +24,7 @@ const SQLITE: &[(&str, &str)] = files!("sqlite":
     "0006_visits_since",
     "0007_trials_by_state",
     "0008_studies_uid",
+    "0009_trials_exclusion",
 );
 
 #[cfg(feature = "postgres")]
@@ -34,6 +35,7 @@ const POSTGRES: &[(&str, &str)] = files!("postgres":
     "0004_visits_since",
     "0005_trials_by_state",
     "0006_studies_uid",
+    "0007_trials_exclusion",
 );
 
 /// The schema of a SQLite file.

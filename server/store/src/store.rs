@@ -127,8 +127,8 @@ pub struct ClosedTrial {
 ///
 /// Two kinds of methods: the `async` ones are whole use cases. [`commit`](Store::commit),
 /// [`update_policy`](Store::update_policy), [`change_space`](Store::change_space) and
-/// [`exclude_trial`](Store::exclude_trial) only take their place in the order of writes and return at once, so
-/// that a caller can hold a lock while it queues and let go before it waits.
+/// [`exclude_trial`](Store::exclude_trial) only take their place in the order of writes and return at once,
+/// so that a caller can hold a lock while it queues and let go before it waits.
 #[async_trait]
 pub trait Store: Send + Sync + 'static {
     /// Creates a study with an identity of its own, or finds an equal one under the same id, be it with one
@@ -203,8 +203,8 @@ pub trait Store: Send + Sync + 'static {
     fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt;
 
     /// Reads the completed trials behind a place in the order of completion, in that order, at most `size` of
-    /// them. Only their exclusion changes, so the fence only names the study and may be broken. The cost does not depend
-    /// on the place in the history.
+    /// them. Only their exclusion changes, so the fence only names the study and may be broken. The cost does
+    /// not depend on the place in the history.
     async fn completed_trials(
         &self,
         fence: &Fence,

@@ -93,7 +93,7 @@ fn comparison() -> impl Strategy<Value = String> {
         (word(&["state"]), equality(), word(&["OPEN", "COMPLETED", "ABANDONED", "EXPIRED"])).prop_map(join),
         (word(&["mode"]), equality(), word(&["DEFAULT", "EXPLORE", "EXPLOIT", "PINNED"])).prop_map(join),
         (word(&["outcome"]), equality(), word(&["OK", "INFEASIBLE", "ABORTED", "FAILED"])).prop_map(join),
-        (word(&["late"]), equality(), word(&["true", "false"])).prop_map(join),
+        (word(&["late", "excluded"]), equality(), word(&["true", "false"])).prop_map(join),
         (word(&["client_id"]), operator(), text().prop_map(quoted)).prop_map(join),
         (word(&["number", "state_id"]), operator(), (0_i64..15).prop_map(|n| n.to_string())).prop_map(join),
         (

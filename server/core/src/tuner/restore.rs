@@ -68,9 +68,9 @@ impl Restoring {
         self.taught.unwrap_or(self.tuner.last_completion)
     }
 
-    /// Learns the next completed trial, or passes over it if it is excluded; its configuration was made by the
-    /// study's space. If [`after`](Restoring::after) then stands before the trial, the trial was not learnt:
-    /// `after` went back, and the trial comes again later.
+    /// Learns the next completed trial, or passes over it if it is excluded; its configuration was made by
+    /// the study's space. If [`after`](Restoring::after) then stands before the trial, the trial was not
+    /// learnt: `after` went back, and the trial comes again later.
     pub fn learn(&mut self, trial: &Trial) -> Result<(), RestoreError> {
         self.tuner.check_trial(trial)?;
         let Some(completion) = trial

@@ -242,8 +242,8 @@ impl Writer {
         claimed
     }
 
-    /// A write that shares no statement: a policy, a space, the exclusion of a trial, a part of a checkpoint, or
-    /// a commit under a fence that is broken, which is refused.
+    /// A write that shares no statement: a policy, a space, the exclusion of a trial, a part of a checkpoint,
+    /// or a commit under a fence that is broken, which is refused.
     async fn alone(&mut self, job: &StudyJob) -> Result<(), StoreError> {
         match job {
             StudyJob::Policy { fence, policy, models_since, .. } => {
