@@ -9,8 +9,8 @@
 //! The way through the crate: [`value`], [`space`] and [`configuration`] describe the parameters,
 //! [`indicator`] an input, [`objective`] the cost, [`fidelity`] cheaper ways to measure it, and [`policy`]
 //! the decisions of a study; [`study`] joins them. A [`trial`] is a configuration that is handed out, with
-//! its result, and a [`standing`] is the proof of the best one. [`ids`], [`names`] and [`limits`] hold for
-//! all of them.
+//! its result, a [`standing`] is the proof of the best one, and a [`front`] holds the best by several metrics
+//! at once. [`ids`], [`names`] and [`limits`] hold for all of them.
 // Tests may compare with the platform's functions.
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
@@ -24,6 +24,7 @@ pub mod cost_view;
 pub mod decision;
 pub mod fidelity;
 pub mod fnv;
+pub mod front;
 pub mod ids;
 pub mod indicator;
 pub mod limits;

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use treewright_client::{Front, Indicators, Value};
+use treewright_client::{ClientError, Front, Indicators, Value};
 
 use super::{indicator, parameter};
 use crate::exec::program::MetricSource;
@@ -118,7 +118,10 @@ impl Exec {
 
     /// The front that is looked for, if one is.
     pub(crate) fn front(&self) -> Result<Option<Front>, Failure> {
-        (!self.front.is_empty()).then(|| Ok(Front::new(&self.front)?)).transpose()
+        if self.front.is_empty() {
+            return Ok(None);
+        }
+        Ok(Some(Front::new(&self.front).map_err(ClientError::from)?))
     }
 
     /// The study that is made up on the command line, if one is.
@@ -139,18 +142,12 @@ impl Exec {
             StudyFile { parameters, constraints, objective, limits, fidelities, ..StudyFile::default() };
         let Some(front) = front else { return Ok(Some(file)) };
         Ok(Some(StudyFile {
-            display_name: self.front_name(),
+            display_name: Some(front.study_name()),
             indicators: vec![IndicatorEntry::inline(Front::DIRECTION, front.range())],
             // A race would be one of a single direction.
             policy: [("confirm_rounds".to_owned(), PolicyEntry::Value(Plain::Integer(0)))].into(),
             ..file
         }))
-    }
-
-    /// The name of a study of the front, by which a later call finds it.
-    pub(crate) fn front_name(&self) -> Option<String> {
-        let names: Vec<&str> = self.front.iter().map(|name| name.trim()).collect();
-        (!names.is_empty()).then(|| format!("front of {}", names.join(", ")))
     }
 }
 

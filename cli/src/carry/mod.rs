@@ -22,7 +22,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 use treewright_client::blocking::Client;
 use treewright_client::{
-    Configuration, Domain, Fingerprint, Front, Indicators, Measurements, OpenEnum, Outcome, Question, Space,
+    Configuration, Domain, Fingerprint, Indicators, Measurements, OpenEnum, Outcome, Question, Space,
     StudyRecord, StudySpec, TrialQuery, TrialRecord, Value,
 };
 
@@ -69,7 +69,7 @@ impl CarriedTrial {
             Some(OpenEnum::Known(Outcome::Failed { .. }) | OpenEnum::Unrecognised(_)) | None => return None,
             Some(OpenEnum::Known(outcome)) => outcome.clone(),
         };
-        if !trial.unreadable.is_empty() || Front::is_repeated(trial) || trial.fidelity.is_some() {
+        if !trial.unreadable.is_empty() || trial.repeats_a_run() || trial.fidelity.is_some() {
             return None;
         }
         let time = |time| humantime::format_rfc3339_millis(time).to_string();

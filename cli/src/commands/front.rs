@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use treewright_client::blocking::Client;
-use treewright_client::{Configuration, Front, TrialQuery, TrialRecord};
+use treewright_client::{ClientError, Configuration, Front, TrialQuery, TrialRecord};
 
 use crate::arguments::data::FrontOf;
 use crate::failure::Failure;
@@ -11,7 +11,7 @@ use crate::output::either;
 use crate::show;
 
 pub(super) fn run(client: &Client, wanted: &FrontOf, json: bool) -> Result<String, Failure> {
-    let front = Front::new(&wanted.metrics)?;
+    let front = Front::new(&wanted.metrics).map_err(ClientError::from)?;
     let reference = Some(wanted.reference.as_slice()).filter(|values| !values.is_empty());
     if reference.is_some_and(|values| values.len() != wanted.metrics.len()) {
         return Err(Failure::Usage("--reference wants one number above 0 for each metric".into()));
@@ -48,7 +48,7 @@ pub(super) fn run(client: &Client, wanted: &FrontOf, json: bool) -> Result<Strin
         }
     }
     let default = Configuration::from(spec.space.default_configuration());
-    let found = front.of(&trials, &default, reference);
+    let found = front.of(trials.iter().filter_map(TrialRecord::measured_run), &default, reference);
     if let Some(file) = wanted.svg.as_ref().filter(|_| !found.points.is_empty()) {
         std::fs::write(file, show::front_svg(&found))
             .map_err(|error| Failure::file(file, error.to_string()))?;

@@ -1,8 +1,8 @@
 //! A front in a session: the direction of a run, its cost there, and its reports to the other directions.
 
 use treewright_client::{
-    Configuration, Front, FrontHistory, Indicators, ObjectiveTerm, Policy, Question, SessionPolicy,
-    StudySpec, TrialQuery, TrialRecord, detect_fingerprint,
+    Configuration, Front, FrontHistory, ObjectiveTerm, Policy, StudySpec, TrialQuery, TrialRecord,
+    detect_fingerprint,
 };
 
 use super::program::Run;
@@ -37,7 +37,7 @@ fn planned(exec: &Exec, policy: &Policy) -> u32 {
 impl Job<'_> {
     /// The study's trials of the front so far.
     pub(super) fn front(&self, front: Front, exec: &Exec) -> Result<FrontHistory, Failure> {
-        let wanted = exec.front_name().unwrap_or_default();
+        let wanted = front.study_name();
         if self.study.display_name != wanted {
             let found = &self.study.display_name;
             return Err(Failure::Data(format!("{} is no {wanted}, but `{found}`", self.study.name)));
@@ -54,10 +54,7 @@ impl Job<'_> {
     }
 
     fn next_in(&self, direction: usize, history: &FrontHistory) -> Result<TrialRecord, Failure> {
-        let indicators = Indicators::from([(Front::DIRECTION, direction as f64)]);
-        let trials_per_state = Some(history.runs_each());
-        let session_policy = SessionPolicy { trials_per_state, ..self.session_policy };
-        let question = Question { indicators, session_policy, ..self.question(None) };
+        let question = history.question(direction, self.question(None));
         self.daemon.ask(|client| client.ask(&self.study.identified_name(), &question))
     }
 }
@@ -130,7 +127,8 @@ impl Session<'_> {
 impl Summary {
     /// Takes the front that was found.
     pub(super) fn found(&mut self, history: &FrontHistory, default: &Configuration) {
-        let front = history.front().of(history.trials(), default, None);
+        let runs = history.trials().iter().filter_map(TrialRecord::measured_run);
+        let front = history.front().of(runs, default, None);
         self.objective = front.metrics.join(", ");
         self.front = Some(front);
     }

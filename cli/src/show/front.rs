@@ -1,7 +1,7 @@
 //! A Pareto front as a table, and as a figure.
 
 use treewright_client::{Configuration, FrontPoint, ParetoFront};
-use treewright_figures::{Axis, Colour, Dot, Figure};
+use treewright_figures::{Figure, Marked};
 
 use super::{figure, table};
 
@@ -25,7 +25,8 @@ pub(crate) fn front(found: &ParetoFront, default: &Configuration) -> String {
         let mut row = vec![format!("{}{whose}", point.configuration), point.runs.to_string()];
         for metric in &found.metrics {
             let ratio = point.ratios.as_ref().and_then(|ratios| ratios.get(metric));
-            row.push(value(point, metric).map_or_else(String::new, figure));
+            let value = point.metrics.get(metric).copied();
+            row.push(value.map_or_else(String::new, figure));
             row.push(ratio.map_or_else(String::new, |ratio| format!("{ratio:.3}")));
         }
         table.add_row(row);
@@ -42,38 +43,26 @@ pub(crate) fn front(found: &ParetoFront, default: &Configuration) -> String {
     text
 }
 
-fn value(point: &FrontPoint, metric: &str) -> Option<f64> {
-    point.metrics.get(metric)
-}
-
 /// Every pair of metrics, one below the other, for a browser or a page.
 pub(crate) fn front_svg(found: &ParetoFront) -> String {
     let metrics = &found.metrics;
     let pairs = (0..metrics.len()).flat_map(|x| (x + 1..metrics.len()).map(move |y| (x, y)));
-    Figure::file("Pareto front", pairs.map(|(x, y)| pair(found, &metrics[x], &metrics[y])))
+    Figure::file("Pareto front", pairs.map(|(x, y)| pair(found, [&metrics[x], &metrics[y]])))
 }
 
-fn pair(found: &ParetoFront, x_metric: &str, y_metric: &str) -> Figure {
-    let axis = |metric: &str| {
-        let large = if found.maximised.iter().any(|one| one == metric) { ", more is better" } else { "" };
-        let all = found.points.iter().chain(&found.dominated);
-        Axis::fitting(&format!("{metric}{large}"), all.filter_map(|point| value(point, metric)))
+fn pair(found: &ParetoFront, metrics: [&str; 2]) -> Figure {
+    let marked = |points: &[FrontPoint]| -> Vec<Marked> {
+        let mark = |point: &FrontPoint| {
+            let [x, y] = metrics.map(|metric| point.metrics.get(metric).copied());
+            let at = [x?, y?];
+            let [x, y] = [0, 1].map(|axis| format!("{} {}", metrics[axis], super::figure(at[axis])));
+            Some((at, format!("{}: {x}, {y}", point.configuration)))
+        };
+        points.iter().filter_map(mark).collect()
     };
-    let title = format!("{y_metric} over {x_metric}");
-    let mut figure = Figure::new(&title, SIZE, axis(x_metric), axis(y_metric));
-    for (points, dot, colour, name) in [
-        (found.dominated.as_slice(), Dot::Small, Colour::Grey, "others"),
-        (found.points.as_slice(), Dot::Large, Colour::Blue, "front"),
-        (found.default.as_slice(), Dot::Ring, Colour::Vermilion, "default"),
-    ] {
-        figure.dot_key(dot, colour, name);
-        for point in points {
-            if let (Some(x), Some(y)) = (value(point, x_metric), value(point, y_metric)) {
-                let (of, x_words, y_words) = (&point.configuration, super::figure(x), super::figure(y));
-                let words = format!("{of}: {x_metric} {x_words}, {y_metric} {y_words}");
-                figure.dot([x, y], dot, colour, &words);
-            }
-        }
-    }
-    figure
+    let [dominated, front, default] =
+        [found.dominated.as_slice(), &found.points, found.default.as_slice()].map(marked);
+    let titles = metrics.map(|metric| found.title(metric));
+    let corners = found.corners(metrics);
+    Figure::front(SIZE, [&titles[0], &titles[1]], [&dominated, &front, &default], &corners)
 }

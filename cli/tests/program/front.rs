@@ -63,7 +63,10 @@ fn a_front_is_tuned_and_every_direction_knows_every_run() {
         1 + 12 + 1,
         "its own, every configuration, and the default marked"
     );
-    assert!(drawn.contains("time_ms, logarithmic") && drawn.contains(">default<"), "{drawn}");
+    assert!(
+        drawn.contains("time_ms (lower is better), logarithmic") && drawn.contains(">default<"),
+        "{drawn}"
+    );
 }
 
 #[test]

@@ -15,8 +15,8 @@
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub use treewright_model::{
-    configuration, cost_view, decision, fidelity, fnv, ids, indicator, names, objective, policy, session,
-    space, standing, study, trial, value, words,
+    assignment, configuration, cost_view, decision, fidelity, fnv, front, ids, indicator, names, objective,
+    policy, session, space, standing, study, trial, value, words,
 };
 
 mod gp;

@@ -4,10 +4,12 @@
 mod axis;
 mod colour;
 mod figure;
+mod front;
 
 pub use axis::{Axis, number};
 pub use colour::Colour;
 pub use figure::{Dot, Figure, Stroke};
+pub use front::Marked;
 
 /// Text as it stands in SVG and HTML.
 pub fn escaped(text: &str) -> String {
