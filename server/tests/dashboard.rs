@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use common::flaky::Flaky;
-use common::{START_MS, Server, ask, report, study};
+use common::{START_MS, Server, ask, integer, report, study, text};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tonic::metadata::{Ascii, MetadataValue};
@@ -329,5 +329,79 @@ async fn a_metric_called_gain_hides_no_map() {
         assert!(answer.contains(selected) && answer.contains(shown), "{asked}: {answer}");
         let colours = answer.split("<select name=\"show\"").nth(1).expect("a list to choose from");
         assert_eq!(colours.matches(" selected").count(), 1, "{asked}: {answer}");
+    }
+}
+
+/// A run of the study `lists`, which was made for a front.
+async fn list(caller: &mut Caller, direction: f64, max_leaf: i64, metrics: [f64; 2], origin: &str) {
+    let named = |(name, value): (&str, wire::Value)| (name.to_owned(), value);
+    let values = [("min_leaf", integer(1)), ("max_leaf", integer(max_leaf)), ("quality", text("low"))];
+    let request = wire::SuggestRequest {
+        study: "studies/lists".to_owned(),
+        indicators: BTreeMap::from([("direction".to_owned(), direction)]),
+        wanted: Some(wire::Configuration { values: values.map(named).into() }),
+        origin: origin.to_owned(),
+        ..ask("a", 0.0)
+    };
+    let trial = caller.suggest(request).await.expect("a trial").into_inner().name;
+    let [time_ms, memory_mb] = metrics;
+    let measurements = [("time_ms", time_ms), ("memory_mb", memory_mb), ("front_cost", time_ms)];
+    let measurements = measurements.map(|(name, value)| (name.to_owned(), value)).into();
+    caller.report(wire::ReportRequest { trial, measurements, outcome: common::ok() }).await.expect("taken");
+}
+
+#[tokio::test]
+async fn a_front_is_shown_where_one_was_looked_for() {
+    let guarded = Guarded::start(Arc::new(MemoryStore::new())).await;
+    let mut caller = guarded.caller().await;
+    let objective = wire::Objective {
+        terms: vec![wire::ObjectiveTerm { metric: "front_cost".to_owned(), weight: 1.0 }],
+        ..wire::Objective::default()
+    };
+    let made = wire::Study {
+        display_name: "front of time_ms, memory_mb".to_owned(),
+        indicators: vec![wire::Indicator { name: "direction".to_owned(), min: 0.0, max: 8.0, scale: 0 }],
+        objective: Some(objective),
+        ..study()
+    };
+    let request = wire::CreateStudyRequest { study_id: "lists".to_owned(), study: Some(made) };
+    caller.create_study(request).await.expect("created");
+    let (status, answer) = guarded.get("/studies/lists/front").await;
+    assert!(status == 200 && answer.contains("No run measured all of time_ms, memory_mb."), "{answer}");
+    list(&mut caller, 0.0, 8, [8.0, 9.0], "").await;
+    list(&mut caller, 0.0, 1, [4.0, 4.5], "").await;
+    list(&mut caller, 1.0, 16, [9.0, 3.0], "").await;
+    list(&mut caller, 1.0, 1, [4.0, 4.5], "studies/lists/trials/2").await;
+    let (_, overview) = guarded.get("/studies/lists").await;
+    assert!(overview.contains("href=\"/studies/lists/front\""), "{overview}");
+    let (status, answer) = guarded.get("/studies/lists/front").await;
+    assert_eq!(status, 200, "{answer}");
+    for words in [
+        "2 of 3 configurations are on the front, by the medians of 3 runs on a fast one, 2 threads.",
+        "They leave behind 0.250 of the box",
+        "<title>max_leaf=1: time_ms 4, memory_mb 4.500</title>",
+        "time_ms (lower is better)",
+        "<td class=\"figure\">0.500</td><td class=\"figure\">1</td><td class=\"values\">max_leaf=1</td>",
+        "<td class=\"values\">the default</td>",
+    ] {
+        assert!(answer.contains(words), "{words} is not in {answer}");
+    }
+    // The default is dominated, and marked.
+    assert_eq!((answer.matches("<circle").count(), answer.matches("<tr><td").count()), (4, 3), "{answer}");
+
+    // The states of other studies are different inputs; these are shown on request.
+    measured(&mut caller).await;
+    let (_, overview) = guarded.get("/studies/hall").await;
+    assert!(!overview.contains("/studies/hall/front"), "{overview}");
+    let (status, answer) = guarded.get("/studies/hall/front?metrics=render_ms,build_ms").await;
+    assert!(status == 200 && answer.contains("1 of 1 configurations"), "{answer}");
+    assert!(answer.contains("1 runs of state 1 (a fast one, 2 threads)"), "{answer}");
+    for (asked, words) in [
+        ("metrics=render_ms", "name two or three"),
+        ("metrics=render_ms,build_ms&state=9", "leave it out"),
+        ("metric=render_ms", "use metrics, state"),
+    ] {
+        let (status, answer) = guarded.get(&format!("/studies/hall/front?{asked}")).await;
+        assert!(status == 400 && answer.contains(words), "{asked}: {answer}");
     }
 }

@@ -6,9 +6,9 @@ use crate::{Axis, Colour, Dot, Figure};
 pub type Marked = ([f64; 2], String);
 
 impl Figure {
-    /// Configurations by two metrics, whose names are the titles of the axes: the dominated ones in grey, those
-    /// on the front, and the default marked. `corners` are those of the staircase that joins the front, the
-    /// best of the first metric first.
+    /// Configurations by two metrics, which are the titles of the axes: the dominated ones in grey, those on
+    /// the front, and the default marked. `corners` are those of the staircase that joins the front, the best
+    /// of the first metric first.
     pub fn front(
         size: [f64; 2],
         [x, y]: [&str; 2],

@@ -1,7 +1,9 @@
 //! Pictures of the dashboard as SVG, drawn on the server, so that pages need no script.
 
+mod front;
 mod map;
 
+pub(super) use front::fronts;
 pub(super) use map::{Place, Runner, map, race};
 use treewright_core::cost_view::CostView;
 use treewright_figures::{self as figures, Colour, Dot, Figure, Stroke, escaped};

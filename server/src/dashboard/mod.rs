@@ -185,6 +185,7 @@ impl Dashboard {
             ["events"] => return self.events(caller, None),
             ["studies", id] => pages::study(&visitor, id, query).await,
             ["studies", id, "events"] => return self.events(caller, Some(id.to_owned())),
+            ["studies", id, "front"] => pages::front(&visitor, id, query).await,
             ["studies", id, "map"] => pages::map(&visitor, id, query).await,
             ["studies", id, "parameters"] => pages::parameters(&visitor, id, query).await,
             ["studies", id, "policy"] => pages::policy(&visitor, id).await,

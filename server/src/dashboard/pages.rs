@@ -1,6 +1,7 @@
 //! The pages. They read through the handlers of the RPCs, so that a token sees the same data in both.
 
 mod compare;
+mod front;
 mod index;
 mod map;
 mod others;
@@ -16,6 +17,8 @@ use std::collections::BTreeMap;
 
 use askama::Template;
 use treewright_core::cost_view::CostView;
+use treewright_core::front::Front;
+use treewright_core::study::StudySpec;
 use treewright_proto::v1;
 
 use super::charts::figure;
@@ -24,6 +27,7 @@ use crate::error::Error;
 use crate::rpc;
 
 pub(super) use compare::compare;
+pub(super) use front::front;
 pub(super) use map::map;
 pub(super) use parameters::parameters;
 pub(super) use studies::StudyIndex;
@@ -51,6 +55,8 @@ struct Head {
     defaults: Defaults,
     /// Its view of costs.
     view: CostView,
+    /// The front that it was made for.
+    front: Option<Front>,
     /// The query that the links of tabs carry along.
     query: String,
     states: i64,
@@ -114,13 +120,15 @@ async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(
     let study = rpc::studies::get(visitor.tuning, visitor.caller, request).await?;
     let counts = study.statistics.unwrap_or_default();
     let id = self::id(&study.name);
+    let spec = visitor.tuning.get_study(id).await?.spec;
     let head = Head {
         id: id.to_owned(),
         name: format!("{id}@{}", study.uid),
         what: study.display_name.clone(),
         tab,
         defaults: Defaults::of(&study),
-        view: visitor.tuning.get_study(id).await?.spec.objective.view(),
+        view: spec.objective.view(),
+        front: front_of(&spec),
         query: String::new(),
         states: counts.states,
         trials: counts.trials,
@@ -128,6 +136,13 @@ async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(
         open: counts.open_trials,
     };
     Ok((head, study))
+}
+
+/// The front that a study was made for, as `exec --front` makes them.
+fn front_of(spec: &StudySpec) -> Option<Front> {
+    let is_direction = spec.indicators.indicators().iter().any(|one| one.name == Front::DIRECTION);
+    let is_cost = spec.objective.terms().iter().any(|term| term.metric == Front::COST);
+    Front::of_study(&spec.display_name).filter(|_| is_direction && is_cost)
 }
 
 /// The state that an address asks for.
@@ -165,22 +180,29 @@ async fn read_trials(
     order: &str,
     most: usize,
 ) -> Result<Vec<v1::Trial>, Error> {
-    let mut found = Vec::new();
-    let mut page_token = String::new();
     let joint = if filter.is_empty() { "" } else { " AND " };
+    let request = v1::QueryTrialsRequest {
+        study: format!("studies/{id}"),
+        filter: format!("{filter}{joint}excluded = false"),
+        order_by: order.to_owned(),
+        ..v1::QueryTrialsRequest::default()
+    };
+    read_all(visitor, request, most).await
+}
+
+/// At most `most` trials of a query, over its pages.
+async fn read_all(
+    visitor: &Visitor<'_>,
+    mut request: v1::QueryTrialsRequest,
+    most: usize,
+) -> Result<Vec<v1::Trial>, Error> {
+    let mut found = Vec::new();
     while found.len() < most {
-        let request = v1::QueryTrialsRequest {
-            study: format!("studies/{id}"),
-            filter: format!("{filter}{joint}excluded = false"),
-            order_by: order.to_owned(),
-            page_size: i32::try_from(most - found.len()).unwrap_or(i32::MAX).min(1000),
-            page_token,
-            in_present_space: false,
-        };
-        let page = rpc::trials::query(visitor.tuning, visitor.caller, request).await?;
+        request.page_size = i32::try_from(most - found.len()).unwrap_or(i32::MAX).min(1000);
+        let page = rpc::trials::query(visitor.tuning, visitor.caller, request.clone()).await?;
         found.extend(page.trials);
-        page_token = page.next_page_token;
-        if page_token.is_empty() {
+        request.page_token = page.next_page_token;
+        if request.page_token.is_empty() {
             break;
         }
     }
