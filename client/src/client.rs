@@ -13,8 +13,8 @@ use crate::circuit_breaker::Status;
 use crate::core::Core;
 use crate::pages::{TrialPages, TrialQuery};
 use crate::{
-    Best, ChangedSpace, ClientError, Configuration, Indicators, Options, PolicyChange, Prediction, Space,
-    Stats, Study, StudyRecord, StudySpec, TrialRecord, delivery, limits, local, wire,
+    Best, ChangedSpace, ClientError, Configuration, Fingerprint, Indicators, Options, PolicyChange,
+    Prediction, Space, Stats, Study, StudyRecord, StudySpec, TrialRecord, delivery, limits, local, wire,
 };
 
 /// A connection to the tuning service. Cheap to clone; clones share the connection, the outbox and the
@@ -110,6 +110,12 @@ impl Client {
     #[must_use]
     pub fn url(&self) -> &str {
         &self.core.url
+    }
+
+    /// The machine and the software that it names with every question.
+    #[must_use]
+    pub fn fingerprint(&self) -> &Fingerprint {
+        &self.core.options.fingerprint
     }
 
     /// The state of the connection at the moment.

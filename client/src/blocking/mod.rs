@@ -19,9 +19,9 @@ use per_process::{OfProcess, PerProcess};
 use runtime::RuntimeThread;
 
 use crate::{
-    Best, ChangedSpace, ClientError, Configuration, Finished, Indicators, Measurements, Options, Outcome,
-    PolicyChange, Prediction, Question, SessionPolicy, Side, Space, Stats, Status, StudyRecord, StudySpec,
-    Suggestion, TrialQuery, TrialRecord,
+    Best, ChangedSpace, ClientError, Configuration, Fingerprint, Finished, Indicators, Measurements, Options,
+    Outcome, PolicyChange, Prediction, Question, SessionPolicy, Side, Space, Stats, Status, StudyRecord,
+    StudySpec, Suggestion, TrialQuery, TrialRecord,
 };
 
 /// See [`crate::Client`]. Cheap to clone.
@@ -81,6 +81,12 @@ impl Client {
     #[must_use]
     pub fn url(&self) -> &str {
         self.first().url()
+    }
+
+    /// See [`crate::Client::fingerprint`].
+    #[must_use]
+    pub fn fingerprint(&self) -> &Fingerprint {
+        self.first().fingerprint()
     }
 
     /// See [`crate::Client::status`].

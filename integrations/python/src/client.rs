@@ -38,7 +38,21 @@ fn words(field: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     Ok(if field == "pinned" { text } else { text.to_lowercase() })
 }
 
+/// The fields of a policy as they are written.
+pub(crate) fn policy_words(policy: Named<Bound<'_, PyAny>>) -> PyResult<Vec<(String, String)>> {
+    let field = |(field, value): (String, Bound<'_, PyAny>)| {
+        let text = words(&field, &value)?;
+        Ok((field, text))
+    };
+    policy.0.into_iter().map(field).collect()
+}
+
 impl Client {
+    /// The client of the SDK.
+    pub(crate) fn inner(&self) -> &blocking::Client {
+        &self.0
+    }
+
     fn holding(&self, study: blocking::Study) -> Study {
         Study(study, self.0.clone())
     }
@@ -155,11 +169,7 @@ impl Client {
         episode_frames: u32,
         fidelities: Numbers,
     ) -> PyResult<Study> {
-        let policy = policy.0.into_iter().map(|(field, value)| {
-            let text = words(&field, &value)?;
-            Ok((field, text))
-        });
-        let policy = policy.collect::<PyResult<_>>()?;
+        let policy = policy_words(policy)?;
         let definition = Definition {
             // By name: dictionaries have no order here, and the order is part of what a study is.
             indicators: indicators.0.into_iter().collect(),

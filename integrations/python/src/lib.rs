@@ -8,6 +8,7 @@ mod best;
 mod client;
 mod convert;
 mod error;
+mod front;
 mod prediction;
 mod space;
 mod suggestion;
@@ -22,6 +23,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<client::Client>()?;
     module.add_class::<client::Study>()?;
     module.add_class::<best::Best>()?;
+    module.add_class::<front::Front>()?;
+    module.add_class::<front::FrontTrial>()?;
     module.add_class::<prediction::Prediction>()?;
     module.add_class::<suggestion::Suggestion>()?;
     module.add_class::<suggestion::Tuner>()?;

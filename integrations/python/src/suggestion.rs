@@ -25,11 +25,11 @@ pub(crate) struct Suggestion {
     open: Mutex<Option<treewright_client::Suggestion>>,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn ended() -> PyErr {
+pub(crate) fn ended() -> PyErr {
     Invalid::new_err("this trial is reported or given back already")
 }
 

@@ -15,7 +15,7 @@ import warnings
 
 
 def documentation() -> None:
-    for name in ("treewright", "treewright.aio", "treewright.autotune", "treewright.loop", "treewright.plot"):
+    for name in ("treewright", "treewright.aio", "treewright.autotune", "treewright.front", "treewright.loop", "treewright.plot"):
         result = doctest.testmod(importlib.import_module(name), optionflags=doctest.ELLIPSIS)
         assert result.attempted > 1 and result.failed == 0, (name, result)
         print(f"{name}: {result.attempted} examples hold")
@@ -43,7 +43,7 @@ def stubs() -> None:
         assert public(told) == public(dir(there)), (name, public(told) ^ public(dir(there)))
         for each in public(told):
             assert getattr(there, each).__doc__, f"{name}.{each} has no docstring"
-    for name in ("treewright", *(f"treewright.{each}" for each in ("aio", "autotune", "loop", "optional", "plot", "programs", "trials"))):
+    for name in ("treewright", *(f"treewright.{each}" for each in ("aio", "autotune", "front", "loop", "optional", "plot", "programs", "trials"))):
         module = importlib.import_module(name)
         for each in (module, *(getattr(module, part) for part in module.__all__ if part != "__version__")):
             assert each.__doc__, f"{each} has no docstring"
@@ -280,6 +280,58 @@ def loop(url: str) -> None:
     beyond_a_limit(client)
     episodes(client)
     tables_and_figures(client, study)
+
+
+def fronts(url: str) -> None:
+    """Two metrics at once: the runs, what is refused, and the table."""
+    import treewright
+    from treewright import plot
+
+    client = treewright.Client(url, client_id="python-front", deadline_ms=20000, call_deadline_ms=20000)
+    space = treewright.Space().integer("level", 1, 50, default=25)
+    metrics = ["time_ms", "1/rate"]
+    front = treewright.Front(client, "python-front", space, metrics, trials=10)
+    assert front.metrics == ["time_ms", "rate"] and front.suggest().trial == front.suggest().trial
+    measured = lambda trial: {"time_ms": 100.0 / trial["level"], "rate": 1000.0 / trial["level"] ** 2}
+    ran = 0
+    while (trial := front.suggest()) is not None:
+        with trial:
+            if ran == 0:
+                for wrong in ({"time_ms": 1.0}, {"time_ms": 1.0, "rate": 0.0}):
+                    try:
+                        trial.report(wrong)
+                    except treewright.Invalid as problem:
+                        assert "above 0" in str(problem) and trial.is_open, problem
+                    else:
+                        raise AssertionError(wrong)
+            trial.report(measured(trial))
+        ran += 1
+        assert not trial.is_open
+    assert ran == 10
+    try:
+        trial = treewright.Front(client, "python-front", space, metrics, trials=1).suggest()
+        with trial:
+            raise RuntimeError("the lamp went out")
+    except RuntimeError:
+        assert not trial.is_open
+    found = treewright.Front(client, "python-front", space, metrics, trials=0).found()
+    assert found.runs == 10 and found.maximised == ["rate"] and found.default is not None, found
+    # Every level is quicker than those below, and does less: none is dominated.
+    assert found.dominated == [] and [one["metrics"]["time_ms"] for one in found] == sorted(one["metrics"]["time_ms"] for one in found)
+    assert 0 <= found.hypervolume <= 1 and found.rows()[0]["config.level"] == found[0]["configuration"]["level"]
+    for wrong in (["time_ms"], ["time_ms", "memory_mb"]):
+        try:
+            treewright.Front(client, "python-front", space, wrong)
+        except treewright.TreewrightError:
+            continue
+        raise AssertionError(wrong)
+    if importlib.util.find_spec("pandas") is not None:
+        assert len(found.to_pandas(dominated=True)) == len(found)
+    if importlib.util.find_spec("matplotlib") is not None:
+        import matplotlib
+
+        matplotlib.use("agg")
+        assert len(plot.front(found).lines[1].get_xdata()) == len(found)
 
 
 def without_answers(space, objective) -> None:
@@ -769,6 +821,7 @@ if __name__ == "__main__":
     steering(sys.argv[1])
     leases(sys.argv[1])
     loop(sys.argv[1])
+    fronts(sys.argv[1])
     threads(sys.argv[1])
     a_trial_each(sys.argv[1])
     recognised_after_a_crash(sys.argv[1])

@@ -42,6 +42,7 @@ Traceback (most recent call last):
 treewright.Invalid: `not an address` is not an address of a daemon: ...
 
 ``treewright.tune`` is the loop for searches that run by themselves, ``treewright.plot`` draws figures for notebooks.
+``treewright.Front`` looks for a Pareto front of two or three metrics; see ``treewright.front``.
 ``treewright.aio`` has the same for asyncio, ``treewright.optuna`` a sampler for Optuna, ``treewright.autotune`` a cache for autotuners
 that finds the nearest known shape.
 """
@@ -49,6 +50,8 @@ that finds the nearest known shape.
 from ._native import (
     Best,
     Client,
+    Front,
+    FrontTrial,
     Invalid,
     Prediction,
     Refused,
@@ -65,6 +68,8 @@ from .loop import Ran, tune
 __all__ = [
     "Best",
     "Client",
+    "Front",
+    "FrontTrial",
     "Invalid",
     "Prediction",
     "Ran",

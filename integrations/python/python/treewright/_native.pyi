@@ -3,6 +3,7 @@ from os import PathLike
 from types import TracebackType
 from typing import Any, Literal, Optional, TypeVar, Union, overload
 
+from .front import ParetoFront
 from .trials import Trials
 
 Value = Union[bool, int, float, str]
@@ -12,6 +13,7 @@ Range = Union[tuple[float, float], tuple[float, float, Literal["linear", "log"]]
 # A parameter that stands earlier, and the values with which this one exists.
 Condition = tuple[Union[Value, str], ...]
 _S = TypeVar("_S", bound="Suggestion")
+_F = TypeVar("_F", bound="FrontTrial")
 
 __version__: str
 
@@ -236,6 +238,49 @@ class Suggestion:
     def failed(self, reason: str) -> None: ...
     def abandon(self) -> None: ...
     def __enter__(self: _S) -> _S: ...
+    def __exit__(
+        self,
+        kind: Optional[type[BaseException]],
+        exception: Optional[BaseException],
+        traceback: Optional[TracebackType],
+    ) -> bool: ...
+
+class Front:
+    """Two or three metrics of which none is given up for another. One program at a time adds to a front, one run at a time."""
+
+    def __init__(
+        self,
+        client: Client,
+        id: str,
+        space: Space,
+        metrics: Sequence[str],
+        *,
+        trials: int = 80,
+        limits: Mapping[str, tuple[float | None, float | None]] = ...,
+        policy: Mapping[str, Value] = ...,
+    ) -> None:
+        """Creates the study, or goes on with it. ``1/rate`` is a metric that is to be large; ``trials`` are the planned runs."""
+    @property
+    def metrics(self) -> list[str]: ...
+    def suggest(self) -> Optional[FrontTrial]:
+        """The next run; None once the planned ones are done, or nothing more is to be tried."""
+    def found(self) -> ParetoFront:
+        """The front of all runs so far on this machine."""
+
+class FrontTrial:
+    @property
+    def configuration(self) -> dict[str, Value]: ...
+    @property
+    def trial(self) -> str: ...
+    @property
+    def is_open(self) -> bool: ...
+    def __getitem__(self, name: str) -> Value: ...
+    def report(self, measurements: Optional[Numbers] = None, /, **named: float) -> None:
+        """Ends the run, and tells every direction; waits for the daemon. Raises Invalid where a metric is missing or not above 0."""
+    def infeasible(self, reason: str) -> None: ...
+    def failed(self, reason: str) -> None: ...
+    def abandon(self) -> None: ...
+    def __enter__(self: _F) -> _F: ...
     def __exit__(
         self,
         kind: Optional[type[BaseException]],

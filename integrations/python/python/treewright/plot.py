@@ -2,16 +2,18 @@
 
 >>> import treewright.plot
 >>> sorted(treewright.plot.__all__)
-['best_so_far', 'importances', 'slice']
+['best_so_far', 'front', 'importances', 'slice']
 """
 
 import json
+import math
 from typing import Any, Mapping, Optional, Union
 
 from ._native import Study
+from .front import ParetoFront
 from .optional import needed
 
-__all__ = ["best_so_far", "importances", "slice"]
+__all__ = ["best_so_far", "front", "importances", "slice"]
 
 
 def _axes(ax: Any) -> Any:
@@ -69,6 +71,29 @@ def slice(study: Study, parameter: str, *, ax: Any = None) -> Any:
     ordered = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
     ax.plot(values if ordered else [str(value) for value in values], costs, ".")
     ax.set(xlabel=parameter, ylabel=f"{study.value_title}, best of the state = 1", title=study.name)
+    return ax
+
+
+def front(found: ParetoFront, metrics: "Optional[tuple[str, str]]" = None, *, ax: Any = None) -> Any:
+    """The configurations by two metrics, the first two by default: dominated ones in grey, those on the front joined as a staircase, and
+    the default marked. ``found`` is what ``Front.found()`` returns."""
+    x, y = metrics or found.metrics[:2]
+    sign = {name: -1.0 if name in found.maximised else 1.0 for name in (x, y)}
+    at = lambda points: ([point["metrics"][x] for point in points], [point["metrics"][y] for point in points])
+    corners, best = [], math.inf
+    for point in sorted(found, key=lambda one: (sign[x] * one["metrics"][x], sign[y] * one["metrics"][y])):
+        if sign[y] * point["metrics"][y] < best:
+            corners.append(point)
+            best = sign[y] * point["metrics"][y]
+    ax = _axes(ax)
+    ax.plot(*at(found.dominated), ".", color="0.6", label="others")
+    ax.plot(*at(found), "o", color="C0", label="front")
+    ax.step(*at(corners), where="post", color="C0")
+    if found.default is not None:
+        ax.plot(*at([found.default]), "o", fillstyle="none", markersize=12, color="C1", label="default")
+    side = lambda name: f"{name} ({'higher' if sign[name] < 0 else 'lower'} is better)"
+    ax.set(xlabel=side(x), ylabel=side(y), title="Pareto front")
+    ax.legend()
     return ax
 
 

@@ -159,7 +159,7 @@ async fn newest(
 ) -> Result<Vec<v1::Trial>, Error> {
     let request = v1::QueryTrialsRequest {
         study: format!("studies/{}", head.id),
-        filter: format!("outcome = OK{filter}"),
+        filter: format!("outcome = OK AND excluded = false{filter}"),
         order_by: "number desc".to_owned(),
         in_present_space: true,
         ..v1::QueryTrialsRequest::default()

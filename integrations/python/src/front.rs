@@ -1,0 +1,311 @@
+//! Pareto fronts: the loop over their directions, and what was found.
+
+use std::sync::Mutex;
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use treewright_client::{
+    ClientError, Configuration, FrontHistory, FrontPoint, Measurements, OpenEnum, Outcome, ParetoFront,
+    Question, Rule, SessionPolicy, StudySpec, TrialQuery, TrialRecord, blocking,
+};
+
+use crate::client::{Client, policy_words};
+use crate::convert::{Named, Numbers, measurements, shown};
+use crate::error::raised;
+use crate::space::{Definition, Ends, Range, Space};
+use crate::suggestion::{ended, lock};
+
+/// Two or three metrics of which none is given up for another: runs that look for the configurations of which
+/// no other is better in all of them. One program at a time adds to a front, and runs one trial at a time.
+#[pyclass(module = "treewright", frozen)]
+pub(crate) struct Front {
+    client: blocking::Client,
+    /// Its name with its identity.
+    study: String,
+    space_revision: u32,
+    default: Configuration,
+    runs: Mutex<Runs>,
+}
+
+struct Runs {
+    history: FrontHistory,
+    /// Planned ones that are still to be done.
+    left: u32,
+}
+
+impl Front {
+    fn open(
+        client: blocking::Client,
+        id: &str,
+        spec: &StudySpec,
+        front: treewright_client::Front,
+        planned: u32,
+    ) -> Result<Self, ClientError> {
+        let record = client.create_study(id, spec)?;
+        if record.display_name != front.study_name() {
+            let problem = format!("it is no {}, but `{}`", front.study_name(), record.display_name);
+            return Err(ClientError::Invalid { what: record.name, problem });
+        }
+        let study = record.identified_name();
+        let query = TrialQuery::all().filter("state = COMPLETED").in_present_space();
+        let mut known = client.trials(&study, query).collect::<Result<Vec<_>, _>>()?;
+        // Costs of different machines are never mixed.
+        known.retain(|trial| trial.fingerprint.as_ref() == Some(client.fingerprint()));
+        Ok(Self {
+            client,
+            study,
+            space_revision: record.space_revision,
+            default: spec.space.default_configuration().into(),
+            runs: Mutex::new(Runs { history: FrontHistory::new(front, known, planned), left: planned }),
+        })
+    }
+
+    fn ask(&self) -> Result<Option<TrialRecord>, ClientError> {
+        let mut runs = lock(&self.runs);
+        if runs.left == 0 {
+            return Ok(None);
+        }
+        self.carry_over(&mut runs.history)?;
+        while let Some(direction) = runs.history.next_direction() {
+            let session_policy = SessionPolicy { epsilon: Some(1.0), ..SessionPolicy::default() };
+            let own = Question { session_policy, space_revision: self.space_revision, ..Question::default() };
+            let trial = self.client.ask(&self.study, &runs.history.question(direction, own))?;
+            if trial.reason.explanation.rule != Some(OpenEnum::Known(Rule::Finished)) {
+                return Ok(Some(trial));
+            }
+            self.client.give_back(&trial.name)?;
+            runs.history.end(direction);
+        }
+        Ok(None)
+    }
+
+    fn tell(
+        &self,
+        trial: &TrialRecord,
+        measured: Measurements,
+        outcome: &Outcome,
+    ) -> Result<(), ClientError> {
+        let mut runs = lock(&self.runs);
+        let measured = match outcome {
+            Outcome::Ok => runs.history.with_cost(trial, measured)?,
+            _ => measured,
+        };
+        let (stored, _) = self.client.tell(&trial.name, &measured, outcome)?;
+        runs.history.push(stored);
+        runs.left = runs.left.saturating_sub(1);
+        // What fails here is done before the next question.
+        let _ = self.carry_over(&mut runs.history);
+        Ok(())
+    }
+
+    /// Reports runs for the directions that do not know of them. None of these trials is a run.
+    fn carry_over(&self, history: &mut FrontHistory) -> Result<(), ClientError> {
+        for (question, measured, outcome) in history.owed() {
+            let trial = self.client.ask(&self.study, &question)?;
+            history.push(self.client.tell(&trial.name, &measured, &outcome)?.0);
+        }
+        Ok(())
+    }
+}
+
+#[pymethods]
+impl Front {
+    /// Creates the study, or goes on with the one of that id that was made for the same metrics. All metrics
+    /// are above 0 in every run; ``1/rate`` is one that is to be large. ``trials`` are the planned runs.
+    #[new]
+    #[pyo3(signature = (client, id, space, metrics, *, trials=80, limits=Named::default(), policy=Named::default()))]
+    #[allow(clippy::too_many_arguments)] // some are keywords of Python
+    fn new(
+        python: Python<'_>,
+        client: &Client,
+        id: &str,
+        space: &Space,
+        metrics: Vec<String>,
+        trials: u32,
+        limits: Named<Ends>,
+        policy: Named<Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let front = treewright_client::Front::new(&metrics).map_err(|error| raised(error.into()))?;
+        let (low, high) = front.range().into_inner();
+        let mut policy = policy_words(policy)?;
+        if policy.iter().all(|(field, _)| field != "confirm_rounds") {
+            // A race would be one of a single direction.
+            policy.push(("confirm_rounds".to_owned(), "0".to_owned()));
+        }
+        let definition = Definition {
+            indicators: vec![(treewright_client::Front::DIRECTION.to_owned(), Range::Linear((low, high)))],
+            minimise: vec![(treewright_client::Front::COST.to_owned(), 1.0)],
+            maximise: Vec::new(),
+            auxiliary: Vec::new(),
+            limits: limits.0.into_iter().collect(),
+            episode_frames: 1,
+            fidelities: Vec::new(),
+            policy,
+            display_name: front.study_name(),
+            state_tolerance: None,
+            seed: 0,
+        };
+        let (spec, client) = (definition.spec(space)?, client.inner().clone());
+        python.detach(|| Self::open(client, id, &spec, front, trials)).map_err(raised)
+    }
+
+    /// The names of the metrics.
+    #[getter]
+    fn metrics(&self, python: Python<'_>) -> Vec<String> {
+        python.detach(|| lock(&self.runs).history.front().metrics().map(str::to_owned).collect())
+    }
+
+    /// The next run; the same one until it is reported or given back. None once the planned runs are done, or
+    /// nothing more is to be tried. Raises where no daemon answers.
+    fn suggest(this: &Bound<'_, Self>) -> PyResult<Option<FrontTrial>> {
+        let own = this.get();
+        let trial = this.py().detach(|| own.ask()).map_err(raised)?;
+        let front = || this.clone().unbind();
+        Ok(trial.map(|trial| FrontTrial { front: front(), trial, is_open: Mutex::new(true) }))
+    }
+
+    /// The front of all runs so far on this machine, as a ``treewright.front.ParetoFront``. The hypervolume is
+    /// told beside the default.
+    fn found<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let found = python.detach(|| {
+            let runs = lock(&self.runs);
+            let measured = runs.history.trials().iter().filter_map(TrialRecord::measured_run);
+            runs.history.front().of(measured, &self.default, None)
+        });
+        front(python, &found)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Front {}>", self.study)
+    }
+}
+
+/// A run of a front. Report every metric of it, or give it back; leaving a ``with`` block gives back what is
+/// open, and tells an exception as the run's failure.
+#[pyclass(module = "treewright", frozen)]
+pub(crate) struct FrontTrial {
+    front: Py<Front>,
+    trial: TrialRecord,
+    is_open: Mutex<bool>,
+}
+
+impl FrontTrial {
+    fn end(&self, python: Python<'_>, measured: Measurements, outcome: &Outcome) -> PyResult<()> {
+        let front = self.front.get();
+        let told = python.detach(|| -> Result<bool, ClientError> {
+            let mut is_open = lock(&self.is_open);
+            if !*is_open {
+                return Ok(false);
+            }
+            front.tell(&self.trial, measured, outcome)?;
+            *is_open = false;
+            Ok(true)
+        });
+        if told.map_err(raised)? { Ok(()) } else { Err(ended()) }
+    }
+}
+
+#[pymethods]
+impl FrontTrial {
+    /// What to run with.
+    #[getter]
+    fn configuration<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        shown(python, &self.trial.configuration)
+    }
+
+    /// Name of its trial.
+    #[getter]
+    fn trial(&self) -> &str {
+        &self.trial.name
+    }
+
+    /// Whether it is neither reported nor given back.
+    #[getter]
+    fn is_open(&self, python: Python<'_>) -> bool {
+        python.detach(|| *lock(&self.is_open))
+    }
+
+    fn __getitem__<'py>(&self, python: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        let known = shown(python, &self.trial.configuration)?;
+        known.get_item(name)?.ok_or_else(|| pyo3::exceptions::PyKeyError::new_err(name.to_owned()))
+    }
+
+    /// Ends the run with what was measured, and tells every direction. Waits for the daemon. Raises Invalid
+    /// where a metric is missing or not above 0; the run is open then.
+    #[pyo3(signature = (measurements=None, /, **named))]
+    fn report(
+        &self,
+        python: Python<'_>,
+        measurements: Option<Numbers>,
+        named: Option<Numbers>,
+    ) -> PyResult<()> {
+        let mut all = measurements.unwrap_or_default();
+        all.0.extend(named.unwrap_or_default().0);
+        self.end(python, crate::convert::measurements(all), &Outcome::Ok)
+    }
+
+    /// The configuration cannot work.
+    fn infeasible(&self, python: Python<'_>, reason: String) -> PyResult<()> {
+        self.end(python, measurements(Numbers::default()), &Outcome::infeasible(reason))
+    }
+
+    /// It failed for a reason that says nothing about the configuration.
+    fn failed(&self, python: Python<'_>, reason: String) -> PyResult<()> {
+        self.end(python, measurements(Numbers::default()), &Outcome::failed(reason))
+    }
+
+    /// Gives the run back unmeasured. Where that fails, its lease runs out.
+    fn abandon(&self, python: Python<'_>) {
+        let front = self.front.get();
+        python.detach(|| {
+            let mut is_open = lock(&self.is_open);
+            if std::mem::take(&mut *is_open) {
+                let _ = front.client.give_back(&self.trial.name);
+            }
+        });
+    }
+
+    fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    /// An exception is the run's failure; an open run is given back.
+    fn __exit__(
+        &self,
+        python: Python<'_>,
+        _kind: &Bound<'_, PyAny>,
+        exception: &Bound<'_, PyAny>,
+        _traceback: &Bound<'_, PyAny>,
+    ) -> PyResult<bool> {
+        if exception.is_instance_of::<pyo3::exceptions::PyException>() && self.is_open(python) {
+            self.failed(python, exception.repr()?.to_string())?;
+        } else {
+            self.abandon(python);
+        }
+        Ok(false)
+    }
+}
+
+/// A front in the form of `treewright.front.ParetoFront`.
+fn front<'py>(python: Python<'py>, found: &ParetoFront) -> PyResult<Bound<'py, PyAny>> {
+    let points =
+        |points: &[FrontPoint]| points.iter().map(|one| point(python, one)).collect::<PyResult<Vec<_>>>();
+    let facts = PyDict::new(python);
+    facts.set_item("metrics", found.metrics.clone())?;
+    facts.set_item("maximised", found.maximised.clone())?;
+    facts.set_item("runs", found.runs)?;
+    facts.set_item("default", found.default.as_ref().map(|one| point(python, one)).transpose()?)?;
+    facts.set_item("dominated", points(&found.dominated)?)?;
+    facts.set_item("hypervolume", found.hypervolume)?;
+    let on_it = points(&found.points)?;
+    python.import("treewright.front")?.getattr("ParetoFront")?.call((on_it,), Some(&facts))
+}
+
+fn point<'py>(python: Python<'py>, point: &FrontPoint) -> PyResult<Bound<'py, PyDict>> {
+    let row = PyDict::new(python);
+    row.set_item("configuration", shown(python, &point.configuration)?)?;
+    row.set_item("runs", point.runs)?;
+    row.set_item("metrics", point.metrics.clone())?;
+    row.set_item("ratios", point.ratios.clone())?;
+    Ok(row)
+}
