@@ -164,8 +164,8 @@ impl Front {
         Ok(trial.map(|trial| FrontTrial { front: front(), trial, is_open: Mutex::new(true) }))
     }
 
-    /// The front of all runs so far on this machine, as a ``treewright.front.ParetoFront``. The hypervolume is
-    /// told beside the default.
+    /// The front of all runs so far on this machine, as a ``treewright.front.ParetoFront``. The hypervolume
+    /// is told beside the default.
     fn found<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let found = python.detach(|| {
             let runs = lock(&self.runs);
