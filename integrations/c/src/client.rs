@@ -15,7 +15,6 @@ use crate::suggestion::Suggestion;
 #[derive(Debug)]
 pub(crate) struct Client(blocking::Client);
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_connect(
     url: Text,
@@ -28,7 +27,6 @@ pub(crate) extern "C" fn tw_client_connect(
     })
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_free(client: Option<Box<Client>>) {
     guard(ErrorOut::nowhere(), || {
@@ -37,7 +35,6 @@ pub(crate) extern "C" fn tw_client_free(client: Option<Box<Client>>) {
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_ping(
     client: Option<&Client>,
@@ -51,7 +48,6 @@ pub(crate) extern "C" fn tw_client_ping(
     guard(error, body).is_some()
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_flush(client: Option<&Client>, deadline_ms: f64, error: ErrorOut) -> bool {
     let body = || {
@@ -61,7 +57,6 @@ pub(crate) extern "C" fn tw_client_flush(client: Option<&Client>, deadline_ms: f
     guard(error, body).is_some()
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_count(client: Option<&Client>, which: i32) -> u64 {
     let body = || {
@@ -83,7 +78,6 @@ pub(crate) extern "C" fn tw_client_count(client: Option<&Client>, which: i32) ->
     guard(ErrorOut::nowhere(), body).unwrap_or(0)
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_study(
     client: Option<&Client>,
@@ -97,7 +91,6 @@ pub(crate) extern "C" fn tw_client_study(
     })
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_existing_study(
     client: Option<&Client>,
@@ -109,7 +102,6 @@ pub(crate) extern "C" fn tw_client_existing_study(
     })
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_extend_lease(
     client: Option<&Client>,
@@ -123,7 +115,6 @@ pub(crate) extern "C" fn tw_client_extend_lease(
     guard(error, body).is_some()
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_delete_study(client: Option<&Client>, id: Text, error: ErrorOut) -> bool {
     let body = || Ok(need(client, "client")?.0.delete_study(id.read("the study's id")?)?);

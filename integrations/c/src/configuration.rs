@@ -50,7 +50,6 @@ fn get<T>(
     guard(error, body).is_some()
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_configuration_integer(
     configuration: Option<&Configuration>,
@@ -61,7 +60,6 @@ pub(crate) extern "C" fn tw_configuration_integer(
     get(configuration, name, value, error, |values, name| values.integer(name))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_configuration_float(
     configuration: Option<&Configuration>,
@@ -72,7 +70,6 @@ pub(crate) extern "C" fn tw_configuration_float(
     get(configuration, name, value, error, |values, name| values.float(name))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_configuration_boolean(
     configuration: Option<&Configuration>,
@@ -83,7 +80,6 @@ pub(crate) extern "C" fn tw_configuration_boolean(
     get(configuration, name, value, error, |values, name| values.boolean(name))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_configuration_text(
     configuration: Option<&Configuration>,
@@ -99,26 +95,22 @@ pub(crate) extern "C" fn tw_configuration_text(
     guard(error, body).unwrap_or(std::ptr::null())
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_configuration_has(configuration: Option<&Configuration>, name: Text) -> bool {
     let body = || Ok(need(configuration, "configuration")?.values.get(name.read("the name")?).is_some());
     guard(ErrorOut::nowhere(), body).unwrap_or(false)
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_configuration_json(configuration: Option<&Configuration>) -> *const c_char {
     configuration.map_or(c"{}".as_ptr(), |configuration| configuration.json.as_ptr())
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_configuration_new(json: Text, error: ErrorOut) -> Option<Box<Configuration>> {
     guard(error, || Ok(Box::new(Configuration::new(from_json(json.read("the configuration")?)?))))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_configuration_free(configuration: Option<Box<Configuration>>) {
     drop(configuration);

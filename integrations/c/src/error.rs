@@ -76,25 +76,21 @@ impl From<ClientError> for Failure {
     }
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_error_code(error: Option<&Failure>) -> i32 {
     error.map_or(0, |error| error.code as i32)
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_error_grpc_code(error: Option<&Failure>) -> i32 {
     error.map_or(0, |error| error.grpc)
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_error_message(error: Option<&Failure>) -> *const c_char {
     error.map_or(c"".as_ptr(), |error| error.message.as_ptr())
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_error_free(error: Option<Box<Failure>>) {
     drop(error);

@@ -58,19 +58,16 @@ fn keep(options: &mut Options, credentials: Result<Credentials, ClientError>) ->
     Ok(())
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_new() -> Option<Box<Options>> {
     guard(ErrorOut::nowhere(), || Ok(Box::default()))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_free(options: Option<Box<Options>>) {
     drop(options);
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_client_id(options: Option<&mut Options>, client_id: Text) {
     change(options, |options| {
@@ -79,7 +76,6 @@ pub(crate) extern "C" fn tw_options_client_id(options: Option<&mut Options>, cli
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_deadline_ms(options: Option<&mut Options>, ms: f64) {
     change(options, |options| {
@@ -88,7 +84,6 @@ pub(crate) extern "C" fn tw_options_deadline_ms(options: Option<&mut Options>, m
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_call_deadline_ms(options: Option<&mut Options>, ms: f64) {
     change(options, |options| {
@@ -97,7 +92,6 @@ pub(crate) extern "C" fn tw_options_call_deadline_ms(options: Option<&mut Option
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_queue(options: Option<&mut Options>, reports: usize) {
     change(options, |options| {
@@ -106,7 +100,6 @@ pub(crate) extern "C" fn tw_options_queue(options: Option<&mut Options>, reports
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_can_abort(options: Option<&mut Options>, can_abort: bool) {
     change(options, |options| {
@@ -115,7 +108,6 @@ pub(crate) extern "C" fn tw_options_can_abort(options: Option<&mut Options>, can
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_fidelities(options: Option<&mut Options>, fidelities: bool) {
     change(options, |options| {
@@ -124,7 +116,6 @@ pub(crate) extern "C" fn tw_options_fidelities(options: Option<&mut Options>, fi
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_software(options: Option<&mut Options>, name: Text, version: Text) {
     change(options, |options| {
@@ -134,7 +125,6 @@ pub(crate) extern "C" fn tw_options_software(options: Option<&mut Options>, name
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_token(options: Option<&mut Options>, token: Text) {
     change(options, |options| {
@@ -143,7 +133,6 @@ pub(crate) extern "C" fn tw_options_token(options: Option<&mut Options>, token: 
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_token_file(options: Option<&mut Options>, path: Text) {
     change(options, |options| {
@@ -152,7 +141,6 @@ pub(crate) extern "C" fn tw_options_token_file(options: Option<&mut Options>, pa
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_authority_file(options: Option<&mut Options>, path: Text) {
     change(options, |options| {
@@ -162,7 +150,6 @@ pub(crate) extern "C" fn tw_options_authority_file(options: Option<&mut Options>
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_certificate_files(
     options: Option<&mut Options>,

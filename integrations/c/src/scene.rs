@@ -85,7 +85,6 @@ impl Buffers {
     }
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_scene_new(
     meshes: Array<Mesh>,
@@ -111,13 +110,11 @@ pub(crate) extern "C" fn tw_scene_new(
     })
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_scene_free(scene: Option<Box<Scene>>) {
     drop(scene);
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_scene_indicators(
     scene: Option<&Scene>,
@@ -141,7 +138,6 @@ pub(crate) extern "C" fn tw_scene_indicators(
     guard(error, body).is_some()
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_scene_indicators(spec: Option<&mut Spec>) {
     change(spec, |spec| {

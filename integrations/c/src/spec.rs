@@ -134,19 +134,16 @@ fn scale_of(scale: i32) -> Result<Scale, String> {
     }
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_new() -> Option<Box<Spec>> {
     guard(ErrorOut::nowhere(), || Ok(Box::default()))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_free(spec: Option<Box<Spec>>) {
     drop(spec);
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_integer(
     spec: Option<&mut Spec>,
@@ -163,7 +160,6 @@ pub(crate) extern "C" fn tw_spec_integer(
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_float(
     spec: Option<&mut Spec>,
@@ -180,7 +176,6 @@ pub(crate) extern "C" fn tw_spec_float(
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_boolean(spec: Option<&mut Spec>, name: Text, default: bool) {
     change(spec, |spec| {
@@ -189,7 +184,6 @@ pub(crate) extern "C" fn tw_spec_boolean(spec: Option<&mut Spec>, name: Text, de
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_choice(
     spec: Option<&mut Spec>,
@@ -210,7 +204,6 @@ pub(crate) extern "C" fn tw_spec_choice(
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_choice_number(
     spec: Option<&mut Spec>,
@@ -222,7 +215,6 @@ pub(crate) extern "C" fn tw_spec_choice_number(
     change(spec, |spec| spec.numbers(&name, &values, count, default));
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_choice_integer(
     spec: Option<&mut Spec>,
@@ -234,7 +226,6 @@ pub(crate) extern "C" fn tw_spec_choice_integer(
     change(spec, |spec| spec.numbers(&name, &values, count, default));
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_active_if(spec: Option<&mut Spec>, parameter: Text, value: Text) {
     change(spec, |spec| {
@@ -252,7 +243,6 @@ pub(crate) extern "C" fn tw_spec_active_if(spec: Option<&mut Spec>, parameter: T
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_less_or_equal(spec: Option<&mut Spec>, lesser: Text, greater: Text) {
     change(spec, |spec| {
@@ -263,7 +253,6 @@ pub(crate) extern "C" fn tw_spec_less_or_equal(spec: Option<&mut Spec>, lesser: 
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_step(spec: Option<&mut Spec>, step: i64) {
     change(spec, |spec| {
@@ -275,7 +264,6 @@ pub(crate) extern "C" fn tw_spec_step(spec: Option<&mut Spec>, step: i64) {
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_constraint(spec: Option<&mut Spec>, expression: Text) {
     change(spec, |spec| {
@@ -285,7 +273,6 @@ pub(crate) extern "C" fn tw_spec_constraint(spec: Option<&mut Spec>, expression:
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_indicator(
     spec: Option<&mut Spec>,
@@ -301,7 +288,6 @@ pub(crate) extern "C" fn tw_spec_indicator(
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_minimise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
     change(spec, |spec| {
@@ -310,7 +296,6 @@ pub(crate) extern "C" fn tw_spec_minimise(spec: Option<&mut Spec>, metric: Text,
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_maximise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
     change(spec, |spec| {
@@ -319,7 +304,6 @@ pub(crate) extern "C" fn tw_spec_maximise(spec: Option<&mut Spec>, metric: Text,
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_auxiliary(spec: Option<&mut Spec>, metric: Text) {
     change(spec, |spec| {
@@ -328,7 +312,6 @@ pub(crate) extern "C" fn tw_spec_auxiliary(spec: Option<&mut Spec>, metric: Text
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_limit(spec: Option<&mut Spec>, metric: Text, at_least: f64, at_most: f64) {
     change(spec, |spec| {
@@ -337,7 +320,6 @@ pub(crate) extern "C" fn tw_spec_limit(spec: Option<&mut Spec>, metric: Text, at
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_episode_frames(spec: Option<&mut Spec>, frames: u32) {
     change(spec, |spec| {
@@ -346,7 +328,6 @@ pub(crate) extern "C" fn tw_spec_episode_frames(spec: Option<&mut Spec>, frames:
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_fidelity(spec: Option<&mut Spec>, name: Text, cost: f64) {
     change(spec, |spec| {
@@ -355,7 +336,6 @@ pub(crate) extern "C" fn tw_spec_fidelity(spec: Option<&mut Spec>, name: Text, c
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_policy(spec: Option<&mut Spec>, field: Text, value: Text) {
     change(spec, |spec| {
@@ -364,7 +344,6 @@ pub(crate) extern "C" fn tw_spec_policy(spec: Option<&mut Spec>, field: Text, va
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_display_name(spec: Option<&mut Spec>, text: Text) {
     change(spec, |spec| {
@@ -373,7 +352,6 @@ pub(crate) extern "C" fn tw_spec_display_name(spec: Option<&mut Spec>, text: Tex
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_state_tolerance(spec: Option<&mut Spec>, tolerance: f64) {
     change(spec, |spec| {
@@ -382,7 +360,6 @@ pub(crate) extern "C" fn tw_spec_state_tolerance(spec: Option<&mut Spec>, tolera
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_seed(spec: Option<&mut Spec>, seed: u64) {
     change(spec, |spec| {

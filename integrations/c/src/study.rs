@@ -45,7 +45,6 @@ impl Tuner {
     }
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_study_free(study: Option<Box<Study>>) {
     guard(ErrorOut::nowhere(), || {
@@ -54,7 +53,6 @@ pub(crate) extern "C" fn tw_study_free(study: Option<Box<Study>>) {
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_study_suggest(
     study: Option<&Study>,
@@ -68,7 +66,6 @@ pub(crate) extern "C" fn tw_study_suggest(
     })
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_study_trial_of(
     study: Option<&Study>,
@@ -84,7 +81,6 @@ pub(crate) extern "C" fn tw_study_trial_of(
     })
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_study_predict(
     study: Option<&Study>,
@@ -100,7 +96,6 @@ pub(crate) extern "C" fn tw_study_predict(
     })
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_study_best(
     study: Option<&Study>,
@@ -155,7 +150,6 @@ impl Standing {
     }
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_study_best_standing(
     study: Option<&Study>,
@@ -173,7 +167,6 @@ pub(crate) extern "C" fn tw_study_best_standing(
     })
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_study_value(study: Option<&Study>, cost: f64) -> f64 {
     let body = || Ok(need(study, "study")?.0.spec().objective.view().value(cost));
@@ -185,13 +178,11 @@ fn put(room: Option<&mut MaybeUninit<f64>>, value: f64) -> Result<(), Failure> {
     room.map_or(Ok(()), |room| store(Some(room), value))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_tuner_new(study: Option<&Study>, error: ErrorOut) -> Option<Box<Tuner>> {
     guard(error, || Ok(Box::new(Tuner::new(&need(study, "study")?.0))))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_tuner_free(tuner: Option<Box<Tuner>>) {
     guard(ErrorOut::nowhere(), || {
@@ -200,7 +191,6 @@ pub(crate) extern "C" fn tw_tuner_free(tuner: Option<Box<Tuner>>) {
     });
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_tuner_next(
     tuner: Option<&Tuner>,
@@ -216,7 +206,6 @@ pub(crate) extern "C" fn tw_tuner_next(
     })
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_tuner_finish(
     tuner: Option<&Tuner>,

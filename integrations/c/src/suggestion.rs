@@ -32,7 +32,6 @@ impl Suggestion {
     }
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_configuration(
     suggestion: Option<&Suggestion>,
@@ -40,7 +39,6 @@ pub(crate) extern "C" fn tw_suggestion_configuration(
     suggestion.map(|suggestion| &suggestion.configuration)
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_source(suggestion: Option<&Suggestion>) -> i32 {
     suggestion.map_or(2, |suggestion| match suggestion.inner.source() {
@@ -50,39 +48,33 @@ pub(crate) extern "C" fn tw_suggestion_source(suggestion: Option<&Suggestion>) -
     })
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_trial(suggestion: Option<&Suggestion>) -> *const c_char {
     suggestion.map_or(c"".as_ptr(), |suggestion| suggestion.trial.as_ptr())
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_reason(suggestion: Option<&Suggestion>) -> *const c_char {
     suggestion.map_or(c"".as_ptr(), |suggestion| suggestion.reason.as_ptr())
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_problem(suggestion: Option<&Suggestion>) -> *const c_char {
     let problem = suggestion.and_then(|suggestion| suggestion.problem.as_ref());
     problem.map_or(std::ptr::null(), |problem| problem.as_ptr())
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_fidelity(suggestion: Option<&Suggestion>) -> *const c_char {
     let fidelity = suggestion.and_then(|suggestion| suggestion.fidelity.as_ref());
     fidelity.map_or(std::ptr::null(), |fidelity| fidelity.as_ptr())
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_predicted_cost(suggestion: Option<&Suggestion>) -> f64 {
     suggestion.and_then(|suggestion| suggestion.inner.predicted_cost()).unwrap_or(f64::NAN)
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_abort_above(suggestion: Option<&Suggestion>) -> f64 {
     suggestion.and_then(|suggestion| suggestion.inner.abort_above()).unwrap_or(f64::INFINITY)
@@ -101,7 +93,6 @@ fn end(
     guard(error, body).is_some()
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_report(
     suggestion: Option<Box<Suggestion>>,
@@ -112,7 +103,6 @@ pub(crate) extern "C" fn tw_suggestion_report(
     end(suggestion, error, (numbers, count), || Ok(Outcome::Ok))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_aborted(
     suggestion: Option<Box<Suggestion>>,
@@ -122,7 +112,6 @@ pub(crate) extern "C" fn tw_suggestion_aborted(
     end(suggestion, error, (Array::none(), 0), || Ok(Outcome::aborted(lower_bound)))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_infeasible(
     suggestion: Option<Box<Suggestion>>,
@@ -132,7 +121,6 @@ pub(crate) extern "C" fn tw_suggestion_infeasible(
     end(suggestion, error, (Array::none(), 0), || Ok(Outcome::infeasible(reason.read("the reason")?)))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_failed(
     suggestion: Option<Box<Suggestion>>,
@@ -142,7 +130,6 @@ pub(crate) extern "C" fn tw_suggestion_failed(
     end(suggestion, error, (Array::none(), 0), || Ok(Outcome::failed(reason.read("the reason")?)))
 }
 
-/// See the header.
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_free(suggestion: Option<Box<Suggestion>>) {
     guard(ErrorOut::nowhere(), || {
