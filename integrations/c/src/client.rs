@@ -4,7 +4,7 @@ use std::mem::MaybeUninit;
 
 use treewright_client::blocking;
 
-use crate::edge::{ErrorOut, Text, guard, need, store};
+use crate::edge::{ErrorOut, Text, free, guard, need, store};
 use crate::error::Failure;
 use crate::options::{Options, milliseconds};
 use crate::spec::Spec;
@@ -29,10 +29,7 @@ pub(crate) extern "C" fn tw_client_connect(
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_client_free(client: Option<Box<Client>>) {
-    guard(ErrorOut::nowhere(), || {
-        drop(client);
-        Ok(())
-    });
+    free(client);
 }
 
 #[unsafe(no_mangle)]

@@ -41,6 +41,11 @@ impl Text {
     pub(crate) fn read(&self, what: &str) -> Result<&str, Failure> {
         self.optional()?.ok_or_else(|| Failure::invalid(format!("{what} is NULL")))
     }
+
+    /// The text, or a mistake to be kept.
+    pub(crate) fn words(&self, what: &str) -> Result<&str, String> {
+        self.read(what).map_err(|_| format!("{what} is NULL or not UTF-8"))
+    }
 }
 
 /// An array of C; may be `NULL` where it has no elements.
@@ -172,4 +177,19 @@ pub(crate) fn store<T>(room: Option<&mut MaybeUninit<T>>, value: T) -> Result<()
     need(room, "room for the result").map(|room| {
         room.write(value);
     })
+}
+
+/// Drops what C gives back.
+pub(crate) fn free<T>(object: Option<Box<T>>) {
+    guard(ErrorOut::nowhere(), || {
+        drop(object);
+        Ok(())
+    });
+}
+
+/// Changes what there is by something that cannot be wrong.
+pub(crate) fn set<T>(object: Option<&mut T>, change: impl FnOnce(&mut T)) {
+    if let Some(object) = object {
+        change(object);
+    }
 }

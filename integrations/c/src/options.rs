@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use treewright_client::{ClientError, Credentials};
 
-use crate::edge::{ErrorOut, Text, guard};
+use crate::edge::{ErrorOut, Text, guard, set};
 use crate::error::Failure;
 
 /// Longest deadline, in milliseconds: an hour.
@@ -26,10 +26,6 @@ impl Options {
             None => Ok(self.options.clone().credentials(self.credentials.clone())),
         }
     }
-
-    fn note(&mut self, mistake: String) {
-        self.mistake.get_or_insert(mistake);
-    }
 }
 
 pub(crate) fn milliseconds(ms: f64) -> Result<Duration, String> {
@@ -44,13 +40,8 @@ fn change(options: Option<&mut Options>, change: impl FnOnce(&mut Options) -> Re
     if let Some(options) = options
         && let Err(mistake) = change(options)
     {
-        options.note(mistake);
+        options.mistake.get_or_insert(mistake);
     }
-}
-
-/// Reads text; a mistake becomes words.
-fn read<'a>(text: &'a Text, what: &str) -> Result<&'a str, String> {
-    text.read(what).map_err(|_| format!("{what} is NULL or not UTF-8"))
 }
 
 fn keep(options: &mut Options, credentials: Result<Credentials, ClientError>) -> Result<(), String> {
@@ -71,7 +62,7 @@ pub(crate) extern "C" fn tw_options_free(options: Option<Box<Options>>) {
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_client_id(options: Option<&mut Options>, client_id: Text) {
     change(options, |options| {
-        options.options.client_id = read(&client_id, "the client id")?.to_owned();
+        options.options.client_id = client_id.words("the client id")?.to_owned();
         Ok(())
     });
 }
@@ -94,32 +85,23 @@ pub(crate) extern "C" fn tw_options_call_deadline_ms(options: Option<&mut Option
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_queue(options: Option<&mut Options>, reports: usize) {
-    change(options, |options| {
-        options.options.queue = reports;
-        Ok(())
-    });
+    set(options, |options| options.options.queue = reports);
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_can_abort(options: Option<&mut Options>, can_abort: bool) {
-    change(options, |options| {
-        options.options.can_abort = can_abort;
-        Ok(())
-    });
+    set(options, |options| options.options.can_abort = can_abort);
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_fidelities(options: Option<&mut Options>, fidelities: bool) {
-    change(options, |options| {
-        options.options.fidelities = fidelities;
-        Ok(())
-    });
+    set(options, |options| options.options.fidelities = fidelities);
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_software(options: Option<&mut Options>, name: Text, version: Text) {
     change(options, |options| {
-        let (name, version) = (read(&name, "the software's name")?, read(&version, "its version")?);
+        let (name, version) = (name.words("the software's name")?, version.words("its version")?);
         options.options.fingerprint = options.options.fingerprint.clone().software(name, version);
         Ok(())
     });
@@ -128,7 +110,7 @@ pub(crate) extern "C" fn tw_options_software(options: Option<&mut Options>, name
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_token(options: Option<&mut Options>, token: Text) {
     change(options, |options| {
-        let credentials = options.credentials.clone().token(read(&token, "the token")?);
+        let credentials = options.credentials.clone().token(token.words("the token")?);
         keep(options, credentials)
     });
 }
@@ -136,7 +118,7 @@ pub(crate) extern "C" fn tw_options_token(options: Option<&mut Options>, token: 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_token_file(options: Option<&mut Options>, path: Text) {
     change(options, |options| {
-        let credentials = options.credentials.clone().token_file(Path::new(read(&path, "the token file")?));
+        let credentials = options.credentials.clone().token_file(Path::new(path.words("the token file")?));
         keep(options, credentials)
     });
 }
@@ -144,7 +126,7 @@ pub(crate) extern "C" fn tw_options_token_file(options: Option<&mut Options>, pa
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_options_authority_file(options: Option<&mut Options>, path: Text) {
     change(options, |options| {
-        let path = read(&path, "the authority file")?;
+        let path = path.words("the authority file")?;
         let credentials = options.credentials.clone().authority_file(Path::new(path));
         keep(options, credentials)
     });
@@ -157,7 +139,7 @@ pub(crate) extern "C" fn tw_options_certificate_files(
     key: Text,
 ) {
     change(options, |options| {
-        let (certificate, key) = (read(&certificate, "the certificate file")?, read(&key, "the key file")?);
+        let (certificate, key) = (certificate.words("the certificate file")?, key.words("the key file")?);
         let credentials =
             options.credentials.clone().certificate_files(Path::new(certificate), Path::new(key));
         keep(options, credentials)

@@ -5,7 +5,7 @@ use treewright_client::{
     Condition, Constraint, Domain, Indicator, Parameter, Policy, Scale, Space, StudyBuilder, StudySpec, Value,
 };
 
-use crate::edge::{Array, ErrorOut, Text, guard};
+use crate::edge::{Array, ErrorOut, Text, guard, set};
 use crate::error::Failure;
 
 /// A specification under construction.
@@ -90,7 +90,7 @@ impl Spec {
         count: usize,
         default: T,
     ) -> Result<(), String> {
-        let name = read(name, "a parameter's name")?;
+        let name = name.words("a parameter's name")?;
         let numbers =
             values.read(count, "the list of choices").map_err(|_| format!("{name} has no choices"))?;
         let values = numbers.iter().map(|&number| number.into()).collect();
@@ -122,8 +122,12 @@ pub(crate) fn change(spec: Option<&mut Spec>, change: impl FnOnce(&mut Spec) -> 
     }
 }
 
-fn read<'a>(text: &'a Text, what: &str) -> Result<&'a str, String> {
-    text.read(what).map_err(|_| format!("{what} is NULL or not UTF-8"))
+/// Takes a text over; a mistake is kept for later.
+fn take(spec: Option<&mut Spec>, text: Text, what: &str, put: impl FnOnce(&mut Spec, String)) {
+    change(spec, |spec| {
+        put(spec, text.words(what)?.to_owned());
+        Ok(())
+    });
 }
 
 fn scale_of(scale: i32) -> Result<Scale, String> {
@@ -155,7 +159,7 @@ pub(crate) extern "C" fn tw_spec_integer(
 ) {
     change(spec, |spec| {
         let domain = Domain::Integer { min, max, scale: scale_of(scale)? };
-        spec.parameter(read(&name, "a parameter's name")?, domain, Value::Integer(default));
+        spec.parameter(name.words("a parameter's name")?, domain, Value::Integer(default));
         Ok(())
     });
 }
@@ -171,7 +175,7 @@ pub(crate) extern "C" fn tw_spec_float(
 ) {
     change(spec, |spec| {
         let domain = Domain::Float { min, max, scale: scale_of(scale)? };
-        spec.parameter(read(&name, "a parameter's name")?, domain, Value::Float(default));
+        spec.parameter(name.words("a parameter's name")?, domain, Value::Float(default));
         Ok(())
     });
 }
@@ -179,7 +183,7 @@ pub(crate) extern "C" fn tw_spec_float(
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_boolean(spec: Option<&mut Spec>, name: Text, default: bool) {
     change(spec, |spec| {
-        spec.parameter(read(&name, "a parameter's name")?, Domain::Boolean, Value::Boolean(default));
+        spec.parameter(name.words("a parameter's name")?, Domain::Boolean, Value::Boolean(default));
         Ok(())
     });
 }
@@ -193,12 +197,12 @@ pub(crate) extern "C" fn tw_spec_choice(
     default: Text,
 ) {
     change(spec, |spec| {
-        let name = read(&name, "a parameter's name")?;
+        let name = name.words("a parameter's name")?;
         let words =
             values.read(count, "the list of choices").map_err(|_| format!("{name} has no choices"))?;
         let words: Result<_, String> =
-            words.iter().map(|word| Ok(Value::Text(read(word, "a choice")?.to_owned()))).collect();
-        let default = Value::Text(read(&default, "the default")?.to_owned());
+            words.iter().map(|word| Ok(Value::Text(word.words("a choice")?.to_owned()))).collect();
+        let default = Value::Text(default.words("the default")?.to_owned());
         spec.parameter(name, Domain::Categorical { values: words? }, default);
         Ok(())
     });
@@ -229,8 +233,8 @@ pub(crate) extern "C" fn tw_spec_choice_integer(
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_active_if(spec: Option<&mut Spec>, parameter: Text, value: Text) {
     change(spec, |spec| {
-        let parameter = read(&parameter, "the condition's parameter")?;
-        let value = spec.value_of(parameter, read(&value, "the condition's value")?)?;
+        let parameter = parameter.words("the condition's parameter")?;
+        let value = spec.value_of(parameter, value.words("the condition's value")?)?;
         let last = spec.parameters.last_mut().ok_or("a condition needs a parameter that it is for")?;
         match &mut last.active_if {
             Some(condition) if condition.parameter == parameter => condition.any_of.push(value),
@@ -247,7 +251,7 @@ pub(crate) extern "C" fn tw_spec_active_if(spec: Option<&mut Spec>, parameter: T
 pub(crate) extern "C" fn tw_spec_less_or_equal(spec: Option<&mut Spec>, lesser: Text, greater: Text) {
     change(spec, |spec| {
         let (lesser, greater) =
-            (read(&lesser, "the lesser parameter")?, read(&greater, "the greater parameter")?);
+            (lesser.words("the lesser parameter")?, greater.words("the greater parameter")?);
         spec.constraints.push(Constraint::order(lesser, greater));
         Ok(())
     });
@@ -267,7 +271,7 @@ pub(crate) extern "C" fn tw_spec_step(spec: Option<&mut Spec>, step: i64) {
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_constraint(spec: Option<&mut Spec>, expression: Text) {
     change(spec, |spec| {
-        let constraint = Constraint::parse(read(&expression, "the constraint")?);
+        let constraint = Constraint::parse(expression.words("the constraint")?);
         spec.constraints.push(constraint.map_err(|error| error.to_string())?);
         Ok(())
     });
@@ -282,7 +286,7 @@ pub(crate) extern "C" fn tw_spec_indicator(
     scale: i32,
 ) {
     change(spec, |spec| {
-        let name = read(&name, "an indicator's name")?.to_owned();
+        let name = name.words("an indicator's name")?.to_owned();
         spec.indicator(Indicator { name, min, max, scale: scale_of(scale)? });
         Ok(())
     });
@@ -290,80 +294,53 @@ pub(crate) extern "C" fn tw_spec_indicator(
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_minimise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
-    change(spec, |spec| {
-        spec.terms.push((read(&metric, "a metric's name")?.to_owned(), weight, false));
-        Ok(())
-    });
+    take(spec, metric, "a metric's name", |spec, metric| spec.terms.push((metric, weight, false)));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_maximise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
-    change(spec, |spec| {
-        spec.terms.push((read(&metric, "a metric's name")?.to_owned(), weight, true));
-        Ok(())
-    });
+    take(spec, metric, "a metric's name", |spec, metric| spec.terms.push((metric, weight, true)));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_auxiliary(spec: Option<&mut Spec>, metric: Text) {
-    change(spec, |spec| {
-        spec.auxiliary.push(read(&metric, "a metric's name")?.to_owned());
-        Ok(())
-    });
+    take(spec, metric, "a metric's name", |spec, metric| spec.auxiliary.push(metric));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_limit(spec: Option<&mut Spec>, metric: Text, at_least: f64, at_most: f64) {
-    change(spec, |spec| {
-        spec.limits.push((read(&metric, "a metric's name")?.to_owned(), at_least, at_most));
-        Ok(())
-    });
+    take(spec, metric, "a metric's name", |spec, metric| spec.limits.push((metric, at_least, at_most)));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_episode_frames(spec: Option<&mut Spec>, frames: u32) {
-    change(spec, |spec| {
-        spec.episode_frames = Some(frames);
-        Ok(())
-    });
+    set(spec, |spec| spec.episode_frames = Some(frames));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_fidelity(spec: Option<&mut Spec>, name: Text, cost: f64) {
-    change(spec, |spec| {
-        spec.fidelities.push((read(&name, "a level's name")?.to_owned(), cost));
-        Ok(())
-    });
+    take(spec, name, "a level's name", |spec, name| spec.fidelities.push((name, cost)));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_policy(spec: Option<&mut Spec>, field: Text, value: Text) {
     change(spec, |spec| {
-        let (field, value) = (read(&field, "a policy field")?, read(&value, "its value")?);
+        let (field, value) = (field.words("a policy field")?, value.words("its value")?);
         spec.policy.set_text(field, value).map_err(|error| error.to_string())
     });
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_display_name(spec: Option<&mut Spec>, text: Text) {
-    change(spec, |spec| {
-        spec.display_name = Some(read(&text, "the display name")?.to_owned());
-        Ok(())
-    });
+    take(spec, text, "the display name", |spec, text| spec.display_name = Some(text));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_state_tolerance(spec: Option<&mut Spec>, tolerance: f64) {
-    change(spec, |spec| {
-        spec.state_tolerance = Some(tolerance);
-        Ok(())
-    });
+    set(spec, |spec| spec.state_tolerance = Some(tolerance));
 }
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_spec_seed(spec: Option<&mut Spec>, seed: u64) {
-    change(spec, |spec| {
-        spec.seed = seed;
-        Ok(())
-    });
+    set(spec, |spec| spec.seed = seed);
 }

@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use treewright_client::{ConfirmationStage, Finished, Outcome, blocking};
 
 use crate::configuration::{Configuration, from_json};
-use crate::edge::{Array, ErrorOut, Number, Text, guard, indicators, measurements, need, store};
+use crate::edge::{Array, ErrorOut, Number, Text, free, guard, indicators, measurements, need, store};
 use crate::error::Failure;
 use crate::suggestion::Suggestion;
 
@@ -47,10 +47,7 @@ impl Tuner {
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_study_free(study: Option<Box<Study>>) {
-    guard(ErrorOut::nowhere(), || {
-        drop(study);
-        Ok(())
-    });
+    free(study);
 }
 
 #[unsafe(no_mangle)]
@@ -185,10 +182,7 @@ pub(crate) extern "C" fn tw_tuner_new(study: Option<&Study>, error: ErrorOut) ->
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_tuner_free(tuner: Option<Box<Tuner>>) {
-    guard(ErrorOut::nowhere(), || {
-        drop(tuner);
-        Ok(())
-    });
+    free(tuner);
 }
 
 #[unsafe(no_mangle)]

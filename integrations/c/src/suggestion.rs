@@ -5,7 +5,7 @@ use std::ffi::{CString, c_char};
 use treewright_client::{Outcome, Source};
 
 use crate::configuration::Configuration;
-use crate::edge::{Array, ErrorOut, Number, Text, guard, measurements, need};
+use crate::edge::{Array, ErrorOut, Number, Text, free, guard, measurements, need};
 use crate::error::{Failure, c_text};
 
 /// A suggestion. Used by one thread at a time.
@@ -132,8 +132,5 @@ pub(crate) extern "C" fn tw_suggestion_failed(
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn tw_suggestion_free(suggestion: Option<Box<Suggestion>>) {
-    guard(ErrorOut::nowhere(), || {
-        drop(suggestion);
-        Ok(())
-    });
+    free(suggestion);
 }
