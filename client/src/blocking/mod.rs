@@ -52,7 +52,42 @@ impl ConnectedClient {
     }
 }
 
+/// Calls that wait for those of the asynchronous client, under its names.
+macro_rules! calls {
+    ($of:ident: $(fn $name:ident($($argument:ident: $type:ty),*) -> $answer:ty;)+) => {
+        $(
+            #[doc = concat!("See [`crate::", stringify!($of), "::", stringify!($name), "`]. Errors: as there.")]
+            pub fn $name(&self, $($argument: $type),*) -> Result<$answer, ClientError> {
+                self.run(async |asked| asked.$name($($argument),*).await)
+            }
+        )+
+    };
+}
+
 impl Client {
+    calls! { Client:
+        fn flush(deadline: Duration) -> ();
+        fn ping() -> Duration;
+        fn list_studies() -> Vec<StudyRecord>;
+        fn get_study(id: &str) -> StudyRecord;
+        fn update_policy(id: &str, change: &PolicyChange) -> StudyRecord;
+        fn rename_study(id: &str, to: &str) -> StudyRecord;
+        fn change_space(id: &str, revision: u32, space: &Space, fixed: &Configuration,
+            only_try: bool) -> ChangedSpace;
+        fn delete_study(id: &str) -> ();
+        fn predict(study: &str, indicators: &Indicators) -> Prediction;
+        fn best(study: &str, indicators: &Indicators) -> Best;
+        fn create_study(id: &str, spec: &StudySpec) -> StudyRecord;
+        fn ask(study: &str, question: &Question) -> TrialRecord;
+        fn tell(trial: &str, measurements: &Measurements, outcome: &Outcome) -> (TrialRecord, bool);
+        fn give_back(trial: &str) -> TrialRecord;
+        fn exclude(trial: &str, reason: Option<&str>) -> TrialRecord;
+        fn renew(trial: &str) -> TrialRecord;
+        fn trial(trial: &str) -> TrialRecord;
+        fn trial_in_state(study: &str, state_id: i64) -> Option<TrialRecord>;
+        fn best_of_state(study: &str, state_id: i64) -> Option<Best>;
+    }
+
     /// Makes a client with a thread of its own; see [`crate::Client::connect`].
     ///
     /// Errors: [`ClientError::BadUrl`], [`ClientError::Invalid`]; [`ClientError::NoRuntime`] when the thread
@@ -101,53 +136,6 @@ impl Client {
         self.here().map_or_else(|_| self.first().stats(), |here| here.client.stats())
     }
 
-    /// See [`crate::Client::flush`]. Errors: as there.
-    pub fn flush(&self, deadline: Duration) -> Result<(), ClientError> {
-        self.run(async |client| client.flush(deadline).await)
-    }
-
-    /// See [`crate::Client::ping`]. Errors: as there.
-    pub fn ping(&self) -> Result<Duration, ClientError> {
-        self.run(async |client| client.ping().await)
-    }
-
-    /// See [`crate::Client::list_studies`]. Errors: as there.
-    pub fn list_studies(&self) -> Result<Vec<StudyRecord>, ClientError> {
-        self.run(async |client| client.list_studies().await)
-    }
-
-    /// See [`crate::Client::get_study`]. Errors: as there.
-    pub fn get_study(&self, id: &str) -> Result<StudyRecord, ClientError> {
-        self.run(async |client| client.get_study(id).await)
-    }
-
-    /// See [`crate::Client::update_policy`]. Errors: as there.
-    pub fn update_policy(&self, id: &str, change: &PolicyChange) -> Result<StudyRecord, ClientError> {
-        self.run(async |client| client.update_policy(id, change).await)
-    }
-
-    /// See [`crate::Client::rename_study`]. Errors: as there.
-    pub fn rename_study(&self, id: &str, to: &str) -> Result<StudyRecord, ClientError> {
-        self.run(async |client| client.rename_study(id, to).await)
-    }
-
-    /// See [`crate::Client::change_space`]. Errors: as there.
-    pub fn change_space(
-        &self,
-        id: &str,
-        revision: u32,
-        space: &Space,
-        fixed: &Configuration,
-        only_try: bool,
-    ) -> Result<ChangedSpace, ClientError> {
-        self.run(async |client| client.change_space(id, revision, space, fixed, only_try).await)
-    }
-
-    /// See [`crate::Client::delete_study`]. Errors: as there.
-    pub fn delete_study(&self, id: &str) -> Result<(), ClientError> {
-        self.run(async |client| client.delete_study(id).await)
-    }
-
     /// Reads trials one after the other; pages are fetched as they are needed. See [`crate::Client::trials`].
     #[must_use]
     pub fn trials(&self, study: &str, query: TrialQuery) -> Trials {
@@ -155,69 +143,9 @@ impl Client {
         Trials { pages: Some(OfProcess::new(pages)) }
     }
 
-    /// See [`crate::Client::predict`]. Errors: as there.
-    pub fn predict(&self, study: &str, indicators: &Indicators) -> Result<Prediction, ClientError> {
-        self.run(async |client| client.predict(study, indicators).await)
-    }
-
-    /// See [`crate::Client::best`]. Errors: as there.
-    pub fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
-        self.run(async |client| client.best(study, indicators).await)
-    }
-
     /// See [`Suggestion::extend_lease`]. Errors: as there.
     pub fn extend_lease(&self, suggestion: &mut Suggestion) -> Result<(), ClientError> {
         self.here()?.thread.run(async || suggestion.extend_lease().await)
-    }
-
-    /// See [`crate::Client::create_study`]. Errors: as there.
-    pub fn create_study(&self, id: &str, spec: &StudySpec) -> Result<StudyRecord, ClientError> {
-        self.run(async |client| client.create_study(id, spec).await)
-    }
-
-    /// See [`crate::Client::ask`]. Errors: as there.
-    pub fn ask(&self, study: &str, question: &Question) -> Result<TrialRecord, ClientError> {
-        self.run(async |client| client.ask(study, question).await)
-    }
-
-    /// See [`crate::Client::tell`]. Errors: as there.
-    pub fn tell(
-        &self,
-        trial: &str,
-        measurements: &Measurements,
-        outcome: &Outcome,
-    ) -> Result<(TrialRecord, bool), ClientError> {
-        self.run(async |client| client.tell(trial, measurements, outcome).await)
-    }
-
-    /// See [`crate::Client::give_back`]. Errors: as there.
-    pub fn give_back(&self, trial: &str) -> Result<TrialRecord, ClientError> {
-        self.run(async |client| client.give_back(trial).await)
-    }
-
-    /// See [`crate::Client::exclude`]. Errors: as there.
-    pub fn exclude(&self, trial: &str, reason: Option<&str>) -> Result<TrialRecord, ClientError> {
-        self.run(async |client| client.exclude(trial, reason).await)
-    }
-
-    /// See [`crate::Client::renew`]. Errors: as there.
-    pub fn renew(&self, trial: &str) -> Result<TrialRecord, ClientError> {
-        self.run(async |client| client.renew(trial).await)
-    }
-
-    /// See [`crate::Client::trial`]. Errors: as there.
-    pub fn trial(&self, trial: &str) -> Result<TrialRecord, ClientError> {
-        self.run(async |client| client.trial(trial).await)
-    }
-
-    /// See [`crate::Client::trial_in_state`]. Errors: as there.
-    pub fn trial_in_state(&self, study: &str, state_id: i64) -> Result<Option<TrialRecord>, ClientError> {
-        self.run(async |client| client.trial_in_state(study, state_id).await)
-    }
-
-    /// See [`crate::Client::best_of_state`]. Errors: as there.
-    pub fn best_of_state(&self, study: &str, state_id: i64) -> Result<Option<Best>, ClientError> {
-        self.run(async |client| client.best_of_state(study, state_id).await)
     }
 
     fn first(&self) -> &crate::Client {
@@ -250,6 +178,13 @@ pub struct Study {
 }
 
 impl Study {
+    calls! { Study:
+        fn trial_of(indicators: &Indicators, configuration: &Configuration) -> Suggestion;
+        fn predict(indicators: &Indicators) -> Prediction;
+        fn best(indicators: &Indicators) -> Best;
+        fn record() -> StudyRecord;
+    }
+
     /// See [`crate::Study::name`].
     #[must_use]
     pub fn name(&self) -> &str {
@@ -279,15 +214,6 @@ impl Study {
         answer.unwrap_or_else(|problem| self.fall_back(problem))
     }
 
-    /// See [`crate::Study::trial_of`]. Errors: as there.
-    pub fn trial_of(
-        &self,
-        indicators: &Indicators,
-        configuration: &Configuration,
-    ) -> Result<Suggestion, ClientError> {
-        self.run(async |study| study.trial_of(indicators, configuration).await)
-    }
-
     /// See [`crate::Study::paired`].
     #[must_use]
     pub fn paired(
@@ -310,21 +236,6 @@ impl Study {
     #[must_use]
     pub fn prefetching_tuner(&self) -> PrefetchingTuner {
         PrefetchingTuner { tuner: None, study: self.clone() }
-    }
-
-    /// See [`crate::Study::predict`]. Errors: as there.
-    pub fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
-        self.run(async |study| study.predict(indicators).await)
-    }
-
-    /// See [`crate::Study::best`]. Errors: as there.
-    pub fn best(&self, indicators: &Indicators) -> Result<Best, ClientError> {
-        self.run(async |study| study.best(indicators).await)
-    }
-
-    /// See [`crate::Study::record`]. Errors: as there.
-    pub fn record(&self) -> Result<StudyRecord, ClientError> {
-        self.run(async |study| study.record().await)
     }
 
     fn here(&self) -> Result<&crate::Study, ClientError> {
