@@ -15,6 +15,7 @@ use crate::configuration::RawConfiguration;
 use crate::policy::{PredictorMethod, SearchMethod};
 use crate::reason::{Mode, Neighbour, Reason, Rule};
 use crate::standing::Gain;
+use crate::words::words;
 
 /// Why a client gets a configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -312,79 +313,48 @@ impl BudgetStatus {
     }
 }
 
-/// The steps of the searches.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Step {
-    /// The default configuration: the first point of every search.
-    Default,
-    /// A point of a Latin hypercube design.
-    LatinHypercube,
-    /// A configuration that did well in other states of the study.
-    Elsewhere,
-    /// The best point so far, one step along one axis: the design of a continuous space.
-    Coordinate,
-    /// The worst vertex of a simplex mirrored at the centre of the others.
-    Reflect,
-    /// Further in the direction of a reflection that paid off.
-    Expand,
-    /// Between the centre and the worst or the reflected vertex.
-    Contract,
-    /// The best point with another value of one choice.
-    Switch,
-    /// A random point, near the best or anywhere.
-    RandomSearch,
-    /// A vertex of a new simplex around the best point.
-    Restart,
-    /// The most promising point of a model.
-    Model,
-    /// The most promising point of a model of the measurements around the best.
-    Local,
-    /// Another measurement of the seemingly best configuration, to separate luck from merit.
-    Replicate,
-}
-
-impl Step {
-    /// The name in reasons.
-    pub fn name(self) -> &'static str {
-        match self {
-            Step::Default => "default",
-            Step::LatinHypercube => "latin_hypercube",
-            Step::Elsewhere => "elsewhere",
-            Step::Coordinate => "coordinate",
-            Step::Reflect => "reflect",
-            Step::Expand => "expand",
-            Step::Contract => "contract",
-            Step::Switch => "switch",
-            Step::RandomSearch => "random_search",
-            Step::Restart => "restart",
-            Step::Model => "model",
-            Step::Local => "local",
-            Step::Replicate => "replicate",
-        }
+words! {
+    /// The steps of the searches, with their names in reasons.
+    pub enum Step {
+        /// The default configuration: the first point of every search.
+        Default = "default",
+        /// A point of a Latin hypercube design.
+        LatinHypercube = "latin_hypercube",
+        /// A configuration that did well in other states of the study.
+        Elsewhere = "elsewhere",
+        /// The best point so far, one step along one axis: the design of a continuous space.
+        Coordinate = "coordinate",
+        /// The worst vertex of a simplex mirrored at the centre of the others.
+        Reflect = "reflect",
+        /// Further in the direction of a reflection that paid off.
+        Expand = "expand",
+        /// Between the centre and the worst or the reflected vertex.
+        Contract = "contract",
+        /// The best point with another value of one choice.
+        Switch = "switch",
+        /// A random point, near the best or anywhere.
+        RandomSearch = "random_search",
+        /// A vertex of a new simplex around the best point.
+        Restart = "restart",
+        /// The most promising point of a model.
+        Model = "model",
+        /// The most promising point of a model of the measurements around the best.
+        Local = "local",
+        /// Another measurement of the seemingly best configuration, to separate luck from merit.
+        Replicate = "replicate",
     }
 }
 
-/// The level of the machine of a measurement, relative to one machine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum MachineLevel {
-    /// The machine itself: processor, instruction set, threads and software are the same.
-    Machine,
-    /// Its group: machines with the same processor and software.
-    Group,
-    /// All other machines.
-    Fleet,
-}
-
-impl MachineLevel {
-    /// The name in reasons.
-    pub fn name(self) -> &'static str {
-        match self {
-            MachineLevel::Machine => "machine",
-            MachineLevel::Group => "group",
-            MachineLevel::Fleet => "fleet",
-        }
+words! {
+    /// The level of the machine of a measurement, relative to one machine, with its name in reasons.
+    #[derive(PartialOrd, Ord)]
+    pub enum MachineLevel {
+        /// The machine itself: processor, instruction set, threads and software are the same.
+        Machine = "machine",
+        /// Its group: machines with the same processor and software.
+        Group = "group",
+        /// All other machines.
+        Fleet = "fleet",
     }
 }
 

@@ -5,7 +5,6 @@
 //! exploring, becomes the true one: its search was waiting.
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::words::{BEST_KNOWN, DEFAULT, SHADOW, TRANSFER, WANTED};
 use super::{
@@ -14,6 +13,7 @@ use super::{
 };
 use crate::policy::{PredictorMethod, SearchMethod};
 use crate::reason::{Explanation, Mode, Neighbour, Reason, Rule};
+use crate::words::Word as _;
 
 /// A decision as any version stored it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,11 +33,6 @@ impl Recorded {
             Recorded::Reason(reason) => Decision::recorded(mode, reason),
         }
     }
-}
-
-/// The value of an enum with this spelling.
-fn named<T: for<'a> Deserialize<'a>>(name: &str) -> Option<T> {
-    serde_json::from_value(Value::from(name)).ok()
 }
 
 impl ExplorationEstimate {
@@ -92,12 +87,13 @@ fn by_machines(level: MachineLevel, neighbours: Vec<Neighbour>) -> ByMachines {
 }
 
 fn explore(source: &str, step: &str, neighbours: Vec<Neighbour>, explanation: &Explanation) -> Explore {
-    let search = named::<SearchMethod>(source);
-    let proposed = named::<PredictorMethod>(source).filter(|_| search.is_none());
-    let point = match (named::<Step>(step), search) {
-        _ if step == TRANSFER => {
-            ExploredPoint::ByMachines(by_machines(named(source).unwrap_or(MachineLevel::Fleet), neighbours))
-        }
+    let search = SearchMethod::from_word(source);
+    let proposed = PredictorMethod::from_word(source).filter(|_| search.is_none());
+    let point = match (Step::from_word(step), search) {
+        _ if step == TRANSFER => ExploredPoint::ByMachines(by_machines(
+            MachineLevel::from_word(source).unwrap_or(MachineLevel::Fleet),
+            neighbours,
+        )),
         (Some(Step::Default), Some(search)) => ExploredPoint::Baseline(search),
         (Some(Step::Default), None) => ExploredPoint::BaselineOfMachine,
         (Some(step), search) => match proposed {
@@ -123,7 +119,7 @@ fn explore(source: &str, step: &str, neighbours: Vec<Neighbour>, explanation: &E
 
 fn exploit(mode: Mode, source: &str, neighbours: Vec<Neighbour>, explanation: &Explanation) -> Exploit {
     let known = |neighbours: &[Neighbour]| neighbours.first().cloned();
-    let source = match (source, named::<MachineLevel>(source), named::<PredictorMethod>(source)) {
+    let source = match (source, MachineLevel::from_word(source), PredictorMethod::from_word(source)) {
         (DEFAULT, ..) => ExploitSource::Default,
         _ if mode == Mode::Default => ExploitSource::Default,
         (_, Some(level), _) => ExploitSource::Machines(by_machines(level, neighbours)),

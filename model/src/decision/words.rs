@@ -8,6 +8,7 @@ use crate::cost_view::CostView;
 use crate::policy::PredictorMethod;
 use crate::reason::{Explanation, Neighbour, Reason};
 use crate::standing::Gain;
+use crate::words::Word as _;
 
 /// The step that a configuration of other machines carries.
 pub(super) const TRANSFER: &str = "transfer";
@@ -44,15 +45,15 @@ fn source(choice: &Choice) -> (&'static str, &'static str) {
         Choice::Wanted => (WANTED, ""),
         Choice::Shadow { .. } => (SHADOW, ""),
         Choice::Explore(Explore { point, .. }) => match point {
-            ExploredPoint::Baseline(search) => (search.name(), Step::Default.name()),
-            ExploredPoint::BaselineOfMachine => (DEFAULT, Step::Default.name()),
-            ExploredPoint::Search { search, step, .. } => (search.name(), step.name()),
-            ExploredPoint::Proposal(predicted) => (predicted.predictor.name(), Step::Model.name()),
-            ExploredPoint::ByMachines(by) => (by.level.name(), TRANSFER),
-            ExploredPoint::Random => (RANDOM, Step::RandomSearch.name()),
-            ExploredPoint::Confirming { .. } => (CONFIRMATION, Step::Replicate.name()),
-            ExploredPoint::Incumbent { round: Some(_), .. } => (CONFIRMATION, Step::Replicate.name()),
-            ExploredPoint::Incumbent { round: None, .. } => (INCUMBENT, Step::Replicate.name()),
+            ExploredPoint::Baseline(search) => (search.name(), Step::Default.word()),
+            ExploredPoint::BaselineOfMachine => (DEFAULT, Step::Default.word()),
+            ExploredPoint::Search { search, step, .. } => (search.name(), step.word()),
+            ExploredPoint::Proposal(predicted) => (predicted.predictor.name(), Step::Model.word()),
+            ExploredPoint::ByMachines(by) => (by.level.word(), TRANSFER),
+            ExploredPoint::Random => (RANDOM, Step::RandomSearch.word()),
+            ExploredPoint::Confirming { .. } => (CONFIRMATION, Step::Replicate.word()),
+            ExploredPoint::Incumbent { round: Some(_), .. } => (CONFIRMATION, Step::Replicate.word()),
+            ExploredPoint::Incumbent { round: None, .. } => (INCUMBENT, Step::Replicate.word()),
         },
         Choice::Exploit(Exploit { source, .. }) => match source {
             ExploitSource::Default => (DEFAULT, ""),
@@ -60,7 +61,7 @@ fn source(choice: &Choice) -> (&'static str, &'static str) {
             ExploitSource::Incumbent { .. } => (INCUMBENT, ""),
             ExploitSource::Portfolio { .. } => (PORTFOLIO, ""),
             ExploitSource::Predictor(predicted) => (predicted.predictor.name(), ""),
-            ExploitSource::Machines(by) => (by.level.name(), ""),
+            ExploitSource::Machines(by) => (by.level.word(), ""),
         },
     }
 }
