@@ -111,7 +111,7 @@ macro_rules! define_policy {
                 $(#[doc = $about])+
                 #[must_use]
                 pub fn $name(mut self, value: <$said as SettingValue>::Input) -> Self {
-                    self.$name = Some(SettingValue::from_input(value));
+                    self.$name = Some(value.into());
                     self
                 }
             )+

@@ -66,18 +66,17 @@ impl PolicyField {
 }
 
 /// The form in which a field is set.
-pub trait SettingValue: Sized + Clone {
+pub trait SettingValue: Sized + Clone + fmt::Display {
     /// The form for programs.
-    type Input;
-
-    /// Converts a program's value.
-    fn from_input(input: Self::Input) -> Self;
+    type Input: Into<Self>;
 
     /// Reads text. The error names the allowed values.
     fn parse(text: &str) -> Result<Self, String>;
 
     /// The value as text.
-    fn show(&self) -> String;
+    fn show(&self) -> String {
+        self.to_string()
+    }
 
     /// The value as a number, where it is one.
     fn number(&self) -> Option<f64> {
@@ -90,77 +89,49 @@ pub trait SettingValue: Sized + Clone {
     }
 }
 
-impl SettingValue for f64 {
-    type Input = f64;
+/// Values that are set, decided and shown as they are.
+macro_rules! plain_fields {
+    ($($type:ident($value:ident) is $what:literal, $number:expr;)+) => {
+        $(
+            impl SettingValue for $type {
+                type Input = $type;
 
-    fn from_input(input: f64) -> Self {
-        input
-    }
+                fn parse(text: &str) -> Result<Self, String> {
+                    text.parse().map_err(|_| format!("`{text}` is {}", $what))
+                }
 
-    fn parse(text: &str) -> Result<Self, String> {
-        text.parse().map_err(|_| format!("`{text}` is not a number"))
-    }
+                fn number(&self) -> Option<f64> {
+                    let $value = *self;
+                    $number
+                }
+            }
 
-    fn show(&self) -> String {
-        self.to_string()
-    }
+            impl Setting<$type> for $type {
+                fn decide(said: $type) -> Result<Self, i32> {
+                    Ok(said)
+                }
 
-    fn number(&self) -> Option<f64> {
-        Some(*self)
-    }
+                fn to_setting(self) -> Option<$type> {
+                    Some(self)
+                }
+            }
+        )+
+    };
 }
 
-impl SettingValue for u32 {
-    type Input = u32;
-
-    fn from_input(input: u32) -> Self {
-        input
-    }
-
-    fn parse(text: &str) -> Result<Self, String> {
-        text.parse().map_err(|_| format!("`{text}` is not a whole number of at least 0"))
-    }
-
-    fn show(&self) -> String {
-        self.to_string()
-    }
-
-    fn number(&self) -> Option<f64> {
-        Some(f64::from(*self))
-    }
-}
-
-impl SettingValue for bool {
-    type Input = bool;
-
-    fn from_input(input: bool) -> Self {
-        input
-    }
-
-    fn parse(text: &str) -> Result<Self, String> {
-        text.parse().map_err(|_| format!("`{text}` is neither true nor false"))
-    }
-
-    fn show(&self) -> String {
-        self.to_string()
-    }
+plain_fields! {
+    f64(number) is "not a number", Some(number);
+    u32(count) is "not a whole number of at least 0", Some(f64::from(count));
+    bool(_switch) is "neither true nor false", None;
 }
 
 impl<T: Word + fmt::Display> SettingValue for OpenEnum<T> {
     type Input = T;
 
-    fn from_input(input: T) -> Self {
-        OpenEnum::Known(input)
-    }
-
     /// Dashes count as underscores, so that words can be written like flags.
     fn parse(text: &str) -> Result<Self, String> {
         let known = T::from_word(&text.replace('-', "_")).map(OpenEnum::Known);
         known.ok_or_else(|| format!("`{text}` is none of {}", Self::words().join(", ")))
-    }
-
-    fn show(&self) -> String {
-        self.to_string()
     }
 
     fn words() -> Vec<&'static str> {
@@ -177,16 +148,6 @@ pub trait Setting<S>: Sized {
     fn to_setting(self) -> Option<S>;
 }
 
-impl Setting<f64> for f64 {
-    fn decide(said: f64) -> Result<Self, i32> {
-        Ok(said)
-    }
-
-    fn to_setting(self) -> Option<f64> {
-        Some(self)
-    }
-}
-
 impl Setting<f64> for Option<f64> {
     fn decide(said: f64) -> Result<Self, i32> {
         Ok(Some(said))
@@ -194,26 +155,6 @@ impl Setting<f64> for Option<f64> {
 
     fn to_setting(self) -> Option<f64> {
         self
-    }
-}
-
-impl Setting<u32> for u32 {
-    fn decide(said: u32) -> Result<Self, i32> {
-        Ok(said)
-    }
-
-    fn to_setting(self) -> Option<u32> {
-        Some(self)
-    }
-}
-
-impl Setting<bool> for bool {
-    fn decide(said: bool) -> Result<Self, i32> {
-        Ok(said)
-    }
-
-    fn to_setting(self) -> Option<bool> {
-        Some(self)
     }
 }
 
@@ -234,10 +175,6 @@ impl<T: Word> Setting<OpenEnum<T>> for T {
 /// double quotes, within which a backslash stands before a quote and before a backslash.
 impl SettingValue for Assignment {
     type Input = Assignment;
-
-    fn from_input(input: Assignment) -> Self {
-        input
-    }
 
     fn parse(text: &str) -> Result<Self, String> {
         let parts = parts(text).map(str::trim).filter(|part| !part.is_empty());
