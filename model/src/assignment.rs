@@ -4,8 +4,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use serde::de::{self, Deserializer, Visitor};
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use thiserror::Error;
 
 use crate::plain::Plain;
@@ -164,45 +163,29 @@ impl Serialize for Assignment {
 impl<'de> Deserialize<'de> for Assignment {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let values = BTreeMap::<String, PlainValue>::deserialize(deserializer)?;
-        Ok(values.into_iter().map(|(name, PlainValue(value))| (name, value)).collect())
+        Ok(values.into_iter().map(|(name, value)| (name, value.into())).collect())
     }
 }
 
-/// A value from text without its kind: numbers with a point or exponent are floats.
-struct PlainValue(Value);
+/// A value from text without its kind: numbers with a point or exponent, or beyond the range of integers, are
+/// floats.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "expected a boolean, a number or text")]
+enum PlainValue {
+    Boolean(bool),
+    Integer(i64),
+    Float(f64),
+    Text(String),
+}
 
-impl<'de> Deserialize<'de> for PlainValue {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct AnyValue;
-        impl Visitor<'_> for AnyValue {
-            type Value = PlainValue;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a boolean, a number or text")
-            }
-
-            fn visit_bool<E: de::Error>(self, value: bool) -> Result<PlainValue, E> {
-                Ok(PlainValue(value.into()))
-            }
-
-            fn visit_i64<E: de::Error>(self, value: i64) -> Result<PlainValue, E> {
-                Ok(PlainValue(value.into()))
-            }
-
-            fn visit_u64<E: de::Error>(self, value: u64) -> Result<PlainValue, E> {
-                // A value beyond the range of integers was a float.
-                Ok(PlainValue(i64::try_from(value).map_or(Value::Float(value as f64), Value::Integer)))
-            }
-
-            fn visit_f64<E: de::Error>(self, value: f64) -> Result<PlainValue, E> {
-                Ok(PlainValue(value.into()))
-            }
-
-            fn visit_str<E: de::Error>(self, value: &str) -> Result<PlainValue, E> {
-                Ok(PlainValue(value.into()))
-            }
+impl From<PlainValue> for Value {
+    fn from(value: PlainValue) -> Self {
+        match value {
+            PlainValue::Boolean(switch) => Value::Boolean(switch),
+            PlainValue::Integer(integer) => Value::Integer(integer),
+            PlainValue::Float(float) => Value::Float(float),
+            PlainValue::Text(text) => Value::Text(text),
         }
-        deserializer.deserialize_any(AnyValue)
     }
 }
 

@@ -71,16 +71,9 @@ pub enum StudyError {
 
 impl<'de> Deserialize<'de> for StudySpec {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        RawStudySpec::deserialize(deserializer)?.try_into().map_err(de::Error::custom)
-    }
-}
-
-impl TryFrom<RawStudySpec> for StudySpec {
-    type Error = StudyError;
-
-    fn try_from(raw: RawStudySpec) -> Result<Self, StudyError> {
+        let raw = RawStudySpec::deserialize(deserializer)?;
         let spec = StudySpec {
-            policy: raw.policy.check(&raw.space)?,
+            policy: raw.policy.check(&raw.space).map_err(de::Error::custom)?,
             display_name: raw.display_name,
             space: raw.space,
             indicators: raw.indicators,
@@ -88,7 +81,7 @@ impl TryFrom<RawStudySpec> for StudySpec {
             state_tolerance: raw.state_tolerance,
             seed: raw.seed,
         };
-        spec.validate()?;
+        spec.validate().map_err(de::Error::custom)?;
         Ok(spec)
     }
 }
@@ -130,41 +123,30 @@ impl StudySpec {
     /// The first difference of two specifications in words, leaving out `policy` and `display_name`. `None`
     /// when they are equal.
     pub fn first_difference(&self, other: &StudySpec) -> Option<String> {
-        let (mine, theirs) = (self.space.parameters(), other.space.parameters());
-        if let Some(found) = list_difference("parameter", mine, theirs, |parameter| parameter.name.clone()) {
-            return Some(found);
+        let (mine, theirs) = (self, other);
+        macro_rules! lists {
+            ($($what:literal: $part:ident.$list:ident by $name:expr;)+) => {
+                $(
+                    let (a, b) = (mine.$part.$list(), theirs.$part.$list());
+                    if let Some(found) = list_difference($what, a, b, $name) {
+                        return Some(found);
+                    }
+                )+
+            };
         }
-        let (mine, theirs) = (self.space.constraints(), other.space.constraints());
-        if let Some(found) = list_difference("constraint", mine, theirs, Constraint::to_string) {
-            return Some(found);
-        }
-        let (mine, theirs) = (self.indicators.indicators(), other.indicators.indicators());
-        if let Some(found) = list_difference("indicator", mine, theirs, |indicator| indicator.name.clone()) {
-            return Some(found);
-        }
-        let (mine, theirs) = (self.objective.terms(), other.objective.terms());
-        if let Some(found) = list_difference("objective term", mine, theirs, |term| term.metric.clone()) {
-            return Some(found);
-        }
-        let (mine, theirs) = (self.objective.auxiliary(), other.objective.auxiliary());
-        if let Some(found) = list_difference("auxiliary metric", mine, theirs, String::clone) {
-            return Some(found);
-        }
-        let (mine, theirs) = (self.objective.limits(), other.objective.limits());
-        if let Some(found) = list_difference("limit", mine, theirs, ToString::to_string) {
-            return Some(found);
-        }
-        let (mine, theirs) = (self.objective.maximised(), other.objective.maximised());
-        if let Some(found) = list_difference("maximised metric", mine, theirs, String::clone) {
-            return Some(found);
+        lists! {
+            "parameter": space.parameters by |parameter| parameter.name.clone();
+            "constraint": space.constraints by Constraint::to_string;
+            "indicator": indicators.indicators by |indicator| indicator.name.clone();
+            "objective term": objective.terms by |term| term.metric.clone();
+            "auxiliary metric": objective.auxiliary by String::clone;
+            "limit": objective.limits by ToString::to_string;
+            "maximised metric": objective.maximised by String::clone;
+            "cheaper level": objective.fidelities by |level| level.name.clone();
         }
         let (mine, theirs) = (self.objective.episode_frames(), other.objective.episode_frames());
         if mine != theirs {
             return Some(format!("episode_frames is {mine} against {theirs}"));
-        }
-        let (mine, theirs) = (self.objective.fidelities(), other.objective.fidelities());
-        if let Some(found) = list_difference("cheaper level", mine, theirs, |level| level.name.clone()) {
-            return Some(found);
         }
         if self.state_tolerance != other.state_tolerance {
             return Some(format!(
