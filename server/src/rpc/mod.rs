@@ -93,73 +93,12 @@ impl Service {
             }
         }
     }
-}
 
-#[tonic::async_trait]
-impl TuningService for Service {
-    async fn create_study(
-        &self,
-        request: Request<wire::CreateStudyRequest>,
-    ) -> Result<Response<wire::Study>, Status> {
-        self.answer(request, studies::create).await
-    }
-
-    async fn get_study(
-        &self,
-        request: Request<wire::GetStudyRequest>,
-    ) -> Result<Response<wire::Study>, Status> {
-        self.answer(request, studies::get).await
-    }
-
-    async fn list_studies(
-        &self,
-        request: Request<wire::ListStudiesRequest>,
-    ) -> Result<Response<wire::ListStudiesResponse>, Status> {
-        self.answer(request, studies::list).await
-    }
-
-    async fn update_study(
-        &self,
-        request: Request<wire::UpdateStudyRequest>,
-    ) -> Result<Response<wire::Study>, Status> {
-        self.answer(request, studies::update).await
-    }
-
-    async fn rename_study(
-        &self,
-        request: Request<wire::RenameStudyRequest>,
-    ) -> Result<Response<wire::Study>, Status> {
-        self.answer(request, studies::rename).await
-    }
-
-    async fn change_space(
-        &self,
-        request: Request<wire::ChangeSpaceRequest>,
-    ) -> Result<Response<wire::ChangeSpaceResponse>, Status> {
-        self.answer(request, studies::change_space).await
-    }
-
-    async fn delete_study(&self, request: Request<wire::DeleteStudyRequest>) -> Result<Response<()>, Status> {
-        self.answer(request, studies::delete).await
-    }
-
-    async fn suggest(&self, request: Request<wire::SuggestRequest>) -> Result<Response<wire::Trial>, Status> {
-        self.answer(request, trials::suggest).await
-    }
-
-    async fn report(
-        &self,
-        request: Request<wire::ReportRequest>,
-    ) -> Result<Response<wire::ReportResponse>, Status> {
-        self.answer(request, trials::report).await
-    }
-
-    type TuneStream = tune::TuneAnswers;
-
-    async fn tune(
+    /// Opens a Tune stream.
+    fn open_stream(
         &self,
         request: Request<Streaming<wire::TuneRequest>>,
-    ) -> Result<Response<Self::TuneStream>, Status> {
+    ) -> Result<Response<tune::TuneAnswers>, Status> {
         let entered = self.caller(&request).and_then(|caller| Ok((caller, self.admission.stream()?)));
         match entered {
             Ok((caller, entered)) => {
@@ -182,50 +121,49 @@ impl TuningService for Service {
             }
         }
     }
+}
 
-    async fn predict(
-        &self,
-        request: Request<wire::PredictRequest>,
-    ) -> Result<Response<wire::PredictResponse>, Status> {
-        self.answer(request, trials::predict).await
-    }
+/// Implements the service: which function does the work of which method.
+macro_rules! methods {
+    ($($method:ident($request:ident) -> $answer:ty: $work:path;)+) => {
+        #[tonic::async_trait]
+        impl TuningService for Service {
+            type TuneStream = tune::TuneAnswers;
 
-    async fn abandon_trial(
-        &self,
-        request: Request<wire::AbandonTrialRequest>,
-    ) -> Result<Response<wire::Trial>, Status> {
-        self.answer(request, trials::abandon).await
-    }
+            async fn tune(
+                &self,
+                request: Request<Streaming<wire::TuneRequest>>,
+            ) -> Result<Response<Self::TuneStream>, Status> {
+                self.open_stream(request)
+            }
 
-    async fn extend_lease(
-        &self,
-        request: Request<wire::ExtendLeaseRequest>,
-    ) -> Result<Response<wire::Trial>, Status> {
-        self.answer(request, trials::extend_lease).await
-    }
+            $(
+                async fn $method(
+                    &self,
+                    request: Request<wire::$request>,
+                ) -> Result<Response<$answer>, Status> {
+                    self.answer(request, $work).await
+                }
+            )+
+        }
+    };
+}
 
-    async fn exclude_trial(
-        &self,
-        request: Request<wire::ExcludeTrialRequest>,
-    ) -> Result<Response<wire::Trial>, Status> {
-        self.answer(request, trials::exclude).await
-    }
-
-    async fn get_trial(
-        &self,
-        request: Request<wire::GetTrialRequest>,
-    ) -> Result<Response<wire::Trial>, Status> {
-        self.answer(request, trials::get).await
-    }
-
-    async fn query_trials(
-        &self,
-        request: Request<wire::QueryTrialsRequest>,
-    ) -> Result<Response<wire::QueryTrialsResponse>, Status> {
-        self.answer(request, trials::query).await
-    }
-
-    async fn get_best(&self, request: Request<wire::GetBestRequest>) -> Result<Response<wire::Best>, Status> {
-        self.answer(request, trials::best).await
-    }
+methods! {
+    create_study(CreateStudyRequest) -> wire::Study: studies::create;
+    get_study(GetStudyRequest) -> wire::Study: studies::get;
+    list_studies(ListStudiesRequest) -> wire::ListStudiesResponse: studies::list;
+    update_study(UpdateStudyRequest) -> wire::Study: studies::update;
+    rename_study(RenameStudyRequest) -> wire::Study: studies::rename;
+    change_space(ChangeSpaceRequest) -> wire::ChangeSpaceResponse: studies::change_space;
+    delete_study(DeleteStudyRequest) -> (): studies::delete;
+    suggest(SuggestRequest) -> wire::Trial: trials::suggest;
+    report(ReportRequest) -> wire::ReportResponse: trials::report;
+    predict(PredictRequest) -> wire::PredictResponse: trials::predict;
+    abandon_trial(AbandonTrialRequest) -> wire::Trial: trials::abandon;
+    extend_lease(ExtendLeaseRequest) -> wire::Trial: trials::extend_lease;
+    exclude_trial(ExcludeTrialRequest) -> wire::Trial: trials::exclude;
+    get_trial(GetTrialRequest) -> wire::Trial: trials::get;
+    query_trials(QueryTrialsRequest) -> wire::QueryTrialsResponse: trials::query;
+    get_best(GetBestRequest) -> wire::Best: trials::best;
 }
