@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use common::flaky::Flaky;
-use common::{Server, ask, assert_refused, create, report, study};
+use common::{Server, ask, assert_refused, report, study};
 use tonic::metadata::MetadataValue;
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::Channel;
@@ -337,9 +337,7 @@ async fn a_stream_ends_with_its_token() {
 
 #[tokio::test]
 async fn request_ids_come_back_and_too_many_headers_do_not_get_in() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::with_hall().await;
     let asked = |id: &'static str| {
         let mut request = Request::new(get("hall"));
         request.metadata_mut().insert("x-request-id", MetadataValue::from_static(id));

@@ -38,9 +38,7 @@ async fn compressed_requests_are_taken() {
 
 #[tokio::test]
 async fn filters_on_names_that_the_study_lacks_are_refused() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::with_hall().await;
     let query = |filter: &str| wire::QueryTrialsRequest {
         study: "studies/hall".to_owned(),
         filter: filter.to_owned(),

@@ -4,20 +4,13 @@ mod common;
 
 use std::collections::BTreeSet;
 
-use common::{Client, Server, assert_refused, create, done, get, report, suggest};
+use common::{Server, assert_refused, create, done, get, report, suggest};
 use tonic::Code;
 use treewright_proto::v1 as wire;
 
-async fn server() -> (Server, Client) {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
-    (server, client)
-}
-
 #[tokio::test]
 async fn an_abandoned_trial_is_handed_out_again() {
-    let (_server, mut client) = server().await;
+    let (_server, mut client) = Server::with_hall().await;
     let first = suggest(&mut client, "a", 10.0).await;
     let abandon = |trial: &str| wire::AbandonTrialRequest { trial: trial.to_owned() };
     for _ in 0..2 {
@@ -40,7 +33,7 @@ async fn an_abandoned_trial_is_handed_out_again() {
 
 #[tokio::test]
 async fn a_lease_ends_and_a_late_report_still_counts() {
-    let (server, mut client) = server().await;
+    let (server, mut client) = Server::with_hall().await;
     let first = suggest(&mut client, "a", 10.0).await;
     server.clock.advance_ms(60_001);
     // The configuration goes to the next client that asks.
@@ -61,7 +54,7 @@ async fn a_lease_ends_and_a_late_report_still_counts() {
 
 #[tokio::test]
 async fn leases_end_without_anyone_asking() {
-    let (server, mut client) = server().await;
+    let (server, mut client) = Server::with_hall().await;
     let trial = suggest(&mut client, "a", 10.0).await;
     server.clock.advance_ms(60_001);
     // The sweep comes by within a period; reading does not end leases.
@@ -76,7 +69,7 @@ async fn leases_end_without_anyone_asking() {
 
 #[tokio::test]
 async fn a_lease_can_be_extended_while_the_trial_is_open() {
-    let (server, mut client) = server().await;
+    let (server, mut client) = Server::with_hall().await;
     let trial = suggest(&mut client, "a", 10.0).await;
     let extend = |trial: &str| wire::ExtendLeaseRequest { trial: trial.to_owned() };
     for _ in 0..3 {

@@ -108,9 +108,7 @@ async fn a_session_explores_until_its_deadline() {
 
 #[tokio::test]
 async fn wishes_out_of_range_are_refused() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::with_hall().await;
     let none = wire::SessionPolicy::default();
     for (wishes, field) in [
         (wire::SessionPolicy { epsilon: Some(1.5), ..none }, "epsilon"),

@@ -180,9 +180,7 @@ async fn wanted(client: &mut Client, name: &str, quality: &str) -> wire::Trial {
 
 #[tokio::test]
 async fn what_is_outside_is_left_out_until_it_is_inside_again() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::with_hall().await;
     for (quality, cost) in [("high", 1.0), ("low", 5.0)] {
         let trial = wanted(&mut client, "a", quality).await;
         done(&mut client, &trial.name, cost).await;
@@ -260,9 +258,7 @@ async fn what_a_study_remembers_of_its_spaces_is_limited() {
 
 #[tokio::test]
 async fn what_cannot_be_served_is_refused_with_a_remedy() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::with_hall().await;
     let mut apart = space();
     apart.parameters[1] = whole("max_leaf", 33, 64, 40);
     let mut odd = change(1, apart.clone());

@@ -64,9 +64,7 @@ async fn a_study_comes_back_as_it_was_created() {
 
 #[tokio::test]
 async fn another_specification_under_the_same_id_is_refused() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (_server, mut client) = Server::with_hall().await;
     let mut other = study();
     other.space.as_mut().unwrap().parameters[1].default_value = Some(integer(9));
     let answer = client.create_study(create_request("hall", other)).await;
@@ -154,9 +152,7 @@ async fn studies_are_listed_page_by_page() {
 
 #[tokio::test]
 async fn a_policy_changes_field_by_field_and_takes_effect() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (_server, mut client) = Server::with_hall().await;
     let first = suggest(&mut client, "a", 10.0).await;
     done(&mut client, &first.name, 5.0).await;
 
@@ -208,9 +204,7 @@ async fn a_policy_changes_field_by_field_and_takes_effect() {
 
 #[tokio::test]
 async fn a_deleted_study_is_gone_and_its_id_is_free() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (_server, mut client) = Server::with_hall().await;
     let trial = suggest(&mut client, "a", 10.0).await;
     let delete = || wire::DeleteStudyRequest { name: "studies/hall".to_owned() };
     client.delete_study(delete()).await.expect("deleted");

@@ -5,22 +5,15 @@ mod common;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use common::{Client, Server, ask, assert_refused, create, done, get, report, suggest, triangles};
+use common::{Server, ask, assert_refused, create, done, get, report, suggest, triangles};
 use tonic::Code;
 use treewright_core::tuner::{Ask, Change, Tuner};
 use treewright_proto::v1::{self as wire, outcome};
 use treewright_store::{MemoryStore, Store as _};
 
-async fn server() -> (Server, Client) {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
-    (server, client)
-}
-
 #[tokio::test]
 async fn a_trial_goes_out_and_comes_back() {
-    let (server, mut client) = server().await;
+    let (server, mut client) = Server::with_hall().await;
     let trial = suggest(&mut client, "a", 10.0).await;
     assert_eq!(trial.name, "studies/hall/trials/1");
     assert_eq!(trial.client_id, "a");
@@ -48,7 +41,7 @@ async fn a_trial_goes_out_and_comes_back() {
 
 #[tokio::test]
 async fn a_repeated_suggestion_is_the_same_trial_with_a_fresh_lease() {
-    let (server, mut client) = server().await;
+    let (server, mut client) = Server::with_hall().await;
     let first = suggest(&mut client, "a", 10.0).await;
     server.clock.advance_ms(5_000);
     let second = suggest(&mut client, "a", 10.0).await;
@@ -62,7 +55,7 @@ async fn a_repeated_suggestion_is_the_same_trial_with_a_fresh_lease() {
 
 #[tokio::test]
 async fn a_repeated_report_changes_nothing() {
-    let (_server, mut client) = server().await;
+    let (_server, mut client) = Server::with_hall().await;
     let trial = suggest(&mut client, "a", 10.0).await;
     let first = done(&mut client, &trial.name, 12.5).await;
     let second = done(&mut client, &trial.name, 99.0).await;
@@ -72,7 +65,7 @@ async fn a_repeated_report_changes_nothing() {
 
 #[tokio::test]
 async fn every_outcome_is_taken() {
-    let (_server, mut client) = server().await;
+    let (_server, mut client) = Server::with_hall().await;
     let reason = || "depth limit reached".to_owned();
     let kinds = [
         outcome::Kind::Infeasible(wire::Infeasible { reason: reason() }),
@@ -98,7 +91,7 @@ async fn every_outcome_is_taken() {
 
 #[tokio::test]
 async fn malformed_questions_and_results_are_refused() {
-    let (_server, mut client) = server().await;
+    let (_server, mut client) = Server::with_hall().await;
     type Change<T> = fn(&mut T);
     let questions: [(Change<wire::SuggestRequest>, &str); 8] = [
         (|r| r.study = "hall".to_owned(), "study: \"hall\" must have the form"),
@@ -237,7 +230,7 @@ async fn predictions_and_the_best_rest_on_reports() {
 
 #[tokio::test]
 async fn trials_are_queried_page_by_page() {
-    let (_server, mut client) = server().await;
+    let (_server, mut client) = Server::with_hall().await;
     for render_ms in [5.0, 3.0, 8.0, 1.0, 9.0] {
         let trial = suggest(&mut client, "a", 10.0).await;
         done(&mut client, &trial.name, render_ms).await;

@@ -64,9 +64,7 @@ async fn each_frame_reports_and_suggests() {
 
 #[tokio::test]
 async fn errors_leave_the_stream_open() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (_server, mut client) = Server::with_hall().await;
     create(&mut client, "other").await;
     let mut stream = Stream::open(&mut client).await;
     let trial = stream.frame(None, Some(ask("a", 10.0))).await.trial.unwrap();
@@ -111,9 +109,7 @@ async fn errors_leave_the_stream_open() {
 
 #[tokio::test]
 async fn draining_ends_the_stream_politely() {
-    let mut server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (mut server, mut client) = Server::with_hall().await;
     let mut stream = Stream::open(&mut client).await;
     assert!(stream.frame(None, Some(ask("a", 10.0))).await.trial.is_some());
     server.begin_stop();

@@ -37,6 +37,14 @@ impl Server {
         Self::with(Arc::new(MemoryStore::new()), START_MS).await
     }
 
+    /// In memory, with the study `hall` and a client.
+    pub(crate) async fn with_hall() -> (Self, Client) {
+        let server = Self::in_memory().await;
+        let mut client = server.client().await;
+        create(&mut client, "hall").await;
+        (server, client)
+    }
+
     pub(crate) async fn on_disk(path: &Path, now_ms: i64) -> Self {
         let store = SqliteStore::open(path).await.expect("a database");
         Self::with(Arc::new(store), now_ms).await
