@@ -11,120 +11,77 @@ pub(super) const MINIMIZE: i32 = 2;
 /// `ParameterSpec.ScaleType`.
 pub(super) const LOG: i32 = 2;
 
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct Study {
-    #[prost(message, optional, tag = "3")]
-    pub(super) spec: Option<StudySpec>,
+/// Messages with some of their fields: the tag of each, its name, its type, and its kind in the encoding.
+macro_rules! messages {
+    ($($(#[$about:meta])* $name:ident { $($tag:tt $field:ident: $type:ty as $($kind:ident)+;)* })+) => {
+        $(
+            $(#[$about])*
+            #[derive(Clone, PartialEq, Message)]
+            pub(super) struct $name {
+                $(#[prost($($kind,)+ tag = $tag)] pub(super) $field: $type,)*
+            }
+        )+
+    };
 }
 
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct StudySpec {
-    #[prost(message, repeated, tag = "1")]
-    pub(super) metrics: Vec<MetricSpec>,
-    #[prost(message, repeated, tag = "2")]
-    pub(super) parameters: Vec<ParameterSpec>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct MetricSpec {
-    #[prost(string, tag = "1")]
-    pub(super) id: String,
-    #[prost(int32, tag = "2")]
-    pub(super) goal: i32,
-}
-
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct ParameterSpec {
-    #[prost(string, tag = "1")]
-    pub(super) id: String,
-    #[prost(message, optional, tag = "2")]
-    pub(super) double: Option<Doubles>,
-    #[prost(message, optional, tag = "3")]
-    pub(super) integer: Option<Integers>,
-    #[prost(message, optional, tag = "4")]
-    pub(super) categorical: Option<Categories>,
-    #[prost(message, optional, tag = "5")]
-    pub(super) discrete: Option<Discrete>,
-    #[prost(int32, tag = "6")]
-    pub(super) scale: i32,
-    #[prost(message, repeated, tag = "10")]
-    pub(super) children: Vec<Child>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct Doubles {
-    #[prost(double, tag = "1")]
-    pub(super) min: f64,
-    #[prost(double, tag = "2")]
-    pub(super) max: f64,
-    #[prost(message, optional, tag = "3")]
-    pub(super) default: Option<f64>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct Integers {
-    #[prost(int64, tag = "1")]
-    pub(super) min: i64,
-    #[prost(int64, tag = "2")]
-    pub(super) max: i64,
-    #[prost(message, optional, tag = "3")]
-    pub(super) default: Option<i64>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct Categories {
-    #[prost(string, repeated, tag = "1")]
-    pub(super) values: Vec<String>,
-    #[prost(message, optional, tag = "2")]
-    pub(super) default: Option<String>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct Discrete {
-    #[prost(double, repeated, tag = "1")]
-    pub(super) values: Vec<f64>,
-    #[prost(message, optional, tag = "2")]
-    pub(super) default: Option<f64>,
-}
-
-/// A parameter that depends on another; only that there is one is read.
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct Child {}
-
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct Trial {
-    #[prost(string, tag = "2")]
-    pub(super) id: String,
-    #[prost(int32, tag = "3")]
-    pub(super) state: i32,
-    #[prost(message, repeated, tag = "4")]
-    pub(super) parameters: Vec<Parameter>,
-    #[prost(message, optional, tag = "5")]
-    pub(super) measurement: Option<Measurement>,
-    #[prost(string, tag = "9")]
-    pub(super) client_id: String,
-    #[prost(string, tag = "10")]
-    pub(super) infeasible_reason: String,
-}
-
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct Parameter {
-    #[prost(string, tag = "1")]
-    pub(super) id: String,
-    #[prost(message, optional, tag = "2")]
-    pub(super) value: Option<prost_types::Value>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct Measurement {
-    #[prost(message, repeated, tag = "3")]
-    pub(super) metrics: Vec<MetricValue>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-pub(super) struct MetricValue {
-    #[prost(string, tag = "1")]
-    pub(super) id: String,
-    #[prost(double, tag = "2")]
-    pub(super) value: f64,
+messages! {
+    Study {
+        "3" spec: Option<StudySpec> as message optional;
+    }
+    StudySpec {
+        "1" metrics: Vec<MetricSpec> as message repeated;
+        "2" parameters: Vec<ParameterSpec> as message repeated;
+    }
+    MetricSpec {
+        "1" id: String as string;
+        "2" goal: i32 as int32;
+    }
+    ParameterSpec {
+        "1" id: String as string;
+        "2" double: Option<Doubles> as message optional;
+        "3" integer: Option<Integers> as message optional;
+        "4" categorical: Option<Categories> as message optional;
+        "5" discrete: Option<Discrete> as message optional;
+        "6" scale: i32 as int32;
+        "10" children: Vec<Child> as message repeated;
+    }
+    Doubles {
+        "1" min: f64 as double;
+        "2" max: f64 as double;
+        "3" default: Option<f64> as message optional;
+    }
+    Integers {
+        "1" min: i64 as int64;
+        "2" max: i64 as int64;
+        "3" default: Option<i64> as message optional;
+    }
+    Categories {
+        "1" values: Vec<String> as string repeated;
+        "2" default: Option<String> as message optional;
+    }
+    Discrete {
+        "1" values: Vec<f64> as double repeated;
+        "2" default: Option<f64> as message optional;
+    }
+    /// A parameter that depends on another; only that there is one is read.
+    Child {}
+    Trial {
+        "2" id: String as string;
+        "3" state: i32 as int32;
+        "4" parameters: Vec<Parameter> as message repeated;
+        "5" measurement: Option<Measurement> as message optional;
+        "9" client_id: String as string;
+        "10" infeasible_reason: String as string;
+    }
+    Parameter {
+        "1" id: String as string;
+        "2" value: Option<prost_types::Value> as message optional;
+    }
+    Measurement {
+        "3" metrics: Vec<MetricValue> as message repeated;
+    }
+    MetricValue {
+        "1" id: String as string;
+        "2" value: f64 as double;
+    }
 }
