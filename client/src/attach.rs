@@ -8,7 +8,6 @@ use tonic::metadata::{Ascii, MetadataValue};
 use tonic::service::Interceptor;
 use tonic::{Request, Status};
 
-/// The metadata that carries the request id.
 pub(crate) const REQUEST_ID: &str = "x-request-id";
 
 /// Attaches token and request id to each call.

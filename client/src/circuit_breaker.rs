@@ -97,7 +97,6 @@ impl CircuitBreaker {
         });
     }
 
-    /// Waits until the daemon is worth asking.
     pub(crate) async fn wait_until_worth_asking(&self) {
         // The sender lives as long as `self`, so that waiting cannot fail.
         let _ = self.state.subscribe().wait_for(|state| !matches!(state.status, Status::Away { .. })).await;

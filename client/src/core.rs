@@ -200,7 +200,6 @@ impl Core {
         problem
     }
 
-    /// Counts what the outbox lost.
     pub(crate) fn count_lost(&self, lost: Lost) {
         self.counters.dropped.add(lost.reports);
         self.counters.abandons_dropped.add(lost.abandons);

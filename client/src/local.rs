@@ -32,7 +32,6 @@ const ASKED_WHILE_IDLE: u32 = 4;
 const PATIENCE: Duration = Duration::from_secs(15);
 /// One that is there answers within this.
 const ANSWER: Duration = Duration::from_secs(2);
-/// The daemon's program.
 const PROGRAM: &str = "treewrightd";
 /// Bytes of a path that a Unix socket can have, and some to spare (`unix(7)`).
 const SOCKET_PATH_BYTES: usize = 100;

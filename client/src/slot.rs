@@ -5,7 +5,6 @@
 use std::os::linux::net::SocketAddrExt as _;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 
-/// Bytes of an abstract socket's name.
 const NAME_BYTES: usize = 107;
 
 /// The result of asking for a name.

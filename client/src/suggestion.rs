@@ -97,7 +97,6 @@ impl Suggestion {
         }
     }
 
-    /// The first frame of the trial in a frame loop.
     pub(crate) fn first_frame(mut self, indicators: &Indicators) -> Self {
         let frames = self.study.spec.objective.episode_frames();
         if frames > 1 && self.lease.is_some() {

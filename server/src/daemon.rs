@@ -99,7 +99,6 @@ impl DaemonError {
     }
 }
 
-/// Opens the configured database.
 async fn open(
     config: &ServeConfig,
     database: &Database,
@@ -117,7 +116,6 @@ async fn open(
     }
 }
 
-/// Opens the tokens in the database that has just been opened.
 async fn open_tokens(config: &ServeConfig, database: &Database) -> Result<Arc<dyn TokenStore>, OpenError> {
     #[cfg(not(feature = "postgres"))]
     let _ = config;

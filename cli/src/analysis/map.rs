@@ -10,7 +10,6 @@ use super::table::{Column, Measured, Table, quantile};
 /// Most cells along an axis.
 const CELLS: usize = 16;
 
-/// A map.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Map {
     pub(crate) metric: String,

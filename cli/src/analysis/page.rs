@@ -23,7 +23,6 @@ table{border-collapse:collapse;width:100%;font-size:.82rem;font-variant-numeric:
 th,td{padding:.22rem .25rem;text-align:right;border-bottom:1px solid var(--line)}th:first-child,td:first-child{text-align:left;overflow-wrap:anywhere}\
 th{color:var(--soft);font-weight:600}svg{display:block;width:100%;height:auto}code{font-size:.88em;overflow-wrap:anywhere}";
 
-/// The page.
 pub(crate) fn html(analysis: &Analysis) -> String {
     let mut page = String::new();
     let Analysis { study, trials, infeasible, states, random, .. } = analysis;

@@ -106,7 +106,6 @@ pub(super) fn bins(values: &[Option<f64>]) -> (Vec<Option<usize>>, usize) {
     (values.iter().map(|value| value.map(bin)).collect(), edges.len() + 1)
 }
 
-/// A measurement, trial by trial.
 #[derive(Clone, Debug)]
 pub(super) struct Measured {
     pub(super) name: String,

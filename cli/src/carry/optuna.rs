@@ -99,7 +99,6 @@ async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
     Ok(read)
 }
 
-/// The direction of a study of one objective.
 async fn is_maximised(
     database: &mut SqliteConnection,
     id: i64,

@@ -253,7 +253,6 @@ impl Job<'_> {
         levels.find(|level| Some(&level.name) == trial.fidelity.as_ref()).map_or(1.0, |level| level.cost)
     }
 
-    /// Runs the program for a trial.
     fn run(&self, trial: &TrialRecord) -> Result<Run, Failure> {
         let command = self.command(trial);
         let abort_after = match (trial.abort_above, only_wall_time(self.spec)) {
@@ -404,7 +403,6 @@ impl Session<'_> {
         self.job.runner.stop.load(Ordering::Relaxed)
     }
 
-    /// Runs a trial and reports it.
     fn step(&mut self, trial: &TrialRecord) -> Result<Step, Failure> {
         let job = self.job;
         let is_first_default = self.own.is_empty() && trial.configuration == job.default;

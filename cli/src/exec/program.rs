@@ -349,7 +349,6 @@ impl<R: Read + AsFd> Tail<R> {
     }
 }
 
-/// The name of an environment variable for a parameter.
 pub(crate) fn variable(prefix: &str, parameter: &str) -> String {
     let plain = |each: char| if each.is_ascii_alphanumeric() { each.to_ascii_uppercase() } else { '_' };
     format!("{prefix}{}", parameter.chars().map(plain).collect::<String>())

@@ -219,7 +219,6 @@ impl OwnRuns {
         others.min_by(|(_, one), (_, other)| least(one).total_cmp(&least(other))).map(|(one, _)| one.clone())
     }
 
-    /// The configuration of the lowest mean cost.
     pub(super) fn best(&self) -> Option<(&Configuration, f64)> {
         let all = self.costs.values().map(|(configuration, costs)| (configuration, mean(costs)));
         all.min_by(|(_, one), (_, other)| one.total_cmp(other))

@@ -77,7 +77,6 @@ impl Template {
         names.filter(|name| !used.contains(name.as_str())).collect()
     }
 
-    /// Whether the command mentions the level.
     pub(crate) fn has_level(&self) -> bool {
         self.arguments.iter().flatten().any(|piece| matches!(piece, Piece::Level(_)))
     }

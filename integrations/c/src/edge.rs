@@ -24,7 +24,6 @@ impl Text {
         Self(text.as_ptr())
     }
 
-    /// The text, where there is one.
     pub(crate) fn optional(&self) -> Result<Option<&str>, Failure> {
         if self.0.is_null() {
             return Ok(None);
@@ -59,7 +58,6 @@ impl<T> Array<T> {
         Self(std::ptr::null())
     }
 
-    /// Whether it is `NULL`.
     pub(crate) fn is_none(&self) -> bool {
         self.0.is_null()
     }
@@ -111,7 +109,6 @@ impl<T: Copy, const N: usize> Strided<T, N> {
     }
 }
 
-/// A number with its name.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Number {

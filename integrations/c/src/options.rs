@@ -11,7 +11,6 @@ use crate::error::Failure;
 /// Longest deadline, in milliseconds: an hour.
 const DEADLINE_MS_MAX: f64 = 3.6e6;
 
-/// Options of a client.
 #[derive(Debug, Default)]
 pub(crate) struct Options {
     options: treewright_client::Options,

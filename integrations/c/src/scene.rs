@@ -34,7 +34,6 @@ pub(crate) struct Camera {
     vertical_fov_deg: f32,
 }
 
-/// The indicators of a scene.
 #[derive(Debug)]
 pub(crate) struct Scene(SceneIndicators);
 

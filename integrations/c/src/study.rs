@@ -36,7 +36,6 @@ impl Tuner {
         Self { study: study.clone(), process: std::process::id(), frames, child: OnceLock::new() }
     }
 
-    /// The loop of this process.
     fn frames(&self) -> MutexGuard<'_, Loop> {
         if self.process != std::process::id() {
             return self.child.get_or_init(|| Box::new(Self::new(&self.study))).frames();

@@ -6,7 +6,6 @@ use std::path::Path;
 use glam::{Vec3, Vec3A};
 use obvhs::triangle::Triangle;
 
-/// Triangles with a name.
 #[derive(Debug)]
 pub(crate) struct Mesh {
     pub(crate) name: String,

@@ -20,7 +20,6 @@ pub(super) struct Listing {
     levels: Vec<Vec<Branch>>,
 }
 
-/// A value with its continuations.
 #[derive(Clone, Copy, Debug)]
 struct Branch {
     /// The index of the value; [`INACTIVE`] where the parameter is inactive.
@@ -159,7 +158,6 @@ impl Listing {
     }
 }
 
-/// A walk over a listing.
 struct Walk<'a> {
     listing: &'a Listing,
     /// The distance of each value of each parameter to the wanted one, squared.

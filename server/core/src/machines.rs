@@ -74,7 +74,6 @@ pub struct Origin {
     pub node: u64,
 }
 
-/// One machine.
 #[derive(Clone, Debug, PartialEq)]
 struct Machine {
     exact: u64,
@@ -146,7 +145,6 @@ impl Machines {
         (place, displaced)
     }
 
-    /// A machine's fingerprint.
     pub(crate) fn fingerprint(&self, machine: MachineId) -> Option<&Fingerprint> {
         self.machines.get(index(machine))?.fingerprint.as_ref()
     }

@@ -123,7 +123,6 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + tail
 }
 
-/// The squared distance of two points.
 pub(crate) fn distance_2(a: &[f64], b: &[f64]) -> f64 {
     debug_assert_eq!(a.len(), b.len(), "points of one space");
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()

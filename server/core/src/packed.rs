@@ -13,7 +13,6 @@ use crate::limits::UNPACKED_BYTES_MAX;
 #[error("packed data cannot be read: {0}")]
 pub struct PackedError(pub(crate) String);
 
-/// Packs plain data.
 pub(crate) fn pack<T: Serialize>(value: &T) -> Vec<u8> {
     let bytes = rmp_serde::to_vec_named(value).expect("plain data in memory can always be written");
     lz4_flex::compress_prepend_size(&bytes)

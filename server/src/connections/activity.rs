@@ -63,7 +63,6 @@ impl Activity {
         self.slot.dismissed().await;
     }
 
-    /// Counts `bytes` more unfinished bytes.
     pub(crate) fn hold(self: &Arc<Self>, bytes: usize) -> HeldBytes {
         self.unfinished.add(&self.slot, bytes);
         HeldBytes { activity: Arc::clone(self), bytes }

@@ -81,7 +81,6 @@ impl Messages {
     }
 }
 
-/// The body of a request.
 struct RequestBody {
     inner: Body,
     messages: Messages,
@@ -132,7 +131,6 @@ impl hyper::body::Body for RequestBody {
     }
 }
 
-/// The body of an answer.
 struct AnswerBody {
     inner: Body,
     activity: Arc<Activity>,

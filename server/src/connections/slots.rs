@@ -255,12 +255,10 @@ impl OpenConnections {
 }
 
 impl ConnectionSlot {
-    /// The origin of the connection.
     pub(super) fn origin(&self) -> Origin {
         self.origin
     }
 
-    /// The notice that dismisses the connection.
     pub(super) fn notice(&self) -> &Arc<Notice> {
         &self.notice
     }

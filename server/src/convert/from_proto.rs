@@ -139,7 +139,6 @@ fn origin(text: String, has_wanted: bool) -> Result<Option<String>, Error> {
     }
 }
 
-/// The policy of a session.
 fn session_policy(wire: Option<v1::SessionPolicy>) -> Result<SessionPolicy, Error> {
     let policy = session_policy_from_wire(wire.unwrap_or_default());
     policy.validate().map_err(|error| Error::invalid("session_policy", error))?;
@@ -177,7 +176,6 @@ pub fn exclusion(request: &v1::ExcludeTrialRequest) -> Result<Option<&str>, Erro
     }
 }
 
-/// The error for a field that is missing.
 pub(crate) fn required(field: &str) -> Error {
     Error::invalid(field, "is required")
 }

@@ -384,7 +384,6 @@ fn redirect(to: &str, cookie: Option<String>) -> Response<Body> {
     response
 }
 
-/// A page with an error.
 fn failure(frame: PageFrame, error: &Error) -> Response<Body> {
     let (status, title) = match status::code(error) {
         Code::NotFound => (StatusCode::NOT_FOUND, "Not found"),

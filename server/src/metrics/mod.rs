@@ -112,13 +112,11 @@ struct MomentGauges {
 /// The figures of this moment for [`Metrics::text`].
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Moment {
-    /// Connections that are open.
     pub(crate) connections: usize,
     /// Open connections without an authorised request.
     pub(crate) newcomers: usize,
     /// Requests in progress.
     pub(crate) in_flight: usize,
-    /// Tune streams that are open.
     pub(crate) streams: usize,
     /// Studies whose tuner is in memory.
     pub(crate) studies_in_memory: usize,
@@ -338,7 +336,6 @@ impl Metrics {
         self.answers.load(Ordering::Relaxed)
     }
 
-    /// Counts a refusal.
     pub(crate) fn refused(&self, reason: &'static str) {
         assert!(status::REASONS.contains(&reason), "{reason} is not counted from the start");
         self.refusals.get_or_create(&ReasonLabel { reason }).inc();
@@ -373,7 +370,6 @@ impl Metrics {
         self.client_outbox.observe(f64::from(reports));
     }
 
-    /// Counts `trials` removed old trials.
     pub(crate) fn removed(&self, trials: u64) {
         self.removed_trials.inc_by(trials);
     }

@@ -68,7 +68,6 @@ impl Service {
         }
     }
 
-    /// Admits a request, does its work, and answers.
     async fn answer<Q: Message, T>(
         &self,
         request: Request<Q>,
@@ -94,7 +93,6 @@ impl Service {
         }
     }
 
-    /// Opens a Tune stream.
     fn open_stream(
         &self,
         request: Request<Streaming<wire::TuneRequest>>,

@@ -26,7 +26,6 @@ use crate::refusals::Refusals;
 use crate::status;
 use crate::tuning::Tuning;
 
-/// The answers of one stream.
 pub(super) type TuneAnswers = ReceiverStream<Result<wire::TuneResponse, Status>>;
 
 /// The parts that one stream works with.

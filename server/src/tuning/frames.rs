@@ -41,7 +41,6 @@ impl FrameAnswer {
     }
 }
 
-/// The outcome of a report.
 enum ReportOutcome {
     /// It completes an open trial.
     Now(Box<Trial>, Change),

@@ -158,7 +158,6 @@ impl Tuning {
         runtime
     }
 
-    /// The identity of the study of an id, where it is in memory.
     fn uid_in_memory(&self, study: &str) -> Option<StudyUid> {
         let runtimes = self.runtimes.lock().unwrap_or_else(PoisonError::into_inner);
         let runtime = runtimes.by_study.get(study).map(|(runtime, _)| Arc::clone(runtime));
@@ -189,7 +188,6 @@ impl Tuning {
         all.into_iter().take(most).map(pair).collect()
     }
 
-    /// Every study in memory.
     fn in_memory(&self) -> Vec<(String, Arc<Runtime>)> {
         let runtimes = self.runtimes.lock().unwrap_or_else(PoisonError::into_inner);
         let pair =

@@ -20,7 +20,6 @@ use super::runtime::Live;
 use crate::error::Error;
 use crate::limits::{TRIALS_PER_READ, TRIALS_PER_REMOVAL};
 
-/// A removal of trials that is due.
 struct DueRemoval {
     learnt: Learnt,
     fence: Fence,

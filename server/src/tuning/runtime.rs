@@ -99,7 +99,6 @@ pub(super) struct Live {
     /// Rises with each change of a trial that was not open. It shows a reader of such a trial from the store
     /// whether the trial may have changed since.
     pub(super) closed_changes: u64,
-    /// The last checkpoint.
     pub(super) saved: Saved,
     /// The states whose search is being planned for.
     pub(super) planned_searches: PlannedSearches,

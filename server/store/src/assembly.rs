@@ -11,7 +11,6 @@ use crate::rows::{TrialRow, VisitRow, inconsistent, into_specification, unsigned
 use crate::store::{ClosedTrial, Loaded, StudyRecord, TrialPage, TrialQuery};
 
 row! {
-    /// A row of `studies` with its counts.
     pub(crate) struct StudyRow {
         name: String,
         uid: String,

@@ -44,7 +44,6 @@ impl Fence {
         &self.0.study
     }
 
-    /// The study's key in the store's tables.
     pub(crate) fn key(&self) -> i64 {
         self.0.key
     }

@@ -38,7 +38,6 @@ const POSTGRES: &[(&str, &str)] = files!("postgres":
     "0007_trials_exclusion",
 );
 
-/// The schema of a SQLite file.
 pub(crate) fn sqlite() -> Migrator {
     migrator(SQLITE)
 }

@@ -18,7 +18,6 @@ macro_rules! reads {
         use crate::rows::{StateRow, TrialRow, signed, unsigned};
         use crate::store::{ClosedTrial, Loaded, StudyRecord, TrialPage, TrialQuery};
 
-        /// The key of a study.
         pub(super) async fn study_key(connection: &mut $connection, study: &str) -> Result<i64, StoreError> {
             sqlx::query_scalar(sql::STUDY_KEY)
                 .bind(study)

@@ -63,7 +63,6 @@ impl Server {
         Self::on(listener, store, clock, options.into()).await
     }
 
-    /// One of several replicas on a database.
     pub(crate) async fn replica(database: &Database) -> Self {
         let clock = Arc::new(ManualClock::at(START_MS));
         Self::replica_with(database, clock, Duration::from_secs(5)).await
@@ -224,7 +223,6 @@ pub(crate) async fn get(client: &mut Client, trial: &str) -> wire::Trial {
     client.get_trial(request).await.expect("a trial").into_inner()
 }
 
-/// Asserts that a request was refused, with this code and for this reason.
 pub(crate) fn assert_refused<T: std::fmt::Debug>(answer: Result<T, Status>, code: Code, fragment: &str) {
     let status = answer.expect_err("refused");
     assert_eq!(status.code(), code, "{status}");

@@ -196,7 +196,6 @@ fn is_boolean(parameter: &ParameterSpec) -> bool {
     })
 }
 
-/// The default that the specification names.
 fn default(parameter: &ParameterSpec) -> Option<Value> {
     use prost_types::value::Kind;
     let number = |number: &f64| Kind::NumberValue(*number);

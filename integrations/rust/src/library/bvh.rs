@@ -74,7 +74,6 @@ fn crate_ray(origin: Vec3A, direction: Vec3A) -> CrateRay<f32, 3> {
     CrateRay::new(Point3::from(origin.to_array()), Vector3::from(direction.to_array()))
 }
 
-/// The nearest of these candidates.
 fn nearest<'a>(origin: Vec3A, direction: Vec3A, candidates: impl IntoIterator<Item = &'a Shape>) -> f32 {
     let ray = Ray::new(origin, direction, 0.0, f32::INFINITY);
     candidates.into_iter().fold(f32::INFINITY, |least, shape| least.min(shape.triangle.intersect(&ray)))

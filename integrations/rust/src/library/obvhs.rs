@@ -68,7 +68,6 @@ pub(super) fn fixed() -> Vec<(String, Configuration)> {
     ["cwbvh", "bvh2"].into_iter().flat_map(of).collect()
 }
 
-/// A preset as a configuration.
 fn configuration_of(layout: &str, preset: &BvhBuildParams) -> Configuration {
     let same = |one: &&(&str, PlocSearchDistance)| one.1 as u32 == preset.ploc_search_distance as u32;
     let distance = DISTANCES.iter().find(same).map_or("medium", |one| one.0);

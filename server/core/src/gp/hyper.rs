@@ -29,13 +29,11 @@ pub(crate) struct Hyperparameters {
 pub(crate) struct Prior {
     /// The middle of a length, in roots of the number of features.
     pub(crate) length_mean: f64,
-    /// The spread of a length.
     pub(crate) length_spread: f64,
     /// Weights stay within this.
     pub(crate) weight_range: [f64; 2],
     /// The middle of the noise's variance, as a share of the values'.
     pub(crate) noise_mean: f64,
-    /// The spread of the noise's variance.
     pub(crate) noise_spread: f64,
     /// The range of the noise's variance.
     pub(crate) noise_range: [f64; 2],

@@ -51,7 +51,6 @@ impl Sample {
         self
     }
 
-    /// The number of points.
     pub(crate) fn len(&self) -> usize {
         self.counts.len()
     }

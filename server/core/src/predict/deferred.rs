@@ -14,7 +14,6 @@ use crate::predict::blend::{MethodEstimate, PredictorErrors};
 use crate::predict::contextual::{HyperparameterUpdate, LocalData};
 use crate::space::Space;
 
-/// One deferred update.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum DeferredUpdate {
     /// To add the predictors' errors on a measured cost to their tallies. The prediction of the contextual

@@ -31,7 +31,6 @@ pub use state_index::StateIndex;
 /// The inputs of a new predictor.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PredictorSetup<'a> {
-    /// The study's parameters.
     pub(crate) space: &'a Space,
     /// The number of indicators of a state.
     pub(crate) indicators: usize,

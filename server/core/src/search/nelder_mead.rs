@@ -67,7 +67,6 @@ const CHANGE_PROBABILITY: f64 = 1.0 / 3.0;
 /// choices, whose values are far apart in the cube, can change too.
 const AXIS_PROBABILITY: f64 = 0.1;
 
-/// A measured point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct SimplexVertex {
     x: Vec<f64>,

@@ -18,7 +18,6 @@ pub(super) struct PendingPoints {
 }
 
 impl PendingPoints {
-    /// Adds a new point.
     pub(super) fn add(&mut self, x: Vec<f64>, step: Step) -> Point {
         let point = Point { id: self.next_id, x, step };
         self.next_id += 1;
@@ -39,7 +38,6 @@ impl PendingPoints {
         self.pending.remove(&id)
     }
 
-    /// Withdraws a point that is pending.
     pub(super) fn withdraw(&mut self, id: u64) {
         if let Some(point) = self.pending.remove(&id) {
             self.withdrawn.insert(id, point);
@@ -56,12 +54,10 @@ impl PendingPoints {
         self.next_id
     }
 
-    /// The points that are pending.
     pub(super) fn points(&self) -> impl Iterator<Item = &Point> {
         self.pending.values()
     }
 
-    /// Whether no point is pending or withdrawn.
     pub(super) fn is_empty(&self) -> bool {
         self.pending.is_empty() && self.withdrawn.is_empty()
     }

@@ -71,7 +71,6 @@ pub struct Assessment {
     pub(super) gain: Option<Gain>,
     /// The answer is the default, because no configuration is proven to be better.
     pub(super) nothing_better: bool,
-    /// The answer is the incumbent.
     pub(super) is_incumbent: bool,
     /// The most that any other configuration may gain over the answer.
     pub(super) gain_at_most: f64,

@@ -140,12 +140,10 @@ impl Account {
         self.session == session
     }
 
-    /// The session's own policy.
     pub(super) fn policy(&self) -> SessionPolicy {
         self.policy
     }
 
-    /// Notes the session's own policy.
     pub(super) fn set_policy(&mut self, policy: SessionPolicy) {
         self.policy = policy;
     }

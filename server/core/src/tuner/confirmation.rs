@@ -119,7 +119,6 @@ impl Confirming {
         }
     }
 
-    /// Whether a trial runs one of the contenders.
     pub(super) fn runs(&self, trial: u64) -> bool {
         self.open.contains_key(&trial)
     }
@@ -198,7 +197,6 @@ pub(super) struct Answered {
 }
 
 impl Tuner {
-    /// The race of a state, if there is one.
     fn race(&self, state: StateId) -> Option<&Confirming> {
         self.searches.of(state)?.confirming.as_ref()
     }

@@ -44,7 +44,6 @@ pub struct Exploration {
     is_unbegun: bool,
 }
 
-/// The number of lost leases of a configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct LostLeases {
     configuration: RawConfiguration,
@@ -100,7 +99,6 @@ impl Exploration {
         }
     }
 
-    /// The number of lost leases of a configuration.
     pub(super) fn lost(&self, configuration: &Configuration) -> u32 {
         let lost = self.lost.iter().find(|lost| lost.configuration == *configuration.values());
         lost.map_or(0, |lost| lost.count)

@@ -36,7 +36,6 @@ impl FewConfigurations {
         self.0.as_ref().map(|all| all.len())
     }
 
-    /// Whether they are few.
     pub(super) fn are_few(&self) -> bool {
         self.0.is_some()
     }

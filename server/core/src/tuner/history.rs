@@ -33,7 +33,6 @@ struct StateHistory {
     best: Option<RawConfiguration>,
 }
 
-/// The histories of all states of a study.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct History {
     /// Shared with checkpoints that are being saved.
@@ -137,12 +136,10 @@ impl History {
         self.explored += 1;
     }
 
-    /// The number of visits of clients to a state.
     pub(super) fn visits(&self, state: StateId) -> u64 {
         self.states[place(state)].visits
     }
 
-    /// The number of frames reported from a state.
     pub(super) fn frames(&self, state: StateId) -> u64 {
         self.states[place(state)].frames
     }

@@ -63,7 +63,6 @@ pub struct Omission {
 }
 
 impl Tuner {
-    /// The insight into a state.
     pub(super) fn insight(&self, state: StateId, planned: &Planned) -> Insight {
         let results = self.states.results(state);
         // A session may want a longer search than the study's operator, or a shorter one.

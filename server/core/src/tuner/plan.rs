@@ -172,7 +172,6 @@ impl Planned {
         beginning.take_if(|(of, _)| is_of(*of)).map(|(_, beginning)| beginning)
     }
 
-    /// The assessment of a state, if it was planned.
     pub(super) fn take_assessment(&mut self) -> Option<(StateId, Arc<Assessment>)> {
         match self {
             Planned::AtOnce => None,

@@ -108,7 +108,6 @@ impl Choices {
     }
 }
 
-/// The cost of a configuration in a state.
 fn known(results: &ResultTable, configuration: &Configuration, noise: f64) -> CostEntry {
     match results.record(configuration) {
         Some(record) if record.fails() => CostEntry::Infeasible,

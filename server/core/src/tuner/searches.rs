@@ -29,7 +29,6 @@ pub(super) fn taken(exploration: Option<&Exploration>, results: &ResultTable, re
     (results.runs() / replicates.max(1) as usize).max(results.searched() + repeats) + cheaper
 }
 
-/// The search of one state.
 #[derive(Clone, Debug, Default)]
 struct StateSearch {
     exploration: Option<Exploration>,
@@ -76,7 +75,6 @@ impl Searches {
         self.of_states[place(state)].exploration.as_ref()
     }
 
-    /// The number of lost leases of a configuration in a state.
     pub(super) fn lost(&self, state: StateId, configuration: &Configuration) -> u32 {
         self.record(state).map_or(0, |exploration| exploration.lost(configuration))
     }
@@ -142,7 +140,6 @@ impl Searches {
         taken(self.of(state), results, policy.replicates)
     }
 
-    /// The number of changes of a state's search.
     pub(super) fn changes(&self, state: StateId) -> u64 {
         self.of_states[place(state)].changes
     }

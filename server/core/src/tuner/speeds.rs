@@ -49,7 +49,6 @@ impl Unheld {
     }
 }
 
-/// A client's machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Client {
     speed: Speed,

@@ -45,7 +45,6 @@ pub(super) fn place(id: StateId) -> usize {
     id.0 as usize - 1
 }
 
-/// The state at a place.
 pub(super) fn at(place: usize) -> StateId {
     StateId(place as u64 + 1)
 }
@@ -99,7 +98,6 @@ impl States {
         &self.known
     }
 
-    /// The results of one.
     pub(super) fn results(&self, id: StateId) -> &ResultTable {
         &self[id].results
     }
@@ -205,7 +203,6 @@ impl States {
         })
     }
 
-    /// Founds a state of a machine with these indicators as its anchor.
     pub(super) fn found(&mut self, anchor: Vec<f64>, fingerprint: Option<&Fingerprint>) -> StateId {
         let id = at(self.known.len());
         let (machine, displaced) = self.machines.note_founder(fingerprint);
@@ -232,7 +229,6 @@ impl States {
         id
     }
 
-    /// Notes that a search was begun in a state.
     pub(super) fn note_search(&mut self, id: StateId) {
         (self.known[place(id)].explored, self.begun[place(id)]) = (true, true);
         self.index.note(&self.known[place(id)]);

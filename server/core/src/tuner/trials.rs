@@ -9,7 +9,6 @@ use crate::configuration::Configuration;
 use crate::ids::{StateId, TrialNumber};
 use crate::trial::Trial;
 
-/// The open trials.
 #[derive(Clone, Debug, Default)]
 pub(super) struct OpenTrials {
     open: BTreeMap<TrialNumber, Trial>,
@@ -33,12 +32,10 @@ impl OpenTrials {
         self.last
     }
 
-    /// The number of open trials.
     pub(super) fn len(&self) -> usize {
         self.open.len()
     }
 
-    /// An open trial.
     pub(super) fn get(&self, number: TrialNumber) -> Option<&Trial> {
         self.open.get(&number)
     }
@@ -48,13 +45,11 @@ impl OpenTrials {
         self.open.values()
     }
 
-    /// The open trial that a client holds for a state.
     pub(super) fn of_client(&self, client_id: &str, state: StateId) -> Option<&Trial> {
         let number = self.held.get(client_id)?.get(&state)?;
         self.open.get(number)
     }
 
-    /// The number of open trials that a client holds.
     pub(super) fn held_by(&self, client_id: &str) -> usize {
         self.held.get(client_id).map_or(0, BTreeMap::len)
     }
@@ -64,17 +59,14 @@ impl OpenTrials {
         self.held.len()
     }
 
-    /// Whether a configuration is being run in a state.
     pub(super) fn runs(&self, state: StateId, configuration: &Configuration) -> bool {
         self.running.get(&state).is_some_and(|running| running.contains_key(configuration))
     }
 
-    /// Whether anything is being run in a state.
     pub(super) fn runs_anything(&self, state: StateId) -> bool {
         self.running.contains_key(&state)
     }
 
-    /// The end of the next lease.
     pub(super) fn next_expiry_ms(&self) -> Option<i64> {
         self.leases.first().map(|&(expire_ms, _)| expire_ms)
     }

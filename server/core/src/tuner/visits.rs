@@ -11,7 +11,6 @@ use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
 use crate::tuner::{Account, Ask, Visit, VisitDecision};
 
-/// The visits of a study, by client.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Visits {
     by_client: BTreeMap<String, Visit>,
@@ -74,12 +73,10 @@ impl Visits {
         self.by_client.len()
     }
 
-    /// The visit of a client.
     pub(super) fn of(&self, client_id: &str) -> Option<&Visit> {
         self.by_client.get(client_id)
     }
 
-    /// The state a client is in.
     pub(super) fn state_of(&self, client_id: &str) -> Option<StateId> {
         self.of(client_id).map(|visit| StateId(visit.state_id))
     }
@@ -89,7 +86,6 @@ impl Visits {
         self.of(client_id)?.account.as_ref()
     }
 
-    /// The account of a client, to be charged.
     pub(super) fn account_mut(&mut self, client_id: &str) -> Option<&mut Account> {
         self.by_client.get_mut(client_id)?.account.as_mut()
     }

@@ -25,7 +25,6 @@ const INCUMBENT_STATES_LEAST: usize = 2;
 /// The most of their configurations that show what runs and what fails.
 const RUNS: usize = 64;
 
-/// The warm start of a search.
 #[derive(Clone, Debug)]
 pub(super) struct WarmStart {
     /// The effects of parameters elsewhere.

@@ -8,7 +8,6 @@ use super::{Head, PageFrame, TrialRow, head, render, row};
 use crate::error::Error;
 use crate::rpc;
 
-/// Rows of a page.
 const ROWS: i32 = 50;
 
 #[derive(Template)]

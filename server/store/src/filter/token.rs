@@ -34,7 +34,6 @@ pub(super) struct PlacedToken {
     pub(super) token: FilterToken,
 }
 
-/// Cuts `text` into tokens.
 pub(super) fn tokens(text: &str) -> Result<Vec<PlacedToken>, FilterError> {
     let characters: Vec<char> = text.chars().collect();
     let mut found = Vec::new();

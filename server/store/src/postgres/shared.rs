@@ -45,7 +45,6 @@ impl SharedState {
         }
     }
 
-    /// The id under which this replica is registered.
     pub(super) fn me(&self) -> i32 {
         self.me.load(Ordering::Acquire)
     }
@@ -91,7 +90,6 @@ impl SharedState {
         lock(&self.owners).get(study).filter(|owner| owner.seen.elapsed() < limits::OWNER_REMEMBERED).cloned()
     }
 
-    /// Remembers the holder of a study.
     pub(super) fn remember_owner(&self, study: &str, owner: StudyHolder) {
         let mut owners = lock(&self.owners);
         if owners.len() >= limits::OWNERS_REMEMBERED {
@@ -101,12 +99,10 @@ impl SharedState {
         assert!(owners.len() <= limits::OWNERS_REMEMBERED);
     }
 
-    /// Forgets the holder of one study.
     pub(super) fn forget_owner(&self, study: &str) {
         lock(&self.owners).remove(study);
     }
 
-    /// Forgets the holders that `which` names.
     pub(super) fn forget_owners(&self, which: impl Fn(&StudyHolder) -> bool) {
         lock(&self.owners).retain(|_, owner| !which(owner));
     }

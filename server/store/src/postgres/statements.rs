@@ -148,14 +148,12 @@ pub(super) const STUDY_RENAME: &str = concat!(
 
 pub(super) const STUDY_OF_UID: &str = "SELECT name FROM studies WHERE uid = $1 AND name IS NOT NULL";
 
-/// The holder of the study: its key, epoch, owner, and the owner's address while it lives.
 pub(super) const STUDY_OWNER: &str = concat!(
     "SELECT s.id, s.epoch, s.owner, CASE WHEN ",
     lives!("$2"),
     " THEN r.address END AS address FROM studies s LEFT JOIN replicas r ON r.id = s.owner WHERE s.name = $1"
 );
 
-/// The address of the replica that holds the study, while it lives.
 pub(super) const HOLDER_ADDRESS: &str = concat!(
     "SELECT CASE WHEN ",
     lives!("$2"),

@@ -101,7 +101,6 @@ impl StudyJob {
     }
 }
 
-/// The result of a batch.
 enum BatchResult {
     /// The studies whose epoch still holds; their rows are stored.
     Held(HashSet<i64>),

@@ -18,7 +18,6 @@ use crate::limits;
 use crate::rows::{self, PartRow, Rows, inconsistent};
 use crate::store::Created;
 
-/// A write.
 pub(super) enum WriteCommand {
     Create {
         id: String,
@@ -72,7 +71,6 @@ pub(super) enum WriteCommand {
     },
 }
 
-/// The result of a write.
 pub(super) enum WriteResult {
     Nothing,
     Created(Box<Created>),

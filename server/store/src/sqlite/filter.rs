@@ -11,7 +11,6 @@ use crate::filter::{Literal, Operator};
 use crate::question::{self, Dialect, push_operator};
 use crate::store::TrialQuery;
 
-/// The question for one page.
 pub(super) fn trial_page(study: i64, query: &TrialQuery) -> Result<QueryBuilder<Sqlite>, StoreError> {
     let mut sql = QueryBuilder::new("");
     question::trial_page(&mut sql, TRIAL_COLUMNS, study, query)?;

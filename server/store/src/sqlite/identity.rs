@@ -22,7 +22,6 @@ const LOG_REMEDY: &str = "stop the daemon with SIGTERM, which writes all that it
 /// The system's identity of a file: device and inode.
 type Identity = (u64, u64);
 
-/// One of the files of an open database.
 #[derive(Debug)]
 struct KnownFile {
     name: PathBuf,
@@ -31,7 +30,6 @@ struct KnownFile {
     remedy: &'static str,
 }
 
-/// The files of an open database.
 #[derive(Debug)]
 pub(super) struct FileIdentity([KnownFile; 3]);
 

@@ -19,7 +19,6 @@ use crate::{limits, migrations};
 /// Marks a file as ours ("TWrt"), so that another program's database is not migrated by accident.
 const APPLICATION_ID: i64 = 0x5457_7274;
 
-/// The parts of an open database.
 pub(super) struct Opened {
     pub(super) lock: DatabaseLock,
     pub(super) writer: SqliteConnection,
@@ -136,7 +135,6 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), Open
     connection.close().await.map_err(explained)
 }
 
-/// The owner of a database file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FileOwner {
     Ours,

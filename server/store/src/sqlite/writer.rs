@@ -17,7 +17,6 @@ use crate::fence::Fence;
 use crate::limits;
 use crate::rows::Rows;
 
-/// A write and the receiver of its answer.
 pub(super) struct WriteJob {
     pub(super) command: WriteCommand,
     pub(super) answer: Reply,

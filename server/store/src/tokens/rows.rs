@@ -84,7 +84,6 @@ impl Scope {
         }
     }
 
-    /// Reads the word.
     fn of_word(word: &str) -> Result<Self, TokenError> {
         [Self::Read, Self::Tune, Self::Admin]
             .into_iter()

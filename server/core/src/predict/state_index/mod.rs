@@ -109,7 +109,6 @@ impl StateIndex {
         self.len() == 0
     }
 
-    /// The weighted distance of two states.
     pub(crate) fn distance(&self, a: &[f64], b: &[f64]) -> f64 {
         let terms = a.iter().zip(b).zip(&self.weights).map(|((a, b), weight)| weight * (a - b) * (a - b));
         terms.sum::<f64>().sqrt()

@@ -155,7 +155,6 @@ struct ModelledPoint {
     observed: Observed,
 }
 
-/// A fitted model of cost.
 struct CostModel {
     process: Process,
     /// The relative deviation of a measurement of the best.
@@ -365,7 +364,6 @@ impl ModelSearch {
         model.filter(|model| model.evidence > plain + TREND_EVIDENCE)
     }
 
-    /// Fits a model of cost.
     fn costs(
         &self,
         measured: &[&ModelledPoint],
