@@ -28,6 +28,7 @@ mod raw;
 mod read;
 mod rows;
 mod sqlite;
+mod statements;
 mod store;
 pub mod tokens;
 

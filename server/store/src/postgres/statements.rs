@@ -3,6 +3,12 @@
 //! A replica lives while it renews its heartbeat and holds the advisory lock of its id. A question takes the
 //! shared lock for a moment, so that several may ask at once. `$lapse` below is in seconds.
 
+use crate::statements::study_select;
+pub(super) use crate::statements::{
+    CHECKPOINT, CHECKPOINT_PARTS, CLOSED_TRIALS, FOLDED_NAMES_DELETE, REAP_CHECKPOINTS, REAP_STATES,
+    REAP_STUDY, REAP_TRIALS, REAP_VISITS,
+};
+
 /// First key of every advisory lock of ours ("TWrt"); the second is the replica's id.
 macro_rules! lock_class {
     () => {
@@ -120,9 +126,6 @@ pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_tria
      ORDER BY last_trial DESC OFFSET $1) AS lowest) AS rest WHERE highest IS NOT NULL \
      ON CONFLICT (name) DO UPDATE SET last_trial = greatest(former_names.last_trial, excluded.last_trial)";
 
-pub(super) const FOLDED_NAMES_DELETE: &str = "DELETE FROM former_names WHERE name <> '' \
-     AND last_trial <= (SELECT last_trial FROM former_names WHERE name = '')";
-
 /// Takes the name from the study, so that it cannot be found, and raises its epoch, so that no replica stores
 /// it.
 pub(super) const STUDY_DELETE: &str = concat!(
@@ -188,28 +191,13 @@ pub(super) const TRIAL_EXCLUDE: &str = "WITH held AS MATERIALIZED (SELECT id FRO
      UPDATE trials SET exclusion = $4 WHERE study IN (SELECT id FROM held) AND number = $3 \
      AND state = 'COMPLETED'";
 
-/// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count;
-/// trial numbers have gaps. Each of these values is at the end of an index.
-macro_rules! study_select {
-    ($rest:literal) => {
-        concat!(
-            "SELECT name, uid, named_after, skipped, specification::text, policy::text, create_ms, models_since, ",
-            "(SELECT coalesce(max(s.id), 0) FROM states s WHERE s.study = studies.id) AS states, ",
-            "(SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id) AS last_trial, ",
-            "(SELECT coalesce(max(t.completion), 0) FROM trials t WHERE t.study = studies.id ",
-            "AND t.completion IS NOT NULL) AS completed_trials, ",
-            "(SELECT count(*) FROM trials t WHERE t.study = studies.id AND t.state = 'OPEN') ",
-            "AS open_trials FROM studies ",
-            $rest
-        )
-    };
-}
+pub(super) const STUDY_BY_NAME: &str = study_select!("specification::text, policy::text", "WHERE name = $1");
 
-pub(super) const STUDY_BY_NAME: &str = study_select!("WHERE name = $1");
+pub(super) const STUDY_BY_KEY: &str =
+    study_select!("specification::text, policy::text", "WHERE id = $1 AND name IS NOT NULL");
 
-pub(super) const STUDY_BY_KEY: &str = study_select!("WHERE id = $1 AND name IS NOT NULL");
-
-pub(super) const STUDY_PAGE: &str = study_select!("WHERE name > $1 ORDER BY name LIMIT $2");
+pub(super) const STUDY_PAGE: &str =
+    study_select!("specification::text, policy::text", "WHERE name > $1 ORDER BY name LIMIT $2");
 
 // Reading.
 
@@ -244,18 +232,6 @@ pub(super) const COMPLETED_TRIALS: &str = concat!(
     " FROM trials WHERE study = $1 AND completion IS NOT NULL AND completion > $2 ORDER BY completion LIMIT $3"
 );
 
-/// A stretch of the primary key.
-pub(super) const CLOSED_TRIALS: &str = "SELECT number, completion FROM trials WHERE study = $1 AND number > $2 \
-     AND number <= $3 AND state <> 'OPEN' ORDER BY number LIMIT $4";
-
-/// The latest checkpoint that has all its parts.
-pub(super) const CHECKPOINT: &str = "SELECT completion FROM checkpoints WHERE study = $1 \
-     GROUP BY completion HAVING count(*) = max(parts) AND max(parts) = min(parts) \
-     ORDER BY completion DESC LIMIT 1";
-
-pub(super) const CHECKPOINT_PARTS: &str =
-    "SELECT bytes FROM checkpoints WHERE study = $1 AND completion = $2 ORDER BY part";
-
 // Background work that replicas share: a row in use by one replica is skipped by the others.
 
 /// The studies with leases that ended before `$1`: those of replica `$2`, and those without a living owner,
@@ -281,21 +257,6 @@ pub(super) const HELD_STUDIES: &str = "SELECT s.id FROM studies s \
 /// Locks a deleted study, so that one replica at a time removes its rows.
 pub(super) const DELETED_STUDY: &str =
     "SELECT id FROM studies WHERE name IS NULL ORDER BY id LIMIT 1 FOR UPDATE SKIP LOCKED";
-
-pub(super) const REAP_TRIALS: &str = "DELETE FROM trials WHERE study = $1 AND number IN \
-     (SELECT number FROM trials WHERE study = $1 ORDER BY number LIMIT $2)";
-
-pub(super) const REAP_VISITS: &str = "DELETE FROM visits WHERE study = $1 AND client_id IN \
-     (SELECT client_id FROM visits WHERE study = $1 ORDER BY client_id LIMIT $2)";
-
-pub(super) const REAP_STATES: &str = "DELETE FROM states WHERE study = $1 AND id IN \
-     (SELECT id FROM states WHERE study = $1 ORDER BY id LIMIT $2)";
-
-pub(super) const REAP_CHECKPOINTS: &str = "DELETE FROM checkpoints WHERE study = $1 AND \
-     (completion, part) IN (SELECT completion, part FROM checkpoints WHERE study = $1 \
-     ORDER BY completion, part LIMIT $2)";
-
-pub(super) const REAP_STUDY: &str = "DELETE FROM studies WHERE id = $1";
 
 // Writing.
 

@@ -1,6 +1,12 @@
 //! The fixed SQL. For `script` the upserts have parameters without numbers, which count on from one
 //! statement to the next.
 
+use crate::statements::study_select;
+pub(super) use crate::statements::{
+    CHECKPOINT, CHECKPOINT_PARTS, CLOSED_TRIALS, FOLDED_NAMES_DELETE, REAP_CHECKPOINTS, REAP_STATES,
+    REAP_STUDY, REAP_TRIALS, REAP_VISITS,
+};
+
 /// Begins a transaction that only reads, and sees the database as of its first question.
 pub(super) const BEGIN_READING: &str = "BEGIN";
 
@@ -50,9 +56,6 @@ pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_tria
      ORDER BY last_trial DESC LIMIT -1 OFFSET $1)) WHERE highest IS NOT NULL \
      ON CONFLICT (name) DO UPDATE SET last_trial = max(former_names.last_trial, excluded.last_trial)";
 
-pub(super) const FOLDED_NAMES_DELETE: &str = "DELETE FROM former_names WHERE name <> '' \
-     AND last_trial <= (SELECT last_trial FROM former_names WHERE name = '')";
-
 pub(super) const STUDY_RENAME: &str = concat!(
     "UPDATE studies SET name = $2, named_after = max(last, ",
     last_trial!(),
@@ -72,21 +75,6 @@ pub(super) const STUDY_DELETE: &str = "UPDATE studies SET name = '~' || id WHERE
 /// A study whose rows are to be removed.
 pub(super) const DELETED_STUDY: &str = "SELECT id FROM studies WHERE name >= '~' ORDER BY name LIMIT 1";
 
-pub(super) const REAP_TRIALS: &str = "DELETE FROM trials WHERE study = $1 AND number IN \
-     (SELECT number FROM trials WHERE study = $1 ORDER BY number LIMIT $2)";
-
-pub(super) const REAP_VISITS: &str = "DELETE FROM visits WHERE study = $1 AND client_id IN \
-     (SELECT client_id FROM visits WHERE study = $1 ORDER BY client_id LIMIT $2)";
-
-pub(super) const REAP_STATES: &str = "DELETE FROM states WHERE study = $1 AND id IN \
-     (SELECT id FROM states WHERE study = $1 ORDER BY id LIMIT $2)";
-
-pub(super) const REAP_CHECKPOINTS: &str = "DELETE FROM checkpoints WHERE study = $1 AND \
-     (completion, part) IN (SELECT completion, part FROM checkpoints WHERE study = $1 \
-     ORDER BY completion, part LIMIT $2)";
-
-pub(super) const REAP_STUDY: &str = "DELETE FROM studies WHERE id = $1";
-
 pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $2, models_since = $3 WHERE id = $1";
 
 /// A new space, and the removal of what is of the earlier one: searches and the checkpoint.
@@ -97,28 +85,13 @@ pub(super) const SEARCHES_DELETE: &str = "UPDATE states SET search = NULL, searc
 
 pub(super) const CHECKPOINTS_DELETE: &str = "DELETE FROM checkpoints WHERE study = $1";
 
-/// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count;
-/// trial numbers have gaps. Each of these values is at the end of an index.
-macro_rules! study_select {
-    ($rest:literal) => {
-        concat!(
-            "SELECT name, uid, named_after, skipped, specification, policy, create_ms, models_since, ",
-            "(SELECT coalesce(max(s.id), 0) FROM states s WHERE s.study = studies.id) AS states, ",
-            "(SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id) AS last_trial, ",
-            "(SELECT coalesce(max(t.completion), 0) FROM trials t WHERE t.study = studies.id ",
-            "AND t.completion IS NOT NULL) AS completed_trials, ",
-            "(SELECT count(*) FROM trials t WHERE t.study = studies.id AND t.state = 'OPEN') ",
-            "AS open_trials FROM studies ",
-            $rest
-        )
-    };
-}
+pub(super) const STUDY_BY_NAME: &str =
+    study_select!("specification, policy", "WHERE name = $1 AND name < '~'");
 
-pub(super) const STUDY_BY_NAME: &str = study_select!("WHERE name = $1 AND name < '~'");
+pub(super) const STUDY_BY_KEY: &str = study_select!("specification, policy", "WHERE id = $1");
 
-pub(super) const STUDY_BY_KEY: &str = study_select!("WHERE id = $1");
-
-pub(super) const STUDY_PAGE: &str = study_select!("WHERE name > $1 AND name < '~' ORDER BY name LIMIT $2");
+pub(super) const STUDY_PAGE: &str =
+    study_select!("specification, policy", "WHERE name > $1 AND name < '~' ORDER BY name LIMIT $2");
 
 pub(super) const STATES_OF_STUDY: &str =
     "SELECT id, indicators, fingerprint, search, search_packed FROM states WHERE study = $1 ORDER BY id";
@@ -187,10 +160,6 @@ pub(super) const COMPLETED_TRIALS: &str = concat!(
     " FROM trials WHERE study = $1 AND completion IS NOT NULL AND completion > $2 ORDER BY completion LIMIT $3"
 );
 
-/// A stretch of the primary key.
-pub(super) const CLOSED_TRIALS: &str = "SELECT number, completion FROM trials WHERE study = $1 AND number > $2 \
-     AND number <= $3 AND state <> 'OPEN' ORDER BY number LIMIT $4";
-
 /// `$2`: a JSON list of numbers, `$3`: the last completion that may be removed.
 pub(super) const TRIALS_DELETE: &str = "DELETE FROM trials WHERE study = $1 \
      AND number IN (SELECT value FROM json_each($2)) AND state <> 'OPEN' \
@@ -207,14 +176,6 @@ pub(super) const PART_UPSERT: &str = "INSERT INTO checkpoints (study, completion
 /// Also removes surplus parts of an earlier attempt at the same checkpoint.
 pub(super) const OTHER_CHECKPOINTS_DELETE: &str =
     "DELETE FROM checkpoints WHERE study = $1 AND (completion <> $2 OR part >= $3)";
-
-/// The latest checkpoint that has all its parts.
-pub(super) const CHECKPOINT: &str = "SELECT completion FROM checkpoints WHERE study = $1 \
-     GROUP BY completion HAVING count(*) = max(parts) AND max(parts) = min(parts) \
-     ORDER BY completion DESC LIMIT 1";
-
-pub(super) const CHECKPOINT_PARTS: &str =
-    "SELECT bytes FROM checkpoints WHERE study = $1 AND completion = $2 ORDER BY part";
 
 pub(super) const STUDIES_WITH_DUE_LEASES: &str = "SELECT name FROM studies WHERE name < '~' AND EXISTS \
      (SELECT 1 FROM trials t WHERE t.study = studies.id AND t.state = 'OPEN' AND t.lease_expire_ms < $1) \
