@@ -54,16 +54,6 @@ async fn a_repeated_suggestion_is_the_same_trial_with_a_fresh_lease() {
 }
 
 #[tokio::test]
-async fn a_repeated_report_changes_nothing() {
-    let (_server, mut client) = Server::with_hall().await;
-    let trial = suggest(&mut client, "a", 10.0).await;
-    let first = done(&mut client, &trial.name, 12.5).await;
-    let second = done(&mut client, &trial.name, 99.0).await;
-    assert!(second.duplicate);
-    assert_eq!(second.trial, first.trial);
-}
-
-#[tokio::test]
 async fn every_outcome_is_taken() {
     let (_server, mut client) = Server::with_hall().await;
     let reason = || "depth limit reached".to_owned();
