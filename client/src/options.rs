@@ -70,55 +70,6 @@ impl Options {
         self
     }
 
-    /// Sets the machine and software.
-    #[must_use]
-    pub fn fingerprint(mut self, fingerprint: Fingerprint) -> Self {
-        self.fingerprint = fingerprint;
-        self
-    }
-
-    /// Sets token and certificates.
-    #[must_use]
-    pub fn credentials(mut self, credentials: Credentials) -> Self {
-        self.credentials = credentials;
-        self
-    }
-
-    /// Promises that trials are stopped in time.
-    #[must_use]
-    pub fn can_abort(mut self, can_abort: bool) -> Self {
-        self.can_abort = can_abort;
-        self
-    }
-
-    /// Promises that trials run at the level that they name.
-    #[must_use]
-    pub fn fidelities(mut self, fidelities: bool) -> Self {
-        self.fidelities = fidelities;
-        self
-    }
-
-    /// Sets how long a suggestion may keep a frame waiting.
-    #[must_use]
-    pub fn deadline(mut self, deadline: Duration) -> Self {
-        self.deadline = deadline;
-        self
-    }
-
-    /// Sets how long any other call may take.
-    #[must_use]
-    pub fn call_deadline(mut self, deadline: Duration) -> Self {
-        self.call_deadline = deadline;
-        self
-    }
-
-    /// Sets how many reports may wait.
-    #[must_use]
-    pub fn queue(mut self, reports: usize) -> Self {
-        self.queue = reports;
-        self
-    }
-
     pub(crate) fn check(&self) -> Result<(), ClientError> {
         let characters = self.client_id.chars().count();
         if characters == 0
@@ -140,6 +91,38 @@ impl Options {
         }
         Ok(())
     }
+}
+
+macro_rules! setters {
+    ($($(#[$about:meta])+ $field:ident: $type:ty;)+) => {
+        impl Options {
+            $(
+                $(#[$about])+
+                #[must_use]
+                pub fn $field(mut self, $field: $type) -> Self {
+                    self.$field = $field;
+                    self
+                }
+            )+
+        }
+    };
+}
+
+setters! {
+    /// Sets the machine and software.
+    fingerprint: Fingerprint;
+    /// Sets token and certificates.
+    credentials: Credentials;
+    /// Promises that trials are stopped in time.
+    can_abort: bool;
+    /// Promises that trials run at the level that they name.
+    fidelities: bool;
+    /// Sets how long a suggestion may keep a frame waiting.
+    deadline: Duration;
+    /// Sets how long any other call may take.
+    call_deadline: Duration;
+    /// Sets how many reports may wait.
+    queue: usize;
 }
 
 #[cfg(test)]
