@@ -1,12 +1,14 @@
 //! A study of another tuner, turned into a study of this one.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use serde_json::{Value as Json, json};
 use treewright_client::{StudySpec, Value};
 
 use super::CarriedTrial;
-use crate::study_file::StudyFile;
+use crate::failure::Failure;
+use crate::study_file::{Plain, StudyFile};
 
 /// The metric of a study that is created.
 pub(super) const METRIC: &str = "value";
@@ -48,13 +50,18 @@ impl Foreign {
     }
 }
 
+/// Reads a file with a reader that waits for a database.
+pub(super) fn read_with(
+    path: &Path,
+    reader: impl Future<Output = Result<Foreign, String>>,
+) -> Result<Foreign, Failure> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let read = runtime.map_err(|error| error.to_string()).and_then(|runtime| runtime.block_on(reader));
+    read.map_err(|problem| Failure::file(path, problem))
+}
+
 pub(super) fn json_of(value: &Value) -> Json {
-    match value {
-        Value::Integer(integer) => json!(integer),
-        Value::Float(float) => json!(float),
-        Value::Text(text) => json!(text),
-        Value::Boolean(boolean) => json!(boolean),
-    }
+    json!(Plain::from(value))
 }
 
 /// A name as ours are spelt.

@@ -13,7 +13,7 @@ use sqlx::{ConnectOptions as _, Row as _};
 use treewright_client::{Configuration, Outcome, Value};
 
 use super::CarriedTrial;
-use super::foreign::{Foreign, METRIC, check_names, json_of, our_name};
+use super::foreign::{Foreign, METRIC, check_names, json_of, our_name, read_with};
 use crate::failure::Failure;
 use crate::study_file::StudyFile;
 
@@ -24,11 +24,7 @@ const CHOICES_MAX: f64 = 64.0;
 /// # Errors
 /// [`Failure::File`] when the file is no such database, or the study is not in it.
 pub(crate) fn read(path: &Path, name: &str) -> Result<Foreign, Failure> {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(|error| Failure::file(path, error.to_string()))?;
-    runtime.block_on(read_study(path, name)).map_err(|problem| Failure::file(path, problem))
+    read_with(path, read_study(path, name))
 }
 
 async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {

@@ -20,7 +20,7 @@ use self::messages::{
     INFEASIBLE, LOG, MAXIMIZE, MINIMIZE, ParameterSpec, SUCCEEDED, Study, StudySpec, Trial,
 };
 use super::CarriedTrial;
-use super::foreign::{Foreign, METRIC, check_names, json_of, our_name};
+use super::foreign::{Foreign, METRIC, check_names, json_of, our_name, read_with};
 use crate::failure::Failure;
 
 /// Reads a study by its whole name, `owners/OWNER/studies/STUDY`, or by the last part of it.
@@ -28,11 +28,7 @@ use crate::failure::Failure;
 /// # Errors
 /// [`Failure::File`] when the file is no such database, the study is not in it, or it cannot be one here.
 pub(crate) fn read(path: &Path, name: &str) -> Result<Foreign, Failure> {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(|error| Failure::file(path, error.to_string()))?;
-    runtime.block_on(read_study(path, name)).map_err(|problem| Failure::file(path, problem))
+    read_with(path, read_study(path, name))
 }
 
 async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
