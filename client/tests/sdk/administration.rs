@@ -9,8 +9,7 @@ use crate::support::{Fake, measured, patient, spec, state};
 
 #[tokio::test]
 async fn creating_an_equal_study_finds_it_and_a_different_one_is_refused() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (_fake, client) = Fake::with_client();
     client.study("scene", spec()).await.unwrap();
     client.study("scene", spec()).await.unwrap();
     let space = Space::builder().boolean("compact").default(true).build().unwrap();
@@ -22,9 +21,7 @@ async fn creating_an_equal_study_finds_it_and_a_different_one_is_refused() {
 
 #[tokio::test]
 async fn studies_are_listed_changed_and_deleted() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (_fake, client, study) = Fake::with_study().await;
     client.study("other", spec()).await.unwrap();
     let names: Vec<_> = client.list_studies().await.unwrap().into_iter().map(|study| study.name).collect();
     assert_eq!(names, ["studies/other", "studies/scene"]);
@@ -47,8 +44,7 @@ async fn studies_are_listed_changed_and_deleted() {
 
 #[tokio::test]
 async fn a_space_is_changed_and_programs_name_the_one_that_they_know() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let old = client.study("scene", spec()).await.unwrap();
     let space = Space::builder().integer("max_depth", 9..=2000).default(32).log().build().unwrap();
     let change = async |only_try| {
@@ -73,9 +69,7 @@ async fn a_space_is_changed_and_programs_name_the_one_that_they_know() {
 
 #[tokio::test]
 async fn trials_are_read_across_pages() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (_fake, client, study) = Fake::with_study().await;
     assert!(study.best(&Indicators::new()).await.unwrap_err().is_not_found());
     for render_ms in [9.0, 3.0, 5.0, 8.0, 7.0] {
         study.suggest(&state(1)).await.report(measured(render_ms), Outcome::Ok).unwrap();
@@ -101,9 +95,7 @@ async fn trials_are_read_across_pages() {
 
 #[tokio::test]
 async fn a_wrong_question_is_told_from_a_refusal() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (_fake, _client, study) = Fake::with_study().await;
     let wrong = state(1).with("no_such", 1.0);
     for error in [study.predict(&wrong).await.unwrap_err(), study.best(&wrong).await.unwrap_err()] {
         assert!(matches!(error, ClientError::Invalid { .. }), "{error:?}");
@@ -115,9 +107,7 @@ async fn a_wrong_question_is_told_from_a_refusal() {
 
 #[tokio::test]
 async fn a_lease_is_extended() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (_fake, _client, study) = Fake::with_study().await;
     let mut suggestion = study.suggest(&state(1)).await;
     let before = suggestion.lease_expire_time().unwrap();
     suggestion.extend_lease().await.unwrap();
@@ -143,8 +133,7 @@ fn without_a_runtime_the_remedy_is_named() {
 
 #[tokio::test]
 async fn a_daemon_that_drops_a_part_of_the_objective_is_refused() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let space = Space::builder().boolean("compact").default(false).build().unwrap();
     let spec = StudySpec::builder(space).maximise("rate", 1.0).build().unwrap();
     client.study("rates", spec.clone()).await.unwrap();

@@ -20,8 +20,7 @@ fn set_new_methods(fake: &Fake) {
 
 #[tokio::test]
 async fn unknown_methods_are_listed_and_left_alone() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     client.study("other", spec()).await.unwrap();
     client.study("scene", spec()).await.unwrap();
     set_new_methods(&fake);
@@ -68,8 +67,7 @@ async fn unknown_modes_and_rules_are_run_and_shown() {
 
 #[tokio::test]
 async fn a_space_that_cannot_be_read_is_told_by_its_study_alone() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     client.study("other", spec()).await.unwrap();
     client.study("scene", spec()).await.unwrap();
     {
@@ -89,9 +87,7 @@ async fn a_space_that_cannot_be_read_is_told_by_its_study_alone() {
 
 #[tokio::test]
 async fn a_value_that_cannot_be_read_is_shown_and_not_run() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     study.suggest(&state(3)).await.report(measured(12.5), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
     {

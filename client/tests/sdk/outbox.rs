@@ -10,9 +10,7 @@ use crate::support::{Fake, Hold, hasty, measured, patient, spec, state, until};
 
 #[tokio::test]
 async fn a_lost_answer_does_not_store_a_report_twice() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     fake.book().lose_answers = 3;
     study.suggest(&state(1)).await.report(measured(7.0), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
@@ -27,9 +25,7 @@ async fn a_lost_answer_does_not_store_a_report_twice() {
 
 #[tokio::test]
 async fn reports_wait_for_a_daemon_that_is_away() {
-    let mut fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (mut fake, client, study) = Fake::with_study().await;
     let suggestion = study.suggest(&state(1)).await;
     fake.go_away();
     suggestion.report(measured(7.0), Outcome::Ok).unwrap();
@@ -71,9 +67,7 @@ async fn a_full_queue_drops_the_oldest_reports_and_counts_them() {
 
 #[tokio::test]
 async fn a_refused_report_is_given_up_and_an_internal_error_after_some_attempts() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     let (one, two) = (study.suggest(&state(1)).await, study.suggest(&state(2)).await);
     fake.book().refuse.insert("Report", Code::FailedPrecondition);
     one.report(measured(1.0), Outcome::Ok).unwrap();
@@ -88,9 +82,7 @@ async fn a_refused_report_is_given_up_and_an_internal_error_after_some_attempts(
 
 #[tokio::test]
 async fn an_overloaded_daemon_gets_time() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     let suggestion = study.suggest(&state(1)).await;
     fake.book().refuse.insert("Report", Code::ResourceExhausted);
     suggestion.report(measured(1.0), Outcome::Ok).unwrap();
@@ -127,9 +119,7 @@ async fn a_suggestion_waits_for_the_report_of_the_trial_before() {
 
 #[tokio::test]
 async fn what_is_queued_is_still_sent_after_the_last_handle_is_gone() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     let (one, two) = (study.suggest(&state(1)).await, study.suggest(&state(2)).await);
     one.report(measured(1.0), Outcome::Ok).unwrap();
     drop((study, client, two));

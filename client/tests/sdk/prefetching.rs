@@ -6,7 +6,7 @@ use std::time::Duration;
 use treewright_client::{Client, ClientError, Finished, Outcome, PrefetchingTuner, Source, Suggestion};
 use treewright_proto::v1::TrialState;
 
-use crate::support::{Fake, Hold, in_episodes, measured, patient, spec, state, until};
+use crate::support::{Fake, Hold, in_episodes, measured, spec, state, until};
 
 fn finish(suggestion: Suggestion, render_ms: f64) -> Option<Finished> {
     Some(suggestion.finished(measured(render_ms), Outcome::Ok).unwrap())
@@ -30,8 +30,7 @@ async fn with_trial(tuner: &mut PrefetchingTuner, number: u32, mut previous: Opt
 
 #[tokio::test]
 async fn each_frame_runs_what_was_asked_for_in_the_frame_before() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tuner = tuner(&client).await;
     let first = tuner.next(&state(1), None);
     assert_eq!(first.source(), Source::Default);
@@ -51,8 +50,7 @@ async fn each_frame_runs_what_was_asked_for_in_the_frame_before() {
 
 #[tokio::test]
 async fn a_hanging_daemon_keeps_no_frame_waiting_and_loses_no_report() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tuner = tuner(&client).await;
     let first = with_trial(&mut tuner, 1, None).await;
     fake.hold(Hold::Everything);
@@ -72,8 +70,7 @@ async fn a_hanging_daemon_keeps_no_frame_waiting_and_loses_no_report() {
 
 #[tokio::test]
 async fn who_would_rather_wait_gets_a_trial_in_every_frame() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tuner = tuner(&client).await;
     let (wait, mut previous) = (Duration::from_secs(60), None);
     for frame in 1..=20 {
@@ -113,8 +110,7 @@ async fn who_would_rather_wait_gets_a_trial_in_every_frame() {
 
 #[tokio::test]
 async fn a_trial_of_another_state_is_given_back() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tuner = tuner(&client).await;
     let here = with_trial(&mut tuner, 1, None).await;
     let moved = tuner.next(&state(3), finish(here, 1.0));
@@ -141,8 +137,7 @@ async fn a_trial_of_another_state_is_given_back() {
 
 #[tokio::test]
 async fn wrong_indicators_are_told() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (_fake, client) = Fake::with_client();
     let mut tuner = tuner(&client).await;
     let wrong = tuner.next(&treewright_client::Indicators::new(), None);
     assert!(matches!(wrong.problem(), Some(ClientError::Invalid { .. })));
@@ -150,8 +145,7 @@ async fn wrong_indicators_are_told() {
 
 #[tokio::test]
 async fn the_next_trial_is_asked_for_with_the_last_frame_of_one() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tuner = client.study("scene", in_episodes(3)).await.unwrap().prefetching_tuner();
     let first = with_trial(&mut tuner, 1, None).await;
     let second = tuner.next(&state(1), finish(first, 1.0));

@@ -12,9 +12,7 @@ use crate::support::{Fake, Hold, hasty, measured, patient, spec, state, until};
 
 #[tokio::test]
 async fn the_daemon_answers_and_gets_the_result() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     assert_eq!(study.name(), "studies/scene");
     let suggestion = study.suggest(&state(3)).await;
     assert_eq!((suggestion.source(), suggestion.mode()), (Source::Daemon, Mode::Default.into()));
@@ -38,9 +36,7 @@ async fn the_daemon_answers_and_gets_the_result() {
 
 #[tokio::test]
 async fn a_program_measures_what_it_wants() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     let some = Configuration::new().with("max_depth", 17);
     let wanted = Configuration::from(study.spec().space.complete(&some).unwrap());
     for render_ms in [12.5, 12.0] {
@@ -94,9 +90,7 @@ async fn a_daemon_that_is_still_loading_the_study_is_asked_again() {
 
 #[tokio::test]
 async fn pairs_begin_with_one_and_then_with_the_other() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, _client, study) = Fake::with_study().await;
     let of_depth = |depth: i64| {
         let some = Configuration::new().with("max_depth", depth);
         Configuration::from(study.spec().space.complete(&some).unwrap())
@@ -168,9 +162,7 @@ async fn without_a_daemon_the_default_is_used_and_the_study_created_later() {
 
 #[tokio::test]
 async fn the_last_good_configuration_is_not_an_infeasible_one() {
-    let mut fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (mut fake, client, study) = Fake::with_study().await;
     study.suggest(&state(1)).await.report(measured(9.0), Outcome::Ok).unwrap();
     let good = study.suggest(&state(1)).await;
     let good_configuration = good.configuration().clone();
@@ -245,9 +237,7 @@ async fn a_late_answer_for_another_state_is_given_back() {
 
 #[tokio::test]
 async fn dropped_suggestions_give_their_trials_back() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     let (one, two) = (study.suggest(&state(1)).await, study.suggest(&state(2)).await);
     drop(one);
     two.abandon();
@@ -263,9 +253,7 @@ async fn dropped_suggestions_give_their_trials_back() {
 
 #[tokio::test]
 async fn two_trials_of_one_state_do_not_spoil_each_other() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     let (one, two) = (study.suggest(&state(1)).await, study.suggest(&state(1)).await);
     assert_ne!(one.trial(), two.trial());
     drop(one);
@@ -277,9 +265,7 @@ async fn two_trials_of_one_state_do_not_spoil_each_other() {
 
 #[tokio::test]
 async fn wrong_indicators_are_named_and_never_sent() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     for (wrong, named) in [
         (Indicators::new(), "missing"),
         (Indicators::from([("triangles", f64::NAN)]), "NaN"),
@@ -296,9 +282,7 @@ async fn wrong_indicators_are_named_and_never_sent() {
 
 #[tokio::test]
 async fn a_refused_suggestion_is_a_fallback_that_says_why() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     fake.book().refuse.insert("Suggest", Code::InvalidArgument);
     let suggestion = study.suggest(&state(1)).await;
     assert!(matches!(suggestion.problem(), Some(ClientError::Refused { code: Code::InvalidArgument, .. })));
@@ -307,9 +291,7 @@ async fn a_refused_suggestion_is_a_fallback_that_says_why() {
 
 #[tokio::test]
 async fn a_daemon_that_forgot_the_study_is_told_again() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     fake.book().studies.clear();
     assert_eq!(study.suggest(&state(1)).await.source(), Source::Default);
     until("the study is created again", || fake.book().count("CreateStudy") == 2).await;

@@ -25,8 +25,7 @@ async fn from_the_daemon(tuner: &mut Tuner, number: u32) -> Suggestion {
 
 #[tokio::test]
 async fn a_frame_is_one_round_trip() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
     let mut previous = None;
     for frame in 1..=20 {
@@ -46,8 +45,7 @@ async fn a_frame_is_one_round_trip() {
 
 #[tokio::test]
 async fn a_broken_stream_is_opened_again_and_loses_no_report() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
     let first = tuner.next(&state(1), None).await;
     // The report is stored, but the stream breaks before that is acknowledged.
@@ -66,8 +64,7 @@ async fn a_broken_stream_is_opened_again_and_loses_no_report() {
 
 #[tokio::test]
 async fn a_daemon_that_dies_between_frames_loses_no_report() {
-    let mut fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (mut fake, client) = Fake::with_client();
     let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
     let first = tuner.next(&state(1), None).await;
     fake.go_away();
@@ -125,8 +122,7 @@ async fn a_late_answer_is_used_for_the_next_frame_of_the_same_state() {
 
 #[tokio::test]
 async fn a_report_refused_on_the_stream_is_counted_and_the_stream_goes_on() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
     let first = tuner.next(&state(1), None).await;
     fake.book().refuse.insert("streamed Report", tonic::Code::NotFound);
@@ -145,8 +141,7 @@ async fn a_report_refused_on_the_stream_is_counted_and_the_stream_goes_on() {
 
 #[tokio::test]
 async fn a_trial_of_several_frames_is_asked_for_once_and_reported_as_their_mean() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tuner = client.study("scene", in_episodes(4)).await.unwrap().tuner();
     let mut previous = None;
     for frame in 0..8 {
@@ -166,8 +161,7 @@ async fn a_trial_of_several_frames_is_asked_for_once_and_reported_as_their_mean(
 
 #[tokio::test]
 async fn a_daemon_that_dies_within_a_trial_gets_its_report_later() {
-    let mut fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (mut fake, client) = Fake::with_client();
     let mut tuner = client.study("scene", in_episodes(4)).await.unwrap().tuner();
     let mut previous = finish(tuner.next(&state(1), None).await, 1.0);
     fake.go_away();
@@ -189,8 +183,7 @@ async fn a_daemon_that_dies_within_a_trial_gets_its_report_later() {
 
 #[tokio::test]
 async fn another_state_gives_a_trial_of_several_frames_up() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tuner = client.study("scene", in_episodes(2)).await.unwrap().tuner();
     let first = tuner.next(&state(1), None).await;
     let other = tuner.next(&state(5), finish(first, 1.0)).await;
@@ -216,8 +209,7 @@ async fn a_trial_of_several_frames_ends_once_its_mean_must_be_above_the_cap() {
 
 #[tokio::test]
 async fn a_frame_is_not_reported_as_its_trial() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let study = client.study("scene", in_episodes(2)).await.unwrap();
     let frame = study.tuner().next(&state(1), None).await;
     let refused = frame.report(measured(1.0), Outcome::Ok).unwrap_err().to_string();

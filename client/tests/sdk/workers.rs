@@ -40,8 +40,7 @@ fn threads_that_share_a_study_run_a_trial_each() {
 
 #[tokio::test]
 async fn so_do_tasks_whichever_way_they_came_by_the_study() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let (fake, client) = Fake::with_client();
     let mut tasks = Vec::new();
     for number in 0..40 {
         // As programs do where a study is made in each task.
@@ -70,9 +69,7 @@ async fn so_do_tasks_whichever_way_they_came_by_the_study() {
 
 #[tokio::test]
 async fn one_loop_is_one_worker() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study().await;
     for number in [1, 1, 2, 3] {
         study.suggest(&state(number)).await.report(measured(1.0), Outcome::Ok).unwrap();
     }

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use tokio::net::TcpSocket;
 use tokio::sync::watch;
-use treewright_client::{Indicators, Measurements, Options, Scale, Space, StudySpec};
+use treewright_client::{Client, Indicators, Measurements, Options, Scale, Space, Study, StudySpec};
 
 pub use book::Book;
 
@@ -44,6 +44,20 @@ impl Fake {
         let mut fake = Self::absent();
         fake.come_back();
         fake
+    }
+
+    /// One with a patient client.
+    pub fn with_client() -> (Self, Client) {
+        let fake = Self::start();
+        let client = Client::connect(&fake.url(), patient()).unwrap();
+        (fake, client)
+    }
+
+    /// One with a patient client and the small study.
+    pub async fn with_study() -> (Self, Client, Study) {
+        let (fake, client) = Self::with_client();
+        let study = client.study("scene", spec()).await.unwrap();
+        (fake, client, study)
     }
 
     /// One that has a port but does not listen on it yet.
