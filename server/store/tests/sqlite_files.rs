@@ -2,13 +2,20 @@
 
 mod common;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use common::{change, completed, open, spec, state};
 use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
 use treewright_core::trial::Outcome;
 use treewright_core::tuner::{Change, Checkpoint};
 use treewright_store::{Fence, OpenError, SqliteStore, Store};
+
+/// The name of a database, in a folder of its own.
+fn file() -> (tempfile::TempDir, PathBuf) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    (directory, path)
+}
 
 async fn refusal(path: &Path) -> OpenError {
     SqliteStore::open(path).await.expect_err("this file cannot be opened")
@@ -34,8 +41,7 @@ async fn hall(path: &Path) -> (SqliteStore, Fence) {
 
 #[tokio::test]
 async fn what_was_acknowledged_is_there_after_reopening() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (directory, path) = file();
     let (store, fence) = hall(&path).await;
     let stored = change(vec![completed(1, 1, Outcome::Ok), open(2)]);
     store.commit(&fence, std::slice::from_ref(&stored)).durable().await.unwrap();
@@ -55,8 +61,7 @@ async fn what_was_acknowledged_is_there_after_reopening() {
 /// As after a crash between two parts.
 #[tokio::test]
 async fn a_checkpoint_that_lacks_a_part_is_passed_over() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (_directory, path) = file();
     let (store, fence) = hall(&path).await;
     let first = Checkpoint { completion: 5, bytes: vec![1; 10] };
     store.save_checkpoint(&fence, &first).await.unwrap();
@@ -117,8 +122,7 @@ async fn a_name_under_which_nothing_would_be_kept_is_refused() {
 
 #[tokio::test]
 async fn a_second_daemon_is_told_who_has_the_file() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (directory, path) = file();
     let first = SqliteStore::open(&path).await.unwrap();
     let error = refusal(&path).await;
     assert!(matches!(error, OpenError::InUse { pid: Some(pid), .. } if pid == std::process::id()));
@@ -174,8 +178,7 @@ fn set_mode(path: &Path, mode: u32) {
 #[tokio::test]
 async fn only_the_owner_can_read_or_lock_the_files() {
     const SUFFIXES: [&str; 4] = ["", "-wal", "-shm", ".lock"];
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (directory, path) = file();
     let file = |suffix: &str| directory.path().join(format!("studies.db{suffix}"));
     let store = SqliteStore::open(&path).await.unwrap();
     store.create_study("hall", &spec(), 5).await.unwrap();
@@ -203,8 +206,7 @@ async fn only_the_owner_can_read_or_lock_the_files() {
 /// A file that is locked from outside.
 #[tokio::test]
 async fn who_holds_the_lock_without_being_a_daemon_is_named() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (directory, path) = file();
     SqliteStore::open(&path).await.unwrap().close().await;
     let lock = std::fs::File::open(directory.path().join("studies.db.lock")).unwrap();
     std::fs::write(directory.path().join("studies.db.lock"), "1\n").unwrap();
@@ -220,8 +222,7 @@ async fn who_holds_the_lock_without_being_a_daemon_is_named() {
 /// A link in the place of the lock would have its target overwritten.
 #[tokio::test]
 async fn a_lock_that_is_a_link_is_not_followed() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (directory, path) = file();
     let diary = directory.path().join("diary.txt");
     std::fs::write(&diary, "dear diary").unwrap();
     std::os::unix::fs::symlink(&diary, directory.path().join("studies.db.lock")).unwrap();
@@ -256,8 +257,7 @@ async fn after_a_deleted_log_an_orderly_end_saves_everything() {
 
 #[tokio::test]
 async fn a_foreign_lock_is_an_error_and_not_a_hang() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (_directory, path) = file();
     SqliteStore::open(&path).await.unwrap().close().await;
     let mut other = foreign(&path).await;
     other.execute("BEGIN IMMEDIATE").await.unwrap();
@@ -307,8 +307,7 @@ async fn files_that_are_no_database_are_left_alone() {
 
 #[tokio::test]
 async fn a_damaged_database_is_refused() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (_directory, path) = file();
     SqliteStore::open(&path).await.unwrap().close().await;
     let mut bytes = std::fs::read(&path).unwrap();
     // The first page keeps its header; the schema behind it becomes nonsense.
@@ -333,8 +332,7 @@ async fn another_programs_database_is_refused_and_left_alone() {
 
 #[tokio::test]
 async fn a_newer_schema_is_refused() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (_directory, path) = file();
     SqliteStore::open(&path).await.unwrap().close().await;
     let mut other = foreign(&path).await;
     other
@@ -351,8 +349,7 @@ async fn a_newer_schema_is_refused() {
 
 #[tokio::test]
 async fn altered_tables_and_scratched_pages_are_refused_at_the_start() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (directory, path) = file();
     let (store, fence) = hall(&path).await;
     let trials = (1..=300).map(|number| completed(number, number, Outcome::Ok)).collect();
     store.commit(&fence, &[change(trials)]).durable().await.unwrap();
@@ -402,8 +399,7 @@ async fn altered_tables_and_scratched_pages_are_refused_at_the_start() {
 
 #[tokio::test]
 async fn new_files_can_shrink_and_every_commit_waits_for_the_disk() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (_directory, path) = file();
     SqliteStore::open(&path).await.unwrap().close().await;
     let mut other = foreign(&path).await;
     for (pragma, expected) in [("PRAGMA auto_vacuum", 2), ("PRAGMA application_id", 0x5457_7274)] {
@@ -416,8 +412,7 @@ async fn new_files_can_shrink_and_every_commit_waits_for_the_disk() {
 
 #[tokio::test]
 async fn a_file_shrinks_when_much_was_removed() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (_directory, path) = file();
     let (store, fence) = hall(&path).await;
     let wide = |number| {
         let mut trial = completed(number, number, Outcome::Ok);
@@ -447,8 +442,7 @@ async fn a_file_shrinks_when_much_was_removed() {
 /// A deletion in pieces: each looks for the next kind of rows only where none of the kind before is left.
 #[tokio::test]
 async fn nothing_of_a_deleted_study_stays_in_the_file() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (_directory, path) = file();
     let (store, fence) = hall(&path).await;
     let trials = (1..=200).map(|number| completed(number, number, Outcome::Ok)).collect();
     store.commit(&fence, &[change(trials)]).durable().await.unwrap();
@@ -471,8 +465,7 @@ async fn nothing_of_a_deleted_study_stays_in_the_file() {
 /// SQLite would go on writing to a file without a name.
 #[tokio::test]
 async fn a_file_that_is_moved_away_is_not_written_any_more() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (directory, path) = file();
     let store = SqliteStore::open(&path).await.unwrap();
     store.create_study("hall", &spec(), 5).await.unwrap();
     for name in ["studies.db", "studies.db-wal"] {
@@ -495,8 +488,7 @@ async fn a_file_that_is_moved_away_is_not_written_any_more() {
 /// A daemon that stops while its last connections end first does this.
 #[tokio::test]
 async fn who_gives_up_waiting_for_the_end_does_not_keep_the_file_open() {
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("studies.db");
+    let (directory, path) = file();
     let store = SqliteStore::open(&path).await.unwrap();
     store.create_study("hall", &spec(), 5).await.unwrap();
     {
