@@ -12,6 +12,7 @@ mod words;
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::RawConfiguration;
+use crate::plain::is_default;
 use crate::policy::{PredictorMethod, SearchMethod};
 use crate::reason::{Mode, Neighbour, Reason, Rule};
 use crate::standing::Gain;
@@ -33,10 +34,10 @@ pub struct Decision {
     pub origin: Option<String>,
     /// The client's session at the last hand-out; 0 where it names none. If another session asks for the
     /// trial again, this one ended without a report.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub session: u64,
     /// The number of leases of the configuration lost in the state without a report or any measurement of it.
-    #[serde(default, skip_serializing_if = "is_none_lost")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub lost_leases: u32,
     /// Its client renewed the lease and so shows that it lives, which makes its silence significant.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -49,14 +50,6 @@ pub struct Decision {
     /// the present one as wanted. `None` for other trials. Never stored.
     #[serde(skip)]
     pub adopted: Option<Box<Choice>>,
-}
-
-fn is_zero(session: &u64) -> bool {
-    *session == 0
-}
-
-fn is_none_lost(count: &u32) -> bool {
-    *count == 0
 }
 
 /// The choice of a decision, with its rule.
@@ -89,10 +82,10 @@ pub struct Explore {
     /// Why the client explores.
     pub rule: ExploreRule,
     /// The expected gain and cost of exploring at the decision.
-    #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
+    #[serde(rename = "weighed", default, skip_serializing_if = "is_default")]
     pub estimate: ExplorationEstimate,
     /// The state of the client's regret budget.
-    #[serde(rename = "means", default, skip_serializing_if = "BudgetStatus::is_empty")]
+    #[serde(rename = "means", default, skip_serializing_if = "is_default")]
     pub budget: BudgetStatus,
     /// The client is to stop the trial as soon as its cost exceeds this, in the objective's units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -151,10 +144,10 @@ pub struct Exploit {
     /// Why the client does not explore.
     pub rule: ExploitRule,
     /// The expected gain and cost of exploring at the decision.
-    #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
+    #[serde(rename = "weighed", default, skip_serializing_if = "is_default")]
     pub estimate: ExplorationEstimate,
     /// The state of the client's regret budget.
-    #[serde(rename = "means", default, skip_serializing_if = "BudgetStatus::is_empty")]
+    #[serde(rename = "means", default, skip_serializing_if = "is_default")]
     pub budget: BudgetStatus,
 }
 
@@ -282,13 +275,6 @@ pub struct ExplorationEstimate {
     pub until: Option<u64>,
 }
 
-impl ExplorationEstimate {
-    /// Whether nothing was estimated.
-    pub fn is_empty(&self) -> bool {
-        *self == ExplorationEstimate::default()
-    }
-}
-
 /// The state of a client's regret budget before an answer; costs in the objective's units. Rows call it
 /// `means`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -304,13 +290,6 @@ pub struct BudgetStatus {
     /// The cost of the reference, which would run without exploring.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference_cost: Option<f64>,
-}
-
-impl BudgetStatus {
-    /// Whether no field is set.
-    pub fn is_empty(&self) -> bool {
-        *self == BudgetStatus::default()
-    }
 }
 
 words! {

@@ -44,3 +44,8 @@ where
 {
     Plain(value).serialize(serializer)
 }
+
+/// For `#[serde(skip_serializing_if = "…::is_default")]`: rows leave out what a reader takes for granted.
+pub fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use treewright_model::plain::is_default;
 
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::limits::LOST_CONFIGURATIONS_MAX;
@@ -19,10 +20,10 @@ pub struct Exploration {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) search: Option<AnySearch>,
     /// The number of a dropped search's answers that added no configuration.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     repeats: u64,
     /// The largest number of runs that a session wanted of the search, beyond the policy.
-    #[serde(default, skip_serializing_if = "is_no_room")]
+    #[serde(default, skip_serializing_if = "is_default")]
     room: u32,
     /// The point of the search that each open trial measures, by trial number.
     pub(super) open: BTreeMap<u64, u64>,
@@ -183,12 +184,4 @@ impl Exploration {
         }
         true
     }
-}
-
-fn is_no_room(room: &u32) -> bool {
-    *room == 0
-}
-
-fn is_zero(count: &u64) -> bool {
-    *count == 0
 }

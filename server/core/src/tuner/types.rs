@@ -102,7 +102,7 @@ pub enum VisitDecision<C = Configuration> {
         /// Why.
         rule: ExploreRule,
         /// The expected gain and cost of exploring.
-        #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
+        #[serde(rename = "weighed", default, skip_serializing_if = "treewright_model::plain::is_default")]
         estimate: ExplorationEstimate,
     },
     /// One configuration, kept until the client's state changes.
