@@ -196,28 +196,25 @@ mod tests {
         (error(&corrected), error(&|one| one.log_cost))
     }
 
-    #[test]
-    fn what_a_moving_camera_adds_is_taken_off() {
-        let (mut corrected, mut raw) = (0.0, 0.0);
-        for seed in 0..20 {
-            // Twelve per cent at the ends.
-            let (measurements, truths) = search(seed, 12.0);
+    /// Sums of such errors over searches in which the camera moves costs by this much at the ends, in per cent.
+    fn summed_errors(percent: f64) -> (f64, f64) {
+        (0..20).fold((0.0, 0.0), |(corrected, raw), seed| {
+            let (measurements, truths) = search(seed, percent);
             let movement = Movement::of(&measurements).expect("enough");
             let (with, without) = errors(&measurements, &truths, &movement);
-            (corrected, raw) = (corrected + with, raw + without);
-        }
+            (corrected + with, raw + without)
+        })
+    }
+
+    #[test]
+    fn what_a_moving_camera_adds_is_taken_off() {
+        let (corrected, raw) = summed_errors(12.0);
         assert!(corrected < 0.55 * raw, "{corrected} of {raw}");
     }
 
     #[test]
     fn movement_that_costs_nothing_changes_little() {
-        let (mut corrected, mut raw) = (0.0, 0.0);
-        for seed in 0..20 {
-            let (measurements, truths) = search(seed, 0.0);
-            let movement = Movement::of(&measurements).expect("enough");
-            let (with, without) = errors(&measurements, &truths, &movement);
-            (corrected, raw) = (corrected + with, raw + without);
-        }
+        let (corrected, raw) = summed_errors(0.0);
         assert!(corrected < 1.1 * raw, "{corrected} of {raw}");
     }
 
