@@ -142,7 +142,7 @@ impl Stage {
             let fresh = known.insert(configuration.clone(), 1).is_none();
             search
                 .tell(point.id, Feedback { verdict: cost.map_or(Verdict::Infeasible, Verdict::Cost), fresh });
-            let step = point.step.name().to_owned();
+            let step = point.step.to_string();
             iterations.push(Iteration { configuration, step, outcome, times });
         }
         Ok(Some(Search {
