@@ -128,7 +128,7 @@ fn value(role: &Role, text: &str, space: &Space) -> Result<Option<Value>, String
             Value::Float(trimmed.parse().map_err(|_| format!("`{trimmed}` is no number"))?)
         }
         Role::Outcome | Role::Fingerprint => Value::Text(trimmed.to_owned()),
-        Role::Reason | Role::Client | Role::Origin => Value::Text(text.to_owned()),
+        Role::Reason | Role::Client | Role::Origin | Role::Exclusion => Value::Text(text.to_owned()),
     }))
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use treewright_client::{Client, Outcome, Source, blocking};
+use treewright_client::{Outcome, Source, blocking};
 use treewright_proto::v1::TrialState;
 
 use crate::support::{Fake, measured, patient, spec, state};
