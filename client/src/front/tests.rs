@@ -92,7 +92,7 @@ fn a_program_that_is_started_again_goes_on_with_the_same_numbers() {
 #[test]
 fn a_front_counts_each_run_once() {
     let run = |number: usize, level: i64, origin: &str| trial(number, 0, level, &measured(level), origin);
-    let mut trials = vec![
+    let mut trials = [
         run(1, 1, ""),
         run(2, 2, "elsewhere/studies/toy@0123456789abcdef/trials/2"),
         run(3, 3, ""),

@@ -35,14 +35,15 @@ struct FormChange {
 
 /// The request that a form stands for.
 enum FormRequest {
-    Study(v1::UpdateStudyRequest),
+    Study(Box<v1::UpdateStudyRequest>),
     Exclusion(v1::ExcludeTrialRequest),
 }
 
 impl FormRequest {
     /// A change of these fields of a study.
     fn of_study(study: v1::Study, paths: Vec<String>) -> Self {
-        Self::Study(v1::UpdateStudyRequest { study: Some(study), update_mask: Some(FieldMask { paths }) })
+        let update_mask = Some(FieldMask { paths });
+        Self::Study(Box::new(v1::UpdateStudyRequest { study: Some(study), update_mask }))
     }
 
     /// Sends it as its RPC, and returns the page that shows the change.
@@ -50,7 +51,8 @@ impl FormRequest {
         let Visitor { tuning, caller, .. } = visitor;
         match self {
             Self::Study(request) => {
-                let study = rpc::studies::update(tuning, caller, request.clone()).await?;
+                let study =
+                    rpc::studies::update(tuning, caller, v1::UpdateStudyRequest::clone(request)).await?;
                 Ok(format!("/studies/{}/policy", pages::id(&study.name)))
             }
             Self::Exclusion(request) => {
