@@ -347,7 +347,7 @@ impl std::str::FromStr for NamedConfiguration {
         let wrong = "it is written NAME=SPACE:FILE, for example tuned=full:best.json";
         let (name, (preset, path)) = parts.ok_or(wrong)?;
         let preset = Preset::ALL.into_iter().find(|known| known.name() == preset);
-        let preset = preset.ok_or_else(|| format!("{wrong}; spaces are full and paper"))?;
+        let preset = preset.ok_or_else(|| format!("{wrong}; spaces are full, paper, light and follow"))?;
         Ok(Self { name: name.to_owned(), preset, path: path.into() })
     }
 }
