@@ -114,7 +114,7 @@ pub enum ScopeWord {
     Read,
     /// Also create studies and tune.
     Tune,
-    /// Also change policies and delete studies.
+    /// Also change policies and spaces, exclude trials, rename and delete studies.
     Admin,
 }
 
