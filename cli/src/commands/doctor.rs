@@ -55,7 +55,7 @@ fn processor() -> Finding {
     let machine = detect_fingerprint();
     let found = format!("{}, {}, {} threads", machine.cpu_model, machine.isa, machine.threads);
     match machine.isa.as_str() {
-        "sse2" => bad("processor", found + "; the renderer's own kernels need avx2"),
+        "sse2" => bad("processor", found + "; the renderer's own kernels are slower without avx2"),
         _ => good("processor", found),
     }
 }

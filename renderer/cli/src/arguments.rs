@@ -255,8 +255,9 @@ impl SpaceArguments {
 #[derive(Args, Clone, Debug)]
 pub struct StartArguments {
     /// Where the search begins, which is what clients get as long as nothing else is known: `recommended`
-    /// (the configuration that is best on most scenes), `native` (Embree's default), `paper` (the paper's
-    /// default), or a JSON file with your own configuration. Each start has a study of its own.
+    /// (the configuration that is best on most scenes), where trees are tuned also `native` (Embree's
+    /// default) or `paper` (the paper's default), or a JSON file with your own configuration. Each start has
+    /// a study of its own.
     #[arg(long, value_name = "recommended|native|paper|FILE", default_value = "recommended")]
     pub start: String,
 }
