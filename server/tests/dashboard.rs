@@ -278,6 +278,13 @@ async fn a_long_list_is_paged_and_told_in_json() {
     let (status, answer) = guarded.get("/?order=Study&reverse=1&page=2").await;
     assert!(status == 200 && rows(&answer) == 1 && answer.contains(">hall-000</a>"), "{answer}");
     assert_eq!(guarded.get("/?page=3").await.0, 400);
+    for path in ["/studies.json", "/studies/hall/policy", "/studies/hall/trials/1"] {
+        let (status, answer) = guarded.get(&format!("{path}?page=1")).await;
+        assert!(
+            status == 400 && answer.contains("this page does not know it; leave it out"),
+            "{path}: {answer}"
+        );
+    }
     let (status, answer) = guarded.get("/studies.json").await;
     let body = answer.split("\r\n\r\n").nth(1).expect("a body");
     let told: serde_json::Value = serde_json::from_str(body).expect("JSON");

@@ -177,7 +177,7 @@ impl Dashboard {
         let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
         let made = match *parts.as_slice() {
             [] => self.index.page(&visitor, query).await,
-            ["studies.json"] => match self.index.json(&visitor).await {
+            ["studies.json"] => match self.index.json(&visitor, query).await {
                 Ok(json) => return of(StatusCode::OK, "application/json", json),
                 Err(error) => Err(error),
             },
@@ -188,12 +188,12 @@ impl Dashboard {
             ["studies", id, "front"] => pages::front(&visitor, id, query).await,
             ["studies", id, "map"] => pages::map(&visitor, id, query).await,
             ["studies", id, "parameters"] => pages::parameters(&visitor, id, query).await,
-            ["studies", id, "policy"] => pages::policy(&visitor, id).await,
+            ["studies", id, "policy"] => pages::policy(&visitor, id, query).await,
             ["studies", id, "trials"] => match pages::trials(&visitor, id, query).await {
                 Ok((html, false)) => return page(StatusCode::BAD_REQUEST, Ok(html)),
                 answer => answer.map(|(html, _)| html),
             },
-            ["studies", id, "trials", number] => pages::trial(&visitor, id, number).await,
+            ["studies", id, "trials", number] => pages::trial(&visitor, id, number, query).await,
             _ => {
                 return page(
                     StatusCode::NOT_FOUND,

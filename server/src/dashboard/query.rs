@@ -61,8 +61,9 @@ impl Query {
         match self.0.iter().find(|(name, _)| !names.contains(&name.as_str())) {
             None => Ok(()),
             Some((name, _)) => {
-                let names = names.join(", ");
-                Err(Error::invalid(name, format!("this page does not know it; use {names}, or leave it out")))
+                let names =
+                    if names.is_empty() { String::new() } else { format!("use {}, or ", names.join(", ")) };
+                Err(Error::invalid(name, format!("this page does not know it; {names}leave it out")))
             }
         }
     }
@@ -112,6 +113,8 @@ mod tests {
         assert!(error.contains("\"gain\"") && error.contains("Study, Gain"), "{error}");
         assert_eq!(Query::read("state=1&state=2").only(&["state"]), Ok(()));
         let error = said(Query::read("state=1&stat=2").only(&["state"]).expect_err("another name"));
-        assert!(error.starts_with("stat: ") && error.contains("use state"), "{error}");
+        assert!(error.starts_with("stat: ") && error.contains("; use state, or leave"), "{error}");
+        let error = said(Query::read("state=1").only(&[]).expect_err("any name"));
+        assert!(error.contains("; leave it out"), "{error}");
     }
 }

@@ -267,7 +267,12 @@ fn spans(trials: &[v1::Trial]) -> Vec<Span> {
     trials.iter().take(SPANS).filter_map(span).collect()
 }
 
-pub(in super::super) async fn policy(visitor: &Visitor<'_>, id: &str) -> Result<String, Error> {
+pub(in super::super) async fn policy(
+    visitor: &Visitor<'_>,
+    id: &str,
+    query: &Query,
+) -> Result<String, Error> {
+    query.only(&[])?;
     let (head, _) = head(visitor, id, "policy").await?;
     let spec = visitor.tuning.get_study(&head.id).await?.spec;
     let settings = treewright_core::policy::PolicySettings::from(spec.policy.clone());

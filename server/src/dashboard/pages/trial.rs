@@ -5,7 +5,7 @@ use treewright_core::cost_view::CostView;
 use treewright_proto::v1;
 
 use super::super::charts::figure;
-use super::super::{Visitor, may_steer};
+use super::super::{Query, Visitor, may_steer};
 use super::{Head, PageFrame, TrialRow, head, machine, render, row, time, value, word};
 use crate::error::Error;
 use crate::rpc;
@@ -29,7 +29,13 @@ struct Page {
     tables: Vec<(&'static str, Pairs)>,
 }
 
-pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &str) -> Result<String, Error> {
+pub(in super::super) async fn trial(
+    visitor: &Visitor<'_>,
+    id: &str,
+    number: &str,
+    query: &Query,
+) -> Result<String, Error> {
+    query.only(&[])?;
     let (head, study) = head(visitor, id, "trials").await?;
     let request = v1::GetTrialRequest { name: format!("studies/{}/trials/{number}", head.id) };
     let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
