@@ -300,7 +300,9 @@ fn follow(browser: &Browser, address: &str, url: &str) {
     std::thread::sleep(Duration::from_millis(1500));
     dashboard::measure(url, &["loss=2.5"]);
     assert!(browser.becomes(&format!("return {trials} === '5'")), "the page did not follow");
-    assert!(browser.becomes("return document.querySelectorAll('[data-live=curve] circle').length === 4"));
+    assert!(
+        browser.becomes("return document.querySelectorAll('[data-live=curve] svg > circle').length === 4")
+    );
     browser.is_content();
 }
 

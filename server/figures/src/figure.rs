@@ -177,12 +177,9 @@ impl Figure {
         }
     }
 
-    /// The name of a colour of points in the legend.
+    /// The name of points of this look in the legend.
     pub fn dot_key(&mut self, dot: Dot, colour: Colour, name: &str) {
-        let fill = if matches!(dot, Dot::Hollow | Dot::Ring) { 0.2 } else { 1.0 };
-        let look = format!(r#"fill="{colour}" fill-opacity="{fill}" stroke="{colour}""#);
-        // No circle: those are what was measured.
-        self.key(name, || format!(r#"<path d="M11 -4l4 4l-4 4l-4 -4z" {look}/>"#));
+        self.key(name, || dot.at([11.0, 0.0], colour) + "</circle>");
     }
 
     /// The name of a colour of areas in the legend.
@@ -425,6 +422,16 @@ mod tests {
         }
         let svg = named.finish();
         assert_eq!((svg.matches(">the first</text>").count(), height(&svg)), (1, 190.0), "{svg}");
+    }
+
+    #[test]
+    fn a_legend_shows_dots_as_they_are_drawn() {
+        let mut named = figure();
+        for (dot, radius) in [(Dot::Small, 3), (Dot::Large, 6), (Dot::Hollow, 3), (Dot::Ring, 8)] {
+            named.dot_key(dot, Colour::Blue, &format!("{dot:?}"));
+            let (swatch, _) = named.keys.last().expect("a key");
+            assert!(swatch.contains(&format!("r=\"{radius}\"")) && swatch.ends_with("</circle>"), "{swatch}");
+        }
     }
 
     #[test]

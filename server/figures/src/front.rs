@@ -50,7 +50,8 @@ mod tests {
             &[[1.0, 3.0], [3.0, 1.0]],
         )
         .finish();
-        assert_eq!(svg.matches("<circle").count(), 4, "{svg}");
+        // Four configurations, and three names of the legend.
+        assert_eq!(svg.matches("<circle").count(), 7, "{svg}");
         assert!(svg.contains("<title>fast</title>") && svg.contains("<title>&lt;worse&gt;</title>"), "{svg}");
         assert!(svg.contains(">time_ms (lower is better)<") && svg.contains(">memory_mb (lower is better)<"));
         let stairs =

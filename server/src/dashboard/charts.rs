@@ -326,7 +326,7 @@ mod tests {
         let level = |cost, name| Level { cost, kind: (Colour::Green, name) };
         let svg = curve(&points, &[level(10.0, "default"), level(3.0, "roofline")], &CostView::default());
         assert!(svg.contains(">roofline<"));
-        assert_eq!(svg.matches("<circle").count(), 3);
+        assert_eq!(svg.matches("<circle").count(), 4, "three trials, and the legend");
         assert_eq!(svg.matches("<title>without a usable cost</title>").count(), 1);
         assert_eq!(svg.matches("<title>best so far</title>").count(), 1);
         assert!(curve(&[], &[], &CostView::default()).contains("Nothing"));

@@ -53,8 +53,8 @@ mod tests {
             front.of(runs.iter().map(|(configuration, measured)| (configuration, measured)), &default, None);
         let svgs = fronts(&found, |point| format!("<{}>", point.configuration));
         assert_eq!(svgs.len(), 3);
-        // Two on the front, one dominated, and the default marked.
-        assert!(svgs.iter().all(|svg| svg.matches("<circle").count() == 4), "{svgs:?}");
+        // Two on the front, one dominated, the default marked, and a legend of three.
+        assert!(svgs.iter().all(|svg| svg.matches("<circle").count() == 7), "{svgs:?}");
         assert!(svgs[0].contains("<title>&lt;level=3&gt;: a 3, b 3</title>"), "{}", svgs[0]);
         assert!(svgs[1].contains("c (higher is better)"), "{}", svgs[1]);
     }
