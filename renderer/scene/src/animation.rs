@@ -95,6 +95,11 @@ pub(super) struct Piece {
     pub(super) skin: Option<(usize, Vec<Influence>)>,
 }
 
+/// What moves a vertex that hangs on some of a skin's joints.
+fn blended((joints, weights): &Influence, matrices: &[Mat4]) -> Mat4 {
+    joints.iter().zip(weights).map(|(joint, weight)| matrices[usize::from(*joint)] * *weight).sum()
+}
+
 impl Piece {
     /// Positions and normals in the mesh's own space, with targets of these weights.
     pub(super) fn morphed(&self, weights: &[f32]) -> [Vec<Vec3>; 2] {
@@ -107,19 +112,20 @@ impl Piece {
         vertices
     }
 
+    /// Whether its skin mirrors a triangle in a pose, so that it is seen from the other side.
+    pub(super) fn is_mirrored(&self, triangle: &[u32; 3], pose: &Pose) -> bool {
+        self.skin.as_ref().is_some_and(|(skin, influences)| {
+            let influence = influences.get(triangle[0] as usize);
+            influence.is_some_and(|one| blended(one, &pose.joints[*skin]).determinant() < 0.0)
+        })
+    }
+
     /// Positions and normals in the space of a pose. A skinned mesh stands where its joints are, wherever its
     /// node is.
     pub(super) fn posed(&self, pose: &Pose) -> [Vec<Vec3>; 2] {
         let fixed = pose.worlds[self.node].as_mat4() * self.to_node;
         let place = |vertex: usize| match &self.skin {
-            Some((skin, influences)) => {
-                let (joints, weights) = &influences[vertex];
-                joints
-                    .iter()
-                    .zip(weights)
-                    .map(|(joint, weight)| pose.joints[*skin][usize::from(*joint)] * *weight)
-                    .sum::<Mat4>()
-            }
+            Some((skin, influences)) => blended(&influences[vertex], &pose.joints[*skin]),
             None => fixed,
         };
         let [mut positions, mut normals] =

@@ -320,6 +320,9 @@ impl Walk<'_> {
         };
         if piece.skin.is_some() {
             [part.positions, part.normals] = piece.posed(&self.pose);
+            // Front sides stay front sides, also where no normals tell them.
+            let mirrored = |triangle: &&mut [u32; 3]| piece.is_mirrored(triangle, &self.pose);
+            part.indices.iter_mut().filter(mirrored).for_each(|triangle| triangle.swap(1, 2));
         } else {
             [part.positions, part.normals] = piece.morphed(&piece.weights);
             part.transform(&stand.to_world);

@@ -192,6 +192,22 @@ fn flat_meshes_keep_their_own_normals() {
 }
 
 #[test]
+fn a_flat_mesh_under_a_mirrored_armature_keeps_its_front() {
+    let mut file = File::new();
+    let joints = file.accessor(5121, "VEC4", 3, &[0; 12]);
+    let weights = file.floats("VEC4", &[1.0, 0.0, 0.0, 0.0].repeat(3));
+    file.primitive()["attributes"] = json!({"POSITION": 0, "JOINTS_0": joints, "WEIGHTS_0": weights});
+    file.json["skins"] = json!([{"joints": [1]}]);
+    file.json["scenes"] = json!([{"nodes": [0, 1]}]);
+    for (scale, x) in [(1.0, 1.0), (-1.0, -1.0)] {
+        file.json["nodes"] = json!([{"mesh": 0, "skin": 0}, {"scale": [scale, 1, 1]}]);
+        let corners = corners(&file.load(), 0);
+        assert!(corners.iter().any(|corner| corner.distance(Vec3::X * x) < 1e-5), "{corners:?}");
+        near((corners[1] - corners[0]).cross(corners[2] - corners[0]), [0.0, 0.0, 1.0]);
+    }
+}
+
+#[test]
 fn a_scene_that_is_turned_and_moved_is_so_in_motion() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.glb");
