@@ -1,6 +1,7 @@
 //! Trials of several frames, where a study asks for them ([`crate::StudyBuilder::episode_frames`]). A trial's
 //! measurements are then the means of its frames; it ends early once its mean must be above its cap.
 
+use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
 use treewright_model::objective::Objective;
@@ -17,7 +18,7 @@ pub(crate) struct Episode {
     /// The study's limits hold.
     has_limits: bool,
     /// The state of the first frame.
-    indicators: Indicators,
+    indicators: Arc<Indicators>,
     /// The objective of each frame.
     costs: Vec<f64>,
     /// Of each measurement that every frame had; of maximised ones, of their reciprocals.
@@ -35,7 +36,7 @@ impl Episode {
         Self {
             planned,
             has_limits: true,
-            indicators: indicators.clone(),
+            indicators: Arc::new(indicators.clone()),
             costs: Vec::with_capacity(planned),
             sums: Measurements::new(),
             // A renewal that fails is repeated before the lease ends.
@@ -52,6 +53,11 @@ impl Episode {
     /// Whether a frame of these indicators can be its next: their state is that of its first frame.
     pub(crate) fn is_in(&self, spec: &StudySpec, indicators: &Indicators) -> bool {
         checks::are_one_state(spec, &self.indicators, indicators)
+    }
+
+    /// Its state, for as long as the trial has not ended.
+    pub(crate) fn state(&self) -> Weak<Indicators> {
+        Arc::downgrade(&self.indicators)
     }
 
     pub(crate) fn has_one_frame_left(&self) -> bool {

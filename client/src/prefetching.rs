@@ -4,7 +4,7 @@
 //! While a frame runs one trial the next is already asked for, so the loop has two workers, whose frames
 //! alternate.
 
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use std::time::{Duration, SystemTime};
 
 use tokio::sync::mpsc;
@@ -41,6 +41,8 @@ use crate::{ClientError, Finished, Indicators, SharedError, Study, Suggestion, c
 #[derive(Debug)]
 pub struct PrefetchingTuner {
     outstanding: Option<Outstanding>,
+    /// The state of a trial that has frames left; nothing once it has ended.
+    under_way: Weak<Indicators>,
     frames: mpsc::Sender<Frame>,
     // The last field: fields dropped before it still find the outbox open.
     study: Study,
@@ -50,7 +52,7 @@ impl PrefetchingTuner {
     pub(crate) fn new(study: &Study) -> Self {
         let (frames, taken) = mpsc::channel(limits::UNANSWERED_FRAMES);
         tokio::spawn(stream::run(study.shared.clone(), taken));
-        Self { outstanding: None, frames, study: study.clone() }
+        Self { outstanding: None, under_way: Weak::new(), frames, study: study.clone() }
     }
 
     /// The study that is tuned.
@@ -72,6 +74,17 @@ impl PrefetchingTuner {
 
     /// [`PrefetchingTuner::next`] where the indicators of the frame after this one are known already.
     pub fn next_before(
+        &mut self,
+        indicators: &Indicators,
+        upcoming: &Indicators,
+        previous: Option<Finished>,
+    ) -> Suggestion {
+        let suggestion = self.frame(indicators, upcoming, previous);
+        self.under_way = suggestion.state_of_next_frames();
+        suggestion
+    }
+
+    fn frame(
         &mut self,
         indicators: &Indicators,
         upcoming: &Indicators,
@@ -98,10 +111,13 @@ impl PrefetchingTuner {
         }
     }
 
-    /// Whether a suggestion for this state has come. Any other answer is dropped, so that it is asked for
+    /// Whether a trial has frames left in this state, or a suggestion for it has come. Any other answer is dropped, so that it is asked for
     /// again.
     fn has_answer(&mut self, indicators: &Indicators) -> bool {
         let spec = &self.study.shared.context.spec;
+        if self.under_way.upgrade().is_some_and(|state| checks::are_one_state(spec, &state, indicators)) {
+            return true;
+        }
         let Some(mut question) = self.outstanding.take() else { return false };
         let is_this = checks::are_one_state(spec, &question.indicators, indicators);
         match question.answer.try_recv() {
@@ -123,8 +139,7 @@ impl PrefetchingTuner {
     /// Waits for at most `patience` until the answer for the next frame of this state is there, and asks for
     /// it where no question is open. Returns whether it is there; [`PrefetchingTuner::next`] then returns it.
     /// For programs that would rather wait for a slow daemon than run a frame that measures nothing new.
-    /// Where trials have several frames, call it before the first one of each: between them it asks for the
-    /// next trial, which nobody needs yet, and waits for that.
+    /// Between the frames of a trial the next one is there.
     pub async fn wait(&mut self, indicators: &Indicators, patience: Duration) -> bool {
         let deadline = Instant::now() + patience;
         loop {

@@ -1,6 +1,6 @@
 //! A suggestion: the configuration to run next and, if it came from the daemon, a trial under a lease.
 
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use std::time::SystemTime;
 
 use crate::delivery::report_request;
@@ -110,6 +110,12 @@ impl Suggestion {
     /// Whether the trial has no frame after this one.
     pub(crate) fn is_last_frame(&self) -> bool {
         self.episode.as_ref().is_none_or(|episode| episode.has_one_frame_left())
+    }
+
+    /// The state of the frames after this one, while there may be any; nothing for the last frame.
+    pub(crate) fn state_of_next_frames(&self) -> Weak<Indicators> {
+        let episode = self.episode.as_ref().filter(|episode| !episode.has_one_frame_left());
+        episode.map_or_else(Weak::new, |episode| episode.state())
     }
 
     /// Renews the lease in the background, where a third of it is over: no frame waits for it. Without a

@@ -162,3 +162,23 @@ async fn the_next_trial_is_asked_for_with_the_last_frame_of_one() {
     assert_eq!(book.stored_reports, ["studies/scene/trials/1"]);
     assert_eq!(book.trials[0].measurements.get("render_ms"), Some(&2.0));
 }
+
+#[tokio::test]
+async fn between_the_frames_of_a_trial_there_is_nothing_to_wait_for() {
+    let (fake, client) = Fake::with_client();
+    let mut tuner = client.study("scene", in_episodes(3)).await.unwrap().prefetching_tuner();
+    let wait = Duration::from_secs(60);
+    assert!(tuner.wait(&state(1), wait).await);
+    let previous = finish(tuner.next(&state(1), None), 1.0);
+    assert!(tuner.wait(&state(1), wait).await);
+    assert_eq!(fake.book().trials.len(), 1, "the next one is needed two frames later");
+    let second = tuner.next(&state(1), previous);
+    assert_eq!(second.trial(), Some("studies/scene/trials/1"));
+    // A trial that ends early leaves nothing.
+    let previous = Some(second.finished(measured(1.0), Outcome::failed("the device is lost")).unwrap());
+    assert!(tuner.wait(&state(1), wait).await);
+    let next = tuner.next(&state(1), previous);
+    assert_eq!(next.trial(), Some("studies/scene/trials/2"));
+    drop((next, tuner));
+    client.flush(Duration::from_secs(20)).await.unwrap();
+}
