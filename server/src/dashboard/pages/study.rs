@@ -246,9 +246,10 @@ fn kind(trial: &v1::Trial) -> Kind {
     }
 }
 
-/// The completed trials, oldest first.
+/// The completed full trials, oldest first. One at a cheaper level is to have no cost, which is no failure.
 fn points(trials: &[v1::Trial]) -> Vec<CurvePoint> {
-    let completed = trials.iter().rev().filter(|trial| trial.outcome.is_some());
+    let is_full = |trial: &&v1::Trial| trial.outcome.is_some() && trial.fidelity.is_empty();
+    let completed = trials.iter().rev().filter(is_full);
     completed
         .map(|trial| CurvePoint {
             number: number(trial) as f64,
@@ -302,6 +303,21 @@ pub(in super::super) async fn policy(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn trials_at_cheaper_levels_are_no_points_of_the_curve() {
+        use v1::outcome::Kind;
+        let trial = |number: u32, fidelity: &str, cost| v1::Trial {
+            name: format!("studies/hall/trials/{number}"),
+            outcome: Some(v1::Outcome { kind: Some(Kind::Ok(v1::Ok {})) }),
+            fidelity: fidelity.to_owned(),
+            cost,
+            ..v1::Trial::default()
+        };
+        let shown = points(&[trial(3, "", None), trial(2, "16", None), trial(1, "", Some(4.0))]);
+        let shown: Vec<_> = shown.into_iter().map(|point| (point.number, point.cost)).collect();
+        assert_eq!(shown, [(1.0, Some(4.0)), (3.0, None)]);
+    }
 
     #[test]
     fn all_states_can_be_turned_to() {
