@@ -336,8 +336,8 @@ export class Suggestion {
     this.#checkValues(measurements);
     this.#open = false;
     const { client } = this.#study;
-    // That the default ran is no news.
-    if (this.source !== "default") this.#study.learn(this.configuration, measurements, outcome);
+    // That the default ran is no news, and at a cheaper level nothing ran in full.
+    if (this.source !== "default" && this.fidelity === undefined) this.#study.learn(this.configuration, measurements, outcome);
     if (this.trial === undefined) {
       client.stats.unreported += 1;
       return;

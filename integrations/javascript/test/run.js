@@ -451,14 +451,15 @@ async function acrossAChangeOfTheSpace() {
 
 /** While the daemon is away, the last configuration of it that ran is run again, not one that nobody ran or that failed. */
 async function fallingBack() {
-  const levels = ["3", undefined, "4", undefined, "4", undefined];
+  const levels = ["3", undefined, "4", undefined, "2", undefined, "4", undefined];
   let asked = 0;
   const handlers = {
     CreateStudy: (call, answer) => answer(null, { name: "studies/fallbacks" }),
     Suggest: ({ request: { study } }, answer) => {
       const level = levels[asked++];
       if (level === undefined) return answer({ code: grpc.status.UNAVAILABLE, details: "it is away" });
-      answer(null, { name: `${study}/trials/${asked}`, configuration: { values: { level: { integer: level } } } });
+      const configuration = { values: { level: { integer: level } } };
+      answer(null, { name: `${study}/trials/${asked}`, configuration, fidelity: level === "2" ? "small" : "" });
     },
     Report: (call, answer) => answer(null, {}),
     AbandonTrial: (call, answer) => answer(null, {}),
@@ -469,6 +470,8 @@ async function fallingBack() {
   const study = await client.study("fallbacks", { parameters, minimise: { ms: 1 } });
   const ends = [
     ["default", 5, (suggestion) => suggestion.abandon()],
+    ["last_good", 4, (suggestion) => suggestion.report({ ms: 1 })],
+    // At a cheaper level it did not run in full.
     ["last_good", 4, (suggestion) => suggestion.report({ ms: 1 })],
     ["default", 5, (suggestion) => suggestion.infeasible("it ran once")],
   ];
