@@ -29,6 +29,9 @@ pub(crate) fn differences(from: &Space, to: &Space, fixed: &Configuration) -> Ve
     lines.extend(added.map(|constraint| format!("+ always {constraint}")));
     let removed = from.constraints().iter().filter(|constraint| !to.constraints().contains(constraint));
     lines.extend(removed.map(|constraint| format!("- always {constraint}")));
+    if lines.is_empty() && from != to {
+        lines.push("~ the same parameters and constraints, in another order".to_owned());
+    }
     lines
 }
 
@@ -74,5 +77,10 @@ mod tests {
             ]
         );
         assert!(differences(&after, &after, &Configuration::new()).is_empty());
+        let turned =
+            Space::builder().integer("threads", 1..=8).default(1).integer("level", 1..=22).default(3);
+        let turned = turned.build().expect("a space");
+        // It is another space to programs, and to the study's searches.
+        assert_eq!(differences(&after, &turned, &Configuration::new()).len(), 1);
     }
 }
