@@ -59,6 +59,7 @@ pub(crate) fn break_even(verdict: &Verdict, split: Split, entrants: &[String]) -
     let mut figure = Figure::new(label, [WIDTH, 250.0], x, y);
     for (index, entrant) in entrants.iter().enumerate() {
         let own = verdict.rows.iter().filter(|row| row.split == split && row.entrant == *entrant);
+        let all = own.clone().count();
         let mut points: Vec<f64> = own
             .filter_map(|row| match row.break_even {
                 BreakEven::At(iterations) => Some(iterations.max(1.0)),
@@ -71,7 +72,7 @@ pub(crate) fn break_even(verdict: &Verdict, split: Split, entrants: &[String]) -
         let line: Vec<[f64; 2]> = points.iter().enumerate().map(share).collect();
         // Colours begin again before the entrants end.
         let stroke = if index < Colour::COUNT { Stroke::Solid } else { Stroke::Dashed };
-        figure.line(&line, stroke, Colour::of(index), &format!("{entrant}: {count} points"));
+        figure.line(&line, stroke, Colour::of(index), &format!("{entrant}: {count} of {all}"));
     }
     figure.finish()
 }
