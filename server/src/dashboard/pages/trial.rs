@@ -115,15 +115,48 @@ fn reasons(reason: &v1::Reason, view: &CostView) -> Pairs {
     .collect()
 }
 
-/// Each parameter of the space: here, and by default.
+/// Each parameter of the space: here, and by default. Then what the trial ran with in an earlier space.
 fn beside_default(trial: &v1::Trial, study: &v1::Study) -> Vec<(String, String, String)> {
-    let values = trial.configuration.clone().unwrap_or_default().values;
+    let mut values = trial.configuration.clone().unwrap_or_default().values;
     let parameters = study.space.iter().flat_map(|space| &space.parameters);
-    parameters
+    let mut rows: Vec<_> = parameters
         .map(|parameter| {
-            let here = values.get(&parameter.name).map_or_else(|| "(inactive)".to_owned(), value);
+            let here = values.remove(&parameter.name);
+            let here = here.as_ref().map_or_else(|| "(inactive)".to_owned(), value);
             let default = parameter.default_value.as_ref().map(value).unwrap_or_default();
             (parameter.name.clone(), here, default)
         })
-        .collect()
+        .collect();
+    let gone =
+        values.iter().map(|(name, here)| (name.clone(), value(here), "(no parameter any more)".to_owned()));
+    let mut gone: Vec<_> = gone.collect();
+    gone.sort_unstable();
+    rows.extend(gone);
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_ran_in_an_earlier_space_is_shown() {
+        let integer = |value| v1::Value { kind: Some(v1::value::Kind::Integer(value)) };
+        let parameter = |name: &str| v1::Parameter {
+            name: name.to_owned(),
+            default_value: Some(integer(3)),
+            ..v1::Parameter::default()
+        };
+        let space =
+            v1::Space { parameters: ["level", "threads"].map(parameter).into(), ..v1::Space::default() };
+        let study = v1::Study { space: Some(space), ..v1::Study::default() };
+        let values = [("level", 4), ("gone", 5)].map(|(name, value)| (name.to_owned(), integer(value)));
+        let configuration = Some(v1::Configuration { values: values.into() });
+        let rows = beside_default(&v1::Trial { configuration, ..v1::Trial::default() }, &study);
+        let rows: Vec<_> = rows.iter().map(|(name, here, by)| [name.as_str(), here, by]).collect();
+        assert_eq!(
+            rows,
+            [["level", "4", "3"], ["threads", "(inactive)", "3"], ["gone", "5", "(no parameter any more)"]]
+        );
+    }
 }
