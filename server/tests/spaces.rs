@@ -206,6 +206,21 @@ async fn what_is_outside_is_left_out_until_it_is_inside_again() {
 }
 
 #[tokio::test]
+async fn an_open_trial_that_ran_with_another_value_than_it_has_by_now_is_given_back() {
+    let (server, mut client) = Server::with_hall().await;
+    let open = wanted(&mut client, "a", "high").await;
+    let mut without = space();
+    without.parameters.truncate(2);
+    let mut removed = change(1, without);
+    removed.fixed.insert("quality".to_owned(), text("high"));
+    assert_eq!(changed(&mut client, removed).await, (0, 0, 0), "it ran with what all have");
+    // `quality` comes again, and has been `low` meanwhile.
+    assert_eq!(changed(&mut client, change(2, of_qualities(&["low"]))).await, (0, 0, 1));
+    assert_eq!(get(&mut client, &open.name).await.state(), wire::TrialState::Abandoned);
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn who_knows_an_earlier_space_gets_nothing_else_than_it_wants_and_its_own_default_in_shadow() {
     let server = Server::in_memory().await;
     let mut client = server.client().await;

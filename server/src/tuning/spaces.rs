@@ -150,8 +150,15 @@ impl Live {
             adopted(pinned).ok_or_else(|| Error::invalid("space", problem))
         });
         let policy = Policy { pinned: pinned.transpose()?, ..spec.policy.clone() };
-        let outside = self.tuner.open_trials().filter(|trial| adopted(&trial.configuration).is_none());
-        let outside = outside.cloned().collect();
+        // The store has a trial as it was handed out, and reads that. Its client may have it as it is by now.
+        let is_outside = |trial: &&Trial| {
+            let (revision, by_now) = (earlier.revision_of(trial.number), &trial.configuration);
+            let own =
+                if revision < present { self.expressed(revision, by_now) } else { Some(by_now.clone()) };
+            let stored = own.and_then(|own| earlier.adopt(revision, own.to_raw(), &change.space));
+            stored.is_none() || stored != adopted(by_now)
+        };
+        let outside = self.tuner.open_trials().filter(is_outside).cloned().collect();
         let spec = StudySpec { space: change.space.clone(), policy, ..(**spec).clone() };
         spec.validate().map_err(|error| Error::invalid("space", error))?;
         Ok(ChangedStudy { spec, earlier, outside, is_new: true })
