@@ -248,6 +248,34 @@ async fn who_knows_an_earlier_space_gets_nothing_else_than_it_wants_and_its_own_
 }
 
 #[tokio::test]
+async fn where_no_default_is_of_both_spaces_a_measured_configuration_answers() {
+    let (server, mut client) = Server::with_hall().await;
+    let mut apart = space();
+    apart.parameters[1] = whole("max_leaf", 20, 64, 40);
+    assert_eq!(changed(&mut client, change(1, apart)).await, (0, 0, 0));
+    let of_both = |space_revision| {
+        let values = [("min_leaf", integer(1)), ("max_leaf", integer(24)), ("quality", text("low"))];
+        let values = values.map(|(name, value)| (name.to_owned(), value)).into();
+        let wanted = Some(wire::Configuration { values });
+        wire::SuggestRequest { wanted, space_revision, ..ask("a", 10.0) }
+    };
+    let old = |count| wire::SuggestRequest { space_revision: 1, ..ask("old", count) };
+    let nothing_fits = client.suggest(old(10.0)).await;
+    assert_refused(nothing_fits, Code::FailedPrecondition, "start the program with");
+    // What it wants itself is of both.
+    for revision in [1, 2] {
+        let trial = client.suggest(of_both(revision)).await.expect("a trial").into_inner();
+        done(&mut client, &trial.name, 1.0).await;
+    }
+    let trial = client.suggest(old(10.0)).await.expect("a trial").into_inner();
+    let found = number(&values(&trial), "max_leaf");
+    assert!(found.is_some_and(|found| (20..=32).contains(&found)), "{trial:?}");
+    let elsewhere = client.suggest(old(90.0)).await;
+    assert_refused(elsewhere, Code::FailedPrecondition, "start the program with");
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn what_a_study_remembers_of_its_spaces_is_limited() {
     let server = Server::in_memory().await;
     let mut client = server.client().await;

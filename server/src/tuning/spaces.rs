@@ -178,10 +178,6 @@ impl Live {
         prepared: Prepared,
         now_ms: i64,
     ) -> Result<Result<(Trial, Change), TunerError>, Preparation> {
-        // Nothing has changed yet.
-        let Some(fallback) = self.fallback(revision) else {
-            return Ok(Err(TunerError::Outdated { revision }));
-        };
         let mut suggest = suggest.clone();
         if let Some(wanted) = suggest.wanted.take() {
             match self.earlier.adopt(revision, wanted, &self.tuner.spec().space) {
@@ -192,6 +188,12 @@ impl Live {
                 _ => return Ok(Err(SpaceError::Outside { revision }.into())),
             }
         }
+        let known_here = || self.cheapest_known(revision, self.tuner.state_of(&suggest.ask)?);
+        let fallback = self.fallback(revision).or_else(known_here);
+        if fallback.is_none() && suggest.wanted.is_none() {
+            // Nothing has changed yet.
+            return Ok(Err(TunerError::Outdated { revision }));
+        }
         let last = self.tuner.statistics().trials;
         Ok(self.decide(&suggest, prepared, now_ms)?.and_then(|(trial, mut change)| {
             if let Some(configuration) = self.expressed(revision, &trial.configuration) {
@@ -200,7 +202,8 @@ impl Live {
             // Where the default is to run, theirs comes nearest to it.
             let known = || self.cheapest_known(revision, trial.state_id);
             let known = if trial.mode() == Mode::Default { None } else { known() };
-            let chosen = known.unwrap_or(fallback);
+            let chosen = known.or(fallback).ok_or(TunerError::Outdated { revision });
+            let chosen = chosen.inspect_err(|_| self.fence().break_up())?;
             // One that it was given before may be running.
             if trial.number > last {
                 self.tuner.forgo(&trial);

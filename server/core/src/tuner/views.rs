@@ -29,6 +29,11 @@ impl Tuner {
         self.trials.all()
     }
 
+    /// The known state of a client's question; `None` where it is new, or the question is not valid.
+    pub fn state_of(&self, ask: &Ask) -> Option<u64> {
+        Some(self.question(ask).ok()?.state?.get())
+    }
+
     /// The cheapest configuration measured in a state, of those that can be run and that `fits` takes.
     pub fn cheapest(&self, state: u64, fits: impl Fn(&Configuration) -> bool) -> Option<Configuration> {
         let mut ranked = self.states.results(StateId(state)).ranked().map(|record| &record.configuration);
