@@ -179,6 +179,23 @@ async fn wanted(client: &mut Client, name: &str, quality: &str) -> wire::Trial {
 }
 
 #[tokio::test]
+async fn clients_of_the_space_before_explore_it_by_themselves() {
+    let (server, mut client) = Server::with_hall().await;
+    assert_eq!(changed(&mut client, change(1, wider())).await, (0, 0, 0));
+    let mut met = Vec::new();
+    for _ in 0..30 {
+        let trial = frame(&mut client, "old", 1).await;
+        let values = values(&trial);
+        assert!(number(&values, "max_leaf") <= Some(32) && !values.contains_key("spp"), "{trial:?}");
+        if !met.contains(&values) {
+            met.push(values);
+        }
+    }
+    assert!(met.len() >= 10, "{} configurations", met.len());
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn what_is_outside_is_left_out_until_it_is_inside_again() {
     let (server, mut client) = Server::with_hall().await;
     for (quality, cost) in [("high", 1.0), ("low", 5.0)] {

@@ -159,6 +159,29 @@ impl EarlierSpaces {
         configuration: &Configuration,
         present: &Space,
     ) -> Option<Configuration> {
+        let (expressed, adopted) = self.like(revision, configuration, present)?;
+        (adopted == *configuration).then_some(expressed)
+    }
+
+    /// The configuration of the present space that has the values of another one as far as an earlier
+    /// revision has them, and can be [expressed](Self::express) in it. `None` where there is no such.
+    pub fn nearest(
+        &self,
+        revision: u32,
+        configuration: &Configuration,
+        present: &Space,
+    ) -> Option<Configuration> {
+        self.like(revision, configuration, present).map(|(_, adopted)| adopted)
+    }
+
+    /// The configuration of an earlier revision that is most like one of the present space, and that one in
+    /// the present space.
+    fn like(
+        &self,
+        revision: u32,
+        configuration: &Configuration,
+        present: &Space,
+    ) -> Option<(Configuration, Configuration)> {
         let space = self.space(revision)?;
         let mut values = RawConfiguration::new();
         for parameter in space.parameters() {
@@ -168,12 +191,15 @@ impl EarlierSpaces {
                 let value = value.filter(|value| is_of_kind(parameter, value));
                 let kept = || self.since(revision, &parameter.name, present).map(|(_, kept)| kept);
                 let value = value.or_else(kept).unwrap_or(&parameter.default);
-                values.insert(parameter.name.clone(), in_kind(&parameter.domain, value));
+                let value = in_kind(&parameter.domain, value);
+                let is_there = parameter.domain.contains(&value);
+                values
+                    .insert(parameter.name.clone(), if is_there { value } else { parameter.default.clone() });
             }
         }
         let expressed = space.configuration(values).ok()?;
         let adopted = self.adopt(revision, expressed.to_raw(), present)?;
-        (adopted == *configuration).then_some(expressed)
+        Some((expressed, adopted))
     }
 
     /// Whether a configuration of a revision had what all have since then of each parameter that came after
@@ -399,6 +425,20 @@ mod tests {
     }
 
     #[test]
+    fn the_nearest_has_what_both_spaces_have() {
+        let (one, wide) = (space(&[("a", 9, 3)]), space(&[("a", 20, 3), ("b", 9, 1)]));
+        let earlier = EarlierSpaces::default().changed(&one, &wide, 9, RawConfiguration::new());
+        let earlier = earlier.expect("a change");
+        let nearest = |a, b| {
+            let here = wide.configuration(raw(&[("a", a), ("b", b)])).expect("valid");
+            earlier.nearest(1, &here, &wide).map(|nearest| nearest.to_raw())
+        };
+        assert_eq!(nearest(7, 1), Some(raw(&[("a", 7), ("b", 1)])), "itself");
+        assert_eq!(nearest(7, 5), Some(raw(&[("a", 7), ("b", 1)])), "all before had `b=1`");
+        assert_eq!(nearest(15, 5), Some(raw(&[("a", 3), ("b", 1)])), "the default where 15 is none");
+    }
+
+    #[test]
     fn constraints_of_the_present_space_decide_and_words_name_the_mistake() {
         let free = space(&[("a", 9, 3), ("b", 5, 4)]);
         let order = vec![Constraint::order("a", "b")];
@@ -468,6 +508,10 @@ mod tests {
                     prop_assert_eq!(earlier.adopt(revision, adopted.to_raw(), present), Some(adopted));
                 }
                 let here = at(present, &point);
+                if let Some(nearest) = earlier.nearest(revision, &here, present) {
+                    let expressed = earlier.express(revision, &nearest, present);
+                    prop_assert!(expressed.is_some_and(|expressed| space.owns(&expressed)));
+                }
                 if let Some(expressed) = earlier.express(revision, &here, present) {
                     prop_assert!(space.owns(&expressed));
                     prop_assert_eq!(earlier.adopt(revision, expressed.to_raw(), present), Some(here));

@@ -1029,8 +1029,9 @@ pub struct SuggestRequest {
     pub fidelities: bool,
     /// The revision of the space that the client works with, as in `Study.space_revision`. Of an earlier one than the present,
     /// configurations are answered and wanted as they are in that space: a parameter that it does not have is at the value that
-    /// all its trials had. If what is best to run next is not in it, the best known configuration that is, or its default, is
-    /// answered instead; FAILED_PRECONDITION if there is none. OPTIONAL; 0 or unset means the present one.
+    /// all its trials had. If what is best to run next is not in it, another new configuration that is (to explore, where no
+    /// cost is limited), else the best known one, or its default, is answered instead; FAILED_PRECONDITION if there is none.
+    /// OPTIONAL; 0 or unset means the present one.
     #[prost(uint32, tag = "12")]
     pub space_revision: u32,
 }

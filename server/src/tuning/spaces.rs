@@ -199,17 +199,20 @@ impl Live {
             if let Some(configuration) = self.expressed(revision, &trial.configuration) {
                 return Ok((Trial { configuration, ..trial }, change));
             }
+            let present = &self.tuner.spec().space;
+            let nearest = |drawn: Configuration| self.earlier.nearest(revision, &drawn, present);
+            let new = self.tuner.explored_instead(&trial, nearest);
+            let said = if new.is_some() { new_words(revision) } else { words(revision) };
             // Where the default is to run, theirs comes nearest to it.
             let known = || self.cheapest_known(revision, trial.state_id);
-            let known = if trial.mode() == Mode::Default { None } else { known() };
-            let chosen = known.or(fallback).ok_or(TunerError::Outdated { revision });
+            let known = || if trial.mode() == Mode::Default { None } else { known() };
+            let chosen = new.or_else(known).or(fallback).ok_or(TunerError::Outdated { revision });
             let chosen = chosen.inspect_err(|_| self.fence().break_up())?;
             // One that it was given before may be running.
             if trial.number > last {
                 self.tuner.forgo(&trial);
             }
-            let (ask, said) = (suggest.ask.at(now_ms), Some(words(revision)));
-            let instead = self.tuner.suggest_chosen(&ask, chosen, said, now_ms);
+            let instead = self.tuner.suggest_chosen(&suggest.ask.at(now_ms), chosen, Some(said), now_ms);
             // The first answer is not stored, so the copy in memory is ahead of the database.
             let (trial, further) = instead.inspect_err(|_| self.fence().break_up())?;
             change.trials.extend(further.trials);
@@ -271,4 +274,9 @@ impl Live {
 /// Why a client with an earlier revision gets what it gets.
 fn words(revision: u32) -> String {
     format!("It is the best known for a program that knows revision {revision} of the space.")
+}
+
+/// Why a client with an earlier revision explores with another configuration than the search proposes.
+fn new_words(revision: u32) -> String {
+    format!("It is new, drawn for a program that knows revision {revision} of the space.")
 }

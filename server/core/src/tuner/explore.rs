@@ -11,6 +11,7 @@ use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
 use crate::results::{Record, ResultTable};
 use crate::search::{AnySearch, Feedback, Layout, Point, SearchSetup, Step, Verdict, levels};
+use crate::trial::Trial;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
 use crate::tuner::{Exploration, Tuner, few, searches};
@@ -414,20 +415,44 @@ impl Tuner {
     /// A configuration without a verdict that does not run now, drawn at random; `None` when a bounded number
     /// of draws meets none, as in a space that is nearly exhausted.
     fn unseen(&self, state: StateId, number: TrialNumber) -> Option<Configuration> {
+        self.drawn(state, number, Some).or_else(|| {
+            let results = self.states.results(state);
+            let is_running = |configuration: &Configuration| self.trials.runs(state, configuration);
+            self.searches.few().untried(results, is_running).cloned()
+        })
+    }
+
+    /// [`unseen`](Self::unseen) of what `of` makes of the drawn configurations.
+    fn drawn(
+        &self,
+        state: StateId,
+        number: TrialNumber,
+        of: impl Fn(Configuration) -> Option<Configuration>,
+    ) -> Option<Configuration> {
         let results = self.states.results(state);
         let mut random = stream(self.spec.seed, Purpose::Unseen, state.0, number.0);
-        (0..UNSEEN_DRAWS_MAX)
-            .find_map(|_| {
-                let x: Vec<f64> = (0..self.spec.space.dimension()).map(|_| random.random()).collect();
-                let configuration = self.spec.space.decode(&x);
-                let seen =
-                    results.settled(&configuration, 1).is_some() || self.trials.runs(state, &configuration);
-                (!seen).then_some(configuration)
-            })
-            .or_else(|| {
-                let is_running = |configuration: &Configuration| self.trials.runs(state, configuration);
-                self.searches.few().untried(results, is_running).cloned()
-            })
+        (0..UNSEEN_DRAWS_MAX).find_map(|_| {
+            let x: Vec<f64> = (0..self.spec.space.dimension()).map(|_| random.random()).collect();
+            let configuration = of(self.spec.space.decode(&x))?;
+            let seen =
+                results.settled(&configuration, 1).is_some() || self.trials.runs(state, &configuration);
+            (!seen).then_some(configuration)
+        })
+    }
+
+    /// In place of a trial that was to explore and that its client cannot run: a configuration without a
+    /// verdict that `of` makes of another one. `None` where the trial does not explore or its cost is
+    /// limited, and once as many configurations were tried as the policy searches.
+    pub fn explored_instead(
+        &self,
+        trial: &Trial,
+        of: impl Fn(Configuration) -> Option<Configuration>,
+    ) -> Option<Configuration> {
+        let (state, policy) = (StateId(trial.state_id), &self.spec.policy);
+        let is_limited = policy.regret_budget.is_some() || trial.decision.abort_above().is_some();
+        let goes_on = self.states.results(state).tried() < policy.trials_per_state as usize;
+        let explores = trial.decision.explores() && goes_on && !is_limited;
+        explores.then(|| self.drawn(state, TrialNumber(trial.number), of)).flatten()
     }
 }
 
