@@ -304,6 +304,8 @@ fn where_something_failed_a_prediction_ran_on_both_sides_and_not_only_far_away()
         }
     }
     // Nothing ran there.
+    world.take(&[0.5], &cheap, Outcome::Aborted { lower_bound: 9.0 }, Some(9.0), 1);
+    assert_ne!(answer(&world, 0.53), Some(best.clone()), "it was stopped in the nearest state");
     world.take(&[0.5], &cheap, fails(), None, 1);
     assert_ne!(answer(&world, 0.51), Some(best), "it failed in the nearest state that tried it");
 }

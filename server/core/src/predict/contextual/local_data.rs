@@ -167,7 +167,10 @@ impl LocalData {
     /// asked one lies: in the ball of which they are opposite points. Where a limit of feasibility moves with
     /// the state, one side says little of the other.
     fn ran_around(&self, configuration: &Configuration) -> bool {
-        let tried = self.sources.iter().find_map(|source| source.results.record(configuration));
+        // What was stopped has a verdict and did not run to its end.
+        let is_tried =
+            |results: &ResultTable| results.is_tried(configuration) || results.fails(configuration);
+        let nearest = self.sources.iter().find(|source| is_tried(&source.results));
         let ran = self.sources.iter().filter(|source| source.results.ran(configuration).is_some());
         // The machine is the last feature of a state.
         let width = self.state.len() - 1;
@@ -176,7 +179,8 @@ impl LocalData {
         };
         let ways: Vec<Vec<f64>> = ran.map(way).collect();
         let is_beyond = |way: &Vec<f64>| ways.iter().any(|other| dot(way, other) <= 0.0);
-        tried.is_some_and(|record| !record.fails()) && ways.iter().any(is_beyond)
+        nearest.is_some_and(|nearest| nearest.results.ran(configuration).is_some())
+            && ways.iter().any(is_beyond)
     }
 
     /// The configuration of the least cost, less some deviations, that can probably be run. Beside a rival it

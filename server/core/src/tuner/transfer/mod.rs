@@ -92,10 +92,14 @@ impl<'a> Transfer<'a> {
         let near = query.nearest(RUNS_STATES, false, |state| !state.results.records().is_empty());
         let tables = near.iter().map(|near| &self.states[at(near.name as usize)].results);
         let records = || tables.clone().flat_map(|results| results.records());
-        let ran: BTreeSet<&Configuration> = records().map(|record| &record.configuration).collect();
+        let mut ran: BTreeSet<&Configuration> = BTreeSet::new();
         is_worth(change, WORTH)
             && records().all(|record| !record.fails())
-            && runs_after(ran.len()) >= RUNS_LEAST
+            // A few of many thousand suffice.
+            && records().any(|record| {
+                ran.insert(&record.configuration);
+                runs_after(ran.len()) >= RUNS_LEAST
+            })
     }
 
     /// The first configuration to run in a state without measurements, if the predictor expects much gain
