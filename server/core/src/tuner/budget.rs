@@ -148,6 +148,11 @@ impl Account {
         self.policy = policy;
     }
 
+    /// Forgets the references of the client's state: it is as new when the client asks again.
+    pub(super) fn leave_state(&mut self) {
+        self.enter(0);
+    }
+
     /// Notes the client's state. Unsettled trials of other states stay charged in full.
     pub(super) fn enter(&mut self, state_id: u64) {
         if self.state_id != state_id {

@@ -200,11 +200,12 @@ impl Tuner {
     }
 
     /// Drops what rests on a completed trial of a state that is excluded from now on, or counts again, and is
-    /// not learnt again from the completed trials: searches, the race of the state, and what clients exploit
-    /// there. The tuner is then to be restored from the changed trials.
+    /// not learnt again from the completed trials: searches, the race of the state, what clients exploit there,
+    /// and the references of their budgets. The tuner is then to be restored from the changed trials.
     pub fn disown(&mut self, state_id: u64) -> Change {
         let own = StateId(state_id);
-        let mut change = Change { forgotten: self.visits.forget_exploiting(own), ..Change::default() };
+        let (forgotten, visits) = self.visits.disown(own);
+        let mut change = Change { forgotten, visits, ..Change::default() };
         for state in self.states.ids() {
             // The searches of other states began with what served best elsewhere.
             let runs = |search: &Exploration| search.search.is_some() || state == own;

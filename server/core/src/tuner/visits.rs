@@ -7,6 +7,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::decision::ExploitRule;
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
 use crate::tuner::{Account, Ask, Visit, VisitDecision};
@@ -118,20 +119,30 @@ impl Visits {
         Some(visit.client_id)
     }
 
-    /// Forgets the visits that exploit something in a state and keep no account, so that their clients' next
-    /// questions decide anew. Those with an account lose only what they exploit when it proves worse.
-    pub(super) fn forget_exploiting(&mut self, state: StateId) -> Vec<String> {
-        let is_meant = |visit: &&Visit| {
-            let exploits = matches!(visit.decision, VisitDecision::Exploit { .. });
-            exploits && visit.state_id == state.0 && visit.account.is_none()
-        };
-        let meant: Vec<Visit> = self.by_client.values().filter(is_meant).cloned().collect();
-        for visit in &meant {
+    /// Gives up what clients in a state rest on, because its results are not believed any more: what they
+    /// exploit is decided anew at their next questions, and the references of their accounts are measured
+    /// anew. Returns the clients that are forgotten for that, and the changed visits of those that keep an
+    /// account.
+    pub(super) fn disown(&mut self, state: StateId) -> (Vec<String>, Vec<Visit>) {
+        let (mut forgotten, mut changed) = (Vec::new(), Vec::new());
+        for visit in self.by_client.values_mut().filter(|visit| visit.state_id == state.0) {
+            if let Some(account) = &mut visit.account {
+                account.leave_state();
+                if let VisitDecision::Exploit { exploit, .. } = &mut visit.decision {
+                    // A study that is tuned does not keep what was exploited while it was frozen.
+                    exploit.rule = ExploitRule::Frozen;
+                }
+                changed.push(visit.clone());
+            } else if matches!(visit.decision, VisitDecision::Exploit { .. }) {
+                forgotten.push(visit.clone());
+            }
+        }
+        for visit in &forgotten {
             self.by_client.remove(&visit.client_id);
             self.ages.remove(visit);
         }
         self.check();
-        meant.into_iter().map(|visit| visit.client_id).collect()
+        (forgotten.into_iter().map(|visit| visit.client_id).collect(), changed)
     }
 
     /// Opens a client's account if the policy keeps one or its session has its own policy, and notes the
@@ -159,8 +170,10 @@ impl Visits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::decision::{ExplorationEstimate, ExploreRule};
+    use crate::decision::{BudgetStatus, Exploit, ExploitSource, ExplorationEstimate, ExploreRule};
     use crate::session::SessionPolicy;
+    use crate::space::Space;
+    use crate::tuner::budget::{Denied, Terms};
 
     #[test]
     fn who_was_decided_for_longest_ago_is_forgotten_first() {
@@ -247,5 +260,44 @@ mod tests {
         assert_eq!(visits.account("a").map(|account| account.left(0.1)), Some(0.0), "another session");
         visits.keep_account(&ask(8), &Policy::default(), StateId(2), TrialNumber(1));
         assert!(visits.account("a").is_none(), "no budget, no account");
+    }
+
+    #[test]
+    fn disowned_results_are_neither_exploited_nor_references() {
+        let mut visits = Visits::default();
+        let policy = Policy { regret_budget: Some(0.1), ..Policy::default() };
+        let space = Space::builder().integer("a", 0..=9).default(4).build().expect("valid");
+        for (client, state_id, has_account) in [("a", 1, true), ("b", 1, false), ("c", 2, true)] {
+            let exploit = Box::new(Exploit {
+                source: ExploitSource::Default,
+                rule: ExploitRule::Dice,
+                estimate: ExplorationEstimate::default(),
+                budget: BudgetStatus::default(),
+            });
+            let configuration = space.default_configuration();
+            let decision =
+                VisitDecision::Exploit { configuration, predicted_cost: None, exploit, said: None };
+            let client_id = client.to_owned();
+            visits.begin(Visit { client_id, state_id, number: 1, since: 0, decision, account: None });
+            if has_account {
+                let ask = Ask { client_id: client.into(), ..Ask::default() };
+                visits.keep_account(&ask, &policy, StateId(state_id), TrialNumber(0));
+                let account = visits.account_mut(client).expect("there is a budget");
+                account.report(1, state_id, Some(10.0), true);
+            }
+        }
+        let (forgotten, changed) = visits.disown(StateId(1));
+        assert_eq!(forgotten, ["b"]);
+        assert_eq!(changed, [visits.of("a").expect("it keeps its account").clone()]);
+        let frozen = |visit: &Visit| match &visit.decision {
+            VisitDecision::Exploit { exploit, .. } => exploit.rule == ExploitRule::Frozen,
+            VisitDecision::Explore { .. } => false,
+        };
+        assert_eq!(["a", "c"].map(|client| visits.of(client).is_some_and(frozen)), [true, false]);
+        let terms = Terms::of(&policy).expect("a budget");
+        let leave = |client| visits.account(client).expect("it stays").leave(terms, true, true);
+        assert_eq!(leave("a"), Err(Denied::NoReference));
+        assert!(matches!(leave("c"), Err(Denied::TooLittle(_))));
+        assert_eq!(visits.account("a").map(|account| account.left(0.1)), Some(1.0), "it earned that");
     }
 }
