@@ -178,7 +178,7 @@ impl Confirming {
 pub(super) enum Finding {
     /// A cost.
     Cost(f64),
-    /// The contender cannot be run.
+    /// The contender cannot be run, or is never run to its end.
     Fails,
 }
 
@@ -386,8 +386,15 @@ impl Tuner {
             }
             (Some(Outcome::Infeasible { .. }), _) => Some(Finding::Fails),
             _ if trial.decision.silent => None,
-            // A contender did well before, so a trial that was stopped is one dear measurement like others.
-            (Some(Outcome::Ok | Outcome::Aborted { .. }), Some(cost)) => Some(Finding::Cost(cost)),
+            (Some(Outcome::Ok), Some(cost)) => Some(Finding::Cost(cost)),
+            // A contender did well before, so a trial that was stopped is one dear measurement like others. A
+            // bound below the known cost is none, and speaks for nobody.
+            (Some(Outcome::Aborted { .. }), Some(bound)) => {
+                let known = record.map_or(0.0, |record| record.mean_cost);
+                let is_incumbent = trial.configuration == *self.incumbent(state);
+                let counts = is_incumbent || bound >= known;
+                Some(if counts { Finding::Cost(bound.max(known)) } else { Finding::Fails })
+            }
             (Some(Outcome::Failed { .. }), _) if gives_up => Some(Finding::Fails),
             _ => None,
         };

@@ -74,9 +74,10 @@ fn one_absurd_report_changes_no_answer_for_longer_than_ten_frames() {
     }
 }
 
-/// In a study where everything costs the same, one trial of the incumbent in its race is stopped.
-#[test]
-fn one_stopped_trial_of_a_race_replaces_no_incumbent() {
+/// In worlds where everything costs the same, the number of those in which a trial of the race was stopped,
+/// and in which the default stayed the answer. `stops` says whether a trial of the race is stopped, and its
+/// bound, by whether it runs the default and whether another one was stopped before.
+fn stopped_and_kept(stops: impl Fn(bool, bool) -> Option<f64>) -> (u64, u64) {
     let (mut raced, mut kept) = (0, 0);
     for seed in 0..WORLDS {
         let policy = Policy { epsilon: 1.0, trials_per_state: 40, ..Policy::default() };
@@ -88,9 +89,9 @@ fn one_stopped_trial_of_a_race_replaces_no_incumbent() {
             let trial = suggest(&mut tuner, "a", 0.5, 0.5);
             let own = tuner.searches.of(StateId(1));
             let is_raced = own.is_some_and(|own| own.confirms(trial.number));
-            let is_stopped = is_raced && !was_stopped && trial.configuration == default;
-            was_stopped |= is_stopped;
-            let outcome = if is_stopped { Outcome::Aborted { lower_bound: 1e9 } } else { Outcome::Ok };
+            let bound = stops(trial.configuration == default, was_stopped).filter(|_| is_raced);
+            was_stopped |= bound.is_some();
+            let outcome = bound.map_or(Outcome::Ok, |lower_bound| Outcome::Aborted { lower_bound });
             let cost = 40.0 * f64::exp(0.03 * normal(&mut random));
             assert!(tuner.report(&trial, measured(cost), outcome, 1).is_ok());
         }
@@ -98,9 +99,22 @@ fn one_stopped_trial_of_a_race_replaces_no_incumbent() {
         raced += u64::from(was_stopped);
         kept += u64::from(best.configuration == default);
     }
+    (raced, kept)
+}
+
+#[test]
+fn one_stopped_trial_of_a_race_replaces_no_incumbent() {
+    let (raced, kept) = stopped_and_kept(|is_default, was| (is_default && !was).then_some(1e9));
     assert!(raced >= WORLDS / 2, "{raced} races of {WORLDS}");
     // Chance alone may put a challenger ahead now and then.
     assert!(kept + 2 >= WORLDS, "{kept} of {WORLDS} incumbents are kept");
+}
+
+/// What was stopped at once costs at least next to nothing, and not next to nothing.
+#[test]
+fn who_is_stopped_early_wins_no_race() {
+    let (raced, kept) = stopped_and_kept(|is_default, _| (!is_default).then_some(1e-3));
+    assert!(raced > 0 && 2 * (WORLDS - kept) <= raced, "{kept} of {WORLDS} are kept, {raced} were stopped");
 }
 
 fn truth_of(tuner: &Tuner, best: &Best) -> f64 {
