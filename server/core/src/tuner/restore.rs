@@ -200,8 +200,8 @@ impl Tuner {
     }
 
     /// Drops what rests on a completed trial of a state that is excluded from now on, or counts again, and is
-    /// not learnt again from the completed trials: searches, the race of the state, what clients exploit there,
-    /// and the references of their budgets. The tuner is then to be restored from the changed trials.
+    /// not learnt again from the completed trials: searches, the race of the state, what clients exploit
+    /// there, and the references of their budgets. The tuner is then to be restored from the changed trials.
     pub fn disown(&mut self, state_id: u64) -> Change {
         let own = StateId(state_id);
         let (forgotten, visits) = self.visits.disown(own);
