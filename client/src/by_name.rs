@@ -147,6 +147,7 @@ impl Client {
             study: study_name(study),
             indicators: trial.indicators.0,
             fingerprint: trial.fingerprint.as_ref().map(fingerprint_to_wire),
+            space_revision: 0,
         };
         let mut rpc = self.core.rpc();
         match self.core.admin("GetBest", rpc.get_best(request)).await {

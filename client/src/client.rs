@@ -273,7 +273,7 @@ impl Client {
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
-        self.core.best(&study_name(study), indicators).await
+        self.core.best(&study_name(study), indicators, 0).await
     }
 }
 
@@ -370,11 +370,17 @@ impl Core {
         wire::prediction_from_wire(prediction).map_err(|problem| self.malformed("Predict", problem))
     }
 
-    pub(crate) async fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
+    pub(crate) async fn best(
+        &self,
+        study: &str,
+        indicators: &Indicators,
+        space_revision: u32,
+    ) -> Result<Best, ClientError> {
         let request = v1::GetBestRequest {
             study: study.to_owned(),
             indicators: indicators.0.clone(),
             fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
+            space_revision,
         };
         let rpc = || {
             let (mut rpc, request) = (self.rpc(), request.clone());

@@ -169,7 +169,8 @@ impl Study {
         if !indicators.0.is_empty() {
             checks::state(self.spec(), indicators)?;
         }
-        self.shared.context.core.best(&self.shared.context.asked_name(), indicators).await
+        let context = &self.shared.context;
+        context.core.best(&context.asked_name(), indicators, context.revision()).await
     }
 
     /// The study as the daemon has stored it.

@@ -103,7 +103,8 @@ impl Recorder {
         let predict =
             wire::PredictRequest { study: study.clone(), indicators: indicators(), ..Default::default() };
         call!(self, "Predict", predict, predict);
-        let best = wire::GetBestRequest { study: study.clone(), indicators: indicators(), fingerprint: None };
+        let best =
+            wire::GetBestRequest { study: study.clone(), indicators: indicators(), ..Default::default() };
         call!(self, "GetBest", get_best, best);
         call!(self, "GetStudy", get_study, wire::GetStudyRequest { name: study.clone() });
         call!(self, "ListStudies", list_studies, wire::ListStudiesRequest::default());

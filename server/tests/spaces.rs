@@ -196,6 +196,32 @@ async fn clients_of_the_space_before_explore_it_by_themselves() {
 }
 
 #[tokio::test]
+async fn the_best_is_told_to_clients_of_the_space_before_as_they_know_it() {
+    let (server, mut client) = Server::with_hall().await;
+    assert_eq!(changed(&mut client, change(1, wider())).await, (0, 0, 0));
+    let best = |space_revision| wire::GetBestRequest {
+        study: "studies/hall".to_owned(),
+        space_revision,
+        ..Default::default()
+    };
+    for (max_leaf, spp, cost) in [(50, 9, 1.0), (24, 4, 5.0)] {
+        let unknown = client.get_best(best(1)).await.expect_err("nothing that it knows");
+        assert_eq!(unknown.code(), if max_leaf == 50 { Code::NotFound } else { Code::FailedPrecondition });
+        let numbers = [("min_leaf", 1), ("max_leaf", max_leaf), ("spp", spp)];
+        let mut values = BTreeMap::from([("quality".to_owned(), text("low"))]);
+        values.extend(numbers.map(|(name, number)| (name.to_owned(), integer(number))));
+        let wanted = Some(wire::Configuration { values });
+        let request = wire::SuggestRequest { wanted, ..ask("new", 10.0) };
+        let trial = client.suggest(request).await.expect("a trial").into_inner();
+        done(&mut client, &trial.name, cost).await;
+    }
+    let known = client.get_best(best(1)).await.expect("it knows one").into_inner();
+    let values = known.configuration.clone().expect("it has one").values;
+    assert_eq!((values.len(), number(&values, "max_leaf"), known.cost), (3, Some(24), 5.0), "{known:?}");
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn what_is_outside_is_left_out_until_it_is_inside_again() {
     let (server, mut client) = Server::with_hall().await;
     for (quality, cost) in [("high", 1.0), ("low", 5.0)] {

@@ -203,7 +203,7 @@ impl TuningService for Service {
             return Ok(Response::new(predicted));
         }
         let v1::PredictRequest { study, indicators, fingerprint, .. } = request;
-        let best = book.best(&v1::GetBestRequest { study, indicators, fingerprint })?;
+        let best = book.best(&v1::GetBestRequest { study, indicators, fingerprint, space_revision: 0 })?;
         let reason = v1::Reason {
             summary: "The nearest known state is 0.25 away.".into(),
             source: "nearest_neighbour".into(),

@@ -1281,6 +1281,11 @@ pub struct GetBestRequest {
     /// has reported the most frames from it. OPTIONAL.
     #[prost(message, optional, tag = "3")]
     pub fingerprint: ::core::option::Option<Fingerprint>,
+    /// The revision of the space that the client works with, as for Suggest. If the best is not in it, the cheapest measured
+    /// configuration of its state that is takes its place, without a standing; FAILED_PRECONDITION if there is none. OPTIONAL;
+    /// 0 or unset means the present one.
+    #[prost(uint32, tag = "4")]
+    pub space_revision: u32,
 }
 /// By how much the cost of one configuration lies below that of another.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
@@ -1368,7 +1373,7 @@ pub struct Best {
     pub trial: ::prost::alloc::string::String,
     #[prost(message, optional, tag = "7")]
     pub last_measure_time: ::core::option::Option<::prost_types::Timestamp>,
-    /// What is proven of it.
+    /// What is proven of it. Unset where it takes the place of another, which the client does not know.
     #[prost(message, optional, tag = "8")]
     pub standing: ::core::option::Option<Standing>,
 }
@@ -1678,7 +1683,7 @@ pub mod tuning_service_client {
         /// again. The states' searches begin anew, with all that is known, and with their whole budgets.
         ///
         /// A client that created or found the study with an earlier space, and says so (`SuggestRequest.space_revision`), gets
-        /// configurations that it knows, and its results count in the new space. GetBest answers in the present one.
+        /// configurations that it knows, and its results count in the new space.
         ///
         /// Idempotent: the same change again changes nothing, and counts the trials once more.
         /// Errors: NOT_FOUND; FAILED_PRECONDITION when the space was changed since the given revision; INVALID_ARGUMENT (the space
@@ -2037,7 +2042,7 @@ pub mod tuning_service_server {
         /// again. The states' searches begin anew, with all that is known, and with their whole budgets.
         ///
         /// A client that created or found the study with an earlier space, and says so (`SuggestRequest.space_revision`), gets
-        /// configurations that it knows, and its results count in the new space. GetBest answers in the present one.
+        /// configurations that it knows, and its results count in the new space.
         ///
         /// Idempotent: the same change again changes nothing, and counts the trials once more.
         /// Errors: NOT_FOUND; FAILED_PRECONDITION when the space was changed since the given revision; INVALID_ARGUMENT (the space

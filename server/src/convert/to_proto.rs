@@ -50,9 +50,9 @@ pub fn prediction(prediction: &Prediction) -> v1::PredictResponse {
     }
 }
 
-/// The best known configuration.
+/// The best known configuration, or without its standing what takes its place.
 #[must_use]
-pub fn best(study: &StudyName, best: &Best) -> v1::Best {
+pub fn best(study: &StudyName, best: &Best, is_best: bool) -> v1::Best {
     v1::Best {
         configuration: Some(configuration_to_wire(&best.configuration)),
         cost: best.cost,
@@ -61,6 +61,6 @@ pub fn best(study: &StudyName, best: &Best) -> v1::Best {
         state_id: signed(best.state_id),
         trial: trial_name(study, best.trial),
         last_measure_time: Some(timestamp_to_wire(best.last_measure_ms)),
-        standing: Some(standing_to_wire(&best.standing)),
+        standing: is_best.then(|| standing_to_wire(&best.standing)),
     }
 }

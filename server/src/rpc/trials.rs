@@ -162,6 +162,7 @@ pub(crate) async fn best(
     let study = reach::study(tuning, caller, "study", &request.study).await?;
     let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
-    let best = tuning.best(&study, indicators, fingerprint.as_ref()).await?;
-    Ok(to_proto::best(&study, &best))
+    let revision = request.space_revision;
+    let (best, is_best) = tuning.best(&study, indicators, fingerprint.as_ref(), revision).await?;
+    Ok(to_proto::best(&study, &best, is_best))
 }

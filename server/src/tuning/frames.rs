@@ -425,7 +425,7 @@ mod tests {
         let refused = [
             tuning.suggest(suggest).await.err(),
             tuning.predict(&study, &indicators, None, 0).await.err(),
-            tuning.best(&study, None, None).await.err(),
+            tuning.best(&study, None, None, 0).await.err(),
             tuning.get_trial(&trial).await.err(),
         ];
         for error in refused {

@@ -13,7 +13,7 @@ use treewright_core::policy::Policy;
 use treewright_core::space::{EarlierSpaces, SpaceError};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Mode, Trial};
-use treewright_core::tuner::{Change, Prediction, TunerError};
+use treewright_core::tuner::{Best, Change, Prediction, TunerError};
 use treewright_proto::convert::space_to_wire;
 use treewright_store::{Fence, StudyRecord};
 
@@ -249,6 +249,22 @@ impl Live {
             decision,
             insight: prediction.insight,
         })
+    }
+
+    /// The best configuration of a state as a client with a revision of the space can run it, and whether it
+    /// is that: else the cheapest measured one that the client knows takes its place.
+    pub(super) fn best_in_revision(&self, revision: u32, best: Best) -> Result<(Best, bool), TunerError> {
+        let Some(revision) = self.outdated(revision) else {
+            return Ok((best, true));
+        };
+        if let Some(configuration) = self.expressed(revision, &best.configuration) {
+            return Ok((Best { configuration, ..best }, true));
+        }
+        let fits = |known: &Configuration| self.expressed(revision, known).is_some();
+        let other = self.tuner.cheapest_instead(best, fits).ok_or(TunerError::Outdated { revision })?;
+        let configuration = self.expressed(revision, &other.configuration);
+        let configuration = configuration.ok_or(TunerError::Outdated { revision })?;
+        Ok((Best { configuration, ..other }, false))
     }
 
     /// The cheapest configuration measured in a state that can be expressed in an earlier revision.

@@ -161,8 +161,9 @@ impl Tuning {
         .await?
     }
 
-    /// The best known configuration, in the state of the indicators or anywhere. The trials behind it are
-    /// stored.
+    /// The best known configuration, in the state of the indicators or anywhere, for a client that knows a
+    /// revision of the space, 0 for the present one; and whether it is that, and not in place of one that the
+    /// client does not know. The trials behind it are stored.
     ///
     /// # Errors
     /// As the wire contract names them.
@@ -171,7 +172,8 @@ impl Tuning {
         study: &StudyName,
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,
-    ) -> Result<Best, Error> {
+        space_revision: u32,
+    ) -> Result<(Best, bool), Error> {
         let (best, receipt) = self
             .with_plan(&study.id, None, |live, store, prepared, _| {
                 if let Err(another) = live.is_meant(study) {
@@ -187,6 +189,8 @@ impl Tuning {
                 let best = live.tuner.best_planned(indicators, fingerprint, plan);
                 let is_measured = |best: &Best| best.cost.is_finite() && best.measurements > 0;
                 debug_assert!(best.iter().flatten().all(is_measured), "{best:?} was never measured");
+                let in_revision = |best| live.best_in_revision(space_revision, best);
+                let best = best.and_then(|best| best.map(in_revision).transpose());
                 Ok(best.map(|best| (best, live.commit(store, &[]))).map_err(Error::from))
             })
             .await??;

@@ -40,6 +40,21 @@ impl Tuner {
         ranked.find(|configuration| fits(configuration)).cloned()
     }
 
+    /// In place of a state's best: the cheapest configuration measured there, of those that can be run and
+    /// that `fits` takes. The standing stays that of the best.
+    pub fn cheapest_instead(&self, best: Best, fits: impl Fn(&Configuration) -> bool) -> Option<Best> {
+        let results = self.states.results(StateId(best.state_id));
+        let record = results.ranked().find(|record| fits(&record.configuration))?;
+        Some(Best {
+            configuration: record.configuration.clone(),
+            cost: results.pace() * record.mean_cost,
+            measurements: record.measurements,
+            trial: record.last_trial,
+            last_measure_ms: record.last_measure_ms,
+            ..best
+        })
+    }
+
     /// The place in the order of completion at which the models in use were begun; to be stored with the
     /// policy.
     pub fn models_since(&self) -> u64 {

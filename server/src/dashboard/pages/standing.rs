@@ -46,6 +46,7 @@ pub(super) async fn read_state(
         study: format!("studies/{id}"),
         indicators: trial.indicators.clone(),
         fingerprint: trial.fingerprint.clone(),
+        space_revision: 0,
     };
     let (best, holder) = read_best(visitor, request).await?;
     let standing = best.as_ref().and_then(|best| best.standing).map(standing_from_wire);
