@@ -11,7 +11,7 @@ use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 use treewright_core::tuner::{PlanRequest, SuggestionPlan};
-use treewright_store::{Receipt, Store, StoreError};
+use treewright_store::{Fence, Receipt, Store, StoreError};
 
 use super::Tuning;
 use super::compute::compute_aside;
@@ -28,8 +28,9 @@ pub(super) fn permits() -> Arc<Semaphore> {
 pub(super) enum Preparation {
     /// Reports have deferred updates of the models, which are about to be asked.
     Update,
-    /// A plan has to be computed, by the holder of this state's search for that time.
-    Plan(Box<PlanRequest>, Option<Arc<()>>),
+    /// A plan has to be computed, by the holder of this state's search for that time. It is of use for this
+    /// load of the study: another one may have another space, and other trials may count.
+    Plan(Box<PlanRequest>, Option<Arc<()>>, Fence),
 }
 
 impl Live {
@@ -39,7 +40,7 @@ impl Live {
             return Preparation::Update;
         }
         let token = request.searched_state().map(|state| self.planned_searches.take(state));
-        Preparation::Plan(Box::new(request), token)
+        Preparation::Plan(Box::new(request), token, self.fence().clone())
     }
 }
 
@@ -74,15 +75,19 @@ impl Tuning {
                     }
                     is_updated = true;
                 }
-                Some(Preparation::Plan(request, token)) => {
-                    plan = Some(self.compute_plan(*request).await?);
+                Some(Preparation::Plan(request, token, fence)) => {
+                    plan = Some((self.compute_plan(*request).await?, fence));
                     drop(token);
                 }
             }
-            let prepared = Prepared { plan: plan.take(), is_updated };
-            let is_planned = prepared.plan.is_some();
-            let stepped =
-                self.with_tuner(study, |live, store, now_ms| step(live, store, prepared, now_ms)).await?;
+            let planned = plan.take();
+            let (is_planned, stepped) = self
+                .with_tuner(study, |live, store, now_ms| {
+                    let planned = planned.filter(|(_, fence)| live.fence().is_same(fence));
+                    let prepared = Prepared { plan: planned.map(|(plan, _)| plan), is_updated };
+                    (prepared.plan.is_some(), step(live, store, prepared, now_ms))
+                })
+                .await?;
             match stepped {
                 Ok(answer) => return Ok(answer),
                 Err(more) => {
@@ -186,6 +191,36 @@ mod tests {
 
     fn is_by_model(trial: &Trial) -> bool {
         ["model", "local"].contains(&trial.reason().step.as_str())
+    }
+
+    /// After a change of the space the plan could name what is outside.
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_plan_is_of_no_use_once_the_study_was_read_again() {
+        let tuning = tuning().await;
+        for is_read_again in [false, true] {
+            let mut begun = None;
+            for _ in 0..40 {
+                frame(&tuning, "one", 0.5).await;
+                let preparation = tuning.with_tuner("hall", |live, _, _| {
+                    let indicators = [("x".to_owned(), 0.5)].into();
+                    let ask = Ask { client_id: "one".to_owned(), indicators, ..Ask::default() };
+                    let question = live.tuner.question(&ask).expect("valid");
+                    let request = live.tuner.plan(&question, |_| true)?;
+                    Some(live.preparation(request, true))
+                });
+                begun = preparation.await.expect("in memory");
+                if begun.is_some() {
+                    break;
+                }
+            }
+            assert!(begun.is_some(), "there is something to plan");
+            if is_read_again {
+                tuning.with_tuner("hall", |live, _, _| live.is_stale = true).await.expect("in memory");
+            }
+            let has_plan =
+                tuning.with_plan("hall", begun, |_, _, prepared, _| Ok(prepared.plan.is_some())).await;
+            assert_eq!(has_plan.expect("in memory"), !is_read_again);
+        }
     }
 
     #[tokio::test(flavor = "multi_thread")]
