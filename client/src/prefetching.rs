@@ -111,8 +111,8 @@ impl PrefetchingTuner {
         }
     }
 
-    /// Whether a trial has frames left in this state, or a suggestion for it has come. Any other answer is dropped, so that it is asked for
-    /// again.
+    /// Whether a trial has frames left in this state, or a suggestion for it has come. Any other answer is
+    /// dropped, so that it is asked for again.
     fn has_answer(&mut self, indicators: &Indicators) -> bool {
         let spec = &self.study.shared.context.spec;
         if self.under_way.upgrade().is_some_and(|state| checks::are_one_state(spec, &state, indicators)) {
