@@ -1,5 +1,13 @@
 //! The few vector operations the kernels are written in, and their kinds.
 
+/// Operations of [`Lanes`], all inlined, as a table of a line each.
+macro_rules! operations {
+    ($(fn $name:ident($($parameters:tt)*) $(-> $result:ty)? $body:block)*) => {$(
+        #[inline(always)]
+        unsafe fn $name($($parameters)*) $(-> $result)? $body
+    )*};
+}
+
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx2;
 #[cfg(target_arch = "x86_64")]

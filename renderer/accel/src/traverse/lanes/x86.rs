@@ -3,59 +3,18 @@
 /// Implements the arithmetic of [`super::Lanes`] for a wrapper of an x86 vector, given its intrinsics.
 macro_rules! arithmetic {
     ($splat:ident $add:ident $sub:ident $mul:ident $div:ident $fmadd:ident $fmsub:ident $min:ident $max:ident $and:ident $andnot:ident $xor:ident) => {
-        #[inline(always)]
-        unsafe fn splat(value: f32) -> Self {
-            Self($splat(value))
-        }
-
-        #[inline(always)]
-        unsafe fn add(self, other: Self) -> Self {
-            Self($add(self.0, other.0))
-        }
-
-        #[inline(always)]
-        unsafe fn sub(self, other: Self) -> Self {
-            Self($sub(self.0, other.0))
-        }
-
-        #[inline(always)]
-        unsafe fn mul(self, other: Self) -> Self {
-            Self($mul(self.0, other.0))
-        }
-
-        #[inline(always)]
-        unsafe fn div(self, other: Self) -> Self {
-            Self($div(self.0, other.0))
-        }
-
-        #[inline(always)]
-        unsafe fn mul_add(self, factor: Self, more: Self) -> Self {
-            Self($fmadd(self.0, factor.0, more.0))
-        }
-
-        #[inline(always)]
-        unsafe fn mul_sub(self, factor: Self, less: Self) -> Self {
-            Self($fmsub(self.0, factor.0, less.0))
-        }
-
-        #[inline(always)]
-        unsafe fn min(self, other: Self) -> Self {
-            Self($min(self.0, other.0))
-        }
-
-        #[inline(always)]
-        unsafe fn max(self, other: Self) -> Self {
-            Self($max(self.0, other.0))
-        }
-
-        #[inline(always)]
-        unsafe fn abs(self) -> Self {
-            Self($andnot($splat(-0.0), self.0))
-        }
-
-        #[inline(always)]
-        unsafe fn flip_sign(self, by: Self) -> Self {
-            Self($xor(self.0, $and(by.0, $splat(-0.0))))
+        operations! {
+            fn splat(value: f32) -> Self { Self($splat(value)) }
+            fn add(self, other: Self) -> Self { Self($add(self.0, other.0)) }
+            fn sub(self, other: Self) -> Self { Self($sub(self.0, other.0)) }
+            fn mul(self, other: Self) -> Self { Self($mul(self.0, other.0)) }
+            fn div(self, other: Self) -> Self { Self($div(self.0, other.0)) }
+            fn mul_add(self, factor: Self, more: Self) -> Self { Self($fmadd(self.0, factor.0, more.0)) }
+            fn mul_sub(self, factor: Self, less: Self) -> Self { Self($fmsub(self.0, factor.0, less.0)) }
+            fn min(self, other: Self) -> Self { Self($min(self.0, other.0)) }
+            fn max(self, other: Self) -> Self { Self($max(self.0, other.0)) }
+            fn abs(self) -> Self { Self($andnot($splat(-0.0), self.0)) }
+            fn flip_sign(self, by: Self) -> Self { Self($xor(self.0, $and(by.0, $splat(-0.0)))) }
         }
     };
 }
@@ -84,63 +43,21 @@ macro_rules! arithmetic_512 {
 /// Loads and stores of the lower two lanes.
 macro_rules! memory_64 {
     () => {
-        #[inline(always)]
-        unsafe fn load(from: *const f32) -> Self {
-            Self(_mm_castpd_ps(_mm_load_sd(from.cast())))
-        }
-
-        #[inline(always)]
-        unsafe fn store(self, to: *mut f32) {
-            _mm_store_sd(to.cast(), _mm_castps_pd(self.0));
+        operations! {
+            fn load(from: *const f32) -> Self { Self(_mm_castpd_ps(_mm_load_sd(from.cast()))) }
+            fn store(self, to: *mut f32) { _mm_store_sd(to.cast(), _mm_castps_pd(self.0)) }
         }
     };
 }
 
-/// Loads and stores of four lanes.
-macro_rules! memory_128 {
-    () => {
-        #[inline(always)]
-        unsafe fn load(from: *const f32) -> Self {
-            Self(_mm_load_ps(from))
-        }
-
-        #[inline(always)]
-        unsafe fn store(self, to: *mut f32) {
-            _mm_store_ps(to, self.0);
+/// Loads and stores of whole vectors.
+macro_rules! memory {
+    ($load:ident $store:ident) => {
+        operations! {
+            fn load(from: *const f32) -> Self { Self($load(from)) }
+            fn store(self, to: *mut f32) { $store(to, self.0) }
         }
     };
 }
 
-/// Loads and stores of eight lanes.
-macro_rules! memory_256 {
-    () => {
-        #[inline(always)]
-        unsafe fn load(from: *const f32) -> Self {
-            Self(_mm256_load_ps(from))
-        }
-
-        #[inline(always)]
-        unsafe fn store(self, to: *mut f32) {
-            _mm256_store_ps(to, self.0);
-        }
-    };
-}
-
-/// Loads and stores of sixteen lanes.
-macro_rules! memory_512 {
-    () => {
-        #[inline(always)]
-        unsafe fn load(from: *const f32) -> Self {
-            Self(_mm512_load_ps(from))
-        }
-
-        #[inline(always)]
-        unsafe fn store(self, to: *mut f32) {
-            _mm512_store_ps(to, self.0);
-        }
-    };
-}
-
-pub(super) use {
-    arithmetic, arithmetic_128, arithmetic_256, arithmetic_512, memory_64, memory_128, memory_256, memory_512,
-};
+pub(super) use {arithmetic, arithmetic_128, arithmetic_256, arithmetic_512, memory, memory_64};
