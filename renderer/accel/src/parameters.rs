@@ -146,54 +146,39 @@ impl TreeParameters {
         if self.compact {
             return Ok(());
         }
-        let refuse = |parameter, value: &dyn std::fmt::Display, rule| {
-            Err(BuildError::InvalidParameters { parameter, value: value.to_string(), rule })
+        let Self { branching_factor, max_depth, sah_block_size, min_leaf_size, max_leaf_size, .. } = self;
+        let Self { traversal_cost, intersection_cost, block_width, reinsertion_passes, .. } = self;
+        let Self { split_budget, search_radius, cluster_size, instance_opening, .. } = self;
+        let check = |fits: bool, parameter, value: &dyn std::fmt::Display, rule| match fits {
+            true => Ok(()),
+            false => Err(BuildError::InvalidParameters { parameter, value: value.to_string(), rule }),
         };
-        if ![2, 4, 8, 16].contains(&self.branching_factor) {
-            return refuse("branching_factor", &self.branching_factor, "it must be 2, 4, 8 or 16");
-        }
+        let name = "branching_factor";
+        check([2, 4, 8, 16].contains(branching_factor), name, branching_factor, "it must be 2, 4, 8 or 16")?;
         // Not every builder of Embree makes nodes of sixteen.
-        if self.branching_factor == 16 && self.collapse != Collapse::Optimal {
-            return refuse("branching_factor", &self.branching_factor, "16 needs the optimal collapse");
-        }
-        if !MAX_DEPTH.contains(&self.max_depth) {
-            return refuse("max_depth", &self.max_depth, "it must be 9 to 64");
-        }
-        if !self.sah_block_size.is_power_of_two() || self.sah_block_size > SAH_BLOCK_SIZE_MAX {
-            return refuse("sah_block_size", &self.sah_block_size, "it must be a power of two, 1 to 32");
-        }
-        if !(1..=LEAF_SIZE_MAX).contains(&self.max_leaf_size) {
-            return refuse("max_leaf_size", &self.max_leaf_size, "it must be 1 to 32");
-        }
-        if !(1..=self.max_leaf_size).contains(&self.min_leaf_size) {
-            return refuse("min_leaf_size", &self.min_leaf_size, "it must be 1 to max_leaf_size");
-        }
+        let can_be_made = *branching_factor < 16 || self.collapse == Collapse::Optimal;
+        check(can_be_made, name, branching_factor, "16 needs the optimal collapse")?;
+        check(MAX_DEPTH.contains(max_depth), "max_depth", max_depth, "it must be 9 to 64")?;
+        let is_power = sah_block_size.is_power_of_two() && *sah_block_size <= SAH_BLOCK_SIZE_MAX;
+        check(is_power, "sah_block_size", sah_block_size, "it must be a power of two, 1 to 32")?;
+        let leaf_sizes = 1..=LEAF_SIZE_MAX;
+        check(leaf_sizes.contains(max_leaf_size), "max_leaf_size", max_leaf_size, "it must be 1 to 32")?;
+        let fits = (1..=*max_leaf_size).contains(min_leaf_size);
+        check(fits, "min_leaf_size", min_leaf_size, "it must be 1 to max_leaf_size")?;
         // NaN lies in no range.
-        if !(0.0..=COST_MAX).contains(&self.traversal_cost) {
-            return refuse("traversal_cost", &self.traversal_cost, "it must be 0 to 10");
-        }
-        if !(f32::MIN_POSITIVE..=COST_MAX).contains(&self.intersection_cost) {
-            return refuse("intersection_cost", &self.intersection_cost, "it must be above 0, to 10");
-        }
-        if ![4, 8].contains(&self.block_width) {
-            return refuse("block_width", &self.block_width, "it must be 4 or 8");
-        }
-        if self.reinsertion_passes > REINSERTION_PASSES_MAX {
-            return refuse("reinsertion_passes", &self.reinsertion_passes, "it must be 0 to 16");
-        }
-        if !SPLIT_BUDGET_RANGE.contains(&self.split_budget) {
-            return refuse("split_budget", &self.split_budget, "it must be 1 to 2");
-        }
-        if !SEARCH_RADIUS_RANGE.contains(&self.search_radius) {
-            return refuse("search_radius", &self.search_radius, "it must be 1 to 32");
-        }
-        if !CLUSTER_SIZE_RANGE.contains(&self.cluster_size) {
-            return refuse("cluster_size", &self.cluster_size, "it must be 1 to 8");
-        }
-        if !INSTANCE_OPENING_RANGE.contains(&self.instance_opening) {
-            return refuse("instance_opening", &self.instance_opening, "it must be 1 to 16");
-        }
-        Ok(())
+        let fits = (0.0..=COST_MAX).contains(traversal_cost);
+        check(fits, "traversal_cost", traversal_cost, "it must be 0 to 10")?;
+        let fits = (f32::MIN_POSITIVE..=COST_MAX).contains(intersection_cost);
+        check(fits, "intersection_cost", intersection_cost, "it must be above 0, to 10")?;
+        check([4, 8].contains(block_width), "block_width", block_width, "it must be 4 or 8")?;
+        let fits = *reinsertion_passes <= REINSERTION_PASSES_MAX;
+        check(fits, "reinsertion_passes", reinsertion_passes, "it must be 0 to 16")?;
+        check(SPLIT_BUDGET_RANGE.contains(split_budget), "split_budget", split_budget, "it must be 1 to 2")?;
+        let fits = SEARCH_RADIUS_RANGE.contains(search_radius);
+        check(fits, "search_radius", search_radius, "it must be 1 to 32")?;
+        check(CLUSTER_SIZE_RANGE.contains(cluster_size), "cluster_size", cluster_size, "it must be 1 to 8")?;
+        let fits = INSTANCE_OPENING_RANGE.contains(instance_opening);
+        check(fits, "instance_opening", instance_opening, "it must be 1 to 16")
     }
 }
 

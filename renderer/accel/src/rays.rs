@@ -105,17 +105,20 @@ pub trait Intersector: Sync + Send {
     /// The nearest hit of each ray; `hits` is as long as `rays`. With every packing the answers are those of
     /// [`Intersector::closest`].
     fn closest_each(&self, _packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        assert_eq!(rays.len(), hits.len(), "one hit a ray");
-        for (ray, hit) in rays.iter().zip(hits) {
-            *hit = self.closest(ray);
-        }
+        one_by_one(rays, hits, |ray| self.closest(ray));
     }
 
     /// Whether anything lies inside each segment; `occluded` is as long as `rays`.
     fn occluded_each(&self, _packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
-        assert_eq!(rays.len(), occluded.len(), "one answer a ray");
-        for (ray, occluded) in rays.iter().zip(occluded) {
-            *occluded = self.occluded(ray);
-        }
+        one_by_one(rays, occluded, |ray| self.occluded(ray));
+    }
+}
+
+/// The answer of each ray by itself.
+#[inline(always)]
+pub(crate) fn one_by_one<T>(rays: &[Ray], answers: &mut [T], alone: impl Fn(&Ray) -> T) {
+    assert_eq!(rays.len(), answers.len(), "one answer a ray");
+    for (ray, answer) in rays.iter().zip(answers) {
+        *answer = alone(ray);
     }
 }

@@ -28,6 +28,19 @@ pub enum Structure {
     BruteForce(BruteForce),
 }
 
+/// What is written once for every variant and compiled for each.
+macro_rules! of_each {
+    ($structure:expr, $one:ident => $work:expr) => {
+        match $structure {
+            Structure::Tree($one) => $work,
+            Structure::Native($one) => $work,
+            Structure::TwoLevel($one) => $work,
+            Structure::NativeInstances($one) => $work,
+            Structure::BruteForce($one) => $work,
+        }
+    };
+}
+
 /// Code to be compiled for each kind of [`Intersector`]; see [`Structure::visit`].
 pub trait Visitor {
     /// The result of the visit.
@@ -116,13 +129,7 @@ impl Structure {
     /// Runs `visitor` with the concrete intersector inside, so that its ray loop is compiled without a
     /// choice per ray.
     pub fn visit<V: Visitor>(&self, visitor: V) -> V::Output {
-        match self {
-            Self::Tree(tree) => visitor.visit(tree),
-            Self::Native(native) => visitor.visit(native),
-            Self::TwoLevel(two_level) => visitor.visit(two_level),
-            Self::NativeInstances(native) => visitor.visit(native),
-            Self::BruteForce(brute_force) => visitor.visit(brute_force),
-        }
+        of_each!(self, one => visitor.visit(one))
     }
 
     /// Size and, for a tree of our own, shape. Walks the tree: milliseconds per million triangles.
@@ -145,42 +152,18 @@ impl Structure {
 
 impl Intersector for Structure {
     fn closest(&self, ray: &Ray) -> Option<Hit> {
-        match self {
-            Self::Tree(tree) => tree.closest(ray),
-            Self::Native(native) => native.closest(ray),
-            Self::TwoLevel(two_level) => two_level.closest(ray),
-            Self::NativeInstances(native) => native.closest(ray),
-            Self::BruteForce(brute_force) => brute_force.closest(ray),
-        }
+        of_each!(self, one => one.closest(ray))
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
-        match self {
-            Self::Tree(tree) => tree.occluded(ray),
-            Self::Native(native) => native.occluded(ray),
-            Self::TwoLevel(two_level) => two_level.occluded(ray),
-            Self::NativeInstances(native) => native.occluded(ray),
-            Self::BruteForce(brute_force) => brute_force.occluded(ray),
-        }
+        of_each!(self, one => one.occluded(ray))
     }
 
     fn closest_each(&self, packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        match self {
-            Self::Tree(tree) => tree.closest_each(packets, rays, hits),
-            Self::Native(native) => native.closest_each(packets, rays, hits),
-            Self::TwoLevel(two_level) => two_level.closest_each(packets, rays, hits),
-            Self::NativeInstances(native) => native.closest_each(packets, rays, hits),
-            Self::BruteForce(brute_force) => brute_force.closest_each(packets, rays, hits),
-        }
+        of_each!(self, one => one.closest_each(packets, rays, hits))
     }
 
     fn occluded_each(&self, packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
-        match self {
-            Self::Tree(tree) => tree.occluded_each(packets, rays, occluded),
-            Self::Native(native) => native.occluded_each(packets, rays, occluded),
-            Self::TwoLevel(two_level) => two_level.occluded_each(packets, rays, occluded),
-            Self::NativeInstances(native) => native.occluded_each(packets, rays, occluded),
-            Self::BruteForce(brute_force) => brute_force.occluded_each(packets, rays, occluded),
-        }
+        of_each!(self, one => one.occluded_each(packets, rays, occluded))
     }
 }

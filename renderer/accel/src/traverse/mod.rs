@@ -25,6 +25,7 @@ use self::packet::bundle::{Bundle, Hits};
 use self::placed::Lower;
 use crate::geometry::{Hit, Packets, Ray};
 use crate::layout::{NodeRef, Root};
+use crate::rays::one_by_one;
 
 /// Replaces a hit by a nearer one below a node, if there is one.
 type ClosestBelow = unsafe fn(&Root, NodeRef, &Ray, &mut Hit);
@@ -102,21 +103,12 @@ impl Kernels {
         rays: &[Ray],
         hits: &mut [Option<Hit>],
     ) {
-        assert_eq!(rays.len(), hits.len(), "one hit a ray");
-        match together(packets) {
-            1 => {
-                for (ray, hit) in rays.iter().zip(hits) {
-                    // SAFETY: as above.
-                    *hit = unsafe { self.closest(root, ray) };
-                }
-            }
-            together => {
-                for (rays, hits) in rays.chunks(together).zip(hits.chunks_mut(together)) {
-                    // SAFETY: as above.
-                    unsafe { (self.rays_closest)(self, root, rays, hits) };
-                }
-            }
-        }
+        // SAFETY: as above.
+        let alone = |ray: &Ray| unsafe { self.closest(root, ray) };
+        // SAFETY: as above.
+        let packed =
+            |rays: &[Ray], hits: &mut [Option<Hit>]| unsafe { (self.rays_closest)(self, root, rays, hits) };
+        each(packets, rays, hits, alone, packed);
     }
 
     /// Whether anything is hit, for each ray, packed as in [`Kernels::closest_each`].
@@ -130,21 +122,12 @@ impl Kernels {
         rays: &[Ray],
         occluded: &mut [bool],
     ) {
-        assert_eq!(rays.len(), occluded.len(), "one answer a ray");
-        match together(packets) {
-            1 => {
-                for (ray, occluded) in rays.iter().zip(occluded) {
-                    // SAFETY: as above.
-                    *occluded = unsafe { self.occluded(root, ray) };
-                }
-            }
-            together => {
-                for (rays, occluded) in rays.chunks(together).zip(occluded.chunks_mut(together)) {
-                    // SAFETY: as above.
-                    unsafe { (self.rays_occluded)(self, root, rays, occluded) };
-                }
-            }
-        }
+        // SAFETY: as above.
+        let alone = |ray: &Ray| unsafe { self.occluded(root, ray) };
+        // SAFETY: as above.
+        let packed =
+            |rays: &[Ray], occluded: &mut [bool]| unsafe { (self.rays_occluded)(self, root, rays, occluded) };
+        each(packets, rays, occluded, alone, packed);
     }
 }
 
@@ -186,21 +169,12 @@ impl LevelKernels {
         rays: &[Ray],
         hits: &mut [Option<Hit>],
     ) {
-        assert_eq!(rays.len(), hits.len(), "one hit a ray");
-        match together(packets) {
-            1 => {
-                for (ray, hit) in rays.iter().zip(hits) {
-                    // SAFETY: as above.
-                    *hit = unsafe { self.closest(root, lower, ray) };
-                }
-            }
-            together => {
-                for (rays, hits) in rays.chunks(together).zip(hits.chunks_mut(together)) {
-                    // SAFETY: as above.
-                    unsafe { (self.rays_closest)(root, lower, rays, hits) };
-                }
-            }
-        }
+        // SAFETY: as above.
+        let alone = |ray: &Ray| unsafe { self.closest(root, lower, ray) };
+        // SAFETY: as above.
+        let packed =
+            |rays: &[Ray], hits: &mut [Option<Hit>]| unsafe { (self.rays_closest)(root, lower, rays, hits) };
+        each(packets, rays, hits, alone, packed);
     }
 
     /// Whether anything is hit, for each ray, packed as in [`Kernels::closest_each`].
@@ -215,29 +189,32 @@ impl LevelKernels {
         rays: &[Ray],
         occluded: &mut [bool],
     ) {
-        assert_eq!(rays.len(), occluded.len(), "one answer a ray");
-        match together(packets) {
-            1 => {
-                for (ray, occluded) in rays.iter().zip(occluded) {
-                    // SAFETY: as above.
-                    *occluded = unsafe { self.occluded(root, lower, ray) };
-                }
-            }
-            together => {
-                for (rays, occluded) in rays.chunks(together).zip(occluded.chunks_mut(together)) {
-                    // SAFETY: as above.
-                    unsafe { (self.rays_occluded)(root, lower, rays, occluded) };
-                }
-            }
-        }
+        // SAFETY: as above.
+        let alone = |ray: &Ray| unsafe { self.occluded(root, lower, ray) };
+        // SAFETY: as above.
+        let packed = |rays: &[Ray], occluded: &mut [bool]| unsafe {
+            (self.rays_occluded)(root, lower, rays, occluded)
+        };
+        each(packets, rays, occluded, alone, packed);
     }
 }
 
-/// The number of rays that are traced together.
-fn together(packets: Packets) -> usize {
-    match packets {
-        Packets::Single | Packets::Eight | Packets::Sixteen => 1,
+/// One answer a ray, from rays alone or from packets of them.
+#[inline(always)]
+fn each<T>(
+    packets: Packets,
+    rays: &[Ray],
+    answers: &mut [T],
+    alone: impl Fn(&Ray) -> T,
+    packed: impl Fn(&[Ray], &mut [T]),
+) {
+    assert_eq!(rays.len(), answers.len(), "one answer a ray");
+    let together = match packets {
+        Packets::Single | Packets::Eight | Packets::Sixteen => return one_by_one(rays, answers, alone),
         Packets::EightCoherent => 8,
         Packets::SixteenCoherent => packet::PACKET,
+    };
+    for (rays, answers) in rays.chunks(together).zip(answers.chunks_mut(together)) {
+        packed(rays, answers);
     }
 }
