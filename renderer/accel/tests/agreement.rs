@@ -5,15 +5,13 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Builder, Collapse, Hit, Intersector, Isa, NativeOptions, Quality, Ray,
-    Structure, Tree, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, Builder, Collapse, Hit, Intersector, NativeOptions, Quality, Ray, Structure,
+    TreeParameters, Triangles, build,
 };
 
-#[path = "scenes/back_ends.rs"]
-mod back_ends;
 mod scenes;
 
-use back_ends::device;
+use scenes::back_ends::{self, device, each_isa, tree};
 
 /// Every kind of node, of block and of test, and every builder.
 fn parameters() -> Vec<TreeParameters> {
@@ -82,13 +80,6 @@ fn parameters() -> Vec<TreeParameters> {
     all
 }
 
-fn tree(triangles: &Arc<Triangles>, parameters: &TreeParameters) -> Tree {
-    match build(&device(), triangles, &BuildChoice::Tree(*parameters)) {
-        Ok(Structure::Tree(tree)) => tree,
-        other => panic!("{parameters:?} gave {other:?}"),
-    }
-}
-
 /// Whether rounding of coordinates may decide about the ray.
 fn is_close_call(triangles: &Triangles, ray: &Ray, hit: &Hit) -> bool {
     scenes::passes_closely(triangles.corners(hit.triangle as usize), ray, hit, 4e-6, 1e-5)
@@ -97,8 +88,7 @@ fn is_close_call(triangles: &Triangles, ray: &Ray, hit: &Hit) -> bool {
 /// Compares one answer with the oracle's. Returns whether they agree outright.
 fn agree(triangles: &Triangles, ray: &Ray, expected: Option<Hit>, found: Option<Hit>, what: &str) -> bool {
     match (expected, found) {
-        (None, None) => true,
-        (Some(expected), Some(found)) if (expected.t - found.t).abs() <= 2e-4 * (1.0 + expected.t) => {
+        (Some(expected), Some(found)) if scenes::same_distance(Some(expected), Some(found), 2e-4) => {
             if expected.triangle == found.triangle && !is_close_call(triangles, ray, &expected) {
                 let [a, b, c] = triangles.corners(found.triangle as usize);
                 let at = Vec3::from(a + (b - a) * found.u + (c - a) * found.v);
@@ -110,6 +100,7 @@ fn agree(triangles: &Triangles, ray: &Ray, expected: Option<Hit>, found: Option<
             }
             true
         }
+        (None, None) => true,
         _ => {
             let close =
                 [expected, found].into_iter().flatten().any(|hit| is_close_call(triangles, ray, &hit));
@@ -142,12 +133,9 @@ fn all_agree(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
         assert!(missed * 100 <= rays.len(), "{what}: {missed} of {} rays are close calls", rays.len());
     };
     for parameters in parameters() {
-        let mut tree = tree(triangles, &parameters);
+        let tree = tree(triangles, &parameters);
         tree.validate().unwrap_or_else(|fault| panic!("{name}, {parameters:?}: {fault}"));
-        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
-            tree = tree.with_isa(isa).expect("it is available");
-            check(&format!("{name}, {isa:?}, {parameters:?}"), &tree);
-        }
+        each_isa(tree, |isa, tree| check(&format!("{name}, {isa:?}, {parameters:?}"), tree));
     }
     for options in back_ends::native_kinds() {
         let native = build(&device(), triangles, &BuildChoice::Native(options)).expect("it builds");
@@ -284,14 +272,12 @@ fn robust_trees_are_watertight() {
         })
         .collect();
     for parameters in parameters().into_iter().filter(|parameters| parameters.robust) {
-        let mut tree = tree(&triangles, &parameters);
-        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
-            tree = tree.with_isa(isa).expect("it is available");
+        each_isa(tree(&triangles, &parameters), |isa, tree| {
             for ray in &rays {
                 assert!(tree.closest(ray).is_some(), "{isa:?}, {parameters:?}: {ray:?} slips through");
                 assert!(tree.occluded(ray), "{isa:?}, {parameters:?}: {ray:?} slips through");
             }
-        }
+        });
     }
 }
 
@@ -303,11 +289,10 @@ fn robust_trees_decide_close_edges_in_double_precision() {
     for (a, inside) in [(Vec3A::new(-1.0, 1.0, 0.0), true), (Vec3A::new(1.0, -1.0, 0.0), false)] {
         let triangles = scenes::separate([[a, b, c]]);
         assert_eq!(BruteForce::new(&triangles).occluded(&ray), inside);
-        let mut tree = tree(&triangles, &TreeParameters { robust: true, ..TreeParameters::default() });
-        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
-            tree = tree.with_isa(isa).expect("it is available");
+        let robust = TreeParameters { robust: true, ..TreeParameters::default() };
+        each_isa(tree(&triangles, &robust), |isa, tree| {
             assert_eq!(tree.closest(&ray).is_some(), inside, "{isa:?}");
             assert_eq!(tree.occluded(&ray), inside, "{isa:?}");
-        }
+        });
     }
 }

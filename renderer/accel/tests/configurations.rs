@@ -5,15 +5,13 @@ use std::sync::Arc;
 use glam::Vec3A;
 use proptest::prelude::*;
 use treewright_accel::{
-    BruteForce, BuildChoice, BuildError, Builder, Collapse, Device, Hit, Intersector, Quality, Ray,
-    Structure, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, BuildError, Builder, Collapse, Hit, Intersector, Quality, Ray, Structure,
+    TreeParameters, Triangles, build,
 };
 
 mod scenes;
 
-fn device() -> Device {
-    Device::open(0).expect("Embree is set up")
-}
+use scenes::back_ends::{device, tree};
 
 /// Any configuration of our own trees.
 fn configuration() -> impl Strategy<Value = TreeParameters> {
@@ -104,31 +102,32 @@ impl Case {
                 statistics.sah_cost.is_finite() && (statistics.sah_cost > 0.0) != self.triangles.is_empty()
             );
         }
-        let agreed = self.rays.iter().zip(&self.expected).filter(|(ray, expected)| {
-            let found = structure.closest(ray);
-            match (expected, found) {
-                (Some(expected), Some(found)) => (expected.t - found.t).abs() <= 2e-4 * (1.0 + expected.t),
-                (expected, found) => expected.is_none() && found.is_none(),
-            }
-        });
-        let wrong = self.rays.len() - agreed.count();
+        let differs = |(ray, expected): &(&Ray, &Option<Hit>)| {
+            !scenes::same_distance(**expected, structure.closest(ray), 2e-4)
+        };
+        let wrong = self.rays.iter().zip(&self.expected).filter(differs).count();
         assert!(wrong <= 1, "{parameters:?}: {wrong} rays disagree");
     }
 }
 
-#[test]
-fn random_configurations_over_two_scenes() {
-    let cases = [Case::new(scenes::soup(3000, 0.05, 21), 22), Case::new(scenes::city(12, 23), 24)];
-    let settings = ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() };
+/// Checks so many values of a strategy, the same ones every time.
+fn each<S: Strategy>(cases: u32, values: &S, check: impl Fn(S::Value)) {
+    let settings = ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() };
     let mut runner = proptest::test_runner::TestRunner::new_with_rng(
         settings,
         proptest::test_runner::TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha),
     );
-    let outcome = runner.run(&configuration(), |parameters| {
-        cases.iter().for_each(|case| case.check(&parameters));
+    let outcome = runner.run(values, |value| {
+        check(value);
         Ok(())
     });
     outcome.unwrap_or_else(|error| panic!("{error}"));
+}
+
+#[test]
+fn random_configurations_over_two_scenes() {
+    let scenes = [Case::new(scenes::soup(3000, 0.05, 21), 22), Case::new(scenes::city(12, 23), 24)];
+    each(64, &configuration(), |parameters| scenes.iter().for_each(|case| case.check(&parameters)));
 }
 
 /// None to a few triangles of every kind: real ones, needles, points, copies of each other, all in one plane.
@@ -148,16 +147,9 @@ fn few_triangles() -> impl Strategy<Value = Arc<Triangles>> {
 
 #[test]
 fn random_configurations_over_random_triangles() {
-    let settings = ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() };
-    let mut runner = proptest::test_runner::TestRunner::new_with_rng(
-        settings,
-        proptest::test_runner::TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha),
-    );
-    let outcome = runner.run(&(few_triangles(), configuration()), |(triangles, parameters)| {
+    each(256, &(few_triangles(), configuration()), |(triangles, parameters)| {
         Case::new(triangles, 29).check(&parameters);
-        Ok(())
     });
-    outcome.unwrap_or_else(|error| panic!("{error}"));
 }
 
 /// Builds are deterministic wherever Embree's own builders are: equal trees every time, to the last bit.
@@ -173,10 +165,7 @@ fn builds_can_be_repeated() {
             reinsertion_passes: 6,
             ..TreeParameters::default()
         };
-        let built = || match build(&device(), &triangles, &BuildChoice::Tree(parameters)) {
-            Ok(Structure::Tree(tree)) => tree.statistics(),
-            other => panic!("{parameters:?} gave {other:?}"),
-        };
+        let built = || tree(&triangles, &parameters).statistics();
         let first = built();
         for _ in 0..3 {
             assert_eq!(built(), first, "{quality:?}");
@@ -195,10 +184,7 @@ fn reinsertion_and_the_optimal_collapse_make_trees_cheaper() {
             reinsertion_passes,
             ..TreeParameters::default()
         };
-        match build(&device(), &triangles, &BuildChoice::Tree(parameters)) {
-            Ok(Structure::Tree(tree)) => tree.statistics().sah_cost,
-            other => panic!("{parameters:?} gave {other:?}"),
-        }
+        tree(&triangles, &parameters).statistics().sah_cost
     };
     let builders = cost(Collapse::Builder, 0);
     let (collapsed, improved) = (cost(Collapse::Optimal, 0), cost(Collapse::Optimal, 8));
@@ -229,15 +215,12 @@ fn invalid_parameters_are_refused_before_anything_is_built() {
 #[test]
 fn limits_on_leaves_act() {
     let triangles = scenes::hills(60);
-    let tree = |min_leaf_size, max_leaf_size| {
+    let of_sizes = |min_leaf_size, max_leaf_size| {
         let parameters =
             TreeParameters { min_leaf_size, max_leaf_size, max_depth: 64, ..TreeParameters::default() };
-        match build(&device(), &triangles, &BuildChoice::Tree(parameters)) {
-            Ok(Structure::Tree(tree)) => tree.statistics(),
-            other => panic!("{parameters:?} gave {other:?}"),
-        }
+        tree(&triangles, &parameters).statistics()
     };
-    let (single, coarse) = (tree(1, 1), tree(16, 32));
+    let (single, coarse) = (of_sizes(1, 1), of_sizes(16, 32));
     assert_eq!(single.leaves, triangles.len());
     assert!(
         coarse.leaves * 5 < single.leaves && coarse.bytes < single.bytes,

@@ -9,14 +9,10 @@ use treewright_accel::{
     BuildChoice, BuildError, GeometryError, Intersector, Ray, TreeParameters, Triangles, build,
 };
 
-#[path = "scenes/back_ends.rs"]
-mod back_ends;
 mod scenes;
-#[path = "scenes/verdict.rs"]
-mod verdict;
 
-use back_ends::{device, each};
-use verdict::Verdict;
+use scenes::back_ends::{self, device, each};
+use scenes::verdict::Verdict;
 
 /// Asks every back end about every ray. At least `clear` of the rays in a hundred must have one right answer,
 /// or the case would say nothing.

@@ -6,11 +6,13 @@ use std::sync::Arc;
 use glam::{Affine3A, Mat3, Quat, Vec3};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Builder, Collapse, Device, Hit, Instances, Intersector, NativeOptions,
-    NativeQuality, Packets, Quality, Ray, Structure, TreeParameters, Triangles, build_instanced,
+    BruteForce, BuildChoice, Builder, Collapse, Hit, Instances, Intersector, NativeOptions, NativeQuality,
+    Packets, Quality, Ray, Structure, TreeParameters, Triangles, build_instanced,
 };
 
 mod scenes;
+
+use scenes::back_ends::{device, packed, wide_trees};
 
 /// Objects side by side in one array, and the numbers of their triangles.
 fn objects(parts: &[Arc<Triangles>]) -> (Arc<Triangles>, Vec<Range<u32>>) {
@@ -55,23 +57,12 @@ fn flattened(triangles: &Triangles, instances: &Instances) -> (Arc<Triangles>, V
 /// Every back end, and trees of every width, builder and test.
 fn choices() -> Vec<BuildChoice> {
     let mut all = vec![BuildChoice::BruteForce];
-    for branching_factor in [2, 4, 8] {
-        for (quality, robust, block_width) in [
-            (Quality::Morton, false, 4),
-            (Quality::Sah, true, 8),
-            (Quality::SahSplit, false, 4),
-            (Quality::SahSplit, true, 4),
-        ] {
-            all.push(BuildChoice::Tree(TreeParameters {
-                branching_factor,
-                quality,
-                robust,
-                block_width,
-                max_depth: 64,
-                ..TreeParameters::default()
-            }));
-        }
-    }
+    all.extend(wide_trees(&[
+        (Quality::Morton, false, 4),
+        (Quality::Sah, true, 8),
+        (Quality::SahSplit, false, 4),
+        (Quality::SahSplit, true, 4),
+    ]));
     // Copies into the world, opened instances, and our own builder.
     for (number, flatten_below) in [0, 200, 1_000, 10_000_000].into_iter().enumerate() {
         for instance_opening in [1, 3, 16] {
@@ -115,9 +106,8 @@ fn all_agree(triangles: &Arc<Triangles>, ranges: &[Range<u32>], placed: Vec<(u32
         let to_world = &instances.placed()[hit.instance as usize].to_world;
         triangles.corners(hit.triangle as usize).map(|corner| to_world.transform_point3a(corner))
     };
-    let device = Device::open(0).expect("Embree is set up");
     for choice in choices() {
-        let structure = build_instanced(&device, triangles, &instances, &choice)
+        let structure = build_instanced(&device(), triangles, &instances, &choice)
             .unwrap_or_else(|error| panic!("{choice:?}: {error}"));
         if let Structure::TwoLevel(two_level) = &structure {
             two_level.validate().unwrap_or_else(|fault| panic!("{choice:?}: {fault}"));
@@ -125,27 +115,16 @@ fn all_agree(triangles: &Arc<Triangles>, ranges: &[Range<u32>], placed: Vec<(u32
         let mut close_calls = 0;
         let mut compare =
             |what: &dyn std::fmt::Debug, ray: &Ray, expected: Option<Hit>, found: Option<Hit>| {
-                let same = match (expected, found) {
-                    (None, None) => true,
-                    (Some(expected), Some(found)) => {
-                        let tolerance = 2e-4 * (1.0 + expected.t);
-                        let near = (expected.t - found.t).abs() <= tolerance;
-                        if near && (expected.triangle, expected.instance) == (found.triangle, found.instance)
-                        {
-                            let [a, b, c] = flat_corners(&found);
-                            let at = Vec3::from(a + (b - a) * found.u + (c - a) * found.v);
-                            let along = ray.origin + ray.direction * found.t;
-                            let scale = 1.0 + ray.origin.length() + at.length();
-                            let edge_on = scenes::is_close_call([a, b, c], ray, &found);
-                            assert!(
-                                edge_on || at.distance(along) < 1e-3 * scale,
-                                "{what:?}: {at} is not {along}"
-                            );
-                        }
-                        near
-                    }
-                    _ => false,
-                };
+                let same = scenes::same_distance(expected, found, 2e-4);
+                let numbers = |hit: Hit| (hit.triangle, hit.instance);
+                if let Some(found) = found.filter(|_| same && expected.map(numbers) == found.map(numbers)) {
+                    let [a, b, c] = flat_corners(&found);
+                    let at = Vec3::from(a + (b - a) * found.u + (c - a) * found.v);
+                    let along = ray.origin + ray.direction * found.t;
+                    let scale = 1.0 + ray.origin.length() + at.length();
+                    let edge_on = scenes::is_close_call([a, b, c], ray, &found);
+                    assert!(edge_on || at.distance(along) < 1e-3 * scale, "{what:?}: {at} is not {along}");
+                }
                 let involved = [expected, found];
                 let mut involved = involved.iter().flatten();
                 if !same {
@@ -169,9 +148,7 @@ fn all_agree(triangles: &Arc<Triangles>, ranges: &[Range<u32>], placed: Vec<(u32
             }
         }
         for packets in Packets::ALL {
-            let (mut hits, mut occluded) = (vec![None; rays.len()], vec![false; rays.len()]);
-            structure.closest_each(packets, rays, &mut hits);
-            structure.occluded_each(packets, rays, &mut occluded);
+            let (hits, occluded) = packed(&structure, packets, rays);
             for (index, ray) in rays.iter().enumerate() {
                 compare(&(choice, packets), ray, expected[index], hits[index]);
                 if let Some(hit) =
@@ -228,11 +205,10 @@ fn turned_scaled_sheared_and_mirrored() {
 #[test]
 fn nothing_is_met_where_nothing_stands() {
     let (triangles, ranges) = kinds();
-    let device = Device::open(0).expect("Embree is set up");
     for placed in [vec![], vec![(EMPTY, Affine3A::IDENTITY); 3]] {
         let instances = Arc::new(Instances::new(triangles.len(), ranges.clone(), placed).expect("valid"));
         for choice in choices() {
-            let structure = build_instanced(&device, &triangles, &instances, &choice).expect("it builds");
+            let structure = build_instanced(&device(), &triangles, &instances, &choice).expect("it builds");
             for ray in scenes::rays(40, 14) {
                 assert_eq!(structure.closest(&ray), None, "{choice:?}");
                 assert!(!structure.occluded(&ray), "{choice:?}");
@@ -265,11 +241,10 @@ fn rays_that_are_none_meet_nothing() {
     let (triangles, ranges) = kinds();
     let placed = vec![(0, Affine3A::from_scale(Vec3::splat(0.5))); 2];
     let instances = Arc::new(Instances::new(triangles.len(), ranges, placed).expect("valid"));
-    let device = Device::open(0).expect("Embree is set up");
     let good = Ray { origin: Vec3::Y, direction: Vec3::NEG_Y, t_min: 0.0, t_max: f32::INFINITY };
     let bad = scenes::invalid(good);
     for choice in choices() {
-        let structure = build_instanced(&device, &triangles, &instances, &choice).expect("it builds");
+        let structure = build_instanced(&device(), &triangles, &instances, &choice).expect("it builds");
         for ray in &bad {
             assert_eq!(structure.closest(ray), None, "{choice:?}, {ray:?}");
             assert!(!structure.occluded(ray), "{choice:?}, {ray:?}");

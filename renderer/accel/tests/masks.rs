@@ -9,11 +9,9 @@ use treewright_accel::{
     Quality, Ray, TreeParameters, Triangles, Update, Wrap, build, build_instanced,
 };
 
-#[path = "scenes/back_ends.rs"]
-mod back_ends;
 mod scenes;
 
-use back_ends::device;
+use scenes::back_ends::{self, device};
 
 /// Rays that rounding may decide about, in a hundred.
 const CLOSE_CALLS_PERCENT: usize = 1;
@@ -49,22 +47,15 @@ fn uniform(triangles: &Triangles, alpha: u8) -> Arc<Triangles> {
 }
 
 fn same(expected: Option<Hit>, found: Option<Hit>) -> bool {
-    match (expected, found) {
-        (None, None) => true,
-        (Some(expected), Some(found)) => {
-            expected.instance == found.instance && (expected.t - found.t).abs() <= 2e-4 * (1.0 + expected.t)
-        }
-        _ => false,
-    }
+    let instance = |hit: Hit| hit.instance;
+    scenes::same_distance(expected, found, 2e-4) && expected.map(instance) == found.map(instance)
 }
 
 /// Single rays and packets of all kinds.
 fn check(what: &str, structure: &dyn Intersector, rays: &[Ray], expected: &[Option<Hit>]) {
     let limit = rays.len() * CLOSE_CALLS_PERCENT / 100;
     for packets in Packets::ALL {
-        let (mut hits, mut occluded) = (vec![None; rays.len()], vec![false; rays.len()]);
-        structure.closest_each(packets, rays, &mut hits);
-        structure.occluded_each(packets, rays, &mut occluded);
+        let (hits, occluded) = back_ends::packed(structure, packets, rays);
         let wrong = expected.iter().zip(&hits).filter(|(expected, hit)| !same(**expected, **hit)).count();
         assert!(wrong <= limit, "{what}, {packets:?}: {wrong} nearest hits differ");
         let wrong =

@@ -4,11 +4,13 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Quat, Vec3, Vec3A};
 use treewright_accel::{
-    BruteForce, BuildChoice, BuildError, Device, Hit, Instances, Intersector, Isa, NativeOptions,
-    NativeQuality, Quality, Ray, Structure, TreeParameters, Triangles, Update, build, build_instanced,
+    BruteForce, BuildChoice, BuildError, Hit, Instances, Intersector, Isa, NativeOptions, NativeQuality,
+    Quality, Ray, Structure, TreeParameters, Triangles, Update, build, build_instanced,
 };
 
 mod scenes;
+
+use scenes::back_ends::{device, tree, wide_trees};
 
 /// Ways to follow.
 const UPDATES: [Update; 4] = [
@@ -47,20 +49,11 @@ fn moved(triangles: &Triangles, motion: Motion, moment: f32) -> Arc<Triangles> {
 
 fn choices() -> Vec<BuildChoice> {
     let mut all = vec![BuildChoice::BruteForce];
-    for branching_factor in [2, 4, 8] {
-        for (quality, robust, block_width) in
-            [(Quality::Morton, false, 4), (Quality::Sah, true, 8), (Quality::SahSplit, false, 4)]
-        {
-            all.push(BuildChoice::Tree(TreeParameters {
-                branching_factor,
-                quality,
-                robust,
-                block_width,
-                max_depth: 64,
-                ..TreeParameters::default()
-            }));
-        }
-    }
+    all.extend(wide_trees(&[
+        (Quality::Morton, false, 4),
+        (Quality::Sah, true, 8),
+        (Quality::SahSplit, false, 4),
+    ]));
     for (quality, robust) in
         [(NativeQuality::Low, false), (NativeQuality::Medium, true), (NativeQuality::High, false)]
     {
@@ -80,11 +73,7 @@ fn agree(
     let mut close_calls = 0;
     for ray in rays {
         let (expected, found) = (oracle.closest(ray), structure.closest(ray));
-        let same = match (expected, found) {
-            (None, None) => true,
-            (Some(expected), Some(found)) => (expected.t - found.t).abs() <= 2e-4 * (1.0 + expected.t),
-            _ => false,
-        };
+        let same = scenes::same_distance(expected, found, 2e-4);
         if !same || structure.occluded(ray) != found.is_some() {
             let close =
                 [expected, found].iter().flatten().any(|hit| scenes::is_close_call(corners(hit), ray, hit));
@@ -109,7 +98,7 @@ fn validate(what: &str, structure: &Structure) {
 }
 
 fn follows(name: &str, triangles: &Arc<Triangles>, motion: Motion) {
-    let device = Device::open(0).expect("Embree is set up");
+    let device = device();
     let rays = scenes::rays(120, 3);
     for choice in choices() {
         for update in UPDATES {
@@ -150,13 +139,10 @@ fn one_triangle_and_none() {
 
 #[test]
 fn the_choice_of_kernels_survives() {
-    let device = Device::open(0).expect("Embree is set up");
+    let device = device();
     let triangles = scenes::soup(2500, 0.15, 1);
     for update in UPDATES {
-        let choice = BuildChoice::Tree(TreeParameters { max_depth: 64, ..TreeParameters::default() });
-        let Ok(Structure::Tree(tree)) = build(&device, &triangles, &choice) else {
-            panic!("it builds a tree");
-        };
+        let tree = tree(&triangles, &TreeParameters { max_depth: 64, ..TreeParameters::default() });
         let mut structure = Structure::Tree(tree.with_isa(Isa::Scalar).expect("it is always there"));
         structure.update(&device, &moved(&triangles, turn, 0.9), update).expect("it follows");
         assert!(matches!(&structure, Structure::Tree(tree) if tree.isa() == Isa::Scalar), "{update:?}");
@@ -166,7 +152,7 @@ fn the_choice_of_kernels_survives() {
 /// Rebuilding parts restores the cost that refitting lost, and leaves good parts alone.
 #[test]
 fn a_partial_update_keeps_the_tree_good() {
-    let device = Device::open(0).expect("Embree is set up");
+    let device = device();
     let triangles = scenes::soup(6000, 0.05, 1);
     let choice =
         BuildChoice::Tree(TreeParameters { branching_factor: 4, max_depth: 64, ..TreeParameters::default() });
@@ -187,7 +173,7 @@ fn a_partial_update_keeps_the_tree_good() {
 
 #[test]
 fn instances_follow_their_objects() {
-    let device = Device::open(0).expect("Embree is set up");
+    let device = device();
     let triangles = scenes::soup(1600, 0.2, 5);
     let placed = (0..12).map(|number| {
         let turn = Quat::from_rotation_x(number as f32);
@@ -217,7 +203,7 @@ fn instances_follow_their_objects() {
 
 #[test]
 fn mistakes_are_named() {
-    let device = Device::open(0).expect("Embree is set up");
+    let device = device();
     let triangles = scenes::hills(6);
     let other = scenes::hills(7);
     for choice in choices() {

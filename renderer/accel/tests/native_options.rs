@@ -70,13 +70,10 @@ fn every_acceleration_is_another_one_and_answers_right() {
         for quality in [Low, Medium, High] {
             let options = NativeOptions { acceleration, quality, ..NativeOptions::default() };
             let structure = native(&triangles, &options);
-            let wrong = rays.iter().zip(&expected).filter(|(ray, expected)| {
-                let found = structure.closest(ray);
-                match (expected, found) {
-                    (Some(expected), Some(found)) => (expected.t - found.t).abs() > 1e-4 * (1.0 + expected.t),
-                    (expected, found) => expected.is_some() || found.is_some(),
-                }
-            });
+            let wrong = rays
+                .iter()
+                .zip(&expected)
+                .filter(|(ray, expected)| !scenes::same_distance(**expected, structure.closest(ray), 1e-4));
             let wrong: Vec<_> = wrong.collect();
             assert!(
                 wrong.len() <= 1,

@@ -8,27 +8,24 @@ use treewright_accel::{
     BuildChoice, Hit, Intersector, Isa, Packets, Quality, Ray, Structure, TreeParameters, Triangles, build,
 };
 
-#[path = "scenes/back_ends.rs"]
-mod back_ends;
 mod scenes;
+
+use scenes::back_ends;
 
 /// Every back end that may trace packets in its own way: native scenes, and trees with every kind of node,
 /// block and test on every instruction set.
 fn structures(triangles: &Arc<Triangles>) -> Vec<(String, Structure)> {
     let device = back_ends::device();
-    let built = |choice| build(&device, triangles, &choice).expect("it builds");
     let mut all = Vec::new();
     for options in back_ends::native_kinds() {
-        all.push((format!("{options:?}"), built(BuildChoice::Native(options))));
+        let native = build(&device, triangles, &BuildChoice::Native(options)).expect("it builds");
+        all.push((format!("{options:?}"), native));
     }
     let (quality, max_depth, max_leaf_size) = (Quality::SahSplit, 64, 12);
     let plain = TreeParameters { quality, max_depth, max_leaf_size, ..TreeParameters::default() };
     for parameters in back_ends::tree_kinds(plain) {
         for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
-            let Structure::Tree(tree) = built(BuildChoice::Tree(parameters)) else {
-                panic!("{parameters:?} is a tree")
-            };
-            let tree = tree.with_isa(isa).expect("it is available");
+            let tree = back_ends::tree(triangles, &parameters).with_isa(isa).expect("it is available");
             all.push((format!("{isa:?}, {parameters:?}"), Structure::Tree(tree)));
         }
     }

@@ -1,20 +1,10 @@
 //! Visits of queries can be counted.
 
-use std::sync::Arc;
-
-use treewright_accel::{
-    BuildChoice, Collapse, Device, Ray, Structure, Tree, TreeParameters, Triangles, Visits, build,
-};
+use treewright_accel::{Collapse, Ray, TreeParameters, Visits};
 
 mod scenes;
 
-fn tree(triangles: &Arc<Triangles>, parameters: TreeParameters) -> Tree {
-    let device = Device::open(0).expect("Embree is there");
-    match build(&device, triangles, &BuildChoice::Tree(parameters)).expect("it can be built") {
-        Structure::Tree(tree) => tree,
-        other => panic!("{other:?} is no tree"),
-    }
-}
+use scenes::back_ends::tree;
 
 fn wide() -> TreeParameters {
     TreeParameters {
@@ -33,7 +23,7 @@ fn counts_add_up_and_repeat() {
     let rays = scenes::rays(300, 7);
     for robust in [false, true] {
         for block_width in [4, 8] {
-            let tree = tree(&triangles, TreeParameters { robust, block_width, ..wide() });
+            let tree = tree(&triangles, &TreeParameters { robust, block_width, ..wide() });
             for any in [false, true] {
                 let together = tree.visits(&rays, any);
                 let mut one_by_one = Visits::default();
@@ -49,7 +39,7 @@ fn counts_add_up_and_repeat() {
 
 #[test]
 fn rays_that_are_none_visit_nothing() {
-    let tree = tree(&scenes::city(4, 5), wide());
+    let tree = tree(&scenes::city(4, 5), &wide());
     let none = Ray { t_min: f32::NAN, ..scenes::rays(1, 1)[0] };
     assert_eq!(tree.visits(&[none], false), Visits::default());
     assert_eq!(tree.visits(&[none], true), Visits::default());

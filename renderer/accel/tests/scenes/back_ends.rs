@@ -5,13 +5,51 @@
 use std::sync::Arc;
 
 use treewright_accel::{
-    BuildChoice, Collapse, Device, Intersector, Isa, NativeAcceleration, NativeOptions, NativeQuality,
-    Quality, Structure, TreeParameters, Triangles, build,
+    BuildChoice, Collapse, Device, Hit, Intersector, Isa, NativeAcceleration, NativeOptions, NativeQuality,
+    Packets, Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
 };
 
 /// The device of all tests.
 pub(crate) fn device() -> Device {
     Device::open(0).expect("Embree is set up")
+}
+
+/// A tree of ours.
+pub(crate) fn tree(triangles: &Arc<Triangles>, parameters: &TreeParameters) -> Tree {
+    match build(&device(), triangles, &BuildChoice::Tree(*parameters)) {
+        Ok(Structure::Tree(tree)) => tree,
+        other => panic!("{parameters:?} gave {other:?}"),
+    }
+}
+
+/// A tree with the kernels of each instruction set that there is.
+pub(crate) fn each_isa(mut tree: Tree, mut check: impl FnMut(Isa, &Tree)) {
+    for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+        tree = tree.with_isa(isa).expect("it is available");
+        check(isa, &tree);
+    }
+}
+
+/// Trees of each width, and of these builders, tests and blocks.
+pub(crate) fn wide_trees(kinds: &[(Quality, bool, u32)]) -> impl Iterator<Item = BuildChoice> {
+    let plain = TreeParameters { max_depth: 64, ..TreeParameters::default() };
+    [2, 4, 8].into_iter().flat_map(move |branching_factor| {
+        kinds.iter().map(move |&(quality, robust, block_width)| {
+            BuildChoice::Tree(TreeParameters { branching_factor, quality, robust, block_width, ..plain })
+        })
+    })
+}
+
+/// The answers to rays in packets: the nearest hits, and whether there is any.
+pub(crate) fn packed(
+    structure: &dyn Intersector,
+    packets: Packets,
+    rays: &[Ray],
+) -> (Vec<Option<Hit>>, Vec<bool>) {
+    let (mut hits, mut occluded) = (vec![None; rays.len()], vec![false; rays.len()]);
+    structure.closest_each(packets, rays, &mut hits);
+    structure.occluded_each(packets, rays, &mut occluded);
+    (hits, occluded)
 }
 
 /// A tree of every kind of node, of block and of test, otherwise as `plain`.
@@ -74,16 +112,9 @@ pub(crate) fn natives() -> Vec<NativeOptions> {
 /// set.
 pub(crate) fn each(triangles: &Arc<Triangles>, mut check: impl FnMut(&str, &dyn Intersector)) {
     for parameters in trees() {
-        let choice = BuildChoice::Tree(parameters);
-        let mut tree = match build(&device(), triangles, &choice) {
-            Ok(Structure::Tree(tree)) => tree,
-            other => panic!("{parameters:?} gave {other:?}"),
-        };
+        let tree = tree(triangles, &parameters);
         tree.validate().unwrap_or_else(|fault| panic!("{parameters:?}: {fault}"));
-        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
-            tree = tree.with_isa(isa).expect("it is available");
-            check(&format!("{isa:?}, {parameters:?}"), &tree);
-        }
+        each_isa(tree, |isa, tree| check(&format!("{isa:?}, {parameters:?}"), tree));
     }
     for options in natives() {
         let native = build(&device(), triangles, &BuildChoice::Native(options));

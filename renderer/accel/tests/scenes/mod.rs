@@ -2,6 +2,9 @@
 
 #![allow(dead_code, reason = "each test uses some of them")]
 
+pub(crate) mod back_ends;
+pub(crate) mod verdict;
+
 use std::f32::consts::TAU;
 use std::sync::Arc;
 
@@ -140,6 +143,15 @@ pub(crate) fn invalid(good: Ray) -> Vec<Ray> {
         }
     }
     rays
+}
+
+/// Whether two answers to a ray are both none, or of distances that differ by no more than this share.
+pub(crate) fn same_distance(expected: Option<Hit>, found: Option<Hit>, tolerance: f32) -> bool {
+    match (expected, found) {
+        (None, None) => true,
+        (Some(expected), Some(found)) => (expected.t - found.t).abs() <= tolerance * (1.0 + expected.t),
+        _ => false,
+    }
 }
 
 /// Whether rounding may decide about the ray where objects move or are placed. Ways into an object's space
