@@ -3,17 +3,20 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::{Affine3A, Quat, Vec3};
+use glam::Vec3;
 use treewright_accel::{BuildChoice, NativeOptions, TreeParameters};
 use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::{Lights, View};
 use treewright_renderer::render_options::RenderOptions;
 use treewright_scene::assemble::{Assembler, Lighting};
-use treewright_scene::framing;
 use treewright_scene::indicators::{SCHEMA, SceneIndicators};
 use treewright_scene::shapes::Shapes;
 use treewright_scene::{Material, Scene, Sky, builtin};
+
+#[allow(dead_code, reason = "this test uses some of it")]
+#[path = "full_space/scenes.rs"]
+mod scenes;
 
 /// A room of lamps and smooth balls, turned, squeezed and mirrored.
 fn lamps() -> Scene {
@@ -21,11 +24,7 @@ fn lamps() -> Scene {
     let wall = assembler.material(Material::default());
     let shiny = assembler.material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
     let light = assembler.material(Material { emission: Vec3::new(6.0, 5.0, 3.0), ..Material::default() });
-    let mut room = Shapes::new();
-    room.cuboid(Vec3::new(-4.0, 0.0, -4.0), Vec3::new(4.0, 4.0, 4.0));
-    room.part.indices.iter_mut().for_each(|triangle| triangle.swap(1, 2));
-    room.part.normals.iter_mut().for_each(|normal| *normal = -*normal);
-    assembler.mesh("room", wall, &room.part).unwrap();
+    assembler.mesh("room", wall, &scenes::walls()).unwrap();
     let (mut ball, mut bulb) = (Shapes::new(), Shapes::new());
     ball.sphere(Vec3::new(0.0, 0.6, 0.0), 0.6, 20, 12);
     bulb.cuboid(Vec3::new(-0.2, 1.3, -0.3), Vec3::new(0.3, 1.4, 0.3));
@@ -33,27 +32,8 @@ fn lamps() -> Scene {
     assembler.mesh("ball", shiny, &ball.part).unwrap();
     assembler.mesh("bulb", light, &bulb.part).unwrap();
     let lamp = assembler.end_object();
-    for number in 0..6 {
-        let angle = number as f32;
-        let mirror = if number % 2 == 0 { 1.0 } else { -1.0 };
-        assembler.place(
-            lamp,
-            Affine3A::from_scale_rotation_translation(
-                Vec3::new(mirror * (0.6 + 0.1 * angle), 1.2, 0.7),
-                Quat::from_rotation_y(angle) * Quat::from_rotation_x(0.3),
-                Vec3::new(2.5 * angle.cos(), 0.4, 2.5 * angle.sin()),
-            ),
-        );
-    }
-    let view = framing::CameraPose {
-        position: Vec3::new(0.0, 2.6, 3.8),
-        forward: Vec3::new(0.0, -0.35, -1.0),
-        up: Vec3::Y,
-        vertical_fov_deg: 65.0,
-        framed_aspect: None,
-        distance: None,
-    };
-    assembler.finish(Lighting::Given(Sky::BLACK), vec![view]).unwrap()
+    scenes::place_around(&mut assembler, lamp, 6);
+    assembler.finish(Lighting::Given(Sky::BLACK), vec![scenes::view()]).unwrap()
 }
 
 fn choices() -> [BuildChoice; 3] {

@@ -126,8 +126,8 @@ fn each<S: Strategy>(cases: u32, values: &S, check: impl Fn(S::Value)) {
 
 #[test]
 fn random_configurations_over_two_scenes() {
-    let scenes = [Case::new(scenes::soup(3000, 0.05, 21), 22), Case::new(scenes::city(12, 23), 24)];
-    each(64, &configuration(), |parameters| scenes.iter().for_each(|case| case.check(&parameters)));
+    let cases = [Case::new(scenes::soup(3000, 0.05, 21), 22), Case::new(scenes::city(12, 23), 24)];
+    each(64, &configuration(), |parameters| cases.iter().for_each(|case| case.check(&parameters)));
 }
 
 /// None to a few triangles of every kind: real ones, needles, points, copies of each other, all in one plane.

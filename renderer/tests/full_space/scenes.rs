@@ -7,6 +7,7 @@ use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
 use treewright_accel::{Card, Mask, Wrap};
 use treewright_scene::assemble::{Assembler, Lighting};
 use treewright_scene::framing::CameraPose;
+use treewright_scene::part::Part;
 use treewright_scene::shapes::Shapes;
 use treewright_scene::{Material, Scene, Sky};
 
@@ -70,16 +71,12 @@ fn room(instanced: bool) -> Scene {
     let shiny = assembler.material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
     let glass = assembler.material(Material { transmission: 0.9, roughness: 0.0, ..Material::default() });
     let light = assembler.material(Material { emission: Vec3::new(6.0, 5.0, 3.0), ..Material::default() });
-    let mut room = Shapes::new();
-    room.cuboid(Vec3::new(-4.0, 0.0, -4.0), Vec3::new(4.0, 4.0, 4.0));
-    room.part.indices.iter_mut().for_each(|triangle| triangle.swap(1, 2));
-    room.part.normals.iter_mut().for_each(|normal| *normal = -*normal);
     let (mut ball, mut bulb, mut pane) = (Shapes::new(), Shapes::new(), Shapes::new());
     ball.sphere(Vec3::new(0.0, 0.6, 0.0), 0.6, 12, 8);
     bulb.cuboid(Vec3::new(-0.2, 1.3, -0.3), Vec3::new(0.3, 1.4, 0.3));
     let corner = |x: f32, y: f32| Vec3::new(x, y, 0.9);
     pane.quad(corner(-0.4, 0.0), corner(0.4, 0.0), corner(0.4, 1.2), corner(-0.4, 1.2));
-    assembler.mesh("room", wall, &room.part).expect("the mesh is sound");
+    assembler.mesh("room", wall, &walls()).expect("the mesh is sound");
     if instanced {
         assembler.begin_object();
     }
@@ -88,31 +85,49 @@ fn room(instanced: bool) -> Scene {
     assembler.mesh("pane", glass, &pane.part).expect("the mesh is sound");
     if instanced {
         let lamp = assembler.end_object();
-        for number in 0..5 {
-            let angle = number as f32;
-            let mirror = if number % 2 == 0 { 1.0 } else { -1.0 };
-            assembler.place(
-                lamp,
-                Affine3A::from_scale_rotation_translation(
-                    Vec3::new(mirror * (0.6 + 0.1 * angle), 1.2, 0.7),
-                    Quat::from_rotation_y(angle) * Quat::from_rotation_x(0.3),
-                    Vec3::new(2.5 * angle.cos(), 0.4, 2.5 * angle.sin()),
-                ),
-            );
-        }
+        place_around(&mut assembler, lamp, 5);
         assembler.begin_object();
         assembler.mesh("nowhere", wall, &ball.part).expect("the mesh is sound");
         assembler.end_object();
     }
-    let view = CameraPose {
+    assembler.finish(Lighting::Given(Sky::BLACK), vec![view()]).expect("the scene is sound")
+}
+
+/// The walls of a room, seen from inside.
+pub(crate) fn walls() -> Part {
+    let mut room = Shapes::new();
+    room.cuboid(Vec3::new(-4.0, 0.0, -4.0), Vec3::new(4.0, 4.0, 4.0));
+    room.part.indices.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+    room.part.normals.iter_mut().for_each(|normal| *normal = -*normal);
+    room.part
+}
+
+/// Places an object in a circle, turned, squeezed and mirrored.
+pub(crate) fn place_around(assembler: &mut Assembler, object: u32, count: u32) {
+    for number in 0..count {
+        let angle = number as f32;
+        let mirror = if number % 2 == 0 { 1.0 } else { -1.0 };
+        assembler.place(
+            object,
+            Affine3A::from_scale_rotation_translation(
+                Vec3::new(mirror * (0.6 + 0.1 * angle), 1.2, 0.7),
+                Quat::from_rotation_y(angle) * Quat::from_rotation_x(0.3),
+                Vec3::new(2.5 * angle.cos(), 0.4, 2.5 * angle.sin()),
+            ),
+        );
+    }
+}
+
+/// From one wall to the other.
+pub(crate) fn view() -> CameraPose {
+    CameraPose {
         position: Vec3::new(0.0, 2.6, 3.8),
         forward: Vec3::new(0.0, -0.35, -1.0),
         up: Vec3::Y,
         vertical_fov_deg: 65.0,
         framed_aspect: None,
         distance: None,
-    };
-    assembler.finish(Lighting::Given(Sky::BLACK), vec![view]).expect("the scene is sound")
+    }
 }
 
 /// The scene with holes in every other triangle.
