@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 use serde_json::json;
 
-use super::load_tests::{glb, load_bytes, triangle_document};
+use super::load_tests::{GltfFile, has_note, load_bytes, told};
 use super::{Placement, Scene, Up, load_upright};
 
 /// Three corners in double precision, with a shape that single precision would lose at the offset.
@@ -40,11 +40,11 @@ fn text_in_double_precision_keeps_its_digits_far_away() {
     for load in [obj, ply] {
         let (near, far_scene) = (load(DVec3::ZERO), load(far));
         assert_eq!(near.placement, Placement::default());
-        assert!(near.notes.iter().all(|note| !note.contains("moved")));
+        assert!(!has_note(&near, "moved"));
         for (near, far) in edges(&near).into_iter().zip(edges(&far_scene)) {
             assert!((near - far).abs().max_element() < 1e-6, "{near} {far}");
         }
-        assert!(far_scene.notes.iter().any(|note| note.contains("lies far from its origin")));
+        told(&far_scene, "lies far from its origin");
         // A place of the file is found again, for cameras that people give.
         let corner = Vec3::from(far_scene.triangles.corners(0)[0]);
         assert!((far_scene.placement.in_scene(far + CORNERS[0]) - corner).length() < 1e-6);
@@ -66,7 +66,8 @@ fn what_stands_upright_otherwise_is_moved_along_the_turned_axes() {
 
 #[test]
 fn nodes_far_away_keep_the_digits_of_their_meshes_and_lights_and_cameras_go_along() {
-    let (mut document, data) = triangle_document();
+    let mut file = GltfFile::new();
+    let document = &mut file.json;
     let far = [1e6, -2e6, 3e6];
     document["nodes"] = json!([
         {"translation": far, "children": [1, 2, 3]},
@@ -78,9 +79,9 @@ fn nodes_far_away_keep_the_digits_of_their_meshes_and_lights_and_cameras_go_alon
     document["cameras"] = json!([{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]);
     document["extensionsUsed"] = json!(["KHR_lights_punctual"]);
     document["extensions"] = json!({"KHR_lights_punctual": {"lights": [{"type": "point"}]}});
-    let scene = load_bytes("a.glb", &glb(&document, &data)).expect("a scene");
-    document["nodes"][0]["translation"] = json!([0, 0, 0]);
-    let near = load_bytes("a.glb", &glb(&document, &data)).expect("a scene");
+    let scene = file.load();
+    file.json["nodes"][0]["translation"] = json!([0, 0, 0]);
+    let near = file.load();
     assert_eq!(edges(&scene), edges(&near));
     let corner = |scene: &Scene| Vec3::from(scene.triangles.corners(0)[0]);
     let eye = |scene: &Scene| scene.cameras[0].position - corner(scene);

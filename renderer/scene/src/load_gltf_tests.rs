@@ -5,17 +5,11 @@ use glam::Vec3;
 use serde_json::{Value, json};
 
 use super::limits::PUNCTUAL_LIGHTS_MAX;
-use super::load_tests::{glb, load_bytes, triangle_document};
+use super::load_tests::{GltfFile, error_of, glb, has_note, load_bytes, material, told, triangle_document};
 use super::{Cone, Punctual, Scene, Sky, Up, load_upright};
 
 fn loaded(document: &Value) -> Scene {
     load_bytes("a.glb", &glb(document, &triangle_document().1)).unwrap()
-}
-
-fn refused(name: &str, bytes: &[u8]) -> String {
-    let message = load_bytes(name, bytes).map(|_| ()).unwrap_err().to_string();
-    assert!(message.contains(name), "the message does not name the file: {message}");
-    message
 }
 
 /// The triangle's document with changes, each a path and a value; the parents of a value have to be there.
@@ -45,7 +39,7 @@ fn without_a_scene_the_roots_are_shown() {
             without.as_object_mut().unwrap().retain(|_, value| !value.is_null());
             let scene = loaded(&without);
             assert_eq!((scene.triangles.len(), scene.bounds().min.x), (2, 5.0));
-            assert!(scene.notes.iter().any(|note| note.contains("has no scene; its 1 root nodes")));
+            told(&scene, "has no scene; its 1 root nodes");
         }
     }
 }
@@ -59,15 +53,11 @@ fn scenes_may_be_empty_and_further_ones_are_told() {
         loaded(&document)
     };
     let scene = with(json!([{"nodes": [0]}, {"name": "Scene.001"}]), json!(0));
-    assert!(!scene.notes.iter().any(|note| note.contains("Scene")), "{:?}", scene.notes);
+    assert!(!has_note(&scene, "Scene"), "{:?}", scene.notes);
     // Without a default, an empty first scene is passed over.
     assert_eq!(with(json!([{"name": "empty"}, {"nodes": [0]}]), Value::Null).triangles.len(), 1);
     let scene = with(json!([{"nodes": [0]}, {"nodes": [0]}]), json!(1));
-    assert!(
-        scene.notes.iter().any(|note| note.contains("Scene 1 is shown; 1 further ones")),
-        "{:?}",
-        scene.notes
-    );
+    told(&scene, "Scene 1 is shown; 1 further ones");
 }
 
 #[test]
@@ -97,7 +87,7 @@ fn textures_without_a_picture_are_left_out_and_told() {
 }
 
 #[test]
-fn animations_skins_and_targets_are_told_and_never_refused() {
+fn animations_skins_and_targets_are_told_and_never_error_of() {
     let noted = notes(&[
         (
             "/animations",
@@ -129,11 +119,7 @@ fn accessors_without_a_view_hold_zeros() {
         {"attributes": {"POSITION": 2}}, {"attributes": {"POSITION": 0}, "indices": 2}, {"attributes": {"NORMAL": 0}}]);
     let scene = loaded(&document);
     assert_eq!(scene.triangles.len(), 1);
-    assert!(
-        scene.notes.iter().any(|note| note.contains("Left out 3 primitives without data")),
-        "{:?}",
-        scene.notes
-    );
+    told(&scene, "Left out 3 primitives without data");
     // Nor do they have to say their box.
     let (mut document, _) = triangle_document();
     document["accessors"][0].as_object_mut().unwrap().retain(|key, _| key != "min" && key != "max");
@@ -179,32 +165,18 @@ fn materials_of_specular_and_gloss_are_dielectrics() {
     let material = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": other}});
     let scene =
         loaded(&changed(&[("/materials", json!([material])), ("/meshes/0/primitives/0/material", json!(0))]));
-    let found = scene.materials[scene.meshes[0].material as usize];
+    let found = material(&scene);
     assert_eq!((found.base_color, found.metallic, found.roughness), (Vec3::new(0.1, 0.2, 0.3), 0.0, 0.25));
-    assert!(scene.notes.iter().any(|note| note.contains("Took 1 materials of specular and gloss")));
+    told(&scene, "Took 1 materials of specular and gloss");
 }
 
 #[test]
 fn copies_of_a_mesh_stand_where_they_are_put() {
-    let (mut document, mut data) = triangle_document();
-    data.resize(44, 0);
-    for number in [
-        0.0_f32, 0.0, 0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 7.0, /* turns */ 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0,
-        0.0, 0.0, 0.0, 0.0, 0.0,
-    ] {
-        data.extend(number.to_le_bytes());
-    }
-    document["buffers"][0]["byteLength"] = json!(data.len());
-    document["bufferViews"].as_array_mut().unwrap().extend([
-        json!({"buffer": 0, "byteOffset": 44, "byteLength": 36}),
-        json!({"buffer": 0, "byteOffset": 80, "byteLength": 48}),
-    ]);
-    document["accessors"].as_array_mut().unwrap().extend([
-        json!({"bufferView": 2, "componentType": 5126, "count": 3, "type": "VEC3"}),
-        json!({"bufferView": 3, "componentType": 5126, "count": 3, "type": "VEC4"}),
-    ]);
-    document["nodes"] = json!([{"mesh": 0, "scale": [2, 2, 2], "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 2, "ROTATION": 3}}}}]);
-    let scene = load_bytes("copies.glb", &glb(&document, &data)).unwrap();
+    let mut file = GltfFile::new();
+    file.floats("VEC3", &[0.0, 0.0, 0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 7.0]);
+    file.floats("VEC4", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    file.json["nodes"] = json!([{"mesh": 0, "scale": [2, 2, 2], "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 2, "ROTATION": 3}}}}]);
+    let scene = file.load();
     assert_eq!(scene.triangles.len(), 3);
     let first = |triangle: usize| scene.triangles.corners(triangle).map(Vec3::from);
     assert_eq!(first(0)[1], Vec3::new(2.0, 0.0, 0.0));
@@ -212,29 +184,28 @@ fn copies_of_a_mesh_stand_where_they_are_put() {
     assert!((first(1)[1] - Vec3::new(18.0, 0.0, 0.0)).length() < 1e-5, "{:?}", first(1));
     assert_eq!(first(2)[0], Vec3::new(0.0, 0.0, 14.0));
     // Turns in 16 bits: the identity, half a turn about z, and none at all.
-    let mut quantised = (document.clone(), data.clone());
-    quantised.1.truncate(80);
+    let mut quantised = GltfFile { json: file.json.clone(), data: file.data.clone() };
+    quantised.data.truncate(80);
     for turn in [[0i16, 0, 0, i16::MAX], [0, 0, i16::MAX, 0], [0; 4]] {
-        quantised.1.extend(turn.into_iter().flat_map(i16::to_le_bytes));
+        quantised.data.extend(turn.into_iter().flat_map(i16::to_le_bytes));
     }
-    quantised.0["buffers"][0]["byteLength"] = json!(quantised.1.len());
-    quantised.0["bufferViews"][3]["byteLength"] = json!(24);
-    quantised.0["accessors"][3]["componentType"] = json!(5122);
-    quantised.0["accessors"][3]["normalized"] = json!(true);
-    let same = load_bytes("quantised.glb", &glb(&quantised.0, &quantised.1)).unwrap();
+    quantised.json["buffers"][0]["byteLength"] = json!(quantised.data.len());
+    quantised.json["bufferViews"][3]["byteLength"] = json!(24);
+    quantised.json["accessors"][3]["componentType"] = json!(5122);
+    quantised.json["accessors"][3]["normalized"] = json!(true);
+    let same = quantised.load();
     for triangle in 0..3 {
         assert_eq!(same.triangles.corners(triangle), scene.triangles.corners(triangle));
     }
     // Without being normalised they stand for nothing.
-    quantised.0["accessors"][3]["normalized"] = json!(false);
-    let unread = load_bytes("integers.glb", &glb(&quantised.0, &quantised.1)).unwrap();
-    assert!(
-        unread.triangles.len() == 1 && unread.notes.iter().any(|note| note.contains("1 nodes have copies"))
-    );
-    document["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["SCALE"] = json!(0);
-    document["accessors"][0]["count"] = json!(2);
-    let odd = load_bytes("odd.glb", &glb(&document, &data));
-    assert!(odd.is_err() || odd.unwrap().notes.iter().any(|note| note.contains("1 nodes have copies")));
+    quantised.json["accessors"][3]["normalized"] = json!(false);
+    let unread = quantised.load();
+    assert_eq!(unread.triangles.len(), 1);
+    told(&unread, "1 nodes have copies");
+    file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["SCALE"] = json!(0);
+    file.json["accessors"][0]["count"] = json!(2);
+    let odd = load_bytes("odd.glb", &file.bytes());
+    assert!(odd.is_err() || has_note(&odd.unwrap(), "1 nodes have copies"));
 }
 
 #[test]
@@ -272,7 +243,7 @@ fn punctual_lights_are_what_they_are_in_the_file() {
         ]
     );
     assert_eq!((scene.lights.len(), scene.triangles.len(), scene.sky), (5, 1, Sky::BLACK));
-    assert!(scene.notes.iter().any(|note| note.contains("Left out 1 lights")), "{:?}", scene.notes);
+    told(&scene, "Left out 1 lights");
 }
 
 #[test]
@@ -286,16 +257,12 @@ fn angles_of_view_are_kept_or_told() {
     for degrees in [0.02_f64, 0.5, 1.0, 169.0] {
         let scene = camera(degrees.to_radians());
         assert!((f64::from(scene.cameras[0].vertical_fov_deg) / degrees - 1.0).abs() < 1e-5);
-        assert!(!scene.notes.iter().any(|note| note.contains("angle")), "{:?}", scene.notes);
+        assert!(!has_note(&scene, "angle"), "{:?}", scene.notes);
     }
     for (radians, kept) in [(1e-6, 0.01), (3.1, 170.0)] {
         let scene = camera(radians);
         assert_eq!(scene.cameras[0].vertical_fov_deg, kept);
-        assert!(
-            scene.notes.iter().any(|note| note.contains("the angle of view of 1 cameras")),
-            "{:?}",
-            scene.notes
-        );
+        told(&scene, "the angle of view of 1 cameras");
     }
 }
 
@@ -326,8 +293,7 @@ fn of_size(size: f32, copies: usize) -> Scene {
 #[test]
 fn scenes_out_of_the_range_of_single_precision_are_drawn_within_it() {
     let usual = of_size(1.0, 3);
-    let is_noted =
-        |scene: &Scene| scene.notes.iter().any(|note| note.contains("all lengths are multiplied by"));
+    let is_noted = |scene: &Scene| has_note(scene, "all lengths are multiplied by");
     assert!(!is_noted(&usual) && !is_noted(&of_size(1e-6, 3)) && !is_noted(&of_size(1e6, 3)));
     for size in [1e-10, 1e-15, 1e9, 3e11_f32] {
         let scene = of_size(size, 3);
@@ -356,11 +322,7 @@ fn lights_beyond_the_limit_are_told() {
         ("/nodes", json!(nodes)),
     ]));
     assert_eq!(scene.lights.len(), PUNCTUAL_LIGHTS_MAX);
-    assert!(
-        scene.notes.iter().any(|note| note == "Took the first 65536 of 65539 lights."),
-        "{:?}",
-        scene.notes
-    );
+    told(&scene, "Took the first 65536 of 65539 lights.");
 }
 
 #[test]
@@ -394,8 +356,9 @@ fn a_file_on_another_axis_is_turned_as_a_whole() {
 }
 
 #[test]
-fn elements_that_overlap_are_refused() {
-    let message = refused("close.glb", &glb(&changed(&[("/bufferViews/0/byteStride", json!(11))]), &[0; 64]));
+fn elements_that_overlap_are_error_of() {
+    let message =
+        error_of("close.glb", &glb(&changed(&[("/bufferViews/0/byteStride", json!(11))]), &[0; 64]));
     assert!(message.contains("accessor 0 has elements that lie closer together"), "{message}");
     let mut document = changed(&[
         (
@@ -408,28 +371,21 @@ fn elements_that_overlap_are_refused() {
         json!({"buffer": 0, "byteOffset": 42, "byteLength": 2}),
         json!({"buffer": 0, "byteOffset": 44, "byteLength": 12, "byteStride": 4}),
     ]);
-    let message = refused("close.glb", &glb(&document, &[0; 64]));
+    let message = error_of("close.glb", &glb(&document, &[0; 64]));
     assert!(message.contains("sparse elements that lie closer together"), "{message}");
 }
 
 #[test]
 fn a_corner_that_there_is_not_is_refused_beside_normals_without_length() {
-    let (mut document, mut data) = triangle_document();
+    let mut file = GltfFile::new();
     // A second triangle, one of whose corners there is not; all normals are zero.
-    data.truncate(42);
-    data.extend([0_u16, 1, 700].iter().flat_map(|index| index.to_le_bytes()));
-    data.extend([0; 36]);
-    document["buffers"][0]["byteLength"] = json!(data.len());
-    document["bufferViews"][1]["byteLength"] = json!(12);
-    document["bufferViews"]
-        .as_array_mut()
-        .unwrap()
-        .push(json!({"buffer": 0, "byteOffset": 48, "byteLength": 36}));
-    document["accessors"][1]["count"] = json!(6);
-    let normals = json!({"bufferView": 2, "componentType": 5126, "count": 3, "type": "VEC3"});
-    document["accessors"].as_array_mut().unwrap().push(normals);
-    document["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(2);
-    let message = refused("wild.glb", &glb(&document, &data));
+    file.data.truncate(42);
+    file.data.extend([0_u16, 1, 700].iter().flat_map(|index| index.to_le_bytes()));
+    file.json["bufferViews"][1]["byteLength"] = json!(12);
+    file.json["accessors"][1]["count"] = json!(6);
+    let normals = file.floats("VEC3", &[0.0; 9]);
+    file.primitive()["attributes"]["NORMAL"] = json!(normals);
+    let message = error_of("wild.glb", &file.bytes());
     assert!(message.contains("700"), "{message}");
 }
 
@@ -440,16 +396,16 @@ fn refusals_name_what_is_missing() {
             ("/extensionsRequired", json!([extension])),
             ("/accessors", json!([{"componentType": 5126, "count": 3, "type": "VEC3"}])),
         ]);
-        let message = refused("packed.glb", &glb(&document, &[]));
+        let message = error_of("packed.glb", &glb(&document, &[]));
         assert!(message.contains(extension) && message.contains("without mesh compression"), "{message}");
     }
     let document =
         changed(&[("/accessors/0/componentType", json!(5120)), ("/accessors/0/normalized", json!(true))]);
-    let message = refused("quantised.glb", &glb(&document, &[0; 64]));
+    let message = error_of("quantised.glb", &glb(&document, &[0; 64]));
     assert!(message.contains("KHR_mesh_quantization is not read"), "{message}");
     let with = |uri: &str| {
         let document = changed(&[("/buffers", json!([{"byteLength": 42, "uri": uri}]))]);
-        refused("a.gltf", document.to_string().as_bytes())
+        error_of("a.gltf", document.to_string().as_bytes())
     };
     let message = with("gone.bin");
     assert!(message.contains("buffer 0, gone.bin: No such file"), "{message}");
@@ -460,14 +416,14 @@ fn refusals_name_what_is_missing() {
     );
     assert!(with("https://a.example/b.bin").contains("not a file beside the scene"));
     let old = r#"{"asset": {"version": "1.0"}, "meshes": {}, "scenes": {"s": {"nodes": []}}, "scene": "s"}"#;
-    assert!(refused("old.gltf", old.as_bytes()).contains("version 1.0 of glTF"));
+    assert!(error_of("old.gltf", old.as_bytes()).contains("version 1.0 of glTF"));
     let mut binary = glb(&triangle_document().0, &triangle_document().1);
     binary[4] = 1;
-    assert!(refused("old.glb", &binary).contains("version 1 of glTF"));
+    assert!(error_of("old.glb", &binary).contains("version 1 of glTF"));
     let newer = changed(&[("/asset", json!({"version": "2.1", "minVersion": "2.1"}))]);
-    assert!(refused("new.glb", &glb(&newer, &[])).contains("version 2.1 of glTF"));
-    assert!(refused("none.gltf", b"{\"asset\": {}}").contains("does not say its version"));
-    assert!(refused("list.gltf", b"[1]").contains("is no object"));
+    assert!(error_of("new.glb", &glb(&newer, &[])).contains("version 2.1 of glTF"));
+    assert!(error_of("none.gltf", b"{\"asset\": {}}").contains("does not say its version"));
+    assert!(error_of("list.gltf", b"[1]").contains("is no object"));
 }
 
 #[test]

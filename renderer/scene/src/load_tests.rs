@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::Vec3;
 use serde_json::{Value, json};
 
-use super::{Punctual, Scene, SceneError, Sky, load};
+use super::{Material, Punctual, Scene, SceneError, Sky, load};
 
 /// Writes a file into a folder of its own and loads it.
 pub(super) fn load_bytes(name: &str, bytes: &[u8]) -> Result<Scene, SceneError> {
@@ -15,10 +15,26 @@ pub(super) fn load_bytes(name: &str, bytes: &[u8]) -> Result<Scene, SceneError> 
     load(&path)
 }
 
-fn error_of(name: &str, bytes: &[u8]) -> String {
+/// Why a file is refused, in words that name it.
+pub(super) fn error_of(name: &str, bytes: &[u8]) -> String {
     let message = load_bytes(name, bytes).map(|_| ()).unwrap_err().to_string();
     assert!(message.contains(name), "the message does not name the file: {message}");
     message
+}
+
+pub(super) fn has_note(scene: &Scene, part: &str) -> bool {
+    scene.notes.iter().any(|note| note.contains(part))
+}
+
+/// Asserts that a note says this.
+#[track_caller]
+pub(super) fn told(scene: &Scene, part: &str) {
+    assert!(has_note(scene, part), "{part}: {:?}", scene.notes);
+}
+
+/// The material of the first mesh.
+pub(super) fn material(scene: &Scene) -> Material {
+    scene.materials[scene.meshes[0].material as usize]
 }
 
 /// A binary glTF file of one JSON and one data chunk.
@@ -57,6 +73,64 @@ pub(super) fn triangle_document() -> (Value, Vec<u8>) {
         "buffers": [{"byteLength": data.len()}]
     });
     (document, data)
+}
+
+/// A glTF document that grows, and its data.
+pub(super) struct GltfFile {
+    pub(super) json: Value,
+    pub(super) data: Vec<u8>,
+}
+
+impl GltfFile {
+    /// A triangle at (0, 0, 0), (1, 0, 0), (0, 1, 0).
+    pub(super) fn new() -> Self {
+        let (json, data) = triangle_document();
+        Self { json, data }
+    }
+
+    /// Adds bytes to the data and returns the number of their view.
+    pub(super) fn view(&mut self, bytes: &[u8]) -> usize {
+        self.data.resize(self.data.len().next_multiple_of(4), 0);
+        let views = self.json["bufferViews"].as_array_mut().unwrap();
+        let number = views.len();
+        views.push(json!({"buffer": 0, "byteOffset": self.data.len(), "byteLength": bytes.len()}));
+        self.data.extend(bytes);
+        self.json["buffers"][0]["byteLength"] = json!(self.data.len());
+        number
+    }
+
+    /// Adds an accessor and returns its number.
+    pub(super) fn accessor(&mut self, component: u32, kind: &str, count: usize, bytes: &[u8]) -> usize {
+        let view = self.view(bytes);
+        let accessors = self.json["accessors"].as_array_mut().unwrap();
+        accessors.push(json!({"bufferView": view, "componentType": component, "count": count, "type": kind}));
+        accessors.len() - 1
+    }
+
+    pub(super) fn floats(&mut self, kind: &str, numbers: &[f32]) -> usize {
+        let width = match kind {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            "VEC4" => 4,
+            _ => 16,
+        };
+        let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
+        self.accessor(5126, kind, numbers.len() / width, &bytes)
+    }
+
+    /// The mesh's first primitive.
+    pub(super) fn primitive(&mut self) -> &mut Value {
+        &mut self.json["meshes"][0]["primitives"][0]
+    }
+
+    pub(super) fn bytes(&self) -> Vec<u8> {
+        glb(&self.json, &self.data)
+    }
+
+    pub(super) fn load(&self) -> Scene {
+        load_bytes("a.glb", &self.bytes()).unwrap()
+    }
 }
 
 #[test]
@@ -141,7 +215,7 @@ fn gltf_materials_cameras_and_lights() {
         {"translation": [0, 2, 0], "extensions": {"KHR_lights_punctual": {"light": 1}}}]);
     document["extensionsUsed"] = json!(["KHR_lights_punctual", "KHR_materials_emissive_strength"]);
     let scene = load_bytes("lit.glb", &glb(&document, &data)).unwrap();
-    let material = scene.materials[scene.meshes[0].material as usize];
+    let material = material(&scene);
     assert_eq!(material.base_color, Vec3::new(0.1, 0.2, 0.3));
     assert_eq!(
         (material.metallic, material.roughness, material.transmission, material.ior),
@@ -248,7 +322,7 @@ fn obj_with_materials_quads_and_relative_numbers() {
     assert!(scene.normals.iter().all(|normal| *normal == Vec3::Z));
     assert_eq!(scene.sky, Sky::BLACK, "a lamp shines");
     for expected in ["gone.mtl", "a.png", "Ignored 1 points"] {
-        assert!(scene.notes.iter().any(|note| note.contains(expected)), "{expected} in {:?}", scene.notes);
+        told(&scene, expected);
     }
 }
 

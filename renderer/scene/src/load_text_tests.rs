@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 
-use super::load_tests::load_bytes;
-use super::{Bounds, Material, Scene, load};
+use super::load_tests::{has_note, load_bytes, material, told};
+use super::{Bounds, Scene, load};
 
 const CORNERS: &str = "v -1 -1 -1\nv -1 -1 1\nv -1 1 -1\nv -1 1 1\nv 1 -1 -1\nv 1 -1 1\nv 1 1 -1\nv 1 1 1\n";
 const FACES: &str = "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n";
@@ -26,14 +26,6 @@ fn beside(files: &[(&str, &[u8])]) -> Scene {
         std::fs::write(folder.path().join(name), bytes).unwrap();
     }
     load(folder.path().join(files[0].0)).unwrap()
-}
-
-fn material(scene: &Scene) -> Material {
-    scene.materials[scene.meshes[0].material as usize]
-}
-
-fn has_note(scene: &Scene, part: &str) -> bool {
-    scene.notes.iter().any(|note| note.contains(part))
 }
 
 /// Area of all triangles, and of all in the direction of a normal.
@@ -121,11 +113,7 @@ fn numbers_of_missing_corners_count_as_none() {
     {
         let scene = obj(format!("{start}{CORNERS}{}", with(suffix)).as_bytes());
         assert!(is_the_cube(&scene) && scene.normals.is_empty(), "{suffix}");
-        assert!(
-            has_note(&scene, "Ignored 24 numbers of texture coordinates or normals"),
-            "{:?}",
-            scene.notes
-        );
+        told(&scene, "Ignored 24 numbers of texture coordinates or normals");
     }
     // Where only some corners have a normal, theirs stays.
     let some = obj(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0.6 0.8\nf 1//1 2//0 3//1\n");
@@ -268,7 +256,7 @@ fn what_is_left_out_is_told_once_with_its_count() {
         ("m.mtl", library.as_bytes()),
     ]);
     for note in ["Ignored 8 colours of vertices", "Ignored 1 points, lines", "Tf (2), map_bump (1)"] {
-        assert!(has_note(&scene, note), "{note}: {:?}", scene.notes);
+        told(&scene, note);
     }
     let text = ply("\n", "\n")
         .replace("float z\n", "float z\nproperty uchar red\n")
@@ -282,8 +270,7 @@ fn what_is_left_out_is_told_once_with_its_count() {
         })
         .collect();
     let scene = load_bytes("coloured.ply", format!("{text}7\n").as_bytes()).unwrap();
-    for note in ["Ignored 8 colours of vertices", "Ignored 1 elements \"edge\""] {
-        assert!(has_note(&scene, note), "{note}: {:?}", scene.notes);
-    }
+    told(&scene, "Ignored 8 colours of vertices");
+    told(&scene, "Ignored 1 elements \"edge\"");
     assert!(is_the_cube(&scene));
 }

@@ -7,8 +7,8 @@ use glam::{Vec2, Vec3};
 use image::{DynamicImage, ImageFormat, RgbaImage};
 use serde_json::{Value, json};
 
-use super::load_tests::{glb, load_bytes, triangle_document};
-use super::{Environment, Material, Scene, Volume, Wrap, load};
+use super::load_tests::{GltfFile, has_note, material, told};
+use super::{Environment, Scene, Volume, Wrap, load};
 
 /// A PNG of two by two pixels: red, clear green, blue, white.
 fn png() -> Vec<u8> {
@@ -21,18 +21,12 @@ fn png() -> Vec<u8> {
 
 /// A triangle with texture coordinates and the picture above in its buffer; `change` has the last word.
 fn textured(change: impl FnOnce(&mut Value)) -> Scene {
-    let (mut document, mut data) = triangle_document();
-    data.resize(44, 0);
-    data.extend([0.0_f32, 1.0, 1.0, 1.0, 0.0, 0.0].iter().flat_map(|number| number.to_le_bytes()));
-    let picture = png();
-    let views = document["bufferViews"].as_array_mut().unwrap();
-    views.push(json!({"buffer": 0, "byteOffset": 44, "byteLength": 24}));
-    views.push(json!({"buffer": 0, "byteOffset": 68, "byteLength": picture.len()}));
-    data.extend(picture);
-    document["accessors"].as_array_mut().unwrap().push(json!(
-        {"bufferView": 2, "componentType": 5126, "count": 3, "type": "VEC2"}));
-    document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = json!(2);
-    document["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let mut file = GltfFile::new();
+    let places = file.floats("VEC2", &[0.0, 1.0, 1.0, 1.0, 0.0, 0.0]);
+    assert_eq!((places, file.view(&png())), (2, 3));
+    file.primitive()["attributes"]["TEXCOORD_0"] = json!(places);
+    file.primitive()["material"] = json!(0);
+    let document = &mut file.json;
     document["images"] = json!([{"bufferView": 3, "mimeType": "image/png"}]);
     document["samplers"] = json!([{"wrapS": 33071, "wrapT": 33648}]);
     document["textures"] = json!([{"source": 0, "sampler": 0}]);
@@ -40,13 +34,8 @@ fn textured(change: impl FnOnce(&mut Value)) -> Scene {
         "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 0}},
         "normalTexture": {"index": 0, "scale": 0.5},
         "emissiveTexture": {"index": 0}, "emissiveFactor": [1, 2, 3]}]);
-    document["buffers"][0]["byteLength"] = json!(data.len());
-    change(&mut document);
-    load_bytes("textured.glb", &glb(&document, &data)).unwrap()
-}
-
-fn material(scene: &Scene) -> Material {
-    scene.materials[scene.meshes[0].material as usize]
+    change(document);
+    file.load()
 }
 
 #[test]
@@ -62,7 +51,7 @@ fn gltf_textures_are_read_once_for_each_meaning() {
     let colours = &scene.textures[0];
     assert_eq!(colours.wrap(), [Wrap::Clamp, Wrap::Mirror]);
     assert_eq!(colours.sample(Vec2::new(0.25, 0.75), 0.0), Vec3::Z.extend(1.0));
-    assert!(!scene.triangles.has_masks() && scene.notes.iter().all(|note| !note.contains("texture")));
+    assert!(!scene.triangles.has_masks() && !has_note(&scene, "texture"));
 }
 
 #[test]
@@ -73,7 +62,7 @@ fn a_picture_without_its_kind_is_read_and_one_without_any_place_left_out() {
     }
     for nowhere in [json!({}), json!({"mimeType": "image/png"}), json!({"bufferView": null, "uri": null})] {
         let scene = textured(|document| document["images"][0] = nowhere);
-        assert!(scene.textures.is_empty() && scene.notes.iter().any(|note| note.contains("image 0")));
+        assert!(scene.textures.is_empty() && has_note(&scene, "image 0"));
     }
 }
 
@@ -91,7 +80,7 @@ fn gltf_alpha_cuts_out_and_blends() {
     assert_eq!(cut.triangles.card(0).unwrap().corners, [Vec2::Y, Vec2::ONE, Vec2::ZERO]);
     // A picture that is clear or solid everywhere is cut out, also where the file asks for blending.
     let crisp = textured(|document| document["materials"][0]["alphaMode"] = json!("BLEND"));
-    assert!(crisp.triangles.is_card(0) && crisp.notes.iter().any(|note| note.contains("cut out")));
+    assert!(crisp.triangles.is_card(0) && has_note(&crisp, "cut out"));
     let plain = textured(|document| {
         document["materials"][0] =
             json!({"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.25]}});
@@ -120,7 +109,7 @@ fn gltf_texture_transforms_and_other_coordinates() {
     // (1, 1) is scaled to (2, 3), turned counter-clockwise where v runs down to (3, -2), and moved.
     assert!((moved.uvs[1] - Vec2::new(3.5, -1.75)).length() < 1e-5, "{}", moved.uvs[1]);
     assert_eq!(material(&moved).metallic_roughness_texture, None, "it takes other coordinates");
-    assert!(moved.notes.iter().any(|note| note.contains("other coordinates")), "{:?}", moved.notes);
+    told(&moved, "other coordinates");
 }
 
 #[test]
@@ -195,7 +184,7 @@ fn obj_maps_are_read() {
     let alpha = scene.textures[0].sample(Vec2::new(0.75, 0.25), 0.0);
     assert_eq!((alpha.w, scene.triangles.is_card(0)), (0.0, true));
     let scene = obj("map_Kd absent.tga");
-    assert!(scene.notes.iter().any(|note| note.contains("absent.tga")), "{:?}", scene.notes);
+    told(&scene, "absent.tga");
     assert!(obj("Kd 1 0 0").uvs.is_empty());
 }
 
