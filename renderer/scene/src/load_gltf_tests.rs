@@ -87,7 +87,7 @@ fn textures_without_a_picture_are_left_out_and_told() {
 }
 
 #[test]
-fn animations_skins_and_targets_are_told_and_never_error_of() {
+fn animations_skins_and_targets_are_told_and_never_refused() {
     let noted = notes(&[
         (
             "/animations",
