@@ -5,11 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
-use treewright_accel::{BruteForce, Card, Mask};
+use treewright_accel::{Card, Mask};
 
+use super::tests::traced;
 use super::*;
-use crate::film::{Film, Picture};
-use crate::render_options::RenderOptions;
+use crate::film::Picture;
 use crate::scene::assemble::{Assembler, Lighting};
 use crate::scene::part::Part;
 use crate::scene::shapes::Shapes;
@@ -39,18 +39,15 @@ fn scene(part: &Part, material: Material, textures: Vec<Texture>, sky: Sky) -> S
 }
 
 fn render(scene: Scene, position: Vec3, fov_deg: f32, samples: u32) -> Picture {
-    let scene = Arc::new(scene);
-    let prepared = Prepared::new(scene.clone());
     let camera =
         Camera { position, target: Vec3::ZERO, up: Vec3::Y, vertical_fov_deg: fov_deg, framed_aspect: None };
-    let view = View { camera, seed: 1, bounces: 3 };
-    let brute_force = BruteForce::new(&scene.triangles);
-    let mut film = Film::new(16, 16);
-    for _ in 0..samples {
-        let options = RenderOptions::default();
-        render_sample(&prepared, &brute_force, &view, &options, prepared.needs, &mut film);
-    }
-    film.picture()
+    traced(&Arc::new(scene), &View { camera, seed: 1, bounces: 3 }, [16; 2], samples).0
+}
+
+/// The view of something low, from before it.
+fn from_before(position: Vec3, target: Vec3, bounces: u32) -> View {
+    let camera = Camera { position, target, up: Vec3::Z, vertical_fov_deg: 14.0, framed_aspect: None };
+    View { camera, seed: 1, bounces }
 }
 
 /// A square from -1 to 1 that faces the viewer, with the whole picture on it.
@@ -188,29 +185,8 @@ fn lamps_shine_as_their_texture_does() {
             scene.uvs = [vec![Vec2::ZERO; 4], square().uvs].concat();
             scene.textures = vec![Arc::new(texture)];
         }
-        let camera = Camera {
-            position: Vec3::new(0.0, -3.0, 0.45),
-            target: Vec3::new(0.0, 0.0, 0.0),
-            up: Vec3::Z,
-            vertical_fov_deg: 14.0,
-            framed_aspect: None,
-        };
-        let scene = Arc::new(scene);
-        let prepared = Prepared::new(scene.clone());
-        let view = View { camera, seed: 1, bounces: 1 };
-        let brute_force = BruteForce::new(&scene.triangles);
-        let mut film = Film::new(16, 16);
-        for _ in 0..200 {
-            render_sample(
-                &prepared,
-                &brute_force,
-                &view,
-                &RenderOptions::default(),
-                prepared.needs,
-                &mut film,
-            );
-        }
-        let picture = film.picture();
+        let view = from_before(Vec3::new(0.0, -3.0, 0.45), Vec3::ZERO, 1);
+        let picture = traced(&Arc::new(scene), &view, [16; 2], 200).0;
         let half = |range: std::ops::Range<u32>| {
             range
                 .flat_map(|x| (7..16).map(move |y| (x, y)))
@@ -359,29 +335,8 @@ fn many_lamps_together_give_the_light_of_each() {
             assembler.mesh("lamp", lamp, &bulb.part).expect("sound");
         }
         let scene = assembler.finish(Lighting::Given(Sky::BLACK), vec![]).expect("sound");
-        let scene = Arc::new(scene);
-        let prepared = Prepared::new(scene.clone());
-        let camera = Camera {
-            position: Vec3::new(0.0, -2.0, 0.6),
-            target: Vec3::new(0.0, -0.6, 0.0),
-            up: Vec3::Z,
-            vertical_fov_deg: 14.0,
-            framed_aspect: None,
-        };
-        let view = View { camera, seed: 1, bounces: 0 };
-        let brute_force = BruteForce::new(&scene.triangles);
-        let mut film = Film::new(16, 16);
-        for _ in 0..samples {
-            render_sample(
-                &prepared,
-                &brute_force,
-                &view,
-                &RenderOptions::default(),
-                prepared.needs,
-                &mut film,
-            );
-        }
-        film.picture().mean_luminance()
+        let view = from_before(Vec3::new(0.0, -2.0, 0.6), Vec3::new(0.0, -0.6, 0.0), 0);
+        traced(&Arc::new(scene), &view, [16; 2], samples).0.mean_luminance()
     };
     let apart: f64 = places.iter().map(|place| light(&[*place], 200)).sum();
     let together = light(&places, 400);

@@ -80,23 +80,24 @@ fn sphere(radius: f32, splits: u32) -> Vec<[Vec3; 3]> {
     faces.into_iter().map(|face| face.map(|corner| corner * radius)).collect()
 }
 
-fn render(scene: &Arc<Scene>, camera: Camera, samples: u32) -> (Picture, Counts) {
+/// A picture by brute force, path by path, and what was counted.
+pub(super) fn traced(
+    scene: &Arc<Scene>,
+    view: &View,
+    [width, height]: [u32; 2],
+    samples: u32,
+) -> (Picture, Counts) {
     let prepared = Prepared::new(scene.clone());
-    let brute_force = BruteForce::new(&scene.triangles);
-    let view = View { camera, seed: 1, bounces: 3 };
-    let mut film = Film::new(24, 18);
-    let mut counts = Counts::default();
+    let (brute_force, options) = (BruteForce::new(&scene.triangles), RenderOptions::default());
+    let (mut film, mut counts) = (Film::new(width, height), Counts::default());
     for _ in 0..samples {
-        counts += render_sample(
-            &prepared,
-            &brute_force,
-            &view,
-            &RenderOptions::default(),
-            prepared.needs,
-            &mut film,
-        );
+        counts += render_sample(&prepared, &brute_force, view, &options, prepared.needs, &mut film);
     }
     (film.picture(), counts)
+}
+
+fn render(scene: &Arc<Scene>, camera: Camera, samples: u32) -> (Picture, Counts) {
+    traced(scene, &View { camera, seed: 1, bounces: 3 }, [24, 18], samples)
 }
 
 fn lambert(albedo: f32) -> Material {
@@ -221,22 +222,9 @@ fn threads_do_not_change_the_picture() {
 #[test]
 fn seeds_and_samples_change_the_noise_but_not_the_light() {
     let room = test_room();
-    let prepared = Prepared::new(room.clone());
-    let brute_force = BruteForce::new(&room.triangles);
     let mean = |seed| {
-        let mut film = Film::new(24, 18);
         let view = View { camera: room.cameras[0], seed, bounces: 3 };
-        for _ in 0..64 {
-            render_sample(
-                &prepared,
-                &brute_force,
-                &view,
-                &RenderOptions::default(),
-                prepared.needs,
-                &mut film,
-            );
-        }
-        film.picture()
+        traced(&room, &view, [24, 18], 64).0
     };
     let (one, two) = (mean(1), mean(2));
     assert_ne!(one, two);
