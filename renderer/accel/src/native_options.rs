@@ -5,7 +5,7 @@
 //!
 //! | option | acts |
 //! |---|---|
-//! | `quality` | with every [`NativeAcceleration`] that [offers](NativeAcceleration::offers) it; elsewhere the tree is of medium quality. With [`NativeAcceleration::Auto`], `compact` or `robust` make high medium |
+//! | `quality` | with [`NativeAcceleration::Auto`], where `compact` or `robust` make high medium; named accelerations are of medium quality |
 //! | `compact`, `robust` | with [`NativeAcceleration::Auto`], whose choice they are; named accelerations are what their name says, and the `v` ones are watertight |
 //! | `dynamic` | always: data for a later update is kept, some 32 bytes a triangle |
 //! | `split_budget` | where high quality acts |
@@ -16,8 +16,6 @@
 //! Left out, because they do nothing here or only harm: `max_triangles_per_leaf` (dead with the default
 //! acceleration), `sah_presplit` and `dynamic` as builders (equal to `sah` for one mesh), `hugepages`,
 //! lower instruction sets.
-
-use std::fmt::Write;
 
 use serde::{Deserialize, Serialize};
 
@@ -87,18 +85,6 @@ impl NativeAcceleration {
         Self::Bvh8Triangle4i,
         Self::Qbvh8Triangle4,
     ];
-
-    /// Whether Embree can build it with this quality. All can be built with medium quality.
-    pub fn offers(self, quality: NativeQuality) -> bool {
-        match self {
-            Self::Auto | Self::Bvh4Triangle4 | Self::Bvh4Triangle4v | Self::Bvh8Triangle4 => true,
-            // Embree 4.4.0 also takes a builder with splits for `Bvh8Triangle4v`, but half of its hits are
-            // wrong.
-            Self::Bvh8Triangle4v | Self::Bvh8Triangle4i | Self::Qbvh8Triangle4 => {
-                quality == NativeQuality::Medium
-            }
-        }
-    }
 
     /// The packets in which rays are traced through it: `packets`, or single rays where Embree has no kernel
     /// for packets, as for all compressed nodes.
@@ -175,42 +161,29 @@ impl NativeOptions {
         })
     }
 
-    /// The quality the scene will have: one that is not on offer becomes medium.
+    /// The quality the scene will have: one that does not act becomes medium.
     pub fn effective_quality(&self) -> NativeQuality {
-        let flagged = self.acceleration == NativeAcceleration::Auto && (self.compact || self.robust);
-        let spatial = self.quality == NativeQuality::High;
-        if !self.acceleration.offers(self.quality) || (flagged && spatial) {
-            return NativeQuality::Medium;
-        }
-        self.quality
+        let is_named = self.acceleration != NativeAcceleration::Auto;
+        let is_flagged = self.quality == NativeQuality::High && (self.compact || self.robust);
+        if is_named || is_flagged { NativeQuality::Medium } else { self.quality }
     }
 
     /// The device options of such a scene; empty if it needs none.
     pub(crate) fn device_options(&self) -> String {
-        let mut options = String::new();
-        let quality = self.effective_quality();
         if self.acceleration != NativeAcceleration::Auto {
-            // A named acceleration takes its builder from here and does not heed the scene's quality.
-            let builder = match quality {
-                NativeQuality::Low => ",tri_builder=morton",
-                NativeQuality::Medium => "",
-                NativeQuality::High => ",tri_builder=sah_fast_spatial",
-            };
-            options = format!("tri_accel={}{builder}", self.acceleration.tri_accel());
+            return format!("tri_accel={}", self.acceleration.tri_accel());
         }
-        if quality == NativeQuality::High {
-            let separator = |options: &String| if options.is_empty() { "" } else { "," };
+        let mut options = Vec::new();
+        if self.effective_quality() == NativeQuality::High {
             if self.split_budget != SPLIT_BUDGET {
-                let comma = separator(&options);
-                // Few different numbers, so that few devices are made. Writing to a string cannot fail.
-                let _ = write!(options, "{comma}max_spatial_split_replications={:.1}", self.split_budget);
+                // Few different numbers, so that few devices are made.
+                options.push(format!("max_spatial_split_replications={:.1}", self.split_budget));
             }
             if self.presplit {
-                let comma = separator(&options);
-                let _ = write!(options, "{comma}presplits=1");
+                options.push("presplits=1".to_owned());
             }
         }
-        options
+        options.join(",")
     }
 }
 
@@ -231,15 +204,9 @@ mod tests {
             "max_spatial_split_replications=2.0,presplits=1"
         );
         let named = NativeOptions { acceleration: NativeAcceleration::Bvh4Triangle4v, ..high };
-        assert_eq!(option_text(named), "tri_accel=bvh4.triangle4v,tri_builder=sah_fast_spatial");
-        let low = NativeOptions {
-            acceleration: NativeAcceleration::Bvh8Triangle4v,
-            quality: NativeQuality::Low,
-            ..named
-        };
         assert_eq!(
-            (low.effective_quality(), option_text(low)),
-            (NativeQuality::Medium, "tri_accel=bvh8.triangle4v".into())
+            (named.effective_quality(), option_text(named)),
+            (NativeQuality::Medium, "tri_accel=bvh4.triangle4v".into())
         );
         let flagged = NativeOptions { robust: true, split_budget: 2.0, ..high };
         assert_eq!(

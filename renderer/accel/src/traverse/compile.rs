@@ -221,10 +221,10 @@ macro_rules! compile {
             }
 
             /// For the upper level, whose boxes have room for rounding or not, as those below.
-            pub(super) const fn level(robust: bool) -> LevelKernels {
+            pub(super) fn level(robust: bool) -> Option<LevelKernels> {
                 type Fast = FastBoxes<$eight>;
                 type Padded = PaddedBoxes<$eight>;
-                match robust {
+                Some(match robust {
                     false => LevelKernels {
                         closest: level_closest::<Fast>,
                         occluded: level_occluded::<Fast>,
@@ -237,7 +237,7 @@ macro_rules! compile {
                         rays_closest: level_rays_closest::<$eight, Padded, PaddedPacket<$sixteen>>,
                         rays_occluded: level_rays_occluded::<$eight, Padded, PaddedPacket<$sixteen>>,
                     },
-                }
+                })
             }
 
             fn blocks<N: Planes, F: Order>(parameters: &TreeParameters) -> Option<Kernels> {
@@ -284,47 +284,37 @@ compile!(
     lanes::avx512::Sixteen
 );
 
-impl Kernels {
-    /// The functions for trees of these parameters, or `None` where `isa` is not available or there is no
-    /// such tree.
-    pub(crate) fn select(isa: Isa, parameters: &TreeParameters) -> Option<Self> {
-        if !isa.is_available() {
-            return None;
-        }
-        match isa {
+/// What the module of an instruction set answers; `None` where it is not available.
+macro_rules! of_isa {
+    ($isa:expr, $query:ident($parameter:expr)) => {
+        match $isa {
+            _ if !$isa.is_available() => None,
             #[cfg(kernels_scalar)]
-            Isa::Scalar => scalar::select(parameters),
+            Isa::Scalar => scalar::$query($parameter),
             #[cfg(all(target_arch = "x86_64", kernels_avx2))]
-            Isa::Avx2 => avx2::select(parameters),
+            Isa::Avx2 => avx2::$query($parameter),
             #[cfg(all(target_arch = "x86_64", kernels_avx512))]
-            Isa::Avx512 => avx512::select(parameters),
+            Isa::Avx512 => avx512::$query($parameter),
             #[allow(
                 unreachable_patterns,
                 reason = "some are left out on other processors or by the build script"
             )]
             _ => None,
         }
+    };
+}
+
+impl Kernels {
+    /// The functions for trees of these parameters, or `None` where `isa` is not available or there is no
+    /// such tree.
+    pub(crate) fn select(isa: Isa, parameters: &TreeParameters) -> Option<Self> {
+        of_isa!(isa, select(parameters))
     }
 }
 
 impl LevelKernels {
     /// The functions for an upper level, or `None` where `isa` is not available.
     pub(crate) fn select(isa: Isa, robust: bool) -> Option<Self> {
-        if !isa.is_available() {
-            return None;
-        }
-        match isa {
-            #[cfg(kernels_scalar)]
-            Isa::Scalar => Some(scalar::level(robust)),
-            #[cfg(all(target_arch = "x86_64", kernels_avx2))]
-            Isa::Avx2 => Some(avx2::level(robust)),
-            #[cfg(all(target_arch = "x86_64", kernels_avx512))]
-            Isa::Avx512 => Some(avx512::level(robust)),
-            #[allow(
-                unreachable_patterns,
-                reason = "some are left out on other processors or by the build script"
-            )]
-            _ => None,
-        }
+        of_isa!(isa, level(robust))
     }
 }

@@ -154,39 +154,31 @@ fn lanes(of: &[f32], place: usize) -> &[f32; LANES] {
 
 pub(super) type Nearest<const P: usize> = unsafe fn(&Clusters, usize, &mut [u32; P]);
 
-/// # Safety
-/// None is needed; it has the type of those that need processor features.
-unsafe fn nearest_plain<const R: usize, const P: usize>(
-    clusters: &Clusters,
-    base: usize,
-    best: &mut [u32; P],
-) {
-    nearest::<R, P>(clusters, base, best);
+/// [`nearest`] compiled with the given processor features, which the caller has.
+macro_rules! nearest {
+    ($(#[$feature:meta])* $name:ident) => {
+        $(#[$feature])*
+        unsafe fn $name<const R: usize, const P: usize>(
+            clusters: &Clusters,
+            base: usize,
+            best: &mut [u32; P],
+        ) {
+            nearest::<R, P>(clusters, base, best);
+        }
+    };
 }
 
-/// # Safety
-/// The processor has AVX2.
+nearest!(nearest_plain);
 #[cfg(all(target_arch = "x86_64", kernels_avx2))]
-#[target_feature(enable = "avx2")]
-unsafe fn nearest_avx2<const R: usize, const P: usize>(
-    clusters: &Clusters,
-    base: usize,
-    best: &mut [u32; P],
-) {
-    nearest::<R, P>(clusters, base, best);
-}
-
-/// # Safety
-/// The processor has these features.
+nearest!(
+    #[target_feature(enable = "avx2")]
+    nearest_avx2
+);
 #[cfg(all(target_arch = "x86_64", kernels_avx512))]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2")]
-unsafe fn nearest_avx512<const R: usize, const P: usize>(
-    clusters: &Clusters,
-    base: usize,
-    best: &mut [u32; P],
-) {
-    nearest::<R, P>(clusters, base, best);
-}
+nearest!(
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2")]
+    nearest_avx512
+);
 
 /// The fastest of them that this processor can run.
 pub(super) fn select<const R: usize, const P: usize>() -> Nearest<P> {
