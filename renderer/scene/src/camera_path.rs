@@ -126,13 +126,7 @@ impl CameraPath {
 }
 
 /// The camera of a path without any usable key.
-const STILL: Camera = Camera {
-    position: Vec3::Z,
-    target: Vec3::ZERO,
-    up: Vec3::Y,
-    vertical_fov_deg: 45.0,
-    framed_aspect: None,
-};
+const STILL: Camera = Camera::upright(Vec3::Z, Vec3::ZERO, 45.0);
 
 /// A place between two keys, as a cubic with the slopes of the spline at both.
 struct Segment {
@@ -228,13 +222,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn camera(x: f32, y: f32, z: f32) -> Camera {
-        Camera {
-            position: Vec3::new(x, y, z),
-            target: Vec3::new(z, x, y),
-            up: Vec3::Y,
-            vertical_fov_deg: 30.0 + x.abs(),
-            framed_aspect: None,
-        }
+        Camera::upright(Vec3::new(x, y, z), Vec3::new(z, x, y), 30.0 + x.abs())
     }
 
     #[test]

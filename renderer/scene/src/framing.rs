@@ -40,6 +40,14 @@ pub struct CameraPose {
     pub distance: Option<f32>,
 }
 
+impl From<&Camera> for CameraPose {
+    fn from(camera: &Camera) -> Self {
+        let Camera { position, target, up, vertical_fov_deg, framed_aspect } = *camera;
+        let (forward, distance) = (target - position, Some(position.distance(target)));
+        Self { position, forward, up, vertical_fov_deg, framed_aspect, distance }
+    }
+}
+
 impl CameraPose {
     /// The camera. Without a given distance it looks at the point of its line of sight that is nearest to
     /// the scene's middle, at least a tenth of the diagonal away. `None` when a number is not finite or the
@@ -118,13 +126,9 @@ fn room_camera(placed: &Placed, bounds: &Bounds) -> Option<Camera> {
     let mut best: Option<(f32, Camera)> = None;
     for end in [0.44, 0.38, 0.32, 0.26, -0.26, -0.32, -0.38, -0.44] {
         for height in [0.16, 0.24, 0.34] {
-            let camera = Camera {
-                position: floor + along * (length * end) + Vec3::Y * (size.y * height),
-                target: floor - along * (length * end * 0.5) + Vec3::Y * (size.y * (height + 0.08)),
-                up: Vec3::Y,
-                vertical_fov_deg: ROOM_FOV_DEG,
-                framed_aspect: None,
-            };
+            let position = floor + along * (length * end) + Vec3::Y * (size.y * height);
+            let target = floor - along * (length * end * 0.5) + Vec3::Y * (size.y * (height + 0.08));
+            let camera = Camera::upright(position, target, ROOM_FOV_DEG);
             let score = openness(placed, &camera, bounds.diagonal());
             if best.as_ref().is_none_or(|(highest, _)| score > *highest) {
                 best = Some((score, camera));

@@ -102,20 +102,11 @@ fn view(camera: &Value, look_at: Option<(Vec3, Vec3, Vec3)>) -> Option<CameraPos
     };
     let (position, forward, up) =
         (to_world.w_axis.truncate(), to_world.z_axis.truncate(), to_world.y_axis.truncate());
-    Some(match look_at {
-        Some((eye, target, up)) => {
-            let forward = target - eye;
-            CameraPose {
-                position: eye,
-                forward,
-                up,
-                vertical_fov_deg,
-                framed_aspect,
-                distance: Some(forward.length()),
-            }
-        }
-        None => CameraPose { position, forward, up, vertical_fov_deg, framed_aspect, distance: None },
-    })
+    let pose = CameraPose { position, forward, up, vertical_fov_deg, framed_aspect, distance: None };
+    Some(look_at.map_or(pose, |(position, target, up)| {
+        let (forward, distance) = (target - position, Some(position.distance(target)));
+        CameraPose { position, forward, up, distance, ..pose }
+    }))
 }
 
 /// Width over height of a camera's picture, where it says it.

@@ -70,14 +70,7 @@ mod tests {
     use std::path::Path;
 
     fn view(position: Vec3) -> CameraPose {
-        CameraPose {
-            position,
-            forward: -position,
-            up: Vec3::Y,
-            vertical_fov_deg: 50.0,
-            framed_aspect: None,
-            distance: Some(position.length()),
-        }
+        CameraPose::from(&Camera::upright(position, Vec3::ZERO, 50.0))
     }
 
     /// A unit cube around the origin, optionally with one corner triangle of a lamp in its plane.
@@ -198,13 +191,7 @@ mod tests {
     #[test]
     fn names_are_unique_and_ranges_make_sense() {
         let values = SceneIndicators::of(&cube(1.0).finish(Lighting::Automatic, vec![]).unwrap());
-        let camera = Camera {
-            position: Vec3::ZERO,
-            target: Vec3::X,
-            up: Vec3::Y,
-            vertical_fov_deg: 40.0,
-            framed_aspect: None,
-        };
+        let camera = Camera::upright(Vec3::ZERO, Vec3::X, 40.0);
         let map = values.with_camera(&camera).values();
         assert_eq!(map.len(), SCHEMA.len());
         assert!(SCHEMA.iter().all(|spec| spec.min < spec.max && map.contains_key(spec.name)));

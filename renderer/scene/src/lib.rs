@@ -277,6 +277,11 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// An upright one that keeps its vertical angle in every picture.
+    pub const fn upright(position: Vec3, target: Vec3, vertical_fov_deg: f32) -> Self {
+        Self { position, target, up: Vec3::Y, vertical_fov_deg, framed_aspect: None }
+    }
+
     /// Unit vectors to the right, up and forward, as a picture shows them.
     pub fn axes(&self) -> [Vec3; 3] {
         let forward = (self.target - self.position).normalize_or(Vec3::NEG_Z);

@@ -39,8 +39,7 @@ fn scene(part: &Part, material: Material, textures: Vec<Texture>, sky: Sky) -> S
 }
 
 fn render(scene: Scene, position: Vec3, fov_deg: f32, samples: u32) -> Picture {
-    let camera =
-        Camera { position, target: Vec3::ZERO, up: Vec3::Y, vertical_fov_deg: fov_deg, framed_aspect: None };
+    let camera = Camera::upright(position, Vec3::ZERO, fov_deg);
     traced(&Arc::new(scene), &View { camera, seed: 1, bounces: 3 }, [16; 2], samples).0
 }
 

@@ -119,7 +119,7 @@ fn open_room() -> (Renderer, View) {
     let mut renderer = Renderer::new(scene, 0).expect("Embree starts");
     renderer.rebuild(&Choice::native(NativeQuality::Medium).build).expect("it can be built");
     let (position, target) = (at(0.5, 2.6, 5.0), at(0.0, 0.3, -0.5));
-    let camera = Camera { position, target, up: Vec3::Y, vertical_fov_deg: 55.0, framed_aspect: None };
+    let camera = Camera::upright(position, target, 55.0);
     (renderer, View { camera, seed: 1, bounces: 0 })
 }
 

@@ -50,7 +50,7 @@ pub(super) fn scene(parts: &[(Vec<[Vec3; 3]>, Material)], sky: Sky) -> Arc<Scene
 }
 
 fn camera(position: Vec3, target: Vec3) -> Camera {
-    Camera { position, target, up: Vec3::Y, vertical_fov_deg: 30.0, framed_aspect: None }
+    Camera::upright(position, target, 30.0)
 }
 
 /// A quad over two edges.

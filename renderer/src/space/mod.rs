@@ -29,7 +29,7 @@ mod start;
 mod tests;
 
 use serde::Serialize;
-use treewright_client::{Configuration, Parameter, Space, SpaceBuilder, Value};
+use treewright_client::{Configuration, Parameter, Space, SpaceBuilder, SpaceError, Value};
 
 pub use choice::Choice;
 pub use error::ConfigurationError;
@@ -142,14 +142,7 @@ impl TuningSpace {
             Preset::Follow => follow::parameters(),
         };
         let about = explained.iter().map(|one| one.about).collect();
-        let builder = explained
-            .into_iter()
-            .fold(SpaceBuilder::new(), |builder, one| builder.with_parameter(one.parameter));
-        let builder = match preset {
-            Preset::Light | Preset::Follow => builder,
-            Preset::Full | Preset::Paper => builder.less_or_equal("min_leaf_size", "max_leaf_size"),
-        };
-        let space = builder.build();
+        let space = space_of(explained.into_iter().map(|one| one.parameter).collect());
         let space = space.expect("the spaces of this program are sound");
         let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let threads = if premises.threads == 0 { cores() } else { premises.threads };
@@ -233,6 +226,17 @@ impl TuningSpace {
             Err(problem) => Err(ConfigurationError::Space { space: self.preset.name(), problem }),
         }
     }
+}
+
+const LESSER: &str = "min_leaf_size";
+const GREATER: &str = "max_leaf_size";
+
+/// The space of these parameters, with the leaf sizes in order where it has both.
+fn space_of(parameters: Vec<Parameter>) -> Result<Space, SpaceError> {
+    let has = |name: &str| parameters.iter().any(|one| one.name == name);
+    let ordered = has(LESSER) && has(GREATER);
+    let builder = parameters.into_iter().fold(SpaceBuilder::new(), SpaceBuilder::with_parameter);
+    if ordered { builder.less_or_equal(LESSER, GREATER).build() } else { builder.build() }
 }
 
 /// A hash of a text in a few letters (FNV-1a, 32 bits).

@@ -7,9 +7,9 @@
 use std::fmt;
 use std::str::FromStr;
 
-use treewright_client::{Condition, Configuration, Domain, Parameter, SpaceBuilder, Value};
+use treewright_client::{Condition, Configuration, Domain, Parameter, Value};
 
-use super::{ConfigurationError, TuningSpace};
+use super::{ConfigurationError, GREATER, LESSER, TuningSpace, space_of};
 
 /// The narrowing of one parameter.
 #[derive(Clone, Debug, PartialEq)]
@@ -162,14 +162,7 @@ impl TuningSpace {
             one.parameter.active_if =
                 one.parameter.active_if.take().filter(|condition| !asks_held(condition));
         }
-        let has = |name: &str| free.iter().any(|one| one.parameter.name == name);
-        let ordered = has(LESSER) && has(GREATER);
-        let builder = free
-            .iter()
-            .fold(SpaceBuilder::new(), |builder, one| builder.with_parameter(one.parameter.clone()));
-        let builder = if ordered { builder.less_or_equal(LESSER, GREATER) } else { builder };
-        let space = builder
-            .build()
+        let space = space_of(free.iter().map(|one| one.parameter.clone()).collect())
             .map_err(|problem| ConfigurationError::Space { space: self.preset.name(), problem })?;
         let about = free.iter().map(|one| one.about).collect();
         let held = self.held.iter().cloned().chain(held.into_iter().map(|one| one.parameter)).collect();
@@ -254,9 +247,6 @@ impl Narrow {
         can
     }
 }
-
-pub(super) const LESSER: &str = "min_leaf_size";
-pub(super) const GREATER: &str = "max_leaf_size";
 
 /// Holds one leaf size to what the other, where it is fixed, leaves possible. The error names the one that
 /// has nothing left.

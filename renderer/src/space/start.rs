@@ -1,10 +1,9 @@
 //! The start of a search: the configuration that is recommended for all scenes, or that of a user who does
 //! not know it.
 
-use treewright_client::{Configuration, Parameter, SpaceBuilder};
+use treewright_client::{Configuration, Parameter};
 
-use super::narrow::{GREATER, LESSER};
-use super::{ConfigurationError, Preset, TuningSpace, parse};
+use super::{ConfigurationError, Preset, TuningSpace, parse, space_of};
 
 /// Defaults of the full space's parameters for somebody who has tuned nothing: those of Embree, of its tree
 /// builder (the paper's Table 1), and of a renderer that traces path by path, ray by ray.
@@ -74,12 +73,8 @@ impl TuningSpace {
             let own = defaults.get(&parameter.name).filter(|value| parameter.domain.contains(value));
             Parameter { default: own.unwrap_or(&parameter.default).clone(), ..parameter.clone() }
         });
-        let builder = parameters.fold(SpaceBuilder::new(), SpaceBuilder::with_parameter);
-        let has = |name: &str| self.space.parameters().iter().any(|one| one.name == name);
-        let ordered = has(LESSER) && has(GREATER);
-        let builder = if ordered { builder.less_or_equal(LESSER, GREATER) } else { builder };
         let refused = |problem| ConfigurationError::Space { space: self.preset.name(), problem };
-        Ok(Self { space: builder.build().map_err(refused)?, ..self.clone() })
+        Ok(Self { space: space_of(parameters.collect()).map_err(refused)?, ..self.clone() })
     }
 }
 

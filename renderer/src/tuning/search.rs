@@ -341,7 +341,7 @@ fn run_episode(
 }
 
 /// A build that fails is an outcome like any other.
-fn not_built(error: &BuildError) -> Outcome {
+pub fn not_built(error: &BuildError) -> Outcome {
     match error.is_infeasible() {
         true => Outcome::infeasible(error.to_string()),
         false => Outcome::failed(error.to_string()),

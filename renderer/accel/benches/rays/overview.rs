@@ -5,11 +5,10 @@
 
 use std::fmt;
 
-use comfy_table::{CellAlignment, LineStyle, Table, presets};
 use treewright_accel::recording::RayClass;
 
 use crate::contenders::{Maker, RECOMMENDED};
-use crate::summary::{Row, SceneResults, SetResults, Spread};
+use crate::summary::{Row, SceneResults, SetResults, Spread, table, threads_in_words};
 
 /// A comparison: its words, and the rows on its two sides.
 type Comparison = (&'static str, fn(&Row) -> bool, fn(&Row) -> bool);
@@ -106,17 +105,14 @@ fn fastest(rows: &[Row], of: impl Fn(&Row) -> bool, class: RayClass) -> Option<f
 
 impl fmt::Display for Overview {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let threads =
-            if self.threads == 1 { "one thread".into() } else { format!("{} threads", self.threads) };
+        let threads = threads_in_words(self.threads);
         writeln!(
             formatter,
             "all {} scenes, {threads}: the best of the recommended trees over the best of the others, class by class: median (least, most)",
             self.scenes
         )?;
-        let mut table = Table::new();
-        table.load_style(presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none()));
         let heads = RayClass::ALL.iter().map(|class| class.name().to_owned());
-        table.set_header(std::iter::once(String::new()).chain(heads));
+        let mut table = table(std::iter::once(String::new()).chain(heads));
         let comparisons = COMPARISONS.iter().map(|(name, ..)| *name).zip(&self.ratios);
         let quantities = QUANTITIES.iter().map(|(name, _)| *name).zip(&self.visits);
         for (name, ratios) in comparisons.chain(quantities) {
@@ -128,9 +124,6 @@ impl fmt::Display for Overview {
                 })
             });
             table.add_row(std::iter::once(name.to_owned()).chain(cells));
-        }
-        for column in table.column_iter_mut().skip(1) {
-            column.set_cell_alignment(CellAlignment::Right);
         }
         write!(formatter, "{table}")
     }

@@ -113,15 +113,12 @@ impl SceneResults {
 
 impl fmt::Display for SceneResults {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let threads =
-            if self.threads == 1 { "one thread".into() } else { format!("{} threads", self.threads) };
+        let threads = threads_in_words(self.threads);
         writeln!(formatter, "{}: {} triangles, {threads}", self.scene, self.triangles)?;
         writeln!(formatter, "million rays a second (over native medium, median [quartiles])")?;
-        let mut table = Table::new();
-        table.load_style(presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none()));
         let heads =
             self.sets.iter().map(|set| format!("{}\n{} rays, {} hit", set.class.name(), set.rays, set.hits));
-        table.set_header(["structure".to_owned(), "build ms".to_owned()].into_iter().chain(heads));
+        let mut table = table(["structure".to_owned(), "build ms".to_owned()].into_iter().chain(heads));
         for row in &self.rows {
             let cells = row.cells.iter().map(|cell| {
                 let ratio = cell.over_native_medium;
@@ -136,11 +133,22 @@ impl fmt::Display for SceneResults {
             });
             table.add_row([row.name.clone(), format!("{:.1}", row.build_ms.median)].into_iter().chain(cells));
         }
-        for column in table.column_iter_mut().skip(1) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
         write!(formatter, "{table}")
     }
+}
+
+pub(crate) fn threads_in_words(threads: usize) -> String {
+    if threads == 1 { "one thread".into() } else { format!("{threads} threads") }
+}
+
+/// A table with a heading; all columns but the first are numbers.
+pub(crate) fn table(heading: impl Iterator<Item = String>) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none())).set_header(heading);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
 }
 
 /// A packing in short: the width, and c for coherent.

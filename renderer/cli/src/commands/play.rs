@@ -33,7 +33,7 @@ use treewright_renderer::space::{Choice, TuningSpace};
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::{Objective, frame_cost, specification, study_id};
 use treewright_renderer::tuning::reuse::Reuse;
-use treewright_renderer::tuning::search::measurements;
+use treewright_renderer::tuning::search::{measurements, not_built};
 use treewright_renderer::tuning::verdict;
 use treewright_scene::Scene;
 use treewright_scene::camera_path::CameraPath;
@@ -355,10 +355,7 @@ impl Flight {
         let build_ms = built.map_err(|error| {
             // Else a scene that rests from now on would be shown as it was before.
             self.moment = moment;
-            match error.is_infeasible() {
-                true => Outcome::infeasible(error.to_string()),
-                false => Outcome::failed(error.to_string()),
-            }
+            not_built(&error)
         })?;
         self.kept = Some(Kept { choice, build_ms, threads });
         Ok(())

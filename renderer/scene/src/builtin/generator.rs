@@ -157,11 +157,5 @@ pub(super) fn sunny(zenith: [f32; 3], horizon: [f32; 3], towards: [f32; 3], ligh
 
 /// A key of a camera path.
 pub(super) fn key(position: [f32; 3], target: [f32; 3], vertical_fov_deg: f32) -> Camera {
-    Camera {
-        position: Vec3::from_array(position),
-        target: Vec3::from_array(target),
-        up: Vec3::Y,
-        vertical_fov_deg,
-        framed_aspect: None,
-    }
+    Camera::upright(Vec3::from_array(position), Vec3::from_array(target), vertical_fov_deg)
 }

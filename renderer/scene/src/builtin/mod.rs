@@ -113,14 +113,7 @@ pub fn build(name: &str, options: &Options) -> Result<Scene, SceneError> {
     }
     let mut assembler = Assembler::new(*name, &PathBuf::from(format!("builtin:{name}")));
     let plan = generate(&mut Generator::new(&mut assembler, *options))?;
-    let views = plan.keys.iter().take(1).map(|camera| CameraPose {
-        position: camera.position,
-        forward: camera.target - camera.position,
-        up: camera.up,
-        vertical_fov_deg: camera.vertical_fov_deg,
-        framed_aspect: camera.framed_aspect,
-        distance: Some(camera.position.distance(camera.target)),
-    });
+    let views = plan.keys.iter().take(1).map(CameraPose::from);
     let mut scene = assembler.finish(Lighting::Given(plan.sky), views.collect())?;
     scene.path_keys = plan.keys;
     Ok(scene)
