@@ -53,29 +53,24 @@ impl Motion {
 
     /// As it is written, e.g. `sway`.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Sway => "sway",
-            Self::Twist => "twist",
-            Self::Ripple => "ripple",
-            Self::Rigid => "rigid",
-            Self::Explode => "explode",
-            Self::Swarm => "swarm",
-            Self::Fall => "fall",
-            Self::File => "file",
-        }
+        self.words().0
     }
 
     /// Its effect, in a sentence without a full stop.
     pub fn about(self) -> &'static str {
+        self.words().1
+    }
+
+    fn words(self) -> (&'static str, &'static str) {
         match self {
-            Self::Sway => "Everything bends to and fro, the more the higher",
-            Self::Twist => "Everything turns about the upright, the more the higher",
-            Self::Ripple => "Waves run through everything",
-            Self::Rigid => "Each part turns about itself, rises and sinks",
-            Self::Explode => "Parts fly apart and come back",
-            Self::Swarm => "Parts circle the middle, each at its own speed",
-            Self::Fall => "Parts fall to the ground one by one, and rise again",
-            Self::File => "As an animation of the glTF file says (see --animation)",
+            Self::Sway => ("sway", "Everything bends to and fro, the more the higher"),
+            Self::Twist => ("twist", "Everything turns about the upright, the more the higher"),
+            Self::Ripple => ("ripple", "Waves run through everything"),
+            Self::Rigid => ("rigid", "Each part turns about itself, rises and sinks"),
+            Self::Explode => ("explode", "Parts fly apart and come back"),
+            Self::Swarm => ("swarm", "Parts circle the middle, each at its own speed"),
+            Self::Fall => ("fall", "Parts fall to the ground one by one, and rise again"),
+            Self::File => ("file", "As an animation of the glTF file says (see --animation)"),
         }
     }
 }

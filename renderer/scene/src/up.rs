@@ -17,11 +17,7 @@ pub enum Up {
 impl Up {
     /// A place or direction of the file in the scene. No digit is lost.
     pub(super) fn turned(self, vector: Vec3) -> Vec3 {
-        match self {
-            Self::Y => vector,
-            Self::Z => Vec3::new(vector.x, vector.z, -vector.y),
-            Self::X => Vec3::new(-vector.y, vector.x, vector.z),
-        }
+        self.turned_far(vector.as_dvec3()).as_vec3()
     }
 
     /// The turn in double precision.

@@ -51,20 +51,7 @@ pub struct Omission {
 
 impl Needs {
     /// Everything: the kernel that renders any scene.
-    pub const ALL: Self = Self {
-        smooth: true,
-        layers: true,
-        sheets: true,
-        lamps: true,
-        sun: true,
-        materials: true,
-        instances: true,
-        textures: true,
-        solids: true,
-        environment: true,
-        punctual: true,
-        metals: true,
-    };
+    pub const ALL: Self = Self::from_bits((1 << 12) - 1);
 
     /// The needs of which each set has a kernel where there are no others: the first six.
     const COMMON: usize = 63;

@@ -127,7 +127,7 @@ fn the_starts_or_a_batch_agree_with_brute_force() {
     if let Some(folder) = std::env::var_os(FOLDER) {
         return work_off(Path::new(&folder));
     }
-    for kind in Kind::ALL {
+    for kind in Kind::all() {
         let mut case = Case::new(kind);
         for robust in [false, true] {
             for configuration in ["", "backend=native"] {
@@ -150,7 +150,7 @@ fn every_combination_of_values_agrees_with_brute_force() {
         })
         .collect();
     let mut found = String::new();
-    for kind in Kind::ALL {
+    for kind in Kind::all() {
         let lines: Vec<String> =
             configurations.iter().map(|(robust, configuration)| line(kind, *robust, configuration)).collect();
         found += &run(&lines);

@@ -24,30 +24,26 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    pub(crate) const ALL: [Self; 7] = [
-        Self::Flat,
-        Self::Instanced,
-        Self::Moving,
-        Self::MovingInstanced,
-        Self::Masked,
-        Self::MaskedInstanced,
-        Self::MovingMasked,
+    const NAMES: [(Self, &str); 7] = [
+        (Self::Flat, "flat"),
+        (Self::Instanced, "instanced"),
+        (Self::Moving, "moving"),
+        (Self::MovingInstanced, "moving-instanced"),
+        (Self::Masked, "masked"),
+        (Self::MaskedInstanced, "masked-instanced"),
+        (Self::MovingMasked, "moving-masked"),
     ];
 
+    pub(crate) fn all() -> [Self; 7] {
+        Self::NAMES.map(|(kind, _)| kind)
+    }
+
     pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Flat => "flat",
-            Self::Instanced => "instanced",
-            Self::Moving => "moving",
-            Self::MovingInstanced => "moving-instanced",
-            Self::Masked => "masked",
-            Self::MaskedInstanced => "masked-instanced",
-            Self::MovingMasked => "moving-masked",
-        }
+        Self::NAMES[self as usize].1
     }
 
     pub(crate) fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
+        Self::all().into_iter().find(|kind| kind.name() == name)
     }
 
     /// The scene, and for one that moves its state a moment later.

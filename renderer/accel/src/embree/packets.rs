@@ -134,50 +134,36 @@ fn occluded_arguments(coherent: bool) -> ffi::RTCOccludedArguments {
     }
 }
 
-/// `rtcIntersect8` or `rtcIntersect16`.
-///
-/// # Safety
-/// The scene is committed.
-#[inline(always)]
-unsafe fn intersect<const N: usize>(
-    scene: ffi::RTCScene,
-    mask: &ActiveRays<N>,
-    query: &mut RayHitPacket<N>,
-    arguments: &mut ffi::RTCIntersectArguments,
-) {
-    const { assert!(N == 8 || N == 16, "Embree's packets have 8 or 16 rays") };
-    let (valid, query): (*const c_int, *mut RayHitPacket<N>) = (mask.0.as_ptr(), query);
-    // SAFETY: mask and query are laid out and aligned for this width, at least as large as the library's
-    // structures (see `ffi`); the caller vouches for the scene.
-    unsafe {
-        match N {
-            8 => ffi::rtcIntersect8(valid, scene, query.cast(), arguments),
-            _ => ffi::rtcIntersect16(valid, scene, query.cast(), arguments),
+/// A function for packets of 8 or 16 rays by the library's two of the same kind.
+macro_rules! by_width {
+    ($name:ident, $packet:ident, $arguments:ident, $eight:ident, $sixteen:ident) => {
+        #[doc = concat!("`", stringify!($eight), "` or `", stringify!($sixteen), "`.")]
+        ///
+        /// # Safety
+        /// The scene is committed.
+        #[inline(always)]
+        unsafe fn $name<const N: usize>(
+            scene: ffi::RTCScene,
+            mask: &ActiveRays<N>,
+            query: &mut $packet<N>,
+            arguments: &mut ffi::$arguments,
+        ) {
+            const { assert!(N == 8 || N == 16, "Embree's packets have 8 or 16 rays") };
+            let (valid, query): (*const c_int, *mut $packet<N>) = (mask.0.as_ptr(), query);
+            // SAFETY: mask and query are laid out and aligned for this width, at least as large as the
+            // library's structures (see `ffi`); the caller vouches for the scene.
+            unsafe {
+                match N {
+                    8 => ffi::$eight(valid, scene, query.cast(), arguments),
+                    _ => ffi::$sixteen(valid, scene, query.cast(), arguments),
+                }
+            }
         }
-    }
+    };
 }
 
-/// `rtcOccluded8` or `rtcOccluded16`.
-///
-/// # Safety
-/// The scene is committed.
-#[inline(always)]
-unsafe fn occlude<const N: usize>(
-    scene: ffi::RTCScene,
-    mask: &ActiveRays<N>,
-    query: &mut RayPacket<N>,
-    arguments: &mut ffi::RTCOccludedArguments,
-) {
-    const { assert!(N == 8 || N == 16, "Embree's packets have 8 or 16 rays") };
-    let (valid, query): (*const c_int, *mut RayPacket<N>) = (mask.0.as_ptr(), query);
-    // SAFETY: as above.
-    unsafe {
-        match N {
-            8 => ffi::rtcOccluded8(valid, scene, query.cast(), arguments),
-            _ => ffi::rtcOccluded16(valid, scene, query.cast(), arguments),
-        }
-    }
-}
+by_width!(intersect, RayHitPacket, RTCIntersectArguments, rtcIntersect8, rtcIntersect16);
+by_width!(occlude, RayPacket, RTCOccludedArguments, rtcOccluded8, rtcOccluded16);
 
 #[cfg(test)]
 mod tests {

@@ -129,7 +129,8 @@ impl<L: Lanes, N: Planes> PacketBoxes<N> for PaddedPacket<L> {
 #[inline(always)]
 pub(crate) unsafe fn frustum<R: Lanes, L: Lanes>(root: &Root, rays: &Bundle, width: usize) -> PaddedBoxes<L> {
     let (origins, reciprocals) = (rays.origins::<R>(), reciprocals::<R>(rays));
-    let (lower, upper) = ((least(origins), least(reciprocals)), (most(origins), most(reciprocals)));
+    let lower = (folded_each(origins, lesser), folded_each(reciprocals, lesser));
+    let upper = (folded_each(origins, greater), folded_each(reciprocals, greater));
     let t_min = folded(&Stored::from(rays.t_min::<R>().abs()), lesser);
     let (low, high) = (glam::Vec3::from(root.bounds.lower), glam::Vec3::from(root.bounds.upper));
     let farthest = [low, high, lower.0, upper.0].map(|corner| corner.abs().max_element());
@@ -158,17 +159,11 @@ fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
+/// The lanes of each folded into one number.
 #[inline(always)]
-unsafe fn least<L: Lanes>(of: Lanes3<L>) -> glam::Vec3 {
+unsafe fn folded_each<L: Lanes>(of: Lanes3<L>, join: impl Fn(f32, f32) -> f32 + Copy) -> glam::Vec3 {
     let [x, y, z] = of.0;
-    let of = |lanes: &Stored| folded(lanes, lesser);
-    glam::Vec3::new(of(&Stored::from(x)), of(&Stored::from(y)), of(&Stored::from(z)))
-}
-
-#[inline(always)]
-unsafe fn most<L: Lanes>(of: Lanes3<L>) -> glam::Vec3 {
-    let [x, y, z] = of.0;
-    let of = |lanes: &Stored| folded(lanes, greater);
+    let of = |lanes: &Stored| folded(lanes, join);
     glam::Vec3::new(of(&Stored::from(x)), of(&Stored::from(y)), of(&Stored::from(z)))
 }
 
