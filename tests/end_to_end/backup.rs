@@ -9,6 +9,7 @@ use tokio::task::JoinSet;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr, stdout};
 
+use crate::site::{assert_sound, path_text};
 use crate::wire;
 
 /// The names of the trials whose report was acknowledged.
@@ -40,10 +41,6 @@ async fn completed(url: &str, study: &str) -> BTreeSet<String> {
     trials.into_iter().map(|trial| trial.name).collect()
 }
 
-fn text(path: &Path) -> &str {
-    path.to_str().expect("plain")
-}
-
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     let folder = tempfile::tempdir().expect("a scratch folder");
@@ -67,7 +64,10 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
         before = count(&acknowledged);
         let (from, to) = (database.clone(), at("backup.db"));
         let copied = tokio::task::spawn_blocking(move || {
-            run("treewrightd", &["backup", "--database", text(&from), "--to", text(&to), "--replace"])
+            run(
+                "treewrightd",
+                &["backup", "--database", path_text(&from), "--to", path_text(&to), "--replace"],
+            )
         });
         let copied = copied.await.expect("it ends");
         assert!(copied.status.success(), "{}", stderr(&copied));
@@ -77,12 +77,14 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     assert!(after.len() > before.len(), "the workers were held up by the backup");
 
     // A second one does not go over the first by default, and none is restored under a daemon's feet.
-    let again =
-        run("treewrightd", &["backup", "--database", text(&database), "--to", text(&at("backup.db"))]);
+    let again = run(
+        "treewrightd",
+        &["backup", "--database", path_text(&database), "--to", path_text(&at("backup.db"))],
+    );
     assert_eq!(again.status.code(), Some(1));
     assert!(stderr(&again).contains("--replace"), "{}", stderr(&again));
-    let arguments =
-        ["restore", "--from", text(&at("backup.db")), "--database", text(&database)].map(str::to_owned);
+    let arguments = ["restore", "--from", path_text(&at("backup.db")), "--database", path_text(&database)]
+        .map(str::to_owned);
     let restore = || run("treewrightd", &arguments.each_ref().map(String::as_str));
     let refused = restore();
     assert_eq!(refused.status.code(), Some(4));
@@ -125,9 +127,7 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     assert!(everything.is_subset(&stored), "the old file has lost something");
 
     // A check of the whole database, also while it is in use.
-    let checked = run("treewrightd", &["check", "--database", text(aside)]);
-    assert!(checked.status.success(), "{}", stderr(&checked));
-    assert!(stdout(&checked).contains("is sound"), "{}", stdout(&checked));
+    assert_sound(aside);
 }
 
 #[test]

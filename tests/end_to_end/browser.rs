@@ -9,10 +9,11 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use treewright_tests::programs::{run, stderr, stdout, token};
+use treewright_tests::programs::token;
 use treewright_tests::sandbox::skip;
 
 use crate::dashboard;
+use crate::site::{ask, say};
 
 /// Longest wait for something that should happen by itself.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -188,35 +189,17 @@ fn scenes(folder: &Path, url: &str) {
                  [[indicators]]\nname = \"triangles\"\nmin = 0\nmax = 1000000\nscale = \"log\"\n\
                  [[indicators]]\nname = \"occlusion\"\nmin = 0\nmax = 1\n\
                  [[objective]]\nmetric = \"render_ms\"\n[policy]\nepsilon = 1\nconfirm_rounds = 4\ntrials_per_state = 12\n";
-    let file = folder.join("scenes.toml");
-    std::fs::write(&file, study).expect("a file");
-    let file = file.to_str().expect("text");
-    let made = run("treewright", &["--server", url, "study", "create", file]);
-    assert!(made.status.success(), "{}", stderr(&made));
+    dashboard::create_of(folder, url, "scenes", study);
     for (triangles, occlusion) in [("1000", "0.1"), ("200000", "0.1"), ("1000", "0.8"), ("900000", "0.7")] {
         let indicators = [format!("triangles={triangles}"), format!("occlusion={occlusion}")];
         let best = 4.0 + triangles.len() as f64 * 3.0;
         for step in 0..20 {
-            let asked = run(
-                "treewright",
-                &[
-                    "--server",
-                    url,
-                    "--json",
-                    "suggest",
-                    "scenes",
-                    "--indicator",
-                    &indicators[0],
-                    "--indicator",
-                    &indicators[1],
-                ],
-            );
-            let trial: serde_json::Value = serde_json::from_str(&stdout(&asked)).expect("a trial");
+            let [triangles, occlusion] = &indicators;
+            let place = ["--indicator", triangles, "--indicator", occlusion];
+            let trial = ask(url, &[&["suggest", "scenes"], &place[..]].concat());
             let leaf = trial["configuration"]["max_leaf_size"].as_f64().expect("a number");
             let cost = 20.0 + (leaf - best).powi(2) / 20.0 + 0.1 * f64::from(step % 3);
-            let name = trial["name"].as_str().expect("a name");
-            let output = run("treewright", &["--server", url, "report", name, &format!("render_ms={cost}")]);
-            assert!(output.status.success(), "{}", stderr(&output));
+            say(url, &["report", trial["name"].as_str().expect("a name"), &format!("render_ms={cost}")]);
         }
     }
 }

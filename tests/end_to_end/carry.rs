@@ -5,30 +5,17 @@ use std::path::Path;
 
 use serde_json::Value;
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{run, stderr, stdout};
+use treewright_tests::programs::stderr;
 
-/// Runs the command line, which must succeed.
-fn say(daemon: &Daemon, arguments: &[&str]) -> String {
-    let mut all = vec!["--server", daemon.url()];
-    all.extend(arguments);
-    let output = run("treewright", &all);
-    assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
-    stdout(&output)
-}
-
-fn ask(daemon: &Daemon, arguments: &[&str]) -> Value {
-    let mut all = vec!["--json"];
-    all.extend(arguments);
-    serde_json::from_str(&say(daemon, &all)).expect("JSON")
-}
+use crate::site::{Site, ask, path_text, say, shell, trials};
 
 /// Ten trials whose costs are known: the square of the level's distance from 13.
 fn measure(daemon: &Daemon, levels: impl Iterator<Item = i64>, megabytes: i64) {
     for level in levels {
         let (wanted, indicator) = (format!("level={level}"), format!("megabytes={megabytes}"));
-        let trial = ask(daemon, &["suggest", "toy", "--wanted", &wanted, "--indicator", &indicator]);
+        let trial = ask(daemon.url(), &["suggest", "toy", "--wanted", &wanted, "--indicator", &indicator]);
         let cost = format!("loss={}", (level - 13) * (level - 13) + 5);
-        ask(daemon, &["report", trial["name"].as_str().expect("a name"), &cost]);
+        ask(daemon.url(), &["report", trial["name"].as_str().expect("a name"), &cost]);
     }
 }
 
@@ -39,7 +26,7 @@ fn study(folder: &Path, more: &str) -> String {
     );
     let path = folder.join(if more.is_empty() { "toy.toml" } else { "more.toml" });
     std::fs::write(&path, text).expect("a file");
-    path.to_str().expect("a path of text").to_owned()
+    path_text(&path).to_owned()
 }
 
 #[test]
@@ -48,30 +35,30 @@ fn two_sites_are_merged_in_both_directions_and_nothing_is_there_twice() {
     let (a, b) = (Daemon::start(&folder.path().join("a.db")), Daemon::start(&folder.path().join("b.db")));
     let file = study(folder.path(), "");
     for (daemon, levels) in [(&a, 1..6), (&b, 9..14)] {
-        say(daemon, &["study", "create", &file]);
+        say(daemon.url(), &["study", "create", &file]);
         measure(daemon, levels, 10);
     }
-    let path = |name: &str| folder.path().join(name).to_str().expect("text").to_owned();
-    say(&a, &["export", "toy", "--site", "a", "--out", &path("a.jsonl")]);
-    assert_eq!(ask(&b, &["import", &path("a.jsonl"), "--site", "b"])["imported"], 5);
-    assert_eq!(ask(&b, &["import", &path("a.jsonl"), "--site", "b"])["known"], 5, "it may be repeated");
+    let path = |name: &str| path_text(&folder.path().join(name)).to_owned();
+    say(a.url(), &["export", "toy", "--site", "a", "--out", &path("a.jsonl")]);
+    assert_eq!(ask(b.url(), &["import", &path("a.jsonl"), "--site", "b"])["imported"], 5);
+    assert_eq!(ask(b.url(), &["import", &path("a.jsonl"), "--site", "b"])["known"], 5, "it may be repeated");
     // The trials that B took from A come home with the rest, and are known there.
-    say(&b, &["export", "toy", "--site", "b", "--out", &path("b.jsonl")]);
-    let home = ask(&a, &["import", &path("b.jsonl"), "--site", "a"]);
+    say(b.url(), &["export", "toy", "--site", "b", "--out", &path("b.jsonl")]);
+    let home = ask(a.url(), &["import", &path("b.jsonl"), "--site", "a"]);
     assert_eq!((&home["imported"], &home["known"]), (&Value::from(5), &Value::from(5)));
     for daemon in [&a, &b] {
-        let best = ask(daemon, &["best", "toy", "--indicator", "megabytes=10"]);
+        let best = ask(daemon.url(), &["best", "toy", "--indicator", "megabytes=10"]);
         assert_eq!((&best["configuration"]["level"], &best["cost"]), (&Value::from(13), &Value::from(5.0)));
         assert_eq!(best["default_cost"], 105.0);
-        assert_eq!(ask(daemon, &["trials", "toy", "--all"]).as_array().map(Vec::len), Some(10));
+        assert_eq!(ask(daemon.url(), &["trials", "toy", "--all"]).as_array().map(Vec::len), Some(10));
     }
-    let carried = ask(&a, &["explain", "studies/toy/trials/6"]);
-    let uid = ask(&b, &["study", "show", "toy"])["uid"].as_str().expect("an identity").to_owned();
+    let carried = ask(a.url(), &["explain", "studies/toy/trials/6"]);
+    let uid = ask(b.url(), &["study", "show", "toy"])["uid"].as_str().expect("an identity").to_owned();
     assert_eq!(carried["origin"], format!("b/studies/toy@{uid}/trials/1"));
     assert!(carried["fingerprint"]["cpu_model"].is_string(), "the machine is kept: {carried}");
     // A table does as well.
-    say(&b, &["export", "toy", "--format", "csv", "--site", "b", "--out", &path("b.csv")]);
-    let table = ask(&a, &["import", &path("b.csv"), "--study", "toy", "--site", "a"]);
+    say(b.url(), &["export", "toy", "--format", "csv", "--site", "b", "--out", &path("b.csv")]);
+    let table = ask(a.url(), &["import", &path("b.csv"), "--study", "toy", "--site", "a"]);
     assert_eq!((&table["imported"], &table["known"]), (&Value::from(0), &Value::from(10)), "{table}");
 }
 
@@ -82,30 +69,26 @@ fn a_parquet_file_holds_the_study_its_trials_and_where_they_were_measured() {
     let more = "[[parameters]]\nname = \"mode\"\ntype = \"categorical\"\nvalues = [\"7\", \"fast\"]\n\
                 default = \"7\"\n[[parameters]]\nname = \"rate\"\ntype = \"float\"\nmin = 0.1\nmax = 1.0\n\
                 default = 0.3\nactive_if = { parameter = \"mode\", any_of = [\"fast\"] }\n";
-    say(&a, &["study", "create", &study(folder.path(), more), "--id", "toy"]);
+    say(a.url(), &["study", "create", &study(folder.path(), more), "--id", "toy"]);
     measure(&a, 9..14, 10);
     let fast = ["--wanted", "mode=fast", "--wanted", "rate=0.7", "--indicator", "megabytes=0.1"];
     for ending in
         [["loss=0.30000000000000004"].as_slice(), &["--infeasible", "no, \"memory\""], &["--abandon"]]
     {
-        let trial = ask(&a, &[["suggest", "toy"].as_slice(), &fast].concat());
-        say(&a, &[&["report", trial["name"].as_str().expect("a name")], ending].concat());
+        let trial = ask(a.url(), &[["suggest", "toy"].as_slice(), &fast].concat());
+        say(a.url(), &[&["report", trial["name"].as_str().expect("a name")], ending].concat());
     }
-    let path = folder.path().join("a.parquet").to_str().expect("text").to_owned();
-    say(&a, &["export", "toy", "--format", "parquet", "--site", "a", "--out", &path]);
-    let said = ask(&b, &["import", &path, "--site", "b"]);
+    let path = path_text(&folder.path().join("a.parquet")).to_owned();
+    say(a.url(), &["export", "toy", "--format", "parquet", "--site", "a", "--out", &path]);
+    let said = ask(b.url(), &["import", &path, "--site", "b"]);
     assert_eq!((&said["imported"], &said["misfits"]), (&Value::from(7), &Value::from(0)), "{said}");
-    assert_eq!(ask(&b, &["import", &path, "--site", "b"])["known"], 7, "it may be repeated");
+    assert_eq!(ask(b.url(), &["import", &path, "--site", "b"])["known"], 7, "it may be repeated");
     // The study and every trial equal those that travelled as JSON Lines.
     let lines = |daemon: &Daemon| -> Vec<Value> {
-        let text = say(daemon, &["export", "toy", "--site", "a"]);
-        let mut lines: Vec<Value> =
-            text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+        let mut lines = exported(daemon, "toy");
         for line in &mut lines {
-            let line = line.as_object_mut().expect("an object");
-            // The importing client and the time differ.
-            line.remove("complete_time");
-            line.remove("client_id");
+            // The importing client is another.
+            line.as_object_mut().expect("an object").remove("client_id");
         }
         lines
     };
@@ -113,55 +96,56 @@ fn a_parquet_file_holds_the_study_its_trials_and_where_they_were_measured() {
     // Cut short, it is refused with its name.
     let whole = std::fs::read(&path).expect("a file");
     std::fs::write(&path, &whole[..whole.len() / 2]).expect("a file");
-    let refused = run("treewright", &["--server", b.url(), "import", &path]);
+    let refused = shell(b.url(), &["import", &path]);
     assert!(!refused.status.success() && stderr(&refused).contains("a.parquet"), "{}", stderr(&refused));
 }
 
 #[test]
 fn a_parameter_and_an_indicator_are_added_and_what_was_learnt_stays() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("a.db"));
-    say(&daemon, &["study", "create", &study(folder.path(), "")]);
-    measure(&daemon, 9..15, 10);
-    measure(&daemon, 9..12, 500);
+    let site = Site::new();
+    let (daemon, folder) = (&site.daemon, &site.folder);
+    say(daemon.url(), &["study", "create", &study(folder.path(), "")]);
+    measure(daemon, 9..15, 10);
+    measure(daemon, 9..12, 500);
     let more = "[[parameters]]\nname = \"fast\"\ntype = \"boolean\"\ndefault = false\n\
                 [[indicators]]\nname = \"files\"\nmin = 0\nmax = 100\n";
     let more = study(folder.path(), more);
     let copied = ["study", "clone", "toy", "toy-2", "--spec", &more, "--indicator", "files=7"];
-    assert_eq!(ask(&daemon, &copied)["imported"], 9);
+    assert_eq!(ask(daemon.url(), &copied)["imported"], 9);
     let state = ["--indicator", "megabytes=10", "--indicator", "files=7"];
-    let best = ask(&daemon, &[&["best", "toy-2"][..], &state].concat());
+    let best = ask(daemon.url(), &[&["best", "toy-2"][..], &state].concat());
     assert_eq!(best["configuration"], serde_json::json!({ "level": 13, "fast": false }));
-    let other = ask(&daemon, &["best", "toy-2", "--state", "2"]);
+    let other = ask(daemon.url(), &["best", "toy-2", "--state", "2"]);
     assert_eq!(other["configuration"]["level"], 11, "states stay apart");
     // Which of several states is meant has to be said, and people see all of them.
-    let mut all = vec!["--server", daemon.url(), "--json", "best", "toy-2"];
-    assert!(stderr(&run("treewright", &all)).contains("2 states"));
-    all.remove(2);
-    let shown = stdout(&run("treewright", &all));
+    assert!(stderr(&shell(daemon.url(), &["--json", "best", "toy-2"])).contains("2 states"));
+    let shown = say(daemon.url(), &["best", "toy-2"]);
     assert!(shown.contains("level=13") && shown.contains("level=11"), "{shown}");
     // It is exploited at once, before anything is measured.
-    let predicted = ask(&daemon, &[&["predict", "toy-2"][..], &state].concat());
+    let predicted = ask(daemon.url(), &[&["predict", "toy-2"][..], &state].concat());
     assert_eq!(predicted["configuration"]["level"], 13);
-    say(&daemon, &["study", "rename", "toy-2", "toy-3"]);
-    let names: Vec<_> = ask(&daemon, &["studies"])
+    say(daemon.url(), &["study", "rename", "toy-2", "toy-3"]);
+    let names: Vec<_> = ask(daemon.url(), &["studies"])
         .as_array()
         .expect("a list")
         .iter()
         .map(|study| study["name"].as_str().unwrap_or_default().to_owned())
         .collect();
     assert_eq!(names, ["studies/toy", "studies/toy-3"]);
-    assert_eq!(ask(&daemon, &["trials", "toy-3", "--all"]).as_array().map(Vec::len), Some(9));
-    say(&daemon, &["pin", "toy", "level=20"]);
-    assert_eq!(ask(&daemon, &["suggest", "toy", "--indicator", "megabytes=1"])["configuration"]["level"], 20);
-    say(&daemon, &["unpin", "toy"]);
-    assert_eq!(ask(&daemon, &["freeze", "toy"])["operation"], "freeze");
-    assert_eq!(ask(&daemon, &["thaw", "toy"])["operation"], "tune");
+    assert_eq!(ask(daemon.url(), &["trials", "toy-3", "--all"]).as_array().map(Vec::len), Some(9));
+    say(daemon.url(), &["pin", "toy", "level=20"]);
+    assert_eq!(
+        ask(daemon.url(), &["suggest", "toy", "--indicator", "megabytes=1"])["configuration"]["level"],
+        20
+    );
+    say(daemon.url(), &["unpin", "toy"]);
+    assert_eq!(ask(daemon.url(), &["freeze", "toy"])["operation"], "freeze");
+    assert_eq!(ask(daemon.url(), &["thaw", "toy"])["operation"], "tune");
 }
 
 /// The lines of an export, without what an import says of itself: when it was.
 fn exported(daemon: &Daemon, study: &str) -> Vec<Value> {
-    let text = say(daemon, &["export", study, "--site", "a"]);
+    let text = say(daemon.url(), &["export", study, "--site", "a"]);
     let mut lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     for line in &mut lines {
         line.as_object_mut().expect("an object").remove("complete_time");
@@ -180,7 +164,7 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
     let head = "auxiliary = [\"cpu_ms\", \"faults\"]\nlimits = [{ metric = \"loss\", at_most = 1e6 }]\nseed = \"18446744073709551615\"\n";
     let tail = "[[objective]]\nmetric = \"rate\"\nmaximise = true\n[policy]\nwarm_up = 3\n";
     std::fs::write(&path, format!("{head}{text}{tail}")).expect("a file");
-    say(&a, &["study", "create", &path]);
+    say(a.url(), &["study", "create", &path]);
     let results: [(&str, &[&str]); 5] = [
         ("level=9", &["loss=21", "rate=0.30000000000000004"]),
         ("level=10", &["loss=2e6", "rate=50"]),
@@ -189,10 +173,10 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
         ("level=13", &["loss=5", "rate=50", "cpu_ms=4.5", "faults=0"]),
     ];
     for (level, result) in results {
-        let trial = ask(&a, &["suggest", "toy", "--wanted", level, "--indicator", "megabytes=10"]);
-        say(&a, &[&["report", trial["name"].as_str().expect("a name")], result].concat());
+        let trial = ask(a.url(), &["suggest", "toy", "--wanted", level, "--indicator", "megabytes=10"]);
+        say(a.url(), &[&["report", trial["name"].as_str().expect("a name")], result].concat());
     }
-    say(&a, &["freeze", "toy"]);
+    say(a.url(), &["freeze", "toy"]);
     let (out, before) = (folder.path().join("toy.jsonl"), exported(&a, "toy"));
     let outcomes: Vec<&Value> = before[1..].iter().map(|line| &line["outcome"]).collect();
     assert_eq!(
@@ -202,14 +186,14 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
     assert_eq!((outcomes.len(), &outcomes[3]["aborted"]["lower_bound"]), (5, &Value::from(900.5)));
     assert_eq!(before[0]["study"]["auxiliary"], serde_json::json!(["cpu_ms", "faults"]));
     assert_eq!(before[0]["study"]["limits"], serde_json::json!([{ "metric": "loss", "at_most": 1e6 }]));
-    let out = out.to_str().expect("text");
-    say(&a, &["export", "toy", "--out", out]);
-    assert_eq!(ask(&a, &["import", out])["known"], 5, "they are there");
-    say(&a, &["study", "delete", "toy", "--yes"]);
+    let out = path_text(&out);
+    say(a.url(), &["export", "toy", "--out", out]);
+    assert_eq!(ask(a.url(), &["import", out])["known"], 5, "they are there");
+    say(a.url(), &["study", "delete", "toy", "--yes"]);
     for daemon in [&a, &b] {
-        let tally = ask(daemon, &["import", out]);
+        let tally = ask(daemon.url(), &["import", out]);
         assert_eq!((&tally["imported"], &tally["known"]), (&Value::from(5), &Value::from(0)), "{tally}");
-        assert_eq!(ask(daemon, &["import", out])["known"], 5, "it may be repeated");
+        assert_eq!(ask(daemon.url(), &["import", out])["known"], 5, "it may be repeated");
         let mut after = exported(daemon, "toy");
         for (line, before) in after.iter_mut().zip(&before).skip(1) {
             // The first export named the site.
@@ -220,37 +204,34 @@ fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_databas
             line["origin"] = before["origin"].clone();
         }
         assert_eq!(after, before);
-        let best = ask(daemon, &["best", "toy", "--indicator", "megabytes=10"]);
+        let best = ask(daemon.url(), &["best", "toy", "--indicator", "megabytes=10"]);
         assert_eq!(best["configuration"]["level"], 13, "what was carried is learnt");
     }
     // A program that made the study finds it again.
-    say(&a, &["study", "create", &path]);
+    say(a.url(), &["study", "create", &path]);
 }
 
 #[test]
 fn a_study_of_the_same_name_and_machine_knows_nothing_of_another_ones_trials() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let a = Daemon::start(&folder.path().join("a.db"));
-    let file = study(folder.path(), "");
-    say(&a, &["study", "create", &file]);
-    measure(&a, 9..14, 10);
-    let out = folder.path().join("toy.csv");
-    let out = out.to_str().expect("text");
-    say(&a, &["export", "toy", "--format", "csv", "--out", out]);
-    say(&a, &["study", "delete", "toy", "--yes"]);
-    say(&a, &["study", "create", &file]);
-    measure(&a, 20..22, 10);
-    let tally = ask(&a, &["import", out, "--study", "toy"]);
+    let site = Site::new();
+    let (a, file) = (&site.daemon, study(site.folder.path(), ""));
+    say(a.url(), &["study", "create", &file]);
+    measure(a, 9..14, 10);
+    let out = &site.path("toy.csv");
+    say(a.url(), &["export", "toy", "--format", "csv", "--out", out]);
+    say(a.url(), &["study", "delete", "toy", "--yes"]);
+    say(a.url(), &["study", "create", &file]);
+    measure(a, 20..22, 10);
+    let tally = ask(a.url(), &["import", out, "--study", "toy"]);
     assert_eq!((&tally["imported"], &tally["known"]), (&Value::from(5), &Value::from(0)), "{tally}");
 }
 
 #[test]
 fn a_running_program_goes_on_with_a_renamed_study_and_never_reports_to_one_that_was_created_again() {
     use treewright_client::{Indicators, Options, Outcome, blocking::Client};
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("a.db"));
-    let file = study(folder.path(), "");
-    say(&daemon, &["study", "create", &file]);
+    let site = Site::new();
+    let (daemon, file) = (&site.daemon, study(site.folder.path(), ""));
+    say(daemon.url(), &["study", "create", &file]);
     let patient = Options { deadline: std::time::Duration::from_secs(20), ..Options::default() };
     let client = Client::connect(daemon.url(), patient).expect("a client");
     let flush = || client.flush(std::time::Duration::from_secs(20));
@@ -258,31 +239,31 @@ fn a_running_program_goes_on_with_a_renamed_study_and_never_reports_to_one_that_
     let handle = client.study("toy", spec).expect("the same");
     let state = Indicators::from([("megabytes", 10.0)]);
     let open = handle.suggest(&state);
-    say(&daemon, &["study", "rename", "toy", "hall"]);
+    say(daemon.url(), &["study", "rename", "toy", "hall"]);
     open.report([("loss", 7.0)].into(), Outcome::Ok).expect("queued");
     flush().expect("taken");
     handle.suggest(&state).report([("loss", 8.0)].into(), Outcome::Ok).expect("queued");
     flush().expect("taken");
     let costs = |study: &str| -> Vec<f64> {
-        let trials = ask(&daemon, &["trials", study, "--filter", "state = COMPLETED"]);
-        trials.as_array().expect("a list").iter().filter_map(|trial| trial["cost"].as_f64()).collect()
+        let completed = trials(daemon.url(), study, "state = COMPLETED");
+        completed.iter().filter_map(|trial| trial["cost"].as_f64()).collect()
     };
     assert_eq!(costs("hall"), [7.0, 8.0]);
 
     // The FAQ's way to start over, while the program runs.
     let stale = handle.suggest(&state);
     assert!(stale.trial().is_some());
-    say(&daemon, &["study", "delete", "hall", "--yes"]);
-    say(&daemon, &["study", "create", &file, "--id", "hall"]);
-    let trial = ask(&daemon, &["suggest", "hall", "--indicator", "megabytes=10"]);
+    say(daemon.url(), &["study", "delete", "hall", "--yes"]);
+    say(daemon.url(), &["study", "create", &file, "--id", "hall"]);
+    let trial = ask(daemon.url(), &["suggest", "hall", "--indicator", "megabytes=10"]);
     let number = stale.trial().expect("a trial").rsplit('/').next().expect("a number").to_owned();
     let plain = format!("studies/hall/trials/{number}");
     stale.report([("loss", 0.001)].into(), Outcome::Ok).expect("queued");
     flush().expect("refused, so nothing waits");
     assert_eq!(client.stats().refused, 1);
-    let old = run("treewright", &["--server", daemon.url(), "report", &plain, "loss=0.001"]);
+    let old = shell(daemon.url(), &["report", &plain, "loss=0.001"]);
     assert!(!old.status.success() && stderr(&old).contains("handed out before"), "{}", stderr(&old));
-    say(&daemon, &["report", trial["name"].as_str().expect("a name"), "loss=50"]);
+    say(daemon.url(), &["report", trial["name"].as_str().expect("a name"), "loss=50"]);
     assert_eq!(costs("hall"), [50.0]);
     // The program specified the study under its first name: there it goes on, once it has created it again.
     let begun = std::time::Instant::now();
@@ -294,15 +275,14 @@ fn a_running_program_goes_on_with_a_renamed_study_and_never_reports_to_one_that_
 
 #[test]
 fn a_row_that_the_service_does_not_take_does_not_hold_up_the_others() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
-    say(&daemon, &["study", "create", &study(folder.path(), "")]);
-    let rows = folder.path().join("rows.csv");
+    let site = Site::new();
+    let daemon = &site.daemon;
+    say(daemon.url(), &["study", "create", &study(site.folder.path(), "")]);
     let table = "config.level,indicator.megabytes,measurement.loss,measurement.Rays\n\
                  1,10,3.5,\n2,10,3.25,7\n3,10,NaN,\n4,10,-1,\n5,10,3,\n";
-    std::fs::write(&rows, table).expect("room");
-    let answer = ask(&daemon, &["import", rows.to_str().expect("text"), "--study", "toy"]);
+    let rows = site.write("rows.csv", table);
+    let answer = ask(daemon.url(), &["import", &rows, "--study", "toy"]);
     assert_eq!((&answer["imported"], &answer["misfits"]), (&Value::from(2), &Value::from(3)), "{answer}");
-    let open = ask(&daemon, &["trials", "toy", "--filter", "state = OPEN"]);
-    assert_eq!(open, Value::Array(Vec::new()), "what was refused is given back");
+    let open = trials(daemon.url(), "toy", "state = OPEN");
+    assert_eq!(open, Vec::<Value>::new(), "what was refused is given back");
 }

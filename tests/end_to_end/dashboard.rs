@@ -6,16 +6,18 @@ use std::path::Path;
 use std::time::Duration;
 
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{run, stderr, stdout, token};
+use treewright_tests::programs::token;
+
+use crate::site::{ask, path_text, say, wait_until};
 
 /// An answer: its status, its head and its body.
-struct Answer {
+pub(crate) struct Answer {
     status: u16,
     head: String,
     body: String,
 }
 
-fn ask(address: &str, request: &str) -> Answer {
+fn request(address: &str, request: &str) -> Answer {
     let mut stream = TcpStream::connect(address).expect("the dashboard listens");
     stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a time limit");
     stream.write_all(request.as_bytes()).expect("it is sent");
@@ -26,8 +28,22 @@ fn ask(address: &str, request: &str) -> Answer {
     Answer { status, head: head.to_lowercase(), body: body.to_owned() }
 }
 
-fn get(address: &str, path: &str, more: &str) -> Answer {
-    ask(address, &format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{more}\r\n"))
+pub(crate) fn get(address: &str, path: &str, more: &str) -> Answer {
+    request(address, &format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{more}\r\n"))
+}
+
+/// Sends a form, with further lines of the head.
+fn post(address: &str, path: &str, more: &str, form: &str) -> Answer {
+    let head = format!("POST {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{more}");
+    request(address, &format!("{head}Content-Length: {}\r\n\r\n{form}", form.len()))
+}
+
+/// Where a daemon's log says that its metrics are served.
+pub(crate) fn metrics(log: &Path) -> String {
+    let text = std::fs::read_to_string(log).expect("the log");
+    let line = text.lines().find(|line| line.contains("metrics are served")).expect("it says where");
+    let address = line.split("address=").nth(1).and_then(|rest| rest.split_whitespace().next());
+    address.expect("an address").to_owned()
 }
 
 /// A daemon with a dashboard, and where that is.
@@ -43,13 +59,10 @@ pub(crate) fn start(folder: &Path, more: &[&str]) -> (Daemon, String) {
 
 pub(crate) fn measure(url: &str, reports: &[&str]) {
     for report in reports {
-        let asked = run("treewright", &["--server", url, "--json", "suggest", "toy"]);
-        let trial: serde_json::Value = serde_json::from_str(&stdout(&asked)).expect("a trial");
-        let name = trial["name"].as_str().expect("a name");
-        let mut all = vec!["--server", url, "report", name];
+        let trial = ask(url, &["suggest", "toy"]);
+        let mut all = vec!["report", trial["name"].as_str().expect("a name")];
         all.extend(report.split('|'));
-        let output = run("treewright", &all);
-        assert!(output.status.success(), "{}", stderr(&output));
+        say(url, &all);
     }
 }
 
@@ -58,10 +71,14 @@ pub(crate) fn create(folder: &Path, url: &str) {
                  [[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
                  [[parameters]]\nname = \"kind\"\ntype = \"categorical\"\nvalues = [\"<b>\", \"plain\"]\ndefault = \"<b>\"\n\
                  [[objective]]\nmetric = \"loss\"\n[policy]\nepsilon = 1\n";
-    let file = folder.join("toy.toml");
+    create_of(folder, url, "toy", study);
+}
+
+/// Creates a study from its text.
+pub(crate) fn create_of(folder: &Path, url: &str, name: &str, study: &str) {
+    let file = folder.join(format!("{name}.toml"));
     std::fs::write(&file, study).expect("a file");
-    let made = run("treewright", &["--server", url, "study", "create", file.to_str().expect("text")]);
-    assert!(made.status.success(), "{}", stderr(&made));
+    say(url, &["study", "create", path_text(&file)]);
 }
 
 #[test]
@@ -73,10 +90,7 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
     reports.extend(["loss=5", "loss=7", "loss=8", "loss=9", "loss=3", "loss=5.5"]);
     measure(daemon.url(), &reports);
     // Summaries are made in the background.
-    let patience = std::time::Instant::now() + Duration::from_secs(30);
-    while !get(&address, "/", "").body.contains(">searching</td>") && std::time::Instant::now() < patience {
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    wait_until("a summary", || get(&address, "/", "").body.contains(">searching</td>"));
     for (path, words) in [
         ("/", &["<h1>Studies</h1>", "/studies/toy", "&#60;script&#62;"][..]),
         ("/?order=Gain&reverse=1", &["aria-sort=\"ascending\"><a href=\"/?order=Gain\">", ">searching</td>"]),
@@ -152,23 +166,18 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
     assert_eq!(get(&address, "/studies/atlantis/map", "").status, 404);
     assert_eq!(get(&address, "/studies/toy/trials/99", "").status, 404);
     assert_eq!(get(&address, "/nowhere", "").status, 404);
-    let post = format!(
-        "POST /studies/toy HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
-    );
-    assert_eq!(ask(&address, &post).status, 405);
+    assert_eq!(post(&address, "/studies/toy", "", "").status, 405);
     let foreign = "GET / HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n";
-    assert_eq!(ask(&address, foreign).status, 421, "a name of the Internet that leads here");
+    assert_eq!(request(&address, foreign).status, 421, "a name of the Internet that leads here");
 }
 
 /// Asks for the list until it tells something.
 fn list_with(address: &str, cookie: &str, word: &str) -> String {
-    let patience = std::time::Instant::now() + Duration::from_secs(30);
-    let mut list = get(address, "/", cookie).body;
-    while !list.contains(word) && std::time::Instant::now() < patience {
-        std::thread::sleep(Duration::from_millis(50));
+    let mut list = String::new();
+    wait_until(word, || {
         list = get(address, "/", cookie).body;
-    }
-    assert!(list.contains(word), "{word} is not in {list}");
+        list.contains(word)
+    });
     list
 }
 
@@ -203,18 +212,17 @@ fn one_list_holds_the_studies_of_other_daemons() {
     assert_eq!(get(&address, &format!("/?dashboard-peers=x=http://{first}"), "").status, 400);
     third.kill();
 
-    let named = format!("guarded={}", file.to_str().expect("text"));
+    let named = format!("guarded={}", path_text(&file));
     let with_token = [&asks[..], &["--dashboard-token-files", named.as_str()]].concat();
     let (_third, address) = start(folders[2].path(), &with_token);
     let list = list_with(&address, "", ">searching</td>");
     // The second daemon follows its database, where the token was just made.
-    let patience = std::time::Instant::now() + Duration::from_secs(30);
-    while get(&address, "/", "").body.contains("guarded</a> is away") && std::time::Instant::now() < patience
-    {
-        std::thread::sleep(Duration::from_millis(100));
-    }
-    let after = get(&address, "/", "").body;
-    assert!(!after.contains("guarded</a> is away") && after.contains("gone</a> is away"), "{after}");
+    let mut after = String::new();
+    wait_until("the token comes into force", || {
+        after = get(&address, "/", "").body;
+        !after.contains("guarded</a> is away")
+    });
+    assert!(after.contains("gone</a> is away"), "{after}");
     for page in [&list, &after] {
         assert!(!page.contains("tw1_"), "no page holds a token");
     }
@@ -228,11 +236,7 @@ fn what_is_maximised_is_shown_in_its_own_unit() {
     let (daemon, address) = start(folder.path(), &[]);
     let study = "[[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
                  [[objective]]\nmetric = \"fps\"\nmaximise = true\n[policy]\nepsilon = 1\n";
-    let file = folder.path().join("toy.toml");
-    std::fs::write(&file, study).expect("a file");
-    let made =
-        run("treewright", &["--server", daemon.url(), "study", "create", file.to_str().expect("text")]);
-    assert!(made.status.success(), "{}", stderr(&made));
+    create_of(folder.path(), daemon.url(), "toy", study);
     measure(daemon.url(), &["fps=50", "fps=80", "fps=40"]);
     for (path, words) in [
         (
@@ -259,8 +263,7 @@ fn what_is_maximised_is_shown_in_its_own_unit() {
         }
         assert!(!answer.body.contains("0.0125"), "{path} tells a cost: {}", answer.body);
     }
-    let printed =
-        |command: &[&str]| stdout(&run("treewright", &[&["--server", daemon.url()][..], command].concat()));
+    let printed = |command: &[&str]| say(daemon.url(), command);
     assert!(printed(&["trials", "toy"]).contains("fps (higher is better)"));
     assert!(
         printed(&["trials", "toy", "--format", "csv"])
@@ -270,7 +273,7 @@ fn what_is_maximised_is_shown_in_its_own_unit() {
     );
     assert!(printed(&["best", "toy"]).starts_with("fps (higher is better)"));
     assert!(printed(&["explain", "toy/trials/2"]).contains("fps 80"));
-    let best: serde_json::Value = serde_json::from_str(&printed(&["--json", "best", "toy"])).expect("JSON");
+    let best = ask(daemon.url(), &["best", "toy"]);
     assert_eq!(best["default_value"], 50.0, "{best}");
 }
 
@@ -301,21 +304,16 @@ fn wrong_logins_are_counted_and_pages_use_up_a_quota() {
     };
     let (daemon, address) = start(folder.path(), &["--tokens", "--metrics", "127.0.0.1:0"]);
     let log = || std::fs::read_to_string(folder.path().join("daemon.log")).expect("the log");
-    let text = log();
-    let line = text.lines().find(|line| line.contains("metrics are served")).expect("it says where");
-    let metrics =
-        line.split("address=").nth(1).and_then(|rest| rest.split_whitespace().next()).expect("an address");
+    let metrics = metrics(&folder.path().join("daemon.log"));
     let counted = |reason: &str| {
-        let text = get(metrics, "/metrics", "").body;
+        let text = get(&metrics, "/metrics", "").body;
         let name = format!("treewright_refusals_total{{reason=\"{reason}\"}} ");
         let line = text.lines().find_map(|line| line.strip_prefix(&name)).expect("it is counted");
         line.parse::<u64>().expect("a number")
     };
     assert_eq!(counted("token"), 0);
-    let form = "token=tw1_wrong";
     for _ in 0..3 {
-        let head = format!("POST /login HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n");
-        assert_eq!(ask(&address, &format!("{head}Content-Length: {}\r\n\r\n{form}", form.len())).status, 401);
+        assert_eq!(post(&address, "/login", "", "token=tw1_wrong").status, 401);
     }
     assert_eq!(get(&address, "/", "Cookie: treewright_token=tw1_wrong\r\n").status, 303);
     assert_eq!(counted("token"), 4);
@@ -344,33 +342,17 @@ fn who_shows_no_token_sees_nothing() {
         assert_eq!(answer.status, 303, "{path}");
         assert!(answer.head.contains("location: /login") && answer.body.is_empty());
     }
-    let log_in = |token: &str| {
-        let form = format!("token={token}");
-        let length = form.len();
-        ask(
-            &address,
-            &format!(
-                "POST /login HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nContent-Length: {length}\r\n\r\n{form}"
-            ),
-        )
-    };
+    let log_in = |token: &str| post(&address, "/login", "", &format!("token={token}"));
     // A form of another site logs nobody in, and nobody out.
     for path in ["/login", "/logout"] {
-        let form = format!("token={good}");
-        let head = format!("POST {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n");
-        let foreign = format!("Origin: http://evil.example\r\nContent-Length: {}\r\n\r\n{form}", form.len());
-        let answer = ask(&address, &(head + &foreign));
+        let answer = post(&address, path, "Origin: http://evil.example\r\n", &format!("token={good}"));
         assert_eq!((answer.status, answer.head.contains("set-cookie")), (403, false), "{path}");
     }
     let wrong = log_in("tw1_wrong");
     assert_eq!((wrong.status, wrong.head.contains("set-cookie")), (401, false));
     // The daemon follows the database, where the token was just made.
-    let patience = std::time::Instant::now() + Duration::from_secs(30);
-    let mut right = log_in(&good);
-    while right.status == 401 && std::time::Instant::now() < patience {
-        std::thread::sleep(Duration::from_millis(50));
-        right = log_in(&good);
-    }
+    wait_until("the token comes into force", || log_in(&good).status != 401);
+    let right = log_in(&good);
     assert_eq!(right.status, 303);
     assert!(right.head.contains("httponly; samesite=strict"), "{}", right.head);
     let seen = |token: &str, path: &str| {
@@ -391,35 +373,22 @@ fn a_token_that_may_change_a_study_steers_it_from_its_pages() {
     let admin = token(&database, &["--scope", "admin"]);
     let file = folder.path().join("token");
     std::fs::write(&file, &admin).expect("a file");
-    let shell = |given: &[&str]| {
-        let mut all = vec!["--server", daemon.url(), "--token-file", file.to_str().expect("text")];
-        all.extend(given);
-        let output = run("treewright", &all);
-        assert!(output.status.success(), "{}", stderr(&output));
-        stdout(&output)
-    };
+    let shell = |given: &[&str]| say(daemon.url(), &[&["--token-file", path_text(&file)], given].concat());
     // The daemon follows the database, where the tokens were just made.
-    let patience = std::time::Instant::now() + Duration::from_secs(30);
-    let looks = || get(&address, "/", &format!("Cookie: treewright_token={admin}\r\n")).status;
-    while looks() != 200 && std::time::Instant::now() < patience {
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    let cookie = |token: &str| format!("Cookie: treewright_token={token}\r\n");
+    wait_until("the token comes into force", || get(&address, "/", &cookie(&admin)).status == 200);
     let toy = folder.path().join("toy.toml");
     let study = "[[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
                  [[objective]]\nmetric = \"loss\"\n";
     std::fs::write(&toy, study).expect("a file");
-    shell(&["study", "create", toy.to_str().expect("text")]);
+    shell(&["study", "create", path_text(&toy)]);
     shell(&["--json", "suggest", "toy"]);
     shell(&["report", "studies/toy/trials/1", "loss=10"]);
     let send = |token: &str, path: &str, form: &str, origin: &str| {
-        let length = form.len();
-        let head = format!("POST {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n");
-        let who = format!("Cookie: treewright_token={token}\r\nOrigin: {origin}\r\nContent-Length: {length}");
-        ask(&address, &format!("{head}{who}\r\n\r\n{form}"))
+        post(&address, path, &format!("{}Origin: {origin}\r\n", cookie(token)), form)
     };
     let own = format!("http://{address}");
-    let page =
-        |token: &str, path: &str| get(&address, path, &format!("Cookie: treewright_token={token}\r\n")).body;
+    let page = |token: &str, path: &str| get(&address, path, &cookie(token)).body;
     let policy = "/studies/toy/policy";
     assert!(page(&admin, policy).contains("Freeze: ") && !page(&reads, policy).contains("Freeze: "));
     // Neither a token that only reads, nor a page of another site, nor a mistake changes anything.

@@ -6,29 +6,25 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{program, run, stderr, stdout, workspace};
+use treewright_tests::programs::{program, stderr, stdout, workspace};
+
+use crate::site::{Site, ask, json, say, shell, trials};
 
 /// Costs 5 at level 13, and more elsewhere.
 const TOY: &str = r#"l={level}; echo "{\"loss\": $(( (l-13)*(l-13) + 5 ))}""#;
 
-fn json(output: &Output) -> Value {
-    assert!(output.status.success(), "{}", stderr(output));
-    serde_json::from_str(&stdout(output)).expect("JSON")
-}
-
 fn exec(url: &str, more: &[&str], script: &str) -> Output {
-    let mut all = vec!["--server", url, "--json", "exec", "toy", "--tune", "level=1..30:3"];
+    let mut all = vec!["--json", "exec", "toy", "--tune", "level=1..30:3"];
     all.extend(["--minimise", "loss", "--metric", "json"]);
     all.extend(more);
     all.extend(["--", "sh", "-c", script]);
-    run("treewright", &all)
+    shell(url, &all)
 }
 
 #[test]
 fn a_program_is_tuned_and_its_winner_confirmed() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
-    let done = json(&exec(daemon.url(), &["--trials", "25", "--confirm=6"], TOY));
+    let site = Site::new();
+    let done = json(&exec(site.url(), &["--trials", "25", "--confirm=6"], TOY));
     let best = &done["best"];
     assert_eq!(best["default_cost"], 105.0, "{done}");
     assert!(best["cost"].as_f64().is_some_and(|cost| cost <= 9.0), "{done}");
@@ -40,21 +36,18 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
     assert!(gain["low"].as_f64().is_some_and(|low| low > 0.9), "{done}");
     // The pairs are learnt like all else. The search measured the default once, and perhaps again to estimate
     // the machine's speed.
-    let url = daemon.url();
-    let all = ["--server", url, "--json", "trials", "toy", "--filter", "config.level = 3", "--all"];
-    let of_default = json(&run("treewright", &all)).as_array().map_or(0, Vec::len);
+    let of_default = trials(site.url(), "toy", "config.level = 3").len();
     assert!((7..=9).contains(&of_default), "{of_default} trials of the default");
 }
 
 #[test]
 fn cheaper_levels_say_what_is_worth_a_full_run() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let site = Site::new();
     // At the level `small` a tenth of the loss. Where the level is in the environment, it is the same.
     let script = r#"s={fidelity:10}; [ "$s" = small ] && s=1; [ "$TREEWRIGHT_FIDELITY" = {fidelity} ] || exit 9
         x={level}; y={depth}; echo "{\"loss\": $(( s * ((x-13)*(x-13) + (y-21)*(y-21) + 5) ))}""#;
     let more = ["--tune", "depth=1..30:3", "--fidelity", "small=0.1", "--trials", "30"];
-    let done = json(&exec(daemon.url(), &more, script));
+    let done = json(&exec(site.url(), &more, script));
     all_fields_are_documented(&done);
     let cheaper = done["cheaper"].as_u64().expect("a count");
     assert!(cheaper > 6 && done["failed"] == 0, "{done}");
@@ -63,29 +56,25 @@ fn cheaper_levels_say_what_is_worth_a_full_run() {
     assert_eq!(best["default_cost"], 4290.0, "{done}");
     assert!(best["cost"].as_f64().is_some_and(|cost| (50.0..1000.0).contains(&cost)), "{done}");
     assert!(best["command"][2].as_str().is_some_and(|script| script.contains("s=10;")), "{done}");
-    let all = json(&run("treewright", &["--server", daemon.url(), "--json", "trials", "toy", "--all"]));
-    let small = |trial: &&Value| trial["fidelity"] == "small" && trial["state"] == "COMPLETED";
-    let small: Vec<&Value> = all.as_array().expect("trials").iter().filter(small).collect();
+    let completed = trials(site.url(), "toy", "state = COMPLETED");
+    let small: Vec<&Value> = completed.iter().filter(|trial| trial["fidelity"] == "small").collect();
     assert_eq!(small.len() as u64, cheaper);
     assert!(small.iter().all(|trial| trial["cost"].is_null() && trial["measurements"]["loss"].is_number()));
     // A command that does not look at the level runs in full.
-    let plain =
-        ["--server", daemon.url(), "--json", "exec", "toy", "--metric", "json", "--trials", "3", "--"];
-    let plain = json(&run("treewright", &[&plain[..], &["sh", "-c", TOY]].concat()));
+    let plain = ["exec", "toy", "--metric", "json", "--trials", "3", "--", "sh", "-c", TOY];
+    let plain = ask(site.url(), &plain);
     assert!(plain["trials"] == 3 && plain["cheaper"].is_null(), "{plain}");
 }
 
 #[test]
 fn a_front_holds_the_ends_and_what_lies_between() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let site = Site::new();
     // Up to level 24 time falls and memory rises; from there on both rise.
     let script =
         r#"l={level}; echo "{\"time_ms\": $(( 5 + (l-24)*(l-24) )), \"memory_mb\": $(( 10 + l )) }""#;
-    let mut call = vec!["--server", daemon.url(), "--json", "exec", "toy", "--tune", "level=1..30:28"];
-    call.extend(["--metric", "json", "--front", "time_ms,memory_mb", "--trials", "60"]);
-    call.extend(["--", "sh", "-c", script]);
-    let done = json(&run("treewright", &call));
+    let mut call = vec!["exec", "toy", "--tune", "level=1..30:28", "--metric", "json"];
+    call.extend(["--front", "time_ms,memory_mb", "--trials", "60", "--", "sh", "-c", script]);
+    let done = ask(site.url(), &call);
     all_fields_are_documented(&done);
     let points = done["front"]["points"].as_array().expect("points");
     let level = |point: &Value| point["configuration"]["level"].as_i64().expect("a level");
@@ -96,10 +85,7 @@ fn a_front_holds_the_ends_and_what_lies_between() {
     // Of the whole front 0.1228.
     assert!(volume > 0.08 && volume < 0.1229, "{done}");
     // A trial that is carried over is no run, and every direction has one.
-    let count = |filter: &str| {
-        let all = ["--server", daemon.url(), "--json", "trials", "toy", "--all", "--filter", filter];
-        json(&run("treewright", &all)).as_array().map_or(0, Vec::len) as u64
-    };
+    let count = |filter: &str| trials(site.url(), "toy", filter).len() as u64;
     let runs = done["trials"].as_u64().expect("a count");
     assert!((10..=60).contains(&runs), "{done}");
     assert_eq!(done["front"]["runs"], runs);
@@ -124,10 +110,9 @@ fn all_fields_are_documented(done: &Value) {
 
 #[test]
 fn where_nothing_is_proven_yet_the_best_run_is_confirmed() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let site = Site::new();
     // Three runs are too few for a proof.
-    let done = json(&exec(daemon.url(), &["--trials", "3", "--confirm=8"], TOY));
+    let done = json(&exec(site.url(), &["--trials", "3", "--confirm=8"], TOY));
     let confirmation = &done["confirmation"];
     assert_ne!(confirmation["configuration"]["level"], 3, "{done}");
     assert_eq!(confirmation["pairs"], 8, "{done}");
@@ -135,15 +120,14 @@ fn where_nothing_is_proven_yet_the_best_run_is_confirmed() {
 
 #[test]
 fn what_is_maximised_is_found_and_told_in_its_own_unit() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let site = Site::new();
     // A rate of 90 at level 12, and less on either side.
     let script = r#"l={level}; d=$(( l > 12 ? l - 12 : 12 - l )); echo "{\"rate\": $(( 90 - 4 * d ))}""#;
     let call = |extra: &[&str]| {
-        let mut arguments = vec!["--server", daemon.url(), "exec", "rates", "--tune", "level=1..19:6"];
+        let mut arguments = vec!["exec", "rates", "--tune", "level=1..19:6"];
         arguments.extend(["--metric", "json", "--maximise", "rate"]);
         arguments.extend(extra.iter().chain(&["--", "sh", "-c", script]));
-        run("treewright", &arguments)
+        shell(site.url(), &arguments)
     };
     let done = json(&call(&["--trials", "60", "--json"]));
     assert_eq!(done["best"]["configuration"]["level"], 12, "{done}");
@@ -155,61 +139,54 @@ fn what_is_maximised_is_found_and_told_in_its_own_unit() {
     assert_eq!(done["best"]["default_value"].as_f64(), Some(66.0), "{done}");
     let output = call(&["--trials", "1"]);
     assert!(stdout(&output).contains("rate 90, default 66"), "{}", stdout(&output));
-    let file = run("treewright", &["--server", daemon.url(), "study", "show", "rates", "--format", "toml"]);
-    assert!(stdout(&file).contains("maximise = true"), "{}", stdout(&file));
+    let file = say(site.url(), &["study", "show", "rates", "--format", "toml"]);
+    assert!(file.contains("maximise = true"), "{file}");
 }
 
 #[test]
 fn a_limit_keeps_the_answer_within_it() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let site = Site::new();
     // Higher levels lose less and take more memory; 12 is the last that may be used.
     let script = r#"l={level}; echo "{\"loss\": $(( 100 - l )), \"memory_mb\": $(( l * 10 ))}""#;
     let limits = ["--limit", "memory_mb<=125", "--limit", "memory_mb>=10", "--trials", "30"];
-    let refused = exec(daemon.url(), &limits, script);
+    let refused = exec(site.url(), &limits, script);
     assert!(stderr(&refused).contains("once"), "one limit for one measurement: {}", stderr(&refused));
-    let done = json(&exec(daemon.url(), &["--limit", "memory_mb<=125", "--trials", "30"], script));
+    let done = json(&exec(site.url(), &["--limit", "memory_mb<=125", "--trials", "30"], script));
     assert_eq!(done["best"]["configuration"]["level"], 12, "{done}");
     assert!(done["infeasible"].as_u64().is_some_and(|count| count > 0), "{done}");
-    let trials =
-        ["--server", daemon.url(), "trials", "toy", "--json", "--all", "--filter", "outcome = INFEASIBLE"];
-    let beyond = json(&run("treewright", &trials));
-    let first = &beyond[0];
+    let first = &trials(site.url(), "toy", "outcome = INFEASIBLE")[0];
     let reason = first["outcome"]["infeasible"]["reason"].as_str().unwrap_or_default();
     assert!(reason.contains("memory_mb <= 125"), "{reason}");
     assert!(first["measurements"]["memory_mb"].as_f64().is_some_and(|memory| memory > 125.0), "{first}");
     // A metric with a limit has to be measured.
     let without = r#"echo "{\"loss\": {level}}""#;
-    let missing = exec(daemon.url(), &["--limit", "memory_mb<=125", "--trials", "2"], without);
+    let missing = exec(site.url(), &["--limit", "memory_mb<=125", "--trials", "2"], without);
     assert!(stderr(&missing).contains("memory_mb"), "{}", stderr(&missing));
 }
 
 #[test]
 fn what_fails_is_infeasible_and_what_cannot_work_at_all_is_an_error() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let site = Site::new();
     let script = format!("if [ {{level}} -gt 9 ]; then echo out of memory >&2; exit 7; fi; {TOY}");
-    let done = json(&exec(daemon.url(), &["--trials", "12"], &script));
+    let done = json(&exec(site.url(), &["--trials", "12"], &script));
     assert!(done["infeasible"].as_u64().is_some_and(|count| count > 0), "{done}");
     assert!(done["best"]["configuration"]["level"].as_i64().is_some_and(|level| level <= 9), "{done}");
-    let failed = ["--server", daemon.url(), "trials", "toy", "--json", "--filter", "outcome = INFEASIBLE"];
-    let failed = json(&run("treewright", &failed));
+    let failed = trials(site.url(), "toy", "outcome = INFEASIBLE");
     let reason = failed[0]["outcome"]["infeasible"]["reason"].as_str().unwrap_or_default();
     assert!(reason.contains('7') && reason.contains("out of memory"), "{reason}");
 
     let refused = |study: &str, command: &[&str], said: &str| {
-        let mut all = vec!["--server", daemon.url(), "exec", study, "--tune", "level=1..30:3", "--"];
-        all.extend(command);
-        let output = run("treewright", &all);
+        let output =
+            shell(site.url(), &[&["exec", study, "--tune", "level=1..30:3", "--"], command].concat());
         assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
         assert!(stderr(&output).contains(said), "{}", stderr(&output));
     };
     refused("never", &["sh", "-c", "echo no such file >&2; exit 2"], "no such file");
     refused("nobody", &["/no/such/program"], "/no/such/program cannot be started");
-    let unknown = run("treewright", &["--server", daemon.url(), "exec", "toy", "--", "echo", "{depth}"]);
+    let unknown = shell(site.url(), &["exec", "toy", "--", "echo", "{depth}"]);
     assert!(stderr(&unknown).contains("{depth}") && stderr(&unknown).contains("level"));
-    let metric = ["--server", daemon.url(), "exec", "toy", "--", "true"];
-    assert!(stderr(&run("treewright", &metric)).contains("the study minimises loss"));
+    let metric = shell(site.url(), &["exec", "toy", "--", "true"]);
+    assert!(stderr(&metric).contains("the study minimises loss"));
 }
 
 /// The program with a home of its own.
@@ -243,7 +220,7 @@ fn a_local_daemon_is_started_once_and_ends_by_itself() {
     assert_eq!(json(&done)["trials"], 3);
     let url = servers[0].as_str().expect("text").to_owned();
     let patience = Instant::now() + Duration::from_secs(60);
-    while run("treewright", &["--server", &url, "ping"]).status.success() {
+    while shell(&url, &["ping"]).status.success() {
         assert!(Instant::now() < patience, "it does not end");
         // Each question puts its end off.
         std::thread::sleep(Duration::from_secs(8));

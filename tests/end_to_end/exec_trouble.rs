@@ -8,33 +8,19 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::ports::lasting_address;
-use treewright_tests::programs::{program, run, stderr, stdout};
+use treewright_tests::programs::{program, stderr, stdout};
 
-/// A daemon with a folder of its own.
-struct Bench {
-    daemon: Daemon,
-    folder: tempfile::TempDir,
-}
+use crate::site::{Site, json, say, trials, wait_until};
 
-impl Bench {
-    fn new() -> Self {
-        let folder = tempfile::tempdir().expect("a folder");
-        Self { daemon: Daemon::start(&folder.path().join("tuning.db")), folder }
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.folder.path().join(name).to_str().expect("a path of text").to_owned()
-    }
-
+impl Site {
     /// Tunes a shell script that prints a loss.
     fn exec(&self, study: &str, more: &[&str], script: &str) -> Output {
-        exec(self.daemon.url(), study, more, script).output().expect("the program starts")
+        exec(self.url(), study, more, script).output().expect("the program starts")
     }
 
     /// The number of a study's trials that match.
     fn count(&self, study: &str, filter: &str) -> usize {
-        let all = ["--server", self.daemon.url(), "--json", "trials", study, "--all", "--filter", filter];
-        json(&run("treewright", &all)).as_array().expect("a list").len()
+        trials(self.url(), study, filter).len()
     }
 }
 
@@ -45,20 +31,6 @@ fn exec(url: &str, study: &str, more: &[&str], script: &str) -> Command {
     command.args(["--metric", "json"]).args(more).args(["--", "sh", "-c", script]);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
-}
-
-fn json(output: &Output) -> Value {
-    assert!(output.status.success(), "{}", stderr(output));
-    serde_json::from_str(&stdout(output)).expect("JSON")
-}
-
-/// Waits until something holds, for half a minute at most.
-fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
-    let patience = Instant::now() + Duration::from_secs(30);
-    while !holds() {
-        assert!(Instant::now() < patience, "{what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
 }
 
 fn signal(child: &Child, name: &str) {
@@ -78,7 +50,7 @@ fn is_alive(number: &str) -> bool {
 
 #[test]
 fn a_run_whose_last_line_has_no_number_has_no_result() {
-    let bench = Bench::new();
+    let bench = Site::new();
     for last in ["{\"loss\": NaN}", "{\"loss\": null}", "{\"acc\": 1}", "{\"loss\": \"0.5\"}"] {
         let script = format!("echo '{{\"loss\": 0.25}}'; echo '{last}'; : {{x}}");
         let output = bench.exec("earlier", &["--trials", "3"], &script);
@@ -90,7 +62,7 @@ fn a_run_whose_last_line_has_no_number_has_no_result() {
 
 #[test]
 fn values_without_a_number_do_not_end_the_search() {
-    let bench = Bench::new();
+    let bench = Site::new();
     for (study, word) in [("nan", "NaN"), ("infinity", "-Infinity"), ("null", "null"), ("large", "1e999")] {
         let script = format!(
             "if [ {{x}} -gt 5 ]; then echo '{{\"loss\": {word}}}'; else echo '{{\"loss\": {{x}}.5}}'; fi"
@@ -112,7 +84,7 @@ fn values_without_a_number_do_not_end_the_search() {
 
 #[test]
 fn numbers_that_cannot_be_reported_are_left_out_and_told_once() {
-    let bench = Bench::new();
+    let bench = Site::new();
     let many: Vec<_> = (0..100).map(|number| format!("\\\"n{number}\\\": 1")).collect();
     for (study, further, shown) in [
         ("capitals", "\\\"Throughput\\\": 3", "Throughput"),
@@ -133,7 +105,7 @@ fn numbers_that_cannot_be_reported_are_left_out_and_told_once() {
 
 #[test]
 fn a_default_that_fails_by_chance_is_tried_again() {
-    let bench = Bench::new();
+    let bench = Site::new();
     let runs = bench.path("runs");
     let script = format!("echo >> {runs}; [ $(wc -l < {runs}) -gt 3 ] || exit 9; echo '{{\"loss\": {{x}}}}'");
     let output = bench.exec("late", &["--trials", "4"], &script);
@@ -150,7 +122,7 @@ fn a_default_that_fails_by_chance_is_tried_again() {
 
 #[test]
 fn who_crashes_by_chance_is_not_unusable() {
-    let bench = Bench::new();
+    let bench = Site::new();
     let runs = bench.path("runs");
     // Every fourth run is killed, whichever configuration it has.
     let script = format!(
@@ -169,7 +141,7 @@ fn who_crashes_by_chance_is_not_unusable() {
 
 #[test]
 fn exit_codes_can_be_accepted() {
-    let bench = Bench::new();
+    let bench = Site::new();
     let script = "echo '{\"loss\": {x}}'; exit 3";
     assert_eq!(bench.exec("codes", &["--trials", "3"], script).status.code(), Some(1));
     let accepted = bench.exec("codes", &["--trials", "3", "--accept-exit", "1,3"], script);
@@ -179,7 +151,7 @@ fn exit_codes_can_be_accepted() {
 
 #[test]
 fn helpers_that_stay_hold_nobody_up() {
-    let bench = Bench::new();
+    let bench = Site::new();
     let begin = Instant::now();
     let cut = bench.exec(
         "limit",
@@ -204,12 +176,12 @@ fn helpers_that_stay_hold_nobody_up() {
 
 #[test]
 fn who_is_interrupted_shows_what_was_found() {
-    let bench = Bench::new();
+    let bench = Site::new();
     let runs = bench.path("runs");
     let script = format!(
         "echo >> {runs}; [ $(wc -l < {runs}) -lt 4 ] || {{ setsid sleep 30 & sleep 30; }}; echo '{{\"loss\": {{x}}}}'"
     );
-    let child = exec(bench.daemon.url(), "stopped", &[], &script).spawn().expect("the program starts");
+    let child = exec(bench.url(), "stopped", &[], &script).spawn().expect("the program starts");
     wait_until("the fourth run begins", || numbers(&runs).len() == 4);
     std::thread::sleep(Duration::from_millis(200));
     let begin = Instant::now();
@@ -224,13 +196,13 @@ fn who_is_interrupted_shows_what_was_found() {
 
 #[test]
 fn who_is_interrupted_while_pairs_run_is_told_so_beside_those_that_ran() {
-    let bench = Bench::new();
+    let bench = Site::new();
     let runs = bench.path("runs");
     // Five trials, two pairs, and a run that does not end.
     let script =
         format!("echo >> {runs}; [ $(wc -l < {runs}) -lt 10 ] || sleep 30; echo '{{\"loss\": {{x}}}}'");
     let more = ["--trials", "5", "--confirm=20"];
-    let child = exec(bench.daemon.url(), "paired", &more, &script).spawn().expect("the program starts");
+    let child = exec(bench.url(), "paired", &more, &script).spawn().expect("the program starts");
     wait_until("the third pair begins", || numbers(&runs).len() == 10);
     std::thread::sleep(Duration::from_millis(200));
     signal(&child, "INT");
@@ -242,13 +214,13 @@ fn who_is_interrupted_while_pairs_run_is_told_so_beside_those_that_ran() {
 
 #[test]
 fn programs_end_with_who_runs_them() {
-    let bench = Bench::new();
+    let bench = Site::new();
     let pids = bench.path("pids");
     let script = format!(
         "echo $$ >> {pids}; sleep 60 & echo $! >> {pids}; setsid sh -c 'echo $$ >> {pids}; sleep 60; :' & \
          sleep 60; : {{x}}"
     );
-    let mut child = exec(bench.daemon.url(), "killed", &[], &script).spawn().expect("the program starts");
+    let mut child = exec(bench.url(), "killed", &[], &script).spawn().expect("the program starts");
     wait_until("all three run", || numbers(&pids).len() == 3);
     assert!(numbers(&pids).iter().all(|number| is_alive(number)));
     child.kill().expect("it can be killed");
@@ -258,12 +230,12 @@ fn programs_end_with_who_runs_them() {
 
 #[test]
 fn endless_output_takes_bounded_memory() {
-    let bench = Bench::new();
+    let bench = Site::new();
     let ready = bench.path("ready");
     let script = format!(
         "head -c 200000000 /dev/zero | tr '\\000' x; echo > {ready}; sleep 2; echo; echo '{{\"loss\": {{x}}}}'"
     );
-    let child = exec(bench.daemon.url(), "long", &["--trials", "1"], &script).spawn().expect("it starts");
+    let child = exec(bench.url(), "long", &["--trials", "1"], &script).spawn().expect("it starts");
     wait_until("all is written", || Path::new(&ready).exists());
     let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).expect("it runs");
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("Linux says it");
@@ -293,8 +265,7 @@ fn a_daemon_that_is_away_for_seconds_loses_no_run() {
         let output = child.wait_with_output().expect("it ends");
         assert_eq!(json(&output)["trials"], 6, "{}", stderr(&output));
         assert_eq!(numbers(runs.to_str().expect("text")).len(), 6, "no run is done twice");
-        let all = ["--server", daemon.url(), "--json", "trials", study, "--all", "--filter", "outcome = OK"];
-        assert_eq!(json(&run("treewright", &all)).as_array().map(Vec::len), Some(6));
+        assert_eq!(trials(daemon.url(), study, "outcome = OK").len(), 6);
         assert!(daemon.terminate().success());
     }
 }
@@ -324,8 +295,7 @@ fn a_daemon_that_stays_away_takes_nothing_with_it() {
     let command = message.split("treewright report ").nth(1).and_then(|rest| rest.lines().next());
     let words: Vec<_> = command.expect("it says how").split(' ').collect();
     let daemon = Daemon::start_at(&database, &address);
-    let all = [&["--server", daemon.url(), "report"][..], &words].concat();
-    let printed = stdout(&run("treewright", &all));
+    let printed = say(daemon.url(), &[&["report"][..], &words].concat());
     assert!(
         printed.starts_with("reported studies/left") && printed.contains("/trials/4"),
         "{words:?}: {printed}"
@@ -334,9 +304,9 @@ fn a_daemon_that_stays_away_takes_nothing_with_it() {
 
 #[test]
 fn the_last_words_name_one_configuration() {
-    let bench = Bench::new();
+    let bench = Site::new();
     let words = |study: &str, script: &str| {
-        let mut command = exec(bench.daemon.url(), study, &["--trials", "12", "--confirm=8"], script);
+        let mut command = exec(bench.url(), study, &["--trials", "12", "--confirm=8"], script);
         let all: Vec<_> =
             command.get_args().filter(|word| *word != "--json").map(ToOwned::to_owned).collect();
         command = Command::new(program("treewright"));

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 use std::io::{BufRead as _, BufReader, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -15,6 +15,8 @@ use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{program, run, stderr};
 use treewright_tests::sandbox::{Clock, SmallDisk, skip};
 
+use crate::locks::beside;
+use crate::site::{Site, assert_sound, path_text};
 use crate::wire;
 
 /// Longest wait for something that should happen by itself.
@@ -94,17 +96,9 @@ fn refused(status: &Status, reason: &str) {
 
 /// The message of a start that must fail.
 fn failed_start(database: &Path) -> String {
-    let output = run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", path(database)]);
+    let output = run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", path_text(database)]);
     assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
     stderr(&output)
-}
-
-fn path(path: &Path) -> &str {
-    path.to_str().expect("plain")
-}
-
-fn beside(database: &Path, suffix: &str) -> PathBuf {
-    PathBuf::from(format!("{}{suffix}", database.display()))
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -178,10 +172,9 @@ impl Drop for Holder {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_lock_of_another_program_is_waited_for_and_then_told() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let daemon = Daemon::start(&database);
-    let mut book = Book::open(&daemon).await;
+    let site = Site::new();
+    let database = site.database();
+    let mut book = Book::open(&site.daemon).await;
     book.frames(5).await;
     let holder = Holder::of(&database);
     refused(&book.refusal(1).await, "locked");
@@ -189,7 +182,7 @@ async fn a_lock_of_another_program_is_waited_for_and_then_told() {
     drop(holder);
     book.recovers().await;
     book.reads().await;
-    assert!(daemon.terminate().success());
+    assert!(site.daemon.terminate().success());
 
     let holder = Holder::of(&database);
     let said = failed_start(&database);
@@ -263,8 +256,7 @@ async fn of_a_torn_log_everything_up_to_the_tear_is_there() {
         let mut other = Book::open(&daemon).await;
         other.frames(2).await;
         assert!(daemon.terminate().success(), "{what}");
-        let checked = run("treewrightd", &["check", "--database", path(&torn)]);
-        assert!(checked.status.success(), "{what}: {}", stderr(&checked));
+        assert_sound(&torn);
     }
 }
 
@@ -276,7 +268,8 @@ async fn a_damaged_file_is_refused_and_its_backup_serves() {
     let daemon = Daemon::start(&database);
     let mut book = Book::open(&daemon).await;
     book.frames(40).await;
-    let copied = run("treewrightd", &["backup", "--database", path(&database), "--to", path(&backup)]);
+    let copied =
+        run("treewrightd", &["backup", "--database", path_text(&database), "--to", path_text(&backup)]);
     assert!(copied.status.success(), "{}", stderr(&copied));
     assert!(daemon.terminate().success());
     assert!(!beside(&database, "-wal").exists(), "a daemon that is told to stop folds its log");
@@ -287,9 +280,10 @@ async fn a_damaged_file_is_refused_and_its_backup_serves() {
 
     let said = failed_start(&database);
     assert!(said.contains("is damaged") && said.contains("treewrightd restore"), "{said}");
-    let checked = run("treewrightd", &["check", "--database", path(&database)]);
+    let checked = run("treewrightd", &["check", "--database", path_text(&database)]);
     assert_eq!(checked.status.code(), Some(4), "{}", stderr(&checked));
-    let restored = run("treewrightd", &["restore", "--from", path(&backup), "--database", path(&database)]);
+    let restored =
+        run("treewrightd", &["restore", "--from", path_text(&backup), "--database", path_text(&database)]);
     assert!(restored.status.success(), "{}", stderr(&restored));
     let daemon = Daemon::start(&database);
     book.reconnect(&daemon).await;
@@ -299,11 +293,9 @@ async fn a_damaged_file_is_refused_and_its_backup_serves() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_file_that_is_replaced_under_the_daemon_is_not_written_to() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let elsewhere = folder.path().join("elsewhere.db");
-    let daemon = Daemon::start(&database);
-    let mut book = Book::open(&daemon).await;
+    let site = Site::new();
+    let (database, elsewhere) = (site.database(), site.file("elsewhere.db"));
+    let mut book = Book::open(&site.daemon).await;
     book.frames(5).await;
     std::fs::rename(&database, &elsewhere).expect("it can be moved");
     refused(&book.refusal(1).await, "moved, deleted or replaced");
@@ -313,7 +305,7 @@ async fn a_file_that_is_replaced_under_the_daemon_is_not_written_to() {
     std::fs::remove_dir(&database).expect("no directory");
     std::fs::rename(&elsewhere, &database).expect("back again");
     book.recovers().await;
-    daemon.kill();
+    site.daemon.kill();
     let daemon = Daemon::start(&database);
     book.reconnect(&daemon).await;
     book.reads().await;
@@ -328,7 +320,7 @@ fn a_disk_that_cannot_be_written_is_named_at_the_start() {
     };
     let output = disk
         .command(program("treewrightd"))
-        .args(["serve", "--listen", "127.0.0.1:0", "--database", path(&folder.path().join("tuning.db"))])
+        .args(["serve", "--listen", "127.0.0.1:0", "--database", path_text(&folder.path().join("tuning.db"))])
         .output()
         .expect("it runs");
     let said = stderr(&output);

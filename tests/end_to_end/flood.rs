@@ -3,15 +3,16 @@
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
 use treewright_proto::v1 as pb;
-use treewright_tests::daemon::Daemon;
 
+use crate::guard::until;
 use crate::lockouts::frame;
+use crate::site::Site;
 use crate::wire;
 
 /// The daemon's limit of open Tune streams.
@@ -19,17 +20,14 @@ const TUNE_STREAMS: usize = 1024;
 
 #[tokio::test]
 async fn more_streams_than_there_is_room_for_are_refused_and_others_are_served() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let (database, log) = (folder.path().join("tuning.db"), folder.path().join("log"));
-    let limit = TUNE_STREAMS.to_string();
-    let daemon = Daemon::start_with(&database, &["--max-streams", &limit], &log);
-    let mut other = wire::connect(daemon.url()).await;
+    let site = Site::with(&["--max-streams", &TUNE_STREAMS.to_string()]);
+    let mut other = wire::connect(site.url()).await;
     let name = wire::create(&mut other, "flooded").await;
 
     let mut open = Vec::new();
     let mut refused = 0;
     for _ in 0..6 {
-        let mut client = wire::connect(daemon.url()).await;
+        let mut client = wire::connect(site.url()).await;
         for _ in 0..200 {
             // Streams on which nothing is ever said; each ends with its sender.
             let (say, frames) = mpsc::channel::<pb::TuneRequest>(1);
@@ -49,12 +47,9 @@ async fn more_streams_than_there_is_room_for_are_refused_and_others_are_served()
 
     // There is room again once the flood is over.
     drop(open);
-    let patience = Instant::now() + Duration::from_secs(20);
-    while other.tune(tokio_stream::empty::<pb::TuneRequest>()).await.is_err() {
-        assert!(Instant::now() < patience, "the places of the flood stay taken");
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
-    assert!(daemon.terminate().success());
+    let tune = async || other.tune(tokio_stream::empty::<pb::TuneRequest>()).await;
+    until("the places of the flood are free", tune, Result::is_ok).await;
+    assert!(site.daemon.terminate().success());
 }
 
 #[tokio::test]
@@ -66,8 +61,7 @@ async fn who_opens_streams_only_to_reset_them_is_cut_off() {
     const END_STREAM_AND_HEADERS: u8 = 5;
     const CANCEL: [u8; 4] = [0, 0, 0, 8];
     const ENHANCE_YOUR_CALM: [u8; 4] = [0, 0, 0, 11];
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let site = Site::new();
 
     // POST, http, the path "/" from the static table of HPACK, and an authority as a literal.
     let head = [0x83, 0x86, 0x84, 0x01, 0x01, b'x'];
@@ -77,7 +71,7 @@ async fn who_opens_streams_only_to_reset_them_is_cut_off() {
         flood.extend(frame(HEADERS, END_STREAM_AND_HEADERS, stream, &head));
         flood.extend(frame(RST_STREAM, 0, stream, &CANCEL));
     }
-    let mut connection = TcpStream::connect(daemon.address()).expect("a connection");
+    let mut connection = TcpStream::connect(site.daemon.address()).expect("a connection");
     connection.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
     // The daemon may have hung up before the end.
     let _ = connection.write_all(&flood);
@@ -97,6 +91,6 @@ async fn who_opens_streams_only_to_reset_them_is_cut_off() {
     // A reset of the connection may swallow the reason, a polite end does not.
     assert!(end.is_err() || reason.as_deref() == Some(&ENHANCE_YOUR_CALM), "{reason:?} {end:?}");
 
-    let mut other = wire::connect(daemon.url()).await;
+    let mut other = wire::connect(site.url()).await;
     wire::create(&mut other, "calm").await;
 }

@@ -13,6 +13,7 @@ use treewright_proto::v1 as pb;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::program;
 
+use crate::site::Site;
 use crate::{dashboard, wire};
 
 const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
@@ -103,19 +104,12 @@ async fn silent_connections_shut_nobody_out_whatever_the_limit_of_descriptors() 
 
 #[tokio::test]
 async fn more_idle_clients_than_connections_take_turns() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let log = folder.path().join("log");
-    let limits = ["--max-connections", "40", "--max-connections-per-address", "40"];
-    let daemon = Daemon::start_with(&folder.path().join("tuning.db"), &limits, &log);
+    let site = Site::with(&["--max-connections", "40", "--max-connections-per-address", "40"]);
     let mut clients = Vec::new();
     for _ in 0..100 {
-        clients.push(wire::connect(daemon.url()).await);
-        clients
-            .last_mut()
-            .expect("one")
-            .list_studies(pb::ListStudiesRequest::default())
-            .await
-            .expect("served");
+        let mut client = wire::connect(site.url()).await;
+        client.list_studies(pb::ListStudiesRequest::default()).await.expect("served");
+        clients.push(client);
     }
     for client in &mut clients {
         // The first answer may be that the connection is gone; the client connects again by itself.
@@ -140,31 +134,22 @@ fn ask(address: &str, path: &str) -> Option<String> {
 
 #[test]
 fn slow_connections_keep_nobody_from_asking_whether_the_daemon_lives() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let log = folder.path().join("log");
-    let daemon = Daemon::start_with(&folder.path().join("tuning.db"), &["--metrics", "127.0.0.1:0"], &log);
-    let text = std::fs::read_to_string(&log).expect("the log");
-    let line = text.lines().find(|line| line.contains("metrics are served")).expect("it says where");
-    let address =
-        line.split("address=").nth(1).and_then(|rest| rest.split_whitespace().next()).expect("an address");
+    let site = Site::with(&["--metrics", "127.0.0.1:0"]);
+    let address = dashboard::metrics(&site.file("log"));
     for says in [
         &b""[..],
         b"G",
         b"GET /metrics HTTP/1.1\r\nHost: x\r\n",
         b"POST /livez HTTP/1.1\r\nContent-Length: 9\r\n\r\n",
     ] {
-        let slow = hold(address, 200, says);
+        let slow = hold(&address, 200, says);
         for attempt in 0..30 {
-            assert_eq!(
-                ask(address, "/livez").as_deref(),
-                Some("200"),
-                "{attempt}: {:?}",
-                String::from_utf8_lossy(says)
-            );
+            let status = ask(&address, "/livez");
+            assert_eq!(status.as_deref(), Some("200"), "{attempt}: {:?}", String::from_utf8_lossy(says));
         }
         drop(slow);
     }
-    assert!(daemon.terminate().success());
+    assert!(site.daemon.terminate().success());
 }
 
 #[test]
@@ -190,8 +175,8 @@ fn slow_logins_keep_nobody_from_the_dashboard() {
 #[tokio::test]
 async fn messages_without_their_end_fill_no_memory_and_disturb_nobody() {
     const CONNECTIONS: usize = 1000;
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let site = Site::new();
+    let daemon = &site.daemon;
     let mut known = wire::connect(daemon.url()).await;
     let name = wire::create(&mut known, "calm").await;
     let before = daemon.memory_bytes();
@@ -237,24 +222,23 @@ async fn messages_without_their_end_fill_no_memory_and_disturb_nobody() {
     // themselves.
     assert!(grown_mb < 134 + CONNECTIONS as u64 / 8, "{grown_mb} MB more");
     hostile.into_iter().for_each(|one| one.abort());
-    assert!(daemon.terminate().success());
+    assert!(site.daemon.terminate().success());
 }
 
 /// A unary answer that cannot be sent, as its client's window is closed, and an unread stream.
 #[test]
 fn a_client_that_is_frozen_does_not_hold_up_the_end() {
     const INITIAL_WINDOW_SIZE_0: [u8; 6] = [0, 4, 0, 0, 0, 0];
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let site = Site::new();
     let mut frozen = Vec::new();
     for (rpc, flags) in [("ListStudies", END_STREAM), ("Tune", 0), ("Tune", 0)] {
         let messages: Vec<u8> = [0; 5].repeat(if rpc == "Tune" { 20 } else { 1 });
         let bytes = call(rpc, "x", &INITIAL_WINDOW_SIZE_0, &messages, flags);
-        frozen.extend(hold(daemon.address(), 1, &bytes));
+        frozen.extend(hold(site.daemon.address(), 1, &bytes));
     }
     std::thread::sleep(Duration::from_millis(500));
     let begin = Instant::now();
-    assert!(daemon.terminate().success());
+    assert!(site.daemon.terminate().success());
     assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
 }
 

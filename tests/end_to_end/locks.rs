@@ -3,8 +3,6 @@
 //! the process closes any descriptor of the file. So only SQLite may open the file in the daemon.
 
 use std::collections::BTreeMap;
-use std::io::{Read as _, Write as _};
-use std::net::TcpStream;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -20,7 +18,9 @@ use treewright_tests::daemon::Daemon;
 use treewright_tests::ports::lasting_address;
 use treewright_tests::programs::{run, stderr, stdout, token};
 
+use crate::dashboard::get;
 use crate::guard::{Caller, Show, until};
+use crate::site::{Site, assert_sound, path_text};
 use crate::wire;
 
 /// Bytes of which SQLite keeps a shared lock in the database while it is open in the mode of a write-ahead
@@ -43,7 +43,8 @@ fn missing_locks(daemon: &Daemon, database: &Path) -> Vec<String> {
     SHARED.iter().filter(|lock| !is_held(lock)).map(|(suffix, _)| format!("tuning.db{suffix}")).collect()
 }
 
-fn beside(database: &Path, suffix: &str) -> PathBuf {
+/// A file that SQLite keeps beside a database.
+pub(crate) fn beside(database: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(format!("{}{suffix}", database.display()))
 }
 
@@ -55,7 +56,7 @@ fn held(daemon: &Daemon, database: &Path, after: &str) {
         if missing.is_empty() {
             break;
         }
-        std::thread::sleep(std::time::Duration::from_millis(50));
+        std::thread::sleep(Duration::from_millis(50));
         missing = missing_locks(daemon, database);
     }
     assert!(missing.is_empty(), "after {after} the daemon has no lock on {missing:?}");
@@ -144,52 +145,39 @@ async fn ask_everything(mut client: Caller, mut asked: impl FnMut(&str)) {
     asked("DeleteStudy");
 }
 
-/// A page of the dashboard or of the metrics.
-fn get(address: &str, path: &str, token: Option<&str>) {
-    let mut stream = TcpStream::connect(address).expect("it listens");
-    let cookie = token.map(|token| format!("Cookie: treewright={token}\r\n")).unwrap_or_default();
-    let request = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{cookie}\r\n");
-    stream.write_all(request.as_bytes()).expect("asked");
-    stream.set_read_timeout(Some(Duration::from_secs(20))).expect("a socket");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).expect("an answer");
-    assert!(answer.starts_with("HTTP/1.1 "), "{answer}");
-}
-
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn no_request_costs_the_daemon_its_locks() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
     let (metrics, dashboard) = (lasting_address(), lasting_address());
     let options = ["--tokens", "--keep-trials", "20000", "--metrics", &metrics, "--dashboard", &dashboard];
-    let daemon = Daemon::start_with(&database, &options, &folder.path().join("log"));
-    held(&daemon, &database, "the start");
+    let site = Site::with(&options);
+    let (daemon, database) = (&site.daemon, site.database());
+    held(daemon, &database, "the start");
     let admin = token(&database, &["--scope", "admin"]);
-    held(&daemon, &database, "token create");
+    held(daemon, &database, "token create");
     let mut owner = caller(daemon.url(), Some(&admin)).await;
     let listed = async || owner.list_studies(pb::ListStudiesRequest::default()).await;
     until("the token comes into force", listed, Result::is_ok).await;
-    held(&daemon, &database, "a token that came into force");
+    held(daemon, &database, "a token that came into force");
 
-    ask_everything(caller(daemon.url(), Some(&admin)).await, |what| held(&daemon, &database, what)).await;
+    ask_everything(caller(daemon.url(), Some(&admin)).await, |what| held(daemon, &database, what)).await;
     caller(daemon.url(), Some("nonsense"))
         .await
         .list_studies(pb::ListStudiesRequest::default())
         .await
         .expect_err("no");
-    held(&daemon, &database, "a wrong token");
+    held(daemon, &database, "a wrong token");
     for page in ["/metrics", "/livez", "/readyz", "/none"] {
-        get(&metrics, page, None);
-        held(&daemon, &database, page);
+        get(&metrics, page, "");
+        held(daemon, &database, page);
     }
+    let cookie = format!("Cookie: treewright={admin}\r\n");
     for page in ["/", "/login", "/style.css", "/studies/first", "/none"] {
-        get(&dashboard, page, Some(&admin));
-        held(&daemon, &database, page);
+        get(&dashboard, page, &cookie);
+        held(daemon, &database, page);
     }
 
-    let text = database.to_str().expect("plain");
-    let copy = folder.path().join("copy.db");
-    let copy = copy.to_str().expect("plain");
+    let copy = site.path("copy.db");
+    let (text, copy) = (path_text(&database), copy.as_str());
     let id = admin.split('_').nth(1).expect("an id");
     let commands: [(&[&str], i32); 9] = [
         (&["token", "list", "--database", text], 0),
@@ -205,14 +193,14 @@ async fn no_request_costs_the_daemon_its_locks() {
     for (command, code) in commands {
         let ran = run("treewrightd", command);
         assert_eq!(ran.status.code(), Some(code), "{command:?}: {}", stderr(&ran));
-        held(&daemon, &database, &format!("{command:?}"));
+        held(daemon, &database, &format!("{command:?}"));
     }
     for signal in ["HUP", "HUP"] {
         daemon.signal(signal);
         tokio::time::sleep(Duration::from_millis(100)).await;
-        held(&daemon, &database, "SIGHUP");
+        held(daemon, &database, "SIGHUP");
     }
-    assert!(daemon.terminate().success());
+    assert!(site.daemon.terminate().success());
 }
 
 /// Runs a statement in another program, as the shell of SQLite does: the answers, in lines.
@@ -240,7 +228,7 @@ async fn frames(mut client: Caller, study: String, number: u32, is_over: Arc<Ato
             Ok(trial) => trial.into_inner(),
             // The study is read for as long as that takes.
             Err(status) if status.message().contains("is being loaded") => {
-                tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+                tokio::time::sleep(Duration::from_millis(100)).await;
                 continue;
             }
             Err(status) => panic!("a trial, whoever reads beside: {status}"),
@@ -304,6 +292,5 @@ async fn who_reads_beside_a_loaded_daemon_loses_it_nothing() {
     assert!(acknowledged.len() > 100, "only {} reports", acknowledged.len());
     assert!(lost.is_empty(), "{lost:?}");
     assert!(daemon.terminate().success());
-    let checked = run("treewrightd", &["check", "--database", database.to_str().expect("plain")]);
-    assert!(checked.status.success(), "{}", stderr(&checked));
+    assert_sound(&database);
 }

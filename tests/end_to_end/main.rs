@@ -20,6 +20,7 @@ mod replicas_tls;
 mod restart;
 mod sampling;
 mod security;
+mod site;
 mod sockets;
 mod spaces;
 mod storm;

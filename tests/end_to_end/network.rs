@@ -7,10 +7,11 @@
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use treewright_client::{Client, Indicators, Options, Outcome, Scale, Space, StudySpec};
+use treewright_client::{Client, Indicators, Options, Outcome};
 use treewright_tests::daemon::Daemon;
 use treewright_tests::sandbox::skip;
 
+use crate::site::leaf_study;
 use crate::wire;
 
 /// Set in the namespace.
@@ -64,10 +65,7 @@ async fn inside() {
     let daemon = Daemon::start(&database);
     let options = Options::new().client_id("renderer").deadline(FRAME_DEADLINE);
     let client = Client::connect(daemon.url(), options).expect("a good address");
-    let space = Space::builder().integer("leaf", 1..=32).default(8).build().expect("a space");
-    let spec = StudySpec::builder(space).indicator("triangles", 0.0..=100.0, Scale::Linear);
-    let spec = spec.minimise("render_ms", 1.0).build().expect("a specification");
-    let study = client.study("hall", spec).await.expect("a study");
+    let study = client.study("hall", leaf_study()).await.expect("a study");
     let mut tuner = study.tuner();
 
     let (mut previous, mut longest, mut frames) = (None, Duration::ZERO, 0u64);

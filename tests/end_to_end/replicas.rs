@@ -5,21 +5,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::time::Duration;
 
-use treewright_client::{Client, Indicators, Options, Outcome, Scale, Space, Stats, StudySpec, TrialQuery};
+use treewright_client::{Client, Indicators, Options, Outcome, Stats, TrialQuery};
 use treewright_proto::v1 as pb;
 use treewright_test_postgres::{Database, Server};
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr};
 
+use crate::site::leaf_study;
+
 const CLIENTS: usize = 6;
 const STUDIES: usize = 3;
-
-/// A parameter, an indicator, a metric; every state change explores.
-fn spec() -> StudySpec {
-    let space = Space::builder().integer("leaf", 1..=32).default(8).build().expect("a space");
-    let spec = StudySpec::builder(space).indicator("triangles", 0.0..=100.0, Scale::Linear);
-    spec.minimise("render_ms", 1.0).build().expect("a specification")
-}
 
 /// Renders until `stop` changes, at 50 frames a second, and returns the trials it was handed and the counts.
 async fn render(
@@ -29,7 +24,7 @@ async fn render(
 ) -> (usize, Vec<String>, Stats) {
     let options = Options::new().client_id(format!("renderer-{number}")).deadline(Duration::from_secs(2));
     let client = Client::connect(&urls, options).expect("good addresses");
-    let study = client.study(&format!("hall-{}", number % STUDIES), spec()).await.expect("a study");
+    let study = client.study(&format!("hall-{}", number % STUDIES), leaf_study()).await.expect("a study");
     let mut tuner = study.tuner();
     let mut previous = None;
     let mut trials = Vec::new();
@@ -173,7 +168,7 @@ async fn requests_do_not_wait_for_a_frozen_daemon() {
     let (holder, other) = (Daemon::start(path), Daemon::start(path));
     let options = || Options::new().client_id("a").deadline(Duration::from_secs(20));
     let first = Client::connect(holder.url(), options()).expect("a good address");
-    let study = first.study("hall", spec()).await.expect("a study");
+    let study = first.study("hall", leaf_study()).await.expect("a study");
     let indicators = Indicators::from([("triangles", 3.0)]);
     let frozen = study.suggest(&indicators).await;
     let trial = frozen.trial().expect("a trial").to_owned();

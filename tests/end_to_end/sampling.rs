@@ -5,11 +5,12 @@ use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{program, run, stderr, stdout};
+use treewright_tests::programs::{program, stderr, stdout};
+
+use crate::site::{path_text, say, shell, trials, wait_until};
 
 const SAMPLES: usize = 60;
 const CAMERAS: usize = 2;
@@ -17,17 +18,8 @@ const CAMERAS: usize = 2;
 /// A renderer that samples, with further arguments.
 fn sampler(url: &str, name: &str, more: &[&str]) -> Child {
     let mut command = Command::new(program("treewright-render"));
-    command.args([
-        "sample",
-        "--server",
-        url,
-        "--scene",
-        "builtin:quick",
-        "--detail",
-        "0.05",
-        "--size",
-        "16x12",
-    ]);
+    command.args(["sample", "--server", url, "--scene", "builtin:quick", "--detail", "0.05"]);
+    command.args(["--size", "16x12"]);
     command.args(["--space", "paper", "--threads", "1", "--name", name, "--deadline-ms", "5000"]);
     command.args(["--cameras", &CAMERAS.to_string(), "--samples", &SAMPLES.to_string()]).args(more);
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("treewright-render starts")
@@ -41,12 +33,8 @@ fn ends_well(child: Child) -> String {
 
 /// Number of trials of each sample in the database.
 fn counts(url: &str) -> BTreeMap<(u64, u64), usize> {
-    let all = ["--server", url, "--json", "trials", "sample-paper", "--all", "--filter", "state = COMPLETED"];
-    let output = run("treewright", &all);
-    assert!(output.status.success(), "{}", stderr(&output));
-    let trials: Vec<Value> = serde_json::from_str(&stdout(&output)).expect("JSON");
     let mut counts = BTreeMap::new();
-    for trial in &trials {
+    for trial in trials(url, "sample-paper", "state = COMPLETED") {
         let of = |name: &str| trial["measurements"][name].as_f64().map(|number| number as u64);
         if let (Some(sequence), Some(sample)) = (of("sequence"), of("sample")) {
             *counts.entry((sequence, sample)).or_default() += 1;
@@ -55,19 +43,10 @@ fn counts(url: &str) -> BTreeMap<(u64, u64), usize> {
     counts
 }
 
-/// Waits until `count` samples are there.
+/// Waits until `count` samples are there; before the study is there, there are none.
 fn wait_for(url: &str, count: usize) {
-    let patience = Instant::now() + Duration::from_secs(120);
-    while counts_or_none(url) < count {
-        assert!(Instant::now() < patience, "no {count} samples in two minutes");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
-
-/// Before the study is there, none.
-fn counts_or_none(url: &str) -> usize {
-    let there = run("treewright", &["--server", url, "--json", "study", "show", "sample-paper"]);
-    if there.status.success() { counts(url).len() } else { 0 }
+    let is_there = || shell(url, &["study", "show", "sample-paper"]).status.success();
+    wait_until(&format!("{count} samples"), || is_there() && counts(url).len() >= count);
 }
 
 fn assert_each_once(url: &str, expected: usize) {
@@ -138,9 +117,7 @@ fn analyses_are_repeatable(url: &str, folder: &Path) {
     let mut written = Vec::new();
     for name in ["once", "again"] {
         let out = folder.join(name);
-        let arguments = ["--server", url, "analyze", "sample-paper", "--out", out.to_str().expect("text")];
-        let output = run("treewright", &arguments);
-        assert!(output.status.success(), "{}", stderr(&output));
+        say(url, &["analyze", "sample-paper", "--out", path_text(&out)]);
         let read = |file: &str| std::fs::read_to_string(out.join(file)).expect(file);
         written.push(["analysis.json", "analysis.html"].map(read));
     }

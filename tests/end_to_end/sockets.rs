@@ -4,26 +4,21 @@ use std::io::{BufRead as _, BufReader};
 use std::net::TcpListener;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixListener;
-use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use treewright_client::{Client, Indicators, Options, Outcome, Scale, Space, Study, StudySpec};
+use treewright_client::{Client, Indicators, Options, Outcome, Study};
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::program;
+use treewright_tests::programs::{program, stderr};
+
+use crate::site::{Site, leaf_study};
 
 /// The address of the daemon, for a client that runs as a process of its own.
 const URL: &str = "TREEWRIGHT_TEST_URL";
 
-fn spec() -> StudySpec {
-    let space = Space::builder().integer("leaf", 1..=32).default(8).build().expect("a space");
-    let spec = StudySpec::builder(space).indicator("triangles", 0.0..=100.0, Scale::Linear);
-    spec.minimise("render_ms", 1.0).build().expect("a specification")
-}
-
 async fn study(url: &str, options: Options) -> (Client, Study) {
     let client = Client::connect(url, options.deadline(Duration::from_secs(60))).expect("a good address");
-    let study = client.study("hall", spec()).await.expect("a study");
+    let study = client.study("hall", leaf_study()).await.expect("a study");
     (client, study)
 }
 
@@ -60,12 +55,12 @@ async fn a_unix_socket_serves_beside_a_port_or_alone() {
     assert!(!socket.exists(), "a polite end takes its file along");
 }
 
-/// A daemon whose standard input is a socket that was opened for it, as systemd does it with descriptor 3.
-fn activated(socket: OwnedFd, database: &Path) -> Daemon {
+/// A shell that becomes the daemon, with a socket that was opened for it as descriptor 3, as systemd does it.
+fn activation(socket: OwnedFd) -> Command {
     let mut shell = Command::new("sh");
     let script = "exec 3<&0 </dev/null; export LISTEN_FDS=1 LISTEN_PID=$$; exec \"$0\" \"$@\"";
     shell.args(["-c", script]).arg(program("treewrightd")).stdin(socket);
-    Daemon::start_by(shell, database)
+    shell
 }
 
 #[tokio::test]
@@ -73,18 +68,29 @@ async fn sockets_that_the_system_opened_take_the_place_of_others() {
     let folder = tempfile::tempdir().expect("a folder");
     let database = folder.path().join("tuning.db");
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
-    let address = listener.local_addr().expect("an address");
+    let address = listener.local_addr().expect("an address").to_string();
+    let url = format!("http://{address}");
+    let passed = || activation(listener.try_clone().expect("a second descriptor").into());
     // A client that connects before the daemon is there waits in the queue.
-    let waiting = tokio::spawn(async move { frame(&format!("http://{address}")).await });
+    let early = url.clone();
+    let waiting = tokio::spawn(async move { frame(&early).await });
     tokio::time::sleep(Duration::from_millis(200)).await;
-    let daemon = activated(listener.into(), &database);
-    assert_eq!(daemon.url(), format!("http://{address}"));
+    let daemon = Daemon::start_by_at(passed(), &database, &address);
+    assert_eq!(daemon.url(), url);
     waiting.await.expect("it was served");
     assert!(daemon.terminate().success());
+    // Whoever names no port gets that of the socket; another than the one that was checked is refused.
+    let daemon = Daemon::start_by(passed(), &database);
+    assert_eq!(daemon.url(), url);
+    assert!(daemon.terminate().success());
+    let mut other = passed();
+    let other = other.args(["serve", "--listen", "127.0.0.1:1", "--database"]).arg(&database).output();
+    let other = other.expect("it runs");
+    assert!(!other.status.success() && stderr(&other).contains("systemd passed on a socket"), "{other:?}");
 
     let socket = folder.path().join("passed.sock");
     let listener = UnixListener::bind(&socket).expect("a socket");
-    let daemon = activated(listener.into(), &database);
+    let daemon = Daemon::start_by(activation(listener.into()), &database);
     assert_eq!(daemon.url(), format!("unix:{}", socket.display()));
     frame(daemon.url()).await;
     assert!(daemon.terminate().success());
@@ -124,12 +130,11 @@ fn client(url: &str) -> (Killed, String) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn who_starts_again_gets_its_open_trial_back() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
-    let (first, of_first) = client(daemon.url());
-    let (_second, of_second) = client(daemon.url());
+    let site = Site::new();
+    let (first, of_first) = client(site.url());
+    let (_second, of_second) = client(site.url());
     assert_ne!(of_first, of_second, "two that run side by side have an id each");
     drop(first);
-    let (_again, trial) = client(daemon.url());
+    let (_again, trial) = client(site.url());
     assert_eq!(trial, of_first, "the one that was killed has the same id again");
 }

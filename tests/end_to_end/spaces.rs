@@ -8,7 +8,8 @@ use treewright_client::{
     Configuration, Indicators, Measurements, Options, Outcome, Source, Space, StudySpec,
 };
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{run, stderr, stdout};
+
+use crate::site::{path_text, say};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
@@ -46,13 +47,6 @@ fn frame(study: &Study) -> Configuration {
     }
 }
 
-/// The output of the command line, which must succeed.
-fn say(daemon: &Daemon, arguments: &[&str]) -> String {
-    let output = run("treewright", &[&["--server", daemon.url()], arguments].concat());
-    assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
-    stdout(&output)
-}
-
 fn both_go_on(old: &Study, new: &Study) {
     for _ in 0..12 {
         let known = frame(old);
@@ -75,14 +69,15 @@ fn an_old_and_a_new_program_share_a_study_whose_space_changed() {
     before.flush(PATIENCE).expect("all are reported");
 
     let threads = "[[parameters]]\nname = \"threads\"\ntype = \"integer\"\nmin = 1\nmax = 4\ndefault = 2\n\n";
-    let text = say(&daemon, &["study", "show", "toy", "--format", "toml"]).replace("max = 9", "max = 12");
+    let text =
+        say(daemon.url(), &["study", "show", "toy", "--format", "toml"]).replace("max = 9", "max = 12");
     let file = folder.path().join("toy.toml");
     let text = text.replacen("[[objective]]", &format!("{threads}[[objective]]"), 1);
     std::fs::write(&file, text).expect("a file");
-    let file = file.to_str().expect("a path of text");
-    let shown = say(&daemon, &["study", "edit", "toy", file]);
+    let file = path_text(&file);
+    let shown = say(daemon.url(), &["study", "edit", "toy", file]);
     assert!(shown.contains("8 completed trial(s) stay, 0 are left out"), "{shown}");
-    let done = say(&daemon, &["study", "edit", "toy", file, "--yes"]);
+    let done = say(daemon.url(), &["study", "edit", "toy", file, "--yes"]);
     assert!(done.contains("revision 2"), "{done}");
 
     let after = program(&daemon, "new");
@@ -98,6 +93,6 @@ fn an_old_and_a_new_program_share_a_study_whose_space_changed() {
     // A program of before that starts now is served, too.
     let again = program(&daemon, "again").study("toy", spec(false)).expect("found");
     assert_eq!(frame(&again).len(), 1);
-    let exported = say(&daemon, &["export", "toy"]);
+    let exported = say(daemon.url(), &["export", "toy"]);
     assert!(exported.lines().skip(1).all(|line| line.contains("\"threads\"")), "{exported}");
 }

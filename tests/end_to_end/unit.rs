@@ -11,8 +11,9 @@ use std::process::Command;
 use serde_json::{Value, json};
 use treewright_proto::v1 as pb;
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{program, run, stderr, workspace};
+use treewright_tests::programs::{program, stderr, workspace};
 
+use crate::site::{assert_sound, path_text};
 use crate::wire;
 
 /// Filters for the [launcher], in JSON.
@@ -64,7 +65,6 @@ impl Unit {
     fn filters(&self, allowed: &BTreeSet<String>, refusal: &Value) -> Vec<Value> {
         let rules = allowed.iter().filter(|call| is_known(call)).map(call);
         let allow = json!({ "mismatch_action": refusal, "match_action": "allow", "filter": rules.collect::<Vec<_>>() });
-        let deny = |action: Value, rules: Vec<Value>| json!({ "mismatch_action": "allow", "match_action": action, "filter": rules });
         let mut all = vec![allow];
         if self.is_set("MemoryDenyWriteExecute") {
             let (executable, both) = (4, 6);
@@ -222,7 +222,7 @@ async fn frames_run_behind_the_units_own_filter() {
         ("TREEWRIGHT_METRICS", "127.0.0.1:0"),
         ("TREEWRIGHT_DASHBOARD", "127.0.0.1:0"),
         ("TREEWRIGHT_KEEP_TRIALS", "20000"),
-        ("TREEWRIGHT_SOCKET", socket.to_str().expect("plain")),
+        ("TREEWRIGHT_SOCKET", path_text(&socket)),
         ("TREEWRIGHT_OTLP", "http://localhost:9"),
         ("TREEWRIGHT_LOG", "info,treewright_server=debug"),
     ] {
@@ -231,14 +231,12 @@ async fn frames_run_behind_the_units_own_filter() {
     let daemon = Daemon::start_by(command, &database);
     assert_eq!(frames(&daemon, 60).await, 60);
     let copy = folder.path().join("copy.db");
-    let arguments =
-        ["backup", "--database", database.to_str().expect("plain"), "--to", copy.to_str().expect("plain")];
+    let arguments = ["backup", "--database", path_text(&database), "--to", path_text(&copy)];
     let backed_up = behind(&filters, &program("treewrightd")).args(arguments).output().expect("it runs");
     assert!(backed_up.status.success(), "{}", stderr(&backed_up));
     daemon.signal("HUP");
     assert!(daemon.terminate().success());
-    let checked = run("treewrightd", &["check", "--database", copy.to_str().expect("plain")]);
-    assert!(checked.status.success(), "{}", stderr(&checked));
+    assert_sound(&copy);
 }
 
 /// A stricter system than ours, or an earlier systemd with other groups: the daemon gets an error and goes

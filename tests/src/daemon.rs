@@ -58,7 +58,15 @@ impl Daemon {
     /// # Panics
     /// When it does not say where it listens.
     pub fn start_by(command: Command, database: &Path) -> Self {
-        Self::spawn(command, database, &["--listen", "127.0.0.1:0"], Stdio::inherit())
+        Self::start_by_at(command, database, "127.0.0.1:0")
+    }
+
+    /// As [`Daemon::start_by`], at an address.
+    ///
+    /// # Panics
+    /// When it does not say where it listens.
+    pub fn start_by_at(command: Command, database: &Path, address: &str) -> Self {
+        Self::spawn(command, database, &["--listen", address], Stdio::inherit())
     }
 
     fn spawn(mut command: Command, database: &Path, arguments: &[&str], log: Stdio) -> Self {
