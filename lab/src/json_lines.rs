@@ -7,16 +7,27 @@ use std::fs::OpenOptions;
 use std::io::Write as _;
 use std::path::Path;
 
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use treewright_render_cli::error::CliError;
 
 /// How the first line of every record begins.
 const BEGINNING: &[u8] = b"{\"conditions\":";
 
+/// The first line of every record.
+#[derive(Serialize, Deserialize)]
+struct Head<C> {
+    conditions: C,
+}
+
+/// Begins a record with its conditions, unless it is begun.
+pub(crate) fn begin(path: &Path, conditions: &impl Serialize) -> Result<(), CliError> {
+    if is_begun(path)? { Ok(()) } else { add(path, &Head { conditions }) }
+}
+
 /// Whether there is something in a file that is not to be lost. A record whose first line was left unfinished
 /// is begun again.
-pub(crate) fn is_begun(path: &Path) -> Result<bool, CliError> {
+fn is_begun(path: &Path) -> Result<bool, CliError> {
     if !path.exists() {
         return Ok(false);
     }
@@ -25,16 +36,23 @@ pub(crate) fn is_begun(path: &Path) -> Result<bool, CliError> {
     Ok(there.contains(&b'\n') || !is_beginning)
 }
 
-/// The whole lines of a file, each read when it is asked for.
-pub(crate) fn read<T: DeserializeOwned>(
+/// The conditions of a record, and its other whole lines, each read when it is asked for.
+pub(crate) fn read<C: DeserializeOwned, T: DeserializeOwned>(
     path: &Path,
-) -> Result<impl Iterator<Item = Result<T, CliError>>, CliError> {
+) -> Result<(C, impl Iterator<Item = Result<T, CliError>>), CliError> {
     let mut text = std::fs::read(path).map_err(|error| wrong(path, &error.to_string()))?;
     text.truncate(whole(&text));
     let lines: Vec<Vec<u8>> = text.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
-    Ok(lines.into_iter().enumerate().map(move |(number, line)| {
-        serde_json::from_slice(&line).map_err(|error| wrong(path, &format!("line {}: {error}", number + 1)))
-    }))
+    let Some(first) = lines.first() else {
+        return Err(wrong(path, "its first line says no conditions"));
+    };
+    let Head { conditions } = parsed(path, 1, first)?;
+    let others = (1..).zip(lines).skip(1);
+    Ok((conditions, others.map(move |(number, line)| parsed(path, number, &line))))
+}
+
+fn parsed<T: DeserializeOwned>(path: &Path, number: usize, line: &[u8]) -> Result<T, CliError> {
+    serde_json::from_slice(line).map_err(|error| wrong(path, &format!("line {number}: {error}")))
 }
 
 /// Adds a line, in place of one that was left unfinished; it is on the disk when this returns.
@@ -71,26 +89,33 @@ mod tests {
     fn what_was_cut_short_is_begun_again_and_the_rest_stays() {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let path = folder.path().join("record.jsonl");
-        let first = json!({ "conditions": { "rounds": 3 } });
-        let begun = || is_begun(&path).expect("it can be read");
-        assert!(!begun());
+        let (conditions, head) = (json!({ "rounds": 3 }), "{\"conditions\":{\"rounds\":3}}\n");
+        let begin = || begin(&path, &conditions).expect("it can be written");
         for left in ["", "{\"cond", "{\"conditions\":{\"rounds\":"] {
             std::fs::write(&path, left).expect("it can be written");
-            assert!(!begun(), "{left}");
-            add(&path, &first).expect("it can be written");
-            assert_eq!(std::fs::read_to_string(&path).expect("it is there"), format!("{first}\n"));
+            begin();
+            assert_eq!(std::fs::read_to_string(&path).expect("it is there"), head, "{left}");
         }
         add(&path, &json!(1)).expect("it can be written");
+        begin();
         let mut killed = std::fs::read(&path).expect("it is there");
         killed.extend_from_slice(b"{\"answers\":{\"mach");
         std::fs::write(&path, killed).expect("it can be written");
-        let lines = || read::<Value>(&path).expect("it is there").collect::<Result<Vec<_>, _>>();
-        assert_eq!(lines().expect("half a line does not count"), [first.clone(), json!(1)]);
+        let lines = || {
+            let (found, lines) = read::<Value, Value>(&path)?;
+            assert_eq!(found, conditions);
+            lines.collect::<Result<Vec<_>, _>>()
+        };
+        assert_eq!(lines().expect("half a line does not count"), [json!(1)]);
         add(&path, &json!(2)).expect("it can be written");
-        assert_eq!(lines().expect("and gives way to the next"), [first, json!(1), json!(2)]);
-        std::fs::write(&path, "1\n{\n2\n").expect("it can be written");
-        assert!(lines().is_err_and(|error| error.to_string().contains("line 2")));
+        assert_eq!(lines().expect("and gives way to the next"), [json!(1), json!(2)]);
+        for (wrong, line) in [(format!("{head}{{\n2\n"), "line 2"), ("{}\n".to_owned(), "line 1")] {
+            std::fs::write(&path, wrong).expect("it can be written");
+            assert!(lines().is_err_and(|error| error.to_string().contains(line)), "{line}");
+        }
         std::fs::write(&path, "{\"model\":").expect("it can be written");
-        assert!(begun(), "what is no record is not written over");
+        begin();
+        let kept = std::fs::read_to_string(&path).expect("it is there");
+        assert_eq!(kept, "{\"model\":", "what is no record is not written over");
     }
 }

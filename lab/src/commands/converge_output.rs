@@ -1,7 +1,7 @@
 //! The output of `converge` at the end.
 
-use crate::converge::bootstrap::Interval;
-use crate::converge::report::{seconds, target_in_words, with_range};
+use crate::converge::bootstrap::{Interval, in_words};
+use crate::converge::equal_error::EqualError;
 use crate::converge::results::ComparisonResults;
 use treewright_render_cli::output;
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
@@ -22,9 +22,6 @@ pub(super) fn print(results: &ComparisonResults) {
         "reference: {} samples a pixel, its own relative error {:.2e}; curves are trusted down to {:.2e}\n",
         reference.samples, reference.relative_mse, reference.trusted_from
     );
-    let text = |interval: Option<Interval>, digits: usize| {
-        interval.map_or_else(|| "–".to_owned(), |interval| with_range(&interval, digits))
-    };
     let mut table =
         output::table(&["contender", "tuning s", "build ms", "ms a sample", "samples", "relative error"]);
     for found in &results.contenders {
@@ -38,7 +35,7 @@ pub(super) fn print(results: &ComparisonResults) {
             curve.who.to_string(),
             seconds(curve.setup_ms),
             format!("{:.1}", mean(found.build_ms)),
-            text(found.frame_ms, 2),
+            in_words(found.frame_ms, 2),
             format!("{:.0}", mean(found.samples)),
             format!("{:.2e}", mean(found.relative_mse)),
         ]);
@@ -59,7 +56,7 @@ pub(super) fn print(results: &ComparisonResults) {
             let ratio = |baseline: Who, with_setup: bool| {
                 let speedup = row.speedups.iter().find(|speedup| speedup.over == baseline);
                 let ratio = speedup.map(|one| if with_setup { one.ratio_with_setup } else { one.ratio });
-                text(ratio, 2)
+                in_words(ratio, 2)
             };
             table.add_row([
                 row.who.to_string(),
@@ -75,5 +72,24 @@ pub(super) fn print(results: &ComparisonResults) {
     }
     for note in &results.scene.notes {
         println!("note: {note}");
+    }
+}
+
+/// Milliseconds as seconds.
+fn seconds(time_ms: f64) -> String {
+    match time_ms {
+        ..1e3 => format!("{:.2}", time_ms / 1e3),
+        ..1e5 => format!("{:.1}", time_ms / 1e3),
+        _ => format!("{:.0}", time_ms / 1e3),
+    }
+}
+
+/// The error of a table, in words.
+fn target_in_words(target: &EqualError) -> String {
+    let error = format!("relative error {:.2e}", target.relative_mse);
+    match target.samples {
+        Some(1) => format!("{error}: {NATIVE_DEFAULT} after its first sample"),
+        Some(samples) => format!("{error}: {NATIVE_DEFAULT} after {samples} samples"),
+        None => format!("{error}: the least that all reach"),
     }
 }

@@ -5,12 +5,11 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use treewright_accel::Device;
-use treewright_client::{Configuration, detect_fingerprint};
+use treewright_client::{Configuration, Fingerprint, detect_fingerprint};
 use treewright_render_cli::arguments::Size;
 use treewright_render_cli::error::{CliError, check_folder};
 use treewright_renderer::limits::{ITERATIONS_MAX, THREADS_MAX};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
-use treewright_renderer::tuning::objective::Objective;
 
 use crate::evaluation::measure::best_within;
 use crate::evaluation::record::{Clock, Conditions, OpenRecord, Place, Record};
@@ -75,7 +74,12 @@ pub(super) struct SceneArguments {
 impl SceneArguments {
     /// The scenes of the evaluation.
     pub(super) fn entries(&self) -> Result<Vec<Entry>, CliError> {
-        let built_in = BUILT_IN.iter().map(|text| text.parse()).collect::<Result<_, String>>();
+        self.beside_named(&BUILT_IN)
+    }
+
+    /// As [`Self::beside`], of built-in scenes as they are written on the command line.
+    pub(super) fn beside_named(&self, built_in: &[&str]) -> Result<Vec<Entry>, CliError> {
+        let built_in: Result<_, String> = built_in.iter().map(|text| text.parse()).collect();
         self.beside(built_in.map_err(CliError::Usage)?)
     }
 
@@ -116,6 +120,13 @@ impl Progress {
     }
 }
 
+/// A machine with the versions of the programs that are measured on it.
+pub(super) fn with_versions(machine: Fingerprint, threads: usize) -> Result<Fingerprint, CliError> {
+    let (major, minor, patch) = Device::open(threads)?.version();
+    let machine = machine.software("treewright-lab", env!("CARGO_PKG_VERSION"));
+    Ok(machine.software("embree", format!("{major}.{minor}.{patch}")))
+}
+
 /// The space of a record.
 pub(super) fn space(conditions: &Conditions) -> TuningSpace {
     let preset = if conditions.space == "paper" { Preset::Paper } else { Preset::Full };
@@ -129,8 +140,7 @@ pub(super) fn space(conditions: &Conditions) -> TuningSpace {
 pub(super) fn add_found(record: &Record, place: &Place, after: &[usize], all: &mut Vec<Configuration>) {
     let clock = record.conditions.clock;
     for search in record.searches.iter().filter(|search| search.place == *place) {
-        let objective = Objective::ALL.into_iter().find(|objective| objective.name() == search.objective);
-        let Some(objective) = objective else { continue };
+        let Some(objective) = search.minimised() else { continue };
         for trials in after.iter().copied().chain([usize::MAX]) {
             let found = best_within(search, trials, objective, clock);
             if let Some((found, _)) = found.filter(|(found, _)| !all.contains(&found.configuration)) {
@@ -151,13 +161,9 @@ impl ConditionArguments {
 
     fn conditions(&self) -> Result<Conditions, CliError> {
         let threads = usize::try_from(self.threads).unwrap_or(THREADS_MAX);
-        let (major, minor, patch) = Device::open(threads)?.version();
-        let machine = detect_fingerprint()
-            .software("treewright-lab", env!("CARGO_PKG_VERSION"))
-            .software("embree", format!("{major}.{minor}.{patch}"));
         Ok(Conditions {
             version: Conditions::VERSION,
-            machine,
+            machine: with_versions(detect_fingerprint(), threads)?,
             threads,
             size: [self.size.width, self.size.height],
             bounces: BOUNCES,

@@ -13,8 +13,7 @@ use treewright_render_cli::server::machine;
 use treewright_renderer::limits::{ROUNDS_MAX, THREADS_MAX};
 
 use super::evaluate_setup::{Progress, SceneArguments};
-use crate::converge::bootstrap::Interval;
-use crate::converge::report::with_range;
+use crate::converge::bootstrap::{Interval, in_words};
 use crate::fleet::judge::{Row, rows};
 use crate::fleet::machines::Machine;
 use crate::fleet::measure::{Node, OWN_SEARCH};
@@ -23,18 +22,16 @@ use crate::json_lines;
 use crate::leave_scene_out::steps::Stage;
 use crate::leave_scene_out::suite::Entry;
 
-/// Built-in scenes and their details: some ten to fifty thousand triangles each.
-const BUILT_IN: [(&str, &str); 6] = [
-    ("hall", "0.1"),
-    ("voxels", "0.05"),
-    ("gallery", "0.15"),
-    ("statue", "0.03"),
-    ("city", "0.06"),
-    ("sea", "0.15"),
+/// Built-in scenes: some ten to fifty thousand triangles each.
+const BUILT_IN: [&str; 6] = [
+    "hall=builtin:hall:0.1:7",
+    "voxels=builtin:voxels:0.05:7",
+    "gallery=builtin:gallery:0.15:7",
+    "statue=builtin:statue:0.03:7",
+    "city=builtin:city:0.06:7",
+    "sea=builtin:sea:0.15:7",
 ];
 
-/// Seed of the built-in scenes.
-const SEED: u64 = 7;
 /// Trials of a machine in each scene that its predictors will know.
 const FRAMES: u32 = 24;
 /// Trials in an unseen scene before the answer is frozen.
@@ -144,9 +141,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
 
 impl Arguments {
     fn entries(&self) -> Result<Vec<Entry>, CliError> {
-        let text = |(name, detail)| format!("{name}=builtin:{name}:{detail}:{SEED}");
-        let built_in: Result<_, String> = BUILT_IN.into_iter().map(|one| text(one).parse()).collect();
-        let entries = self.scenes.beside(built_in.map_err(CliError::Usage)?)?;
+        let entries = self.scenes.beside_named(&BUILT_IN)?;
         if entries.len() < 2 {
             return Err(CliError::Usage("one scene is unseen and others are known: name two".to_owned()));
         }
@@ -248,9 +243,7 @@ fn print(results: &FleetResults) -> Result<(), CliError> {
         scenes.len(),
         results.disturbed
     );
-    let text = |interval: &Option<Interval>| {
-        interval.as_ref().map_or_else(|| "–".to_owned(), |interval| with_range(interval, 3))
-    };
+    let text = |interval: Option<Interval>| in_words(interval, 3);
     for rows in results.rows.chunk_by(|a, b| a.group == b.group) {
         let group = rows.first().and_then(|row| row.group.as_ref());
         println!("\n{}", group.map_or_else(|| "all machines".to_owned(), |group| format!("group {group}")));
@@ -268,10 +261,10 @@ fn print(results: &FleetResults) -> Result<(), CliError> {
                 row.knows.map_or_else(|| OWN_SEARCH.to_string(), |level| format!("{level:?}").to_lowercase()),
                 row.frames.to_string(),
                 row.answers.to_string(),
-                text(&row.over_recommended),
-                text(&row.over_native),
-                text(&row.over_less),
-                text(&row.over_search),
+                text(row.over_recommended),
+                text(row.over_native),
+                text(row.over_less),
+                text(row.over_search),
             ]);
         }
         println!("{table}");

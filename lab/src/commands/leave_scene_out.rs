@@ -5,7 +5,6 @@ use std::time::Instant;
 
 use clap::Args;
 use serde::Serialize;
-use treewright_accel::Device;
 use treewright_render_cli::error::{CliError, write_file};
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
@@ -13,7 +12,7 @@ use treewright_render_cli::server::machine;
 use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::tuning::objective::Objective;
 
-use super::evaluate_setup::SceneArguments;
+use super::evaluate_setup::{SceneArguments, with_versions};
 use crate::leave_scene_out::book::{Book, OpenBook, RecordedRounds, SceneFacts};
 use crate::leave_scene_out::judge::{self, ALONE, CANDIDATES, FINAL, LEFT_OUT, Overall, Row, key};
 use crate::leave_scene_out::steps::{CHECKPOINTS, Stage};
@@ -81,10 +80,7 @@ struct Judged {
 
 /// Takes the measurements that the book lacks, and judges all.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    let (major, minor, patch) = Device::open(arguments.context.threads)?.version();
-    let machine = machine()
-        .software("treewright-lab", env!("CARGO_PKG_VERSION"))
-        .software("embree", format!("{major}.{minor}.{patch}"));
+    let machine = with_versions(machine(), arguments.context.threads)?;
     let mut open = OpenBook::open(&arguments.book, machine)?;
     measure(arguments, &mut open)?;
     let rows = judge::rows(&open.book, &Objective::ALL);

@@ -26,6 +26,13 @@ pub struct Interval {
     pub range: Option<[f64; 2]>,
 }
 
+/// An estimate and its interval with `digits` digits after the point; a dash for none.
+pub(crate) fn in_words(interval: Option<Interval>, digits: usize) -> String {
+    let Some(Interval { estimate, range }) = interval else { return "–".to_owned() };
+    let range = range.map(|[low, high]| format!(" [{low:.digits$}, {high:.digits$}]"));
+    format!("{estimate:.digits$}{}", range.unwrap_or_default())
+}
+
 /// A statistic of `runs` independent runs, given as a function of the numbers of those that count, which may
 /// occur several times. `None` when it cannot be computed from all of them.
 pub fn interval(runs: usize, statistic: impl Fn(&[usize]) -> Option<f64>) -> Option<Interval> {

@@ -13,14 +13,12 @@
 //! | `bootstrap` | intervals of any statistic of independent runs |
 //! | `equal_error` | how much earlier one contender reaches an error than another |
 //! | `results` | all results, for JSON |
-//! | `report` | words for the results |
 
 pub mod bootstrap;
 pub mod curve;
 pub mod equal_error;
 pub mod metrics;
 pub mod reference;
-pub mod report;
 pub mod results;
 
 #[cfg(test)]

@@ -32,7 +32,7 @@ pub(super) struct Run<'a> {
 
 impl<'a> Run<'a> {
     pub(super) fn of(part: &'a PartSearch, clock: Clock) -> Option<Self> {
-        let objective = Objective::ALL.into_iter().find(|one| one.name() == part.search.objective)?;
+        let objective = part.search.minimised()?;
         let points = part.search.iterations.iter().enumerate().filter_map(|(number, one)| {
             Some((number + 1, clock.cost(objective, one.times.as_ref()?)?, &one.configuration))
         });

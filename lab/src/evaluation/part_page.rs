@@ -7,7 +7,6 @@ use treewright_client::Configuration;
 use treewright_figures::escaped;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::statistics::Summary;
-use treewright_renderer::tuning::objective::Objective;
 
 use super::part_figures::{
     PartGain, Run, Share, angles, heights, mean_and_band, needles, number, part, splitting, turning_height,
@@ -157,7 +156,7 @@ struct Again {
 impl Again {
     fn of(record: &Record, space: &TuningSpace, searches: &[&PartSearch], clock: Clock) -> Option<Self> {
         let search = &searches.first()?.search;
-        let objective = Objective::ALL.into_iter().find(|one| one.name() == search.objective)?;
+        let objective = search.minimised()?;
         let group = record.groups.get(&(GroupKind::Parts, search.place.clone()))?;
         let own = searches.iter().filter(|one| one.search.objective == search.objective);
         let found = own.filter_map(|one| came_to(one, space, record.conditions.clock).ok()?);

@@ -4,7 +4,6 @@
 use treewright_client::Configuration;
 use treewright_render_cli::error::CliError;
 use treewright_renderer::space::{Narrowing, TuningSpace, parse};
-use treewright_renderer::tuning::objective::Objective;
 
 use super::measure::best;
 use super::record::{Clock, PartSearch, Record};
@@ -58,8 +57,7 @@ pub(crate) fn came_to(
     clock: Clock,
 ) -> Result<Option<[Configuration; 2]>, CliError> {
     let part = PARTS.iter().find(|part| part.name == search.part);
-    let objective = Objective::ALL.into_iter().find(|one| one.name() == search.search.objective);
-    let Some((part, objective)) = part.zip(objective) else { return Ok(None) };
+    let Some((part, objective)) = part.zip(search.search.minimised()) else { return Ok(None) };
     let space = part.space(whole)?;
     let found = best(&search.search, objective, clock);
     let last = search.search.iterations.iter().rfind(|one| one.times.is_some());

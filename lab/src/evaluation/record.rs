@@ -130,6 +130,13 @@ pub(crate) struct Search {
     pub(crate) provenance: Option<Provenance>,
 }
 
+impl Search {
+    /// The objective; `None` for one that this program does not know.
+    pub(crate) fn minimised(&self) -> Option<Objective> {
+        Objective::ALL.into_iter().find(|one| one.name() == self.objective)
+    }
+}
+
 /// The purpose of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -233,11 +240,10 @@ pub(crate) struct Pair {
     pub(crate) group: Group,
 }
 
-/// A line of the file.
+/// A line of the file after that of the conditions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Line {
-    Conditions(Conditions),
     Search(Search),
     Group(Group),
     Part(PartSearch),
@@ -245,16 +251,13 @@ pub(crate) enum Line {
 }
 
 impl Line {
-    /// Where it was measured; nothing for conditions.
-    fn measured(&self) -> Option<(&Place, Option<&Provenance>)> {
+    /// Where it was measured.
+    fn measured(&self) -> (&Place, Option<&Provenance>) {
         match self {
-            Self::Conditions(_) => None,
             Self::Search(search) | Self::Part(PartSearch { search, .. }) => {
-                Some((&search.place, search.provenance.as_ref()))
+                (&search.place, search.provenance.as_ref())
             }
-            Self::Group(group) | Self::Pair(Pair { group, .. }) => {
-                Some((&group.place, group.provenance.as_ref()))
-            }
+            Self::Group(group) | Self::Pair(Pair { group, .. }) => (&group.place, group.provenance.as_ref()),
         }
     }
 }
@@ -290,10 +293,7 @@ impl Record {
 
     /// Reads a file; the line that a killed run left unfinished is passed over.
     pub(crate) fn read(path: &Path) -> Result<Self, CliError> {
-        let mut lines = json_lines::read::<Line>(path)?;
-        let Some(Line::Conditions(conditions)) = lines.next().transpose()? else {
-            return Err(wrong(path, "its first line says no conditions"));
-        };
+        let (conditions, lines) = json_lines::read::<Conditions, Line>(path)?;
         if conditions.version > VERSION {
             let found = conditions.version;
             return Err(wrong(path, &format!("it is of version {found}, and this program knows {VERSION}")));
@@ -331,17 +331,16 @@ impl Record {
     }
 
     fn check(&self, line: &Line) -> Result<(), CliError> {
-        let Some((place, Some(provenance))) = line.measured() else { return Ok(()) };
+        let (place, Some(provenance)) = line.measured() else { return Ok(()) };
         self.admit(&place.scene, &provenance.scene_hash)
     }
 
     pub(crate) fn take(&mut self, line: Line) {
-        if let Some((place, Some(Provenance { scene_hash, program }))) = line.measured() {
+        if let (place, Some(Provenance { scene_hash, program })) = line.measured() {
             self.scenes.insert(place.scene.clone(), scene_hash.clone());
             self.programs.insert(program.clone());
         }
         match line {
-            Line::Conditions(_) => {}
             Line::Search(search) => self.searches.push(search),
             Line::Group(group) => {
                 self.groups.insert((group.kind, group.place.clone()), group);
@@ -365,9 +364,7 @@ impl OpenRecord {
     /// Opens a record, or begins one. One that was begun under other conditions, or is of an older form, is
     /// refused.
     pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
-        if !json_lines::is_begun(path)? {
-            json_lines::add(path, &Line::Conditions(conditions.clone()))?;
-        }
+        json_lines::begin(path, conditions)?;
         let record = Record::read(path)?;
         let (found, asked) = (&record.conditions, conditions);
         if found.version < VERSION {
@@ -483,7 +480,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let path = folder.path().join("record.jsonl");
         let old = Conditions { version: VERSION - 1, ..conditions(80) };
-        let text = serde_json::to_string(&Line::Conditions(old.clone())).expect("it is text") + "\n";
+        let text = format!("{}\n", serde_json::json!({ "conditions": old }));
         std::fs::write(&path, &text).expect("it can be written");
         for asked in [&conditions(80), &old] {
             let message = OpenRecord::open(&path, asked).expect_err("another version").to_string();

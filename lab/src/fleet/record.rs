@@ -7,7 +7,7 @@ use treewright_client::Fingerprint;
 use treewright_render_cli::error::CliError;
 
 use super::machines::Machine;
-use crate::json_lines::{self, wrong};
+use crate::json_lines;
 use crate::leave_scene_out::book::{RecordedRounds, RecordedSearch};
 
 /// Under which conditions everything in a record was measured.
@@ -46,11 +46,10 @@ impl<T> At<T> {
     }
 }
 
-/// A line of the file.
+/// A line of the file after that of the conditions.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Line {
-    Conditions(Conditions),
     /// By a daemon that knows nothing else.
     Search(At<RecordedSearch>),
     /// The answers of all predictors to a scene that none of them has seen, in interleaved rounds.
@@ -68,16 +67,12 @@ pub(crate) struct Record {
 impl Record {
     /// Reads a record. A last line without an end does not count.
     pub(crate) fn read(path: &Path) -> Result<Self, CliError> {
-        let mut lines = json_lines::read::<Line>(path)?;
-        let Some(Line::Conditions(conditions)) = lines.next().transpose()? else {
-            return Err(wrong(path, "its first line says no conditions"));
-        };
+        let (conditions, lines) = json_lines::read::<Conditions, Line>(path)?;
         let mut record = Self { conditions, searches: Vec::new(), answers: Vec::new() };
         for line in lines {
             match line? {
                 Line::Search(search) => record.searches.push(search),
                 Line::Answers(answers) => record.answers.push(answers),
-                Line::Conditions(_) => return Err(wrong(path, "it says its conditions twice")),
             }
         }
         Ok(record)
@@ -85,9 +80,7 @@ impl Record {
 
     /// Begins a record, or continues one with the same conditions.
     pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
-        if !json_lines::is_begun(path)? {
-            json_lines::add(path, &Line::Conditions(conditions.clone()))?;
-        }
+        json_lines::begin(path, conditions)?;
         let record = Self::read(path)?;
         if record.conditions == *conditions {
             return Ok(record);
