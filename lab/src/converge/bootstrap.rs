@@ -66,6 +66,13 @@ pub(crate) fn resampled(
     values
 }
 
+/// The geometric mean of drawn clusters, each the sum of its logarithms and their number; `None` for none.
+pub(crate) fn geometric(clusters: &[(f64, usize)], drawn: &[usize]) -> Option<f64> {
+    let add = |(sum, count), at: &usize| (sum + clusters[*at].0, count + clusters[*at].1);
+    let (sum, count) = drawn.iter().fold((0.0, 0), add);
+    (count > 0).then(|| (sum / count as f64).exp())
+}
+
 /// Half the width of Student's interval of a mean, in standard errors; `None` without a degree of freedom.
 pub(crate) fn student(freedom: f64, confidence: f64) -> Option<f64> {
     Some(StudentsT::new(0.0, 1.0, freedom).ok()?.inverse_cdf((1.0 + confidence) / 2.0))

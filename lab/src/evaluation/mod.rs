@@ -17,13 +17,14 @@
 //! | `summary` | over all cameras: means, intervals, shares |
 //! | `progress` | the searches' best after each number of trials and its time, measured again |
 //! | `figures`, `part_figures`, `progress_figures` | the paper's figures, as SVG |
-//! | `page`, `part_page` | the report in words, tables and figures |
+//! | `page`, `part_page`, `markup` | the report in words, tables and figures |
 
 pub(crate) mod answers;
 pub(crate) mod figures;
 pub(crate) mod fixed;
 pub(crate) mod folds;
 pub(crate) mod judge;
+pub(crate) mod markup;
 pub(crate) mod measure;
 pub(crate) mod page;
 pub(crate) mod part_figures;

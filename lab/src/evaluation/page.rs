@@ -12,6 +12,7 @@ use super::answers::{SERVICE, entrants};
 use super::figures::{boxes, break_even, curve};
 use super::folds::Split;
 use super::judge::{BreakEven, Verdict};
+use super::markup::{self, card};
 use super::part_page;
 use super::progress_figures;
 use super::record::{Clock, Record};
@@ -224,27 +225,12 @@ fn objective(page: &mut String, verdict: &Verdict) {
             continue;
         }
         let _ = write!(page, "<h3>On {}</h3>", split.words());
-        table(page, &names, &all, split);
-        let figures = [
-            boxes(
-                verdict,
-                split,
-                &names,
-                |row| row.over_search,
-                "times as fast as the search (Figures 12, 15)",
-            ),
-            boxes(
-                verdict,
-                split,
-                &names,
-                |row| row.of_roofline,
-                "speed over that of the roofline (Figures 13, 16)",
-            ),
-            break_even(verdict, split, &names),
-        ];
-        for svg in figures {
-            let _ = write!(page, "<div class=\"card\">{svg}</div>");
-        }
+        *page += &table(&names, &all, split);
+        let label = "times as fast as the search (Figures 12, 15)";
+        *page += &card(&boxes(verdict, split, &names, |row| row.over_search, label));
+        let label = "speed over that of the roofline (Figures 13, 16)";
+        *page += &card(&boxes(verdict, split, &names, |row| row.of_roofline, label));
+        *page += &card(&break_even(verdict, split, &names));
     }
     // The camera whose search cost most beyond its best shows the shape; the first split examined it or
     // another did.
@@ -255,17 +241,19 @@ fn objective(page: &mut String, verdict: &Verdict) {
         let _ = write!(
             page,
             "<h3>One search beside its prediction (Figure 11)</h3><p class=\"soft\">{}, camera {}, where the search cost most beyond its best: \
-             each iteration, dashed the best of them measured again, and in green what {} answered.</p><div class=\"card\">{}</div>",
+             each iteration, dashed the best of them measured again, and in green what {} answered.</p>{}",
             escaped(&row.place.scene),
             row.place.camera,
             names[0],
-            curve(ground, row.predicted_ms)
+            card(&curve(ground, row.predicted_ms))
         );
     }
 }
 
-fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
+/// Every entrant over all scenes.
+fn table(names: &[String], all: &[Standing], split: Split) -> String {
     let heads = [
+        "",
         "of the roofline",
         "least",
         "different answers",
@@ -278,14 +266,10 @@ fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
         "never",
         "late",
     ];
-    *page += "<div class=\"card\"><table><tr><th></th>";
-    for head in heads {
-        let _ = write!(page, "<th>{head}</th>");
-    }
-    *page += "</tr>";
-    for name in names {
-        let Some(one) = overall(all, split, name) else { continue };
-        let cells = [
+    let row = |name: &String| {
+        let one = overall(all, split, name)?;
+        Some(vec![
+            name.clone(),
             percent(one.of_roofline),
             format!("{:.1} %", one.of_roofline_least * 100.0),
             format!("{} of {}", one.distinct, one.answers),
@@ -297,14 +281,9 @@ fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
             one.break_even.median.map_or("–".to_owned(), |median| format!("{median:.0}")),
             one.break_even.never.to_string(),
             one.break_even.late.to_string(),
-        ];
-        let _ = write!(page, "<tr><td>{}</td>", escaped(name));
-        for (head, cell) in heads.iter().zip(cells) {
-            let _ = write!(page, "<td data-l=\"{head}\">{cell}</td>");
-        }
-        *page += "</tr>";
-    }
-    *page += "</table></div>";
+        ])
+    };
+    markup::table(&heads, &names.iter().filter_map(row).collect::<Vec<_>>())
 }
 
 /// What was computed from the record, as CSV: file names and contents.

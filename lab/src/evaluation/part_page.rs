@@ -8,6 +8,7 @@ use treewright_figures::escaped;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::statistics::Summary;
 
+use super::markup::{card, table};
 use super::part_figures::{
     PartGain, Run, Share, angles, heights, mean_and_band, needles, number, part, splitting, turning_height,
 };
@@ -21,22 +22,6 @@ pub(crate) fn html(record: &Record, space: &TuningSpace, clock: Clock) -> String
 
 fn scenes(record: &Record, wanted: fn(&Versus) -> bool) -> BTreeSet<&str> {
     record.pairs.keys().filter(|(_, versus)| wanted(versus)).map(|(scene, _)| scene.as_str()).collect()
-}
-
-fn head(cells: &[&str]) -> String {
-    let cells: String = cells.iter().map(|cell| format!("<th>{cell}</th>")).collect();
-    format!("<div class=\"card\"><table><tr>{cells}</tr>")
-}
-
-fn row(heads: &[&str], cells: &[String]) -> String {
-    let named = heads.iter().zip(cells).enumerate();
-    let cells: String = named
-        .map(|(place, (head, cell))| {
-            let name = if place == 0 { String::new() } else { format!(" data-l=\"{head}\"") };
-            format!("<td{name}>{}</td>", escaped(cell))
-        })
-        .collect();
-    format!("<tr>{cells}</tr>")
 }
 
 fn splitting_section(record: &Record, clock: Clock) -> String {
@@ -53,17 +38,18 @@ fn splitting_section(record: &Record, clock: Clock) -> String {
                     the recommended build, without and with splitting of triangles, in interleaved rounds; medians, and the interval \
                     of 95 % of the median ratio where there are rounds enough.</p>"
         .to_owned();
-    let _ = write!(text, "<div class=\"card\">{}</div>", splitting(&scenes));
-    text += &head(&heads);
+    text += &card(&splitting(&scenes));
+    let mut rows = Vec::new();
     for (scene, heights) in &scenes {
         for (height, [without, with], ratio) in heights {
             let interval = ratio.interval.map(|[low, high]| format!(" [{low:.3}, {high:.3}]"));
             let speed = format!("{:.3}{}", ratio.median, interval.unwrap_or_default());
-            let cells = [format!("{scene}, {height}"), format!("{without:.1}"), format!("{with:.1}"), speed];
-            text += &row(&heads, &cells);
+            let place = format!("{scene}, {height}");
+            rows.push(vec![place, format!("{without:.1}"), format!("{with:.1}"), speed]);
         }
     }
-    text += "</table></div><ul>";
+    text += &table(&heads, &rows);
+    text += "<ul>";
     for (scene, heights) in &scenes {
         let finding = match turning_height(heights) {
             Some(height) => format!("it begins to pay at {height:.0} pixels down"),
@@ -104,7 +90,7 @@ fn parts_section(record: &Record, space: &TuningSpace, clock: Clock) -> String {
             "single searches",
         ];
         heads.extend(one.parameters);
-        let (mut rows, mut figures, mut is_whole) = (String::new(), String::new(), true);
+        let (mut rows, mut figures, mut is_whole) = (Vec::new(), String::new(), true);
         for ((_, scene), searches) in all.iter().filter(|((name, _), _)| *name == one.name) {
             let runs: Vec<Run<'_>> = searches.iter().filter_map(|search| Run::of(search, clock)).collect();
             if runs.iter().all(|run| run.points.is_empty()) {
@@ -119,10 +105,10 @@ fn parts_section(record: &Record, space: &TuningSpace, clock: Clock) -> String {
                 let Summary { lower_quartile, upper_quartile, .. } = Summary::of(&ends.collect::<Vec<_>>());
                 cells.push([lower_quartile, upper_quartile].map(treewright_figures::number).join(" to "));
             }
-            rows += &row(&heads, &cells);
+            rows.push(cells);
             let _ = write!(figures, "<h3>{}</h3>", escaped(scene));
             for svg in part(&one, &runs, again.map(|again| again.default_ms)) {
-                let _ = write!(figures, "<div class=\"card\">{svg}</div>");
+                figures += &card(&svg);
             }
         }
         if !rows.is_empty() {
@@ -133,9 +119,9 @@ fn parts_section(record: &Record, space: &TuningSpace, clock: Clock) -> String {
                  iteration and the default were measured again in the same interleaved rounds, each with a fresh build: median of the \
                  geometric mean of the searches over the rounds, its interval of 95 % where there are at least six rounds, and the least and \
                  most of single searches. The middle half of each parameter in the last quarter of the iterations. In the figures one colour \
-                 a search, later iterations darker, dashed the recommended default.</p>{missing}{}{rows}</table></div>{figures}",
+                 a search, later iterations darker, dashed the recommended default.</p>{missing}{}{figures}",
                 one.title,
-                head(&heads)
+                table(&heads, &rows)
             );
         }
     }
@@ -215,7 +201,7 @@ fn needles_section(record: &Record, clock: Clock) -> String {
         "total, without",
         "total, with",
     ];
-    text += &head(&heads);
+    let mut rows = Vec::new();
     for scene in &scenes {
         let mut cells = vec![(*scene).to_owned()];
         for share in Share::ALL {
@@ -228,14 +214,14 @@ fn needles_section(record: &Record, clock: Clock) -> String {
                 cells.push(ends.map_or(String::new(), |(low, high)| format!("{low:.1} to {high:.1} ms")));
             }
         }
-        text += &row(&heads, &cells);
+        rows.push(cells);
     }
-    text += "</table></div>";
+    text += &table(&heads, &rows);
     for scene in &scenes {
         let _ = write!(text, "<h3>{}</h3>", escaped(scene));
         for share in Share::ALL {
             let angles = angles(record, scene, share, clock);
-            let _ = write!(text, "<div class=\"card\">{}</div>", needles(&angles, share));
+            text += &card(&needles(&angles, share));
         }
     }
     text

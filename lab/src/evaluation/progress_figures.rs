@@ -11,6 +11,7 @@ use super::answers::SERVICE;
 use super::figures::WIDTH;
 use super::folds::Split;
 use super::judge::Verdict;
+use super::markup::{self, card};
 use super::progress::{DEFAULT, Moment, SEARCH, of_searches, reached, without_search};
 use super::record::{Clock, GroupKind, Place, Record};
 use super::summary::Mean;
@@ -61,7 +62,7 @@ pub(crate) fn two_objectives(record: &Record, clock: Clock) -> Option<String> {
         if let Some(default) = default {
             figure.level(default, Stroke::Dashed, Colour::Ink, "recommended default");
         }
-        let _ = write!(text, "<div class=\"card\">{}</div>", figure.finish());
+        text += &card(&figure.finish());
     }
     Some(text)
 }
@@ -92,7 +93,7 @@ pub(crate) fn progress(record: &Record, verdict: &Verdict, clock: Clock) -> Stri
     text += &table_of(&at_once, &searched);
     if verdict.is_whole() {
         for (at, label) in [(trials as fn(&Moment) -> f64, "trials"), (seconds, "seconds")] {
-            let _ = write!(text, "<div class=\"card\">{}</div>", figure(&at_once, &searched, at, label));
+            text += &card(&figure(&at_once, &searched, at, label));
         }
     }
     text
@@ -113,16 +114,15 @@ fn colour(who: &str) -> Colour {
 
 fn table_of(at_once: &[Moment], searched: &[Moment]) -> String {
     let heads = ["", "seconds", "cost over roofline", "cameras", "the search is there after"];
-    let cells: String = heads.iter().map(|head| format!("<th>{head}</th>")).collect();
-    let mut text = format!("<div class=\"card\"><table><tr>{cells}</tr>");
-    for moment in at_once.iter().chain(searched) {
+    let row = |moment: &Moment| {
         let name = match moment.trials {
             0 => moment.who.clone(),
             trials => format!("{SEARCH}, {trials} trials"),
         };
         let there =
             moment.cost.filter(|_| moment.trials == 0 && searched.iter().any(|one| one.cost.is_some()));
-        let cells = [
+        vec![
+            name,
             number(moment.seconds),
             moment.cost.map_or_else(String::new, |cost| cost.to_string()),
             moment.cost.map_or_else(String::new, |_| moment.cameras.to_string()),
@@ -130,14 +130,9 @@ fn table_of(at_once: &[Moment], searched: &[Moment]) -> String {
                 Some(there) => format!("{} trials, {} s", there.trials, number(there.seconds)),
                 None => "never".to_owned(),
             }),
-        ];
-        let _ = write!(text, "<tr><td>{}</td>", escaped(&name));
-        for (head, cell) in heads[1..].iter().zip(cells) {
-            let _ = write!(text, "<td data-l=\"{head}\">{cell}</td>");
-        }
-        text += "</tr>";
-    }
-    text + "</table></div>"
+        ]
+    };
+    markup::table(&heads, &at_once.iter().chain(searched).map(row).collect::<Vec<_>>())
 }
 
 fn figure(at_once: &[Moment], searched: &[Moment], at: fn(&Moment) -> f64, label: &str) -> String {

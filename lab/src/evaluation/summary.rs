@@ -13,7 +13,7 @@ use treewright_renderer::tuning::objective::Objective;
 use super::folds::Split;
 use super::judge::{BreakEven, Row, Verdict};
 use super::record::Place;
-use crate::converge::bootstrap::resampled;
+use crate::converge::bootstrap::{geometric, resampled};
 
 const RESAMPLES: usize = 2000;
 const SEED: u64 = 7;
@@ -134,25 +134,20 @@ pub(super) fn mean(rows: &[&Row], value: fn(&Row) -> f64) -> Mean {
     }
     let cameras: Vec<(f64, usize)> =
         by_place.into_values().map(|all| (all.iter().sum(), all.len())).collect();
-    geometric(&cameras)
+    of_clusters(&cameras)
 }
 
 /// Geometric mean and interval of one value a camera.
 pub(crate) fn mean_of(values: &[f64]) -> Mean {
     let cameras: Vec<(f64, usize)> =
         values.iter().map(|value| (value.ln(), 1)).filter(|(logarithm, _)| logarithm.is_finite()).collect();
-    geometric(&cameras)
+    of_clusters(&cameras)
 }
 
-fn geometric(cameras: &[(f64, usize)]) -> Mean {
-    let of = |chosen: &[usize]| {
-        let add = |(sum, count), at: &usize| (sum + cameras[*at].0, count + cameras[*at].1);
-        let (sum, count) = chosen.iter().fold((0.0, 0), add);
-        if count == 0 { f64::NAN } else { (sum / count as f64).exp() }
-    };
-    let mean = of(&(0..cameras.len()).collect::<Vec<_>>());
-    let means = || resampled(cameras.len(), RESAMPLES, SEED, |drawn| Some(of(drawn)));
-    let interval = (cameras.len() >= 3).then(means);
+fn of_clusters(cameras: &[(f64, usize)]) -> Mean {
+    let of = |drawn: &[usize]| geometric(cameras, drawn);
+    let mean = of(&(0..cameras.len()).collect::<Vec<_>>()).unwrap_or(f64::NAN);
+    let interval = (cameras.len() >= 3).then(|| resampled(cameras.len(), RESAMPLES, SEED, of));
     Mean { mean, interval: interval.map(|means| [quantile(&means, 0.025), quantile(&means, 0.975)]) }
 }
 

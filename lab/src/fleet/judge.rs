@@ -9,7 +9,7 @@ use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 use super::machines::Level;
 use super::measure::{OWN_SEARCH, RECOMMENDED, answer, frame_ms};
 use super::record::{At, Record};
-use crate::converge::bootstrap::{Interval, interval};
+use crate::converge::bootstrap::{Interval, geometric, interval};
 use crate::leave_scene_out::book::RecordedRounds;
 
 /// Speed-ups of an answer, as geometric means over all machines and unseen scenes. Machines in the same scene
@@ -78,20 +78,16 @@ fn rows_of(record: &Record, group: Option<&str>) -> Vec<Row> {
 /// within rounds. `None` where they never ran together.
 fn speedup(asked: &[&At<RecordedRounds>], who: &Who, other: &Who) -> Option<Interval> {
     let scenes: BTreeSet<&str> = asked.iter().map(|one| one.scene.as_str()).collect();
-    let of_scene = |scene: &str| -> Vec<f64> {
-        let here = asked.iter().filter(|one| one.scene == scene);
-        let ratio = |one: &&At<RecordedRounds>| {
+    let of_scene = |scene: &str| {
+        let here = asked.iter().filter(|one| one.scene == scene).filter_map(|one| {
             let ratio = Ratio::of(&frame_ms(&one.measured, other), &frame_ms(&one.measured, who));
             (ratio.count > 0).then(|| ratio.median.ln())
-        };
-        here.filter_map(ratio).collect()
+        });
+        here.fold((0.0, 0), |(sum, count), logarithm| (sum + logarithm, count + 1))
     };
-    let logarithms: Vec<Vec<f64>> = scenes.into_iter().map(of_scene).filter(|all| !all.is_empty()).collect();
-    interval(logarithms.len(), |drawn| {
-        let all = || drawn.iter().flat_map(|&scene| &logarithms[scene]);
-        let count = all().count();
-        (count > 0).then(|| (all().sum::<f64>() / count as f64).exp())
-    })
+    let scenes: Vec<(f64, usize)> =
+        scenes.into_iter().map(of_scene).filter(|(_, count)| *count > 0).collect();
+    interval(scenes.len(), |drawn| geometric(&scenes, drawn))
 }
 
 #[cfg(test)]

@@ -9,13 +9,13 @@ use treewright_client::Options;
 use treewright_client::blocking::{Client, Study};
 use treewright_render_cli::error::CliError;
 use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::verdict::{self, Rival};
-use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
+use treewright_renderer::tuning::who::Who;
 
 use super::machines::{Level, Machine};
 use super::record::{At, Conditions, Record};
 use crate::leave_scene_out::book::{RecordedRounds, RecordedSearch};
 use crate::leave_scene_out::daemon::Daemon;
+use crate::leave_scene_out::hand;
 use crate::leave_scene_out::steps::{DEADLINE, Stage, join, space, tell};
 
 /// The objective: frames that share a build, as in the paper's section 7.1.2.
@@ -113,12 +113,9 @@ impl Node<'_> {
         let own = record.searches.iter().find(|one| one.is_of(self.machine, scene));
         let found = own.and_then(|own| own.measured.answers.values().next_back());
         entrants.extend(found.map(|found| (OWN_SEARCH, found.clone())));
-        let natives = verdict::natives().into_iter().filter(|one| one.who == NATIVE_DEFAULT);
-        let mut rivals: Vec<Rival> =
-            natives.map(|contender| Rival { contender, configuration: None }).collect();
+        let mut rivals = hand::native_default();
         for (who, configuration) in entrants {
-            let contender = verdict::contender(who, &space, &configuration)?;
-            rivals.push(Rival { contender, configuration: Some(configuration) });
+            rivals.push(hand::rival(who, &space, configuration)?);
         }
         Ok(stage.rounds(rivals, OBJECTIVE, rounds))
     }

@@ -1,5 +1,6 @@
 //! Configurations that anybody can write down, for either objective: candidates for the best fixed one.
 
+use treewright_client::Configuration;
 use treewright_render_cli::error::CliError;
 use treewright_renderer::space::{TuningSpace, parse};
 use treewright_renderer::tuning::objective::Objective;
@@ -37,11 +38,21 @@ const TOTAL: [&str; 12] = [
     "backend=native,native_quality=low,tile=16",
 ];
 
+/// A configuration that takes part in rounds.
+pub(crate) fn rival(who: Who, space: &TuningSpace, configuration: Configuration) -> Result<Rival, CliError> {
+    let contender = verdict::contender(who, space, &configuration)?;
+    Ok(Rival { contender, configuration: Some(configuration) })
+}
+
+/// Native Embree as everybody uses it.
+pub(crate) fn native_default() -> Vec<Rival> {
+    let natives = verdict::natives().into_iter().filter(|one| one.who == NATIVE_DEFAULT);
+    natives.map(|contender| Rival { contender, configuration: None }).collect()
+}
+
 /// Native Embree as everybody uses it and used well.
 pub(crate) fn natives(space: &TuningSpace) -> Vec<Rival> {
-    let natives = verdict::natives().into_iter().filter(|one| one.who == NATIVE_DEFAULT);
-    let natives = natives.map(|contender| Rival { contender, configuration: None });
-    natives.chain(verdict::used_well(space)).collect()
+    native_default().into_iter().chain(verdict::used_well(space)).collect()
 }
 
 /// Native Embree and every candidate for an objective once.
@@ -63,12 +74,11 @@ pub(crate) fn rivals(space: &TuningSpace, objective: Objective) -> Result<Vec<Ri
 pub(crate) fn push(
     all: &mut Vec<Rival>,
     space: &TuningSpace,
-    configuration: treewright_client::Configuration,
+    configuration: Configuration,
 ) -> Result<(), CliError> {
     if all.iter().all(|rival| rival.configuration.as_ref() != Some(&configuration)) {
         let who = Who::Named(configuration.to_string().into());
-        let contender = verdict::contender(who, space, &configuration)?;
-        all.push(Rival { contender, configuration: Some(configuration) });
+        all.push(rival(who, space, configuration)?);
     }
     Ok(())
 }
