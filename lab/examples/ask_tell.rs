@@ -11,8 +11,8 @@
 //! | `{"best": INDICATORS}` | `{"configuration": …, "cost": …}`, both null while nothing is known |
 //! | `{"predict": INDICATORS}` | the configuration that would be exploited there: as `ask`, without a trial |
 //!
-//! A refused request is answered by `{"error": "…"}`. `nanoseconds` in each answer is the core's own time,
-//! without reading and writing.
+//! Studies that are opened here have one metric, `cost`. A refused request is answered by `{"error": "…"}`.
+//! `nanoseconds` in each answer is the core's own time, without reading and writing.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
@@ -26,9 +26,7 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::{Outcome, Trial};
 use treewright_core::tuner::{Ask, Tuner};
 use treewright_core::value::Value;
-
-/// The metric of the objective: studies opened here have one metric of this name.
-const METRIC: &str = "cost";
+use treewright_lab::simulated::METRIC;
 
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]

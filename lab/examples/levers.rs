@@ -12,6 +12,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use clap::{Parser, ValueEnum};
 use treewright_render_cli::arguments::{SceneArguments, read_configuration};
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::View;
@@ -45,45 +46,27 @@ const FOLLOW: [(&str, &str); 13] = [
 const EPISODE: u32 = 24;
 
 /// Which lever.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Lever {
     Light,
     Follow,
 }
 
-/// The command line.
+/// Measures the gain of choosing a lever's way for each scene.
+#[derive(Parser)]
 struct Arguments {
+    #[arg(long, value_enum, default_value = "light")]
     lever: Lever,
+    #[arg(long, default_value_t = 7)]
     rounds: u32,
+    /// Pixels across, four to three down.
+    #[arg(long, default_value_t = 320)]
+    width: u32,
+    /// Folder of the results of `treewright-render tune --json`, named like the worlds.
+    #[arg(long)]
     winners: Option<PathBuf>,
-    size: [u32; 2],
+    /// Each a scene, for `follow` with its motion and cycles, as `builtin:city@sway@0.25`.
     worlds: Vec<String>,
-}
-
-fn arguments() -> Result<Arguments, Failure> {
-    let mut all = std::env::args().skip(1);
-    let mut arguments =
-        Arguments { lever: Lever::Light, rounds: 7, winners: None, size: [320, 240], worlds: Vec::new() };
-    while let Some(argument) = all.next() {
-        let mut value = || all.next().ok_or(format!("{argument} wants a value"));
-        match argument.as_str() {
-            "--lever" => {
-                arguments.lever = match value()?.as_str() {
-                    "light" => Lever::Light,
-                    "follow" => Lever::Follow,
-                    _ => return Err("levers are light and follow".into()),
-                }
-            }
-            "--rounds" => arguments.rounds = value()?.parse()?,
-            "--winners" => arguments.winners = Some(value()?.into()),
-            "--width" => {
-                let width = value()?.parse()?;
-                arguments.size = [width, width / 4 * 3];
-            }
-            _ => arguments.worlds.push(argument),
-        }
-    }
-    Ok(arguments)
 }
 
 /// A scene, and how it moves.
@@ -174,7 +157,8 @@ fn measured(
     let named = |name: &String| Who::Named(name.clone().into());
     let contender = |(name, choice): &(String, Choice)| Contender { who: named(name), choice: *choice };
     let contenders: Vec<Contender> = ways.iter().map(contender).collect();
-    let ([width, height], rounds) = (arguments.size, arguments.rounds);
+    let &Arguments { width, rounds, .. } = arguments;
+    let height = width / 4 * 3;
     let conditions = Conditions { view, width, height, rounds, frames_per_build, yardstick };
     Ok(standings(&interleaved(&mut renderer, &contenders, &conditions, || true), frames_per_build))
 }
@@ -207,7 +191,7 @@ fn best_fixed(tables: &[Vec<Standing>], scenes: &[String], of: usize, are_winner
 }
 
 fn main() -> Result<(), Failure> {
-    let arguments = arguments()?;
+    let arguments = Arguments::parse();
     let preset = if arguments.lever == Lever::Light { Preset::Light } else { Preset::Follow };
     let space = TuningSpace::new(preset, &Premises { animated: false, ..Premises::all() });
     let ways = ways(&arguments, &space)?;

@@ -12,7 +12,7 @@ use treewright_renderer::limits::{ITERATIONS_MAX, THREADS_MAX};
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 
 use crate::evaluation::measure::best_within;
-use crate::evaluation::record::{Clock, Conditions, OpenRecord, Place, Record};
+use crate::evaluation::record::{Clock, Conditions, OpenRecord, Place, Record, VERSION};
 use crate::leave_scene_out::suite::Entry;
 
 /// Scenes of this program that stand in for those of the paper that cannot be had, in about their sizes.
@@ -162,7 +162,7 @@ impl ConditionArguments {
     fn conditions(&self) -> Result<Conditions, CliError> {
         let threads = usize::try_from(self.threads).unwrap_or(THREADS_MAX);
         Ok(Conditions {
-            version: Conditions::VERSION,
+            version: VERSION,
             machine: with_versions(detect_fingerprint(), threads)?,
             threads,
             size: [self.size.width, self.size.height],

@@ -46,6 +46,14 @@ pub fn interval(runs: usize, statistic: impl Fn(&[usize]) -> Option<f64>) -> Opt
     Some(Interval { estimate, range: Some(range) })
 }
 
+/// The mean of independent values with its interval; `None` where there is none that is a number.
+pub(crate) fn mean_of(values: &[f64]) -> Option<Interval> {
+    interval(values.len(), |drawn| {
+        let sum: f64 = drawn.iter().map(|&run| values[run]).sum();
+        (!drawn.is_empty()).then(|| sum / drawn.len() as f64).filter(|mean| mean.is_finite())
+    })
+}
+
 /// A statistic of resamples of `count` values, given as a function of the numbers of the drawn values, sorted
 /// by size. The seed is fixed: chance is part of the measurement, not of its evaluation.
 pub(crate) fn resampled(

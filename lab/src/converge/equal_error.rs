@@ -7,7 +7,7 @@
 
 use serde::Serialize;
 
-use super::bootstrap::{Interval, interval};
+use super::bootstrap::{Interval, mean_of};
 use super::curve::{Curve, Run};
 use treewright_renderer::tuning::who::{NATIVE_DEFAULT, Who};
 
@@ -68,7 +68,7 @@ pub fn equal_error(curves: &[Curve], baselines: &[Who]) -> Vec<EqualError> {
     };
     let runs = built.iter().map(|curve| curve.runs.len()).min().unwrap_or(0);
     let reached: Vec<f64> = (0..runs)
-        .map(|run| built.iter().map(|curve| least_error(&curve.runs[run])).fold(0.0, f64::max))
+        .map(|run| built.iter().map(|curve| curve.runs[run].end.relative_mse).fold(0.0, f64::max))
         .collect();
     SAMPLES
         .iter()
@@ -81,11 +81,6 @@ pub fn equal_error(curves: &[Curve], baselines: &[Who]) -> Vec<EqualError> {
             Some(EqualError { samples, relative_mse, rows })
         })
         .collect()
-}
-
-/// The error that a run stays below at its end.
-fn least_error(run: &Run) -> f64 {
-    run.end.relative_mse
 }
 
 fn row(curve: &Curve, bases: &[&Curve], errors: &[f64]) -> Option<Row> {
@@ -118,10 +113,7 @@ fn times(curve: &Curve, errors: &[f64]) -> Option<Vec<f64>> {
 
 /// The mean of logarithms as the number they stand for, with its interval.
 fn geometric_mean(logs: &[f64]) -> Option<Interval> {
-    let mean = interval(logs.len(), |drawn| {
-        Some(drawn.iter().map(|&run| logs[run]).sum::<f64>() / drawn.len().max(1) as f64)
-            .filter(|mean| mean.is_finite())
-    })?;
+    let mean = mean_of(logs)?;
     Some(Interval { estimate: mean.estimate.exp(), range: mean.range.map(|range| range.map(f64::exp)) })
 }
 

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use treewright_client::{Configuration, Fingerprint};
 
-use super::bootstrap::{Interval, interval};
+use super::bootstrap::{Interval, mean_of};
 use super::curve::{Curve, Run};
 use super::equal_error::EqualError;
 use treewright_renderer::tuning::results::SceneFacts;
@@ -67,10 +67,7 @@ pub struct ContenderResult {
 impl ContenderResult {
     /// Evaluates a curve.
     pub fn new(curve: Curve, configuration: Option<Configuration>, origin: String) -> Self {
-        let mean = |value: &dyn Fn(&Run) -> f64| {
-            let values: Vec<f64> = curve.runs.iter().map(value).collect();
-            mean_of(&values)
-        };
+        let mean = |value: &dyn Fn(&Run) -> f64| mean_of(&curve.runs.iter().map(value).collect::<Vec<_>>());
         Self {
             build_ms: mean(&|run| run.build_ms),
             frame_ms: mean(&|run| run.end.render_ms / f64::from(run.end.samples)),
@@ -81,12 +78,4 @@ impl ContenderResult {
             origin,
         }
     }
-}
-
-/// Mean of independent values with its interval; `None` when there are none.
-fn mean_of(values: &[f64]) -> Option<Interval> {
-    interval(values.len(), |drawn| {
-        let sum: f64 = drawn.iter().map(|&run| values[run]).sum();
-        (!drawn.is_empty()).then(|| sum / drawn.len() as f64)
-    })
 }

@@ -21,7 +21,7 @@ use treewright_renderer::tuning::objective::Objective;
 use crate::json_lines::{self, wrong};
 
 /// Version of the form.
-const VERSION: u32 = 3;
+pub(crate) const VERSION: u32 = 3;
 
 /// The searches' method: the paper's, after Chang.
 pub(crate) const METHOD: SearchMethod = SearchMethod::NelderMead;
@@ -77,11 +77,6 @@ pub(crate) struct Conditions {
     pub(crate) seed: u64,
     /// The parameter space, `paper` or `full`.
     pub(crate) space: String,
-}
-
-impl Conditions {
-    /// The current form.
-    pub(crate) const VERSION: u32 = VERSION;
 }
 
 /// A camera of a scene's path.

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use treewright_client::{Configuration, Fingerprint, Outcome};
 use treewright_renderer::frame::FrameTimes;
 
-use super::record::{Clock, Conditions, Group, GroupKind, Iteration, Member, Place, Search};
+use super::record::{Clock, Conditions, Group, GroupKind, Iteration, Member, Place, Search, VERSION};
 
 pub(crate) fn conditions(iterations: u32) -> Conditions {
     Conditions {
-        version: Conditions::VERSION,
+        version: VERSION,
         machine: Fingerprint::default(),
         threads: 2,
         size: [160, 120],
