@@ -1,6 +1,5 @@
 //! Any program is tuned from the command line, with the user's own daemon where there is no other.
 
-use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
@@ -8,6 +7,7 @@ use serde_json::Value;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{program, stderr, stdout, workspace};
 
+use crate::local::at_home;
 use crate::site::{Site, ask, json, say, shell, trials};
 
 /// Costs 5 at level 13, and more elsewhere.
@@ -189,21 +189,12 @@ fn what_fails_is_infeasible_and_what_cannot_work_at_all_is_an_error() {
     assert!(stderr(&metric).contains("the study minimises loss"));
 }
 
-/// The program with a home of its own.
-fn at_home(home: &Path) -> Command {
-    let mut command = Command::new(program("treewright"));
-    for variable in ["TREEWRIGHT_SERVER", "TREEWRIGHT_CONFIG", "XDG_CONFIG_HOME", "XDG_DATA_HOME"] {
-        command.env_remove(variable);
-    }
-    command.env("HOME", home).env("XDG_RUNTIME_DIR", home.join("run")).env("TREEWRIGHT_LOCAL_IDLE_S", "3");
-    command
-}
-
 #[test]
 fn a_local_daemon_is_started_once_and_ends_by_itself() {
     let home = tempfile::tempdir().expect("a folder");
+    let program = || at_home(home.path(), Some(&home.path().join("run")));
     let begin = |_: usize| {
-        let mut command = at_home(home.path());
+        let mut command = program();
         command.args(["--server", "local", "--json", "ping"]);
         command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts")
     };
@@ -216,7 +207,7 @@ fn a_local_daemon_is_started_once_and_ends_by_itself() {
 
     // Another call in the same home finds it; its studies stay for the next daemon.
     let toy = ["exec", "toy", "--tune", "level=1..30:3", "--trials", "3", "--", "true", "{level}"];
-    let done = at_home(home.path()).arg("--json").args(toy).output().expect("the program starts");
+    let done = program().arg("--json").args(toy).output().expect("the program starts");
     assert_eq!(json(&done)["trials"], 3);
     let url = servers[0].as_str().expect("text").to_owned();
     let patience = Instant::now() + Duration::from_secs(60);
@@ -225,7 +216,7 @@ fn a_local_daemon_is_started_once_and_ends_by_itself() {
         // Each question puts its end off.
         std::thread::sleep(Duration::from_secs(8));
     }
-    let studies = at_home(home.path()).args(["--json", "studies"]).output().expect("the program starts");
+    let studies = program().args(["--json", "studies"]).output().expect("the program starts");
     assert_eq!(json(&studies)[0]["statistics"]["completed_trials"], 3);
 }
 

@@ -2,7 +2,7 @@
 //! single trouble ends a session, and every session shows its result.
 
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -10,7 +10,7 @@ use treewright_tests::daemon::Daemon;
 use treewright_tests::ports::lasting_address;
 use treewright_tests::programs::{program, stderr, stdout};
 
-use crate::site::{Site, json, say, trials, wait_until};
+use crate::site::{Site, json, say, signal, trials, wait_until};
 
 impl Site {
     /// Tunes a shell script that prints a loss.
@@ -31,11 +31,6 @@ fn exec(url: &str, study: &str, more: &[&str], script: &str) -> Command {
     command.args(["--metric", "json"]).args(more).args(["--", "sh", "-c", script]);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
-}
-
-fn signal(child: &Child, name: &str) {
-    let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
-    assert!(sent.expect("kill runs").success());
 }
 
 /// The numbers of processes that a script wrote into a file, a line each.

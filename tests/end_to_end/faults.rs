@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use tonic::transport::Channel;
@@ -16,7 +16,7 @@ use treewright_tests::programs::{program, run, stderr};
 use treewright_tests::sandbox::{Clock, SmallDisk, skip};
 
 use crate::locks::beside;
-use crate::site::{Site, assert_sound, path_text};
+use crate::site::{Killed, Site, assert_sound, path_text};
 use crate::wire;
 
 /// Longest wait for something that should happen by itself.
@@ -140,34 +140,19 @@ async fn a_full_disk_stops_writes_and_nothing_else() {
 }
 
 /// Another program that holds the file, until it is dropped.
-struct Holder(Child);
-
-impl Holder {
-    fn of(database: &Path) -> Self {
-        let script = "import sqlite3, sys\n\
-                      c = sqlite3.connect(sys.argv[1], isolation_level=None, timeout=60)\n\
-                      c.execute('BEGIN IMMEDIATE')\n\
-                      print('held', flush=True)\n\
-                      sys.stdin.read()";
-        let mut child = Command::new("python3")
-            .args(["-c", script])
-            .arg(database)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("python3 runs");
-        let mut line = String::new();
-        BufReader::new(child.stdout.as_mut().expect("piped")).read_line(&mut line).expect("a line");
-        assert_eq!(line.trim(), "held");
-        Self(child)
-    }
-}
-
-impl Drop for Holder {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
+fn holder_of(database: &Path) -> Killed {
+    let script = "import sqlite3, sys\n\
+                  c = sqlite3.connect(sys.argv[1], isolation_level=None, timeout=60)\n\
+                  c.execute('BEGIN IMMEDIATE')\n\
+                  print('held', flush=True)\n\
+                  sys.stdin.read()";
+    let mut python = Command::new("python3");
+    python.args(["-c", script]).arg(database).stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut holder = Killed(python.spawn().expect("python3 runs"));
+    let mut line = String::new();
+    BufReader::new(holder.0.stdout.as_mut().expect("piped")).read_line(&mut line).expect("a line");
+    assert_eq!(line.trim(), "held");
+    holder
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -176,7 +161,7 @@ async fn a_lock_of_another_program_is_waited_for_and_then_told() {
     let database = site.database();
     let mut book = Book::open(&site.daemon).await;
     book.frames(5).await;
-    let holder = Holder::of(&database);
+    let holder = holder_of(&database);
     refused(&book.refusal(1).await, "locked");
     book.reads().await;
     drop(holder);
@@ -184,7 +169,7 @@ async fn a_lock_of_another_program_is_waited_for_and_then_told() {
     book.reads().await;
     assert!(site.daemon.terminate().success());
 
-    let holder = Holder::of(&database);
+    let holder = holder_of(&database);
     let said = failed_start(&database);
     assert!(said.contains("is locked by another process"), "{said}");
     drop(holder);

@@ -6,13 +6,14 @@ use tonic::metadata::MetadataValue;
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::Channel;
 use tonic::{Request, Status};
+use treewright_proto::v1 as pb;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 
 pub(crate) type Caller = TuningServiceClient<InterceptedService<Channel, Show>>;
 
 /// Shows a token with every request.
 #[derive(Clone)]
-pub(crate) struct Show(pub(crate) Option<String>);
+pub(crate) struct Show(Option<String>);
 
 impl tonic::service::Interceptor for Show {
     fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
@@ -45,6 +46,17 @@ impl Authority {
         let parameters = rcgen::CertificateParams::new(vec![name.to_owned()]).expect("parameters");
         (parameters.signed_by(&key, &self.issuer).expect("a certificate").pem(), key.serialize_pem())
     }
+}
+
+/// A caller that shows a token, if there is one.
+pub(crate) fn caller(channel: Channel, token: Option<&str>) -> Caller {
+    TuningServiceClient::with_interceptor(channel, Show(token.map(str::to_owned)))
+}
+
+/// Waits until the daemon knows the caller's token.
+pub(crate) async fn in_force(caller: &mut Caller) {
+    let list = pb::ListStudiesRequest::default;
+    until("the token comes into force", async || caller.list_studies(list()).await, Result::is_ok).await;
 }
 
 /// Waits until a call comes out as it should; the daemon follows changes of tokens by itself, at once.

@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
-use serde_json::Value;
 use treewright_tests::programs::{program, stderr};
 use treewright_tests::sandbox::skip;
 
-/// `treewright --server local ping` of a user with this home, and with this session if any.
-fn ping(home: &Path, session: Option<&Path>) -> Output {
+use crate::site::json;
+
+/// The program of a user with this home, and with this session if any.
+pub(crate) fn at_home(home: &Path, session: Option<&Path>) -> Command {
     let mut command = Command::new(program("treewright"));
     for variable in
         ["TREEWRIGHT_SERVER", "TREEWRIGHT_CONFIG", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_RUNTIME_DIR"]
@@ -22,13 +23,16 @@ fn ping(home: &Path, session: Option<&Path>) -> Output {
         command.env("XDG_RUNTIME_DIR", session);
     }
     command.env("HOME", home).env("TREEWRIGHT_LOCAL_IDLE_S", "3");
+    command
+}
+
+fn ping(home: &Path, session: Option<&Path>) -> Output {
+    let mut command = at_home(home, session);
     command.args(["--server", "local", "--json", "ping"]).output().expect("the program starts")
 }
 
 fn server(output: &Output) -> String {
-    assert!(output.status.success(), "{}", stderr(output));
-    let said: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    said["server"].as_str().expect("an address").to_owned()
+    json(output)["server"].as_str().expect("an address").to_owned()
 }
 
 fn refused(output: &Output, why: &str) {

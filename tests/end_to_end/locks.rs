@@ -13,13 +13,12 @@ use std::time::Duration;
 use prost_types::FieldMask;
 use tonic::transport::Channel;
 use treewright_proto::v1 as pb;
-use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::ports::lasting_address;
 use treewright_tests::programs::{run, stderr, stdout, token};
 
 use crate::dashboard::get;
-use crate::guard::{Caller, Show, until};
+use crate::guard::{self, Caller, in_force, until};
 use crate::site::{Site, assert_sound, path_text};
 use crate::wire;
 
@@ -65,7 +64,7 @@ fn held(daemon: &Daemon, database: &Path, after: &str) {
 async fn caller(url: &str, token: Option<&str>) -> Caller {
     let url = url.split(',').next().expect("an address").to_owned();
     let channel = Channel::from_shared(url).expect("an address").connect().await.expect("it answers");
-    TuningServiceClient::with_interceptor(channel, Show(token.map(str::to_owned)))
+    guard::caller(channel, token)
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -155,8 +154,7 @@ async fn no_request_costs_the_daemon_its_locks() {
     let admin = token(&database, &["--scope", "admin"]);
     held(daemon, &database, "token create");
     let mut owner = caller(daemon.url(), Some(&admin)).await;
-    let listed = async || owner.list_studies(pb::ListStudiesRequest::default()).await;
-    until("the token comes into force", listed, Result::is_ok).await;
+    in_force(&mut owner).await;
     held(daemon, &database, "a token that came into force");
 
     ask_everything(caller(daemon.url(), Some(&admin)).await, |what| held(daemon, &database, what)).await;

@@ -8,12 +8,11 @@ use std::time::{Duration, Instant};
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Identity};
 use tonic::{Code, Request};
 use treewright_proto::v1 as pb;
-use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_test_postgres::Database;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr, stdout};
 
-use crate::guard::{Authority, Caller, Show, until};
+use crate::guard::{self, Authority, Caller, in_force, until};
 use crate::wire;
 
 /// A daemon with a certificate of an authority, which asks for certificates of that authority.
@@ -49,21 +48,13 @@ async fn caller(daemon: &Daemon, authority: &Authority, token: Option<&str>) -> 
         .domain_name("replica.example");
     let channel = Channel::from_shared(daemon.url().to_owned()).expect("an address");
     let channel = channel.tls_config(tls).expect("TLS").connect().await.expect("a connection");
-    TuningServiceClient::with_interceptor(channel, Show(token.map(str::to_owned)))
+    guard::caller(channel, token)
 }
 
 fn token_command(database: &str, command: &str, arguments: &[&str]) -> String {
     let output = run("treewrightd", &[&["token", command, "--database", database], arguments].concat());
     assert!(output.status.success(), "{}", stderr(&output));
     stdout(&output).trim().to_owned()
-}
-
-fn report(trial: &str) -> pb::ReportRequest {
-    pb::ReportRequest {
-        trial: trial.to_owned(),
-        measurements: [("render_ms".to_owned(), 5.0)].into(),
-        outcome: Some(pb::Outcome { kind: Some(pb::outcome::Kind::Ok(pb::Ok {})) }),
-    }
 }
 
 #[tokio::test]
@@ -78,8 +69,8 @@ async fn a_token_and_a_study_are_good_at_every_replica() {
     let mut at_holder = caller(&holder, &authority, Some(&token)).await;
     let mut at_other = caller(&other, &authority, Some(&token)).await;
     let list = pb::ListStudiesRequest::default;
-    until("the token", async || at_holder.list_studies(list()).await, Result::is_ok).await;
-    until("the token", async || at_other.list_studies(list()).await, Result::is_ok).await;
+    in_force(&mut at_holder).await;
+    in_force(&mut at_other).await;
 
     let creation = pb::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(wire::study()) };
     let name = at_holder.create_study(creation).await.expect("created").into_inner().name;
@@ -88,7 +79,7 @@ async fn a_token_and_a_study_are_good_at_every_replica() {
         let mut asked = Request::new(wire::suggestion(&name, "b", 0.2));
         asked.metadata_mut().insert("x-request-id", format!("round-{round}").parse().expect("an id"));
         let trial = at_other.suggest(asked).await.expect("passed on").into_inner();
-        at_other.report(report(&trial.name)).await.expect("passed on");
+        at_other.report(wire::report(&trial)).await.expect("passed on");
     }
     let frame = |report| pb::TuneRequest { report, suggest: Some(wire::suggestion(&name, "c", 0.3)) };
     let (frames, sent) = tokio::sync::mpsc::channel(1);
@@ -99,7 +90,7 @@ async fn a_token_and_a_study_are_good_at_every_replica() {
         frames.send(frame(previous.take())).await.expect("sent");
         let answer = answers.message().await.expect("an answer").expect("one for each frame");
         assert_eq!((answer.report_error, answer.suggest_error), (None, None));
-        previous = answer.trial.map(|trial| report(&trial.name));
+        previous = answer.trial.as_ref().map(wire::report);
     }
 
     // Each trial was counted once, wherever it was asked for: by the replica that handed it out.

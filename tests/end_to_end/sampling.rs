@@ -10,7 +10,7 @@ use serde_json::Value;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{program, stderr, stdout};
 
-use crate::site::{path_text, say, shell, trials, wait_until};
+use crate::site::{path_text, say, shell, signal, trials, wait_until};
 
 const SAMPLES: usize = 60;
 const CAMERAS: usize = 2;
@@ -94,8 +94,7 @@ fn a_renderer_that_waits_for_a_daemon_can_be_interrupted() {
         line.clear();
         assert!(errors.read_line(&mut line).expect("text") > 0, "it ended before");
     }
-    let interrupted = Command::new("kill").args(["-INT", &waiting.id().to_string()]).status();
-    assert!(interrupted.expect("kill runs").success());
+    signal(&waiting, "INT");
     let end = waiting.wait().expect("it can be waited for");
     assert_eq!(end.code(), Some(130), "it is no error of the daemon");
 }

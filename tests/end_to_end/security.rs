@@ -14,7 +14,7 @@ use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr, token};
 
-use crate::guard::{Authority, Caller, Show, until};
+use crate::guard::{self, Authority, Caller, in_force, until};
 use crate::wire;
 
 /// A daemon behind TLS and tokens.
@@ -74,7 +74,7 @@ impl Guarded {
 
     async fn caller(&self, token: Option<&str>) -> Caller {
         let channel = self.channel(self.tls()).await.expect("a connection");
-        TuningServiceClient::with_interceptor(channel, Show(token.map(str::to_owned)))
+        guard::caller(channel, token)
     }
 }
 
@@ -96,7 +96,7 @@ async fn every_attempt_is_refused_with_the_right_status() {
     let ended = guarded.token(&["--scope", "read"]);
     let slow = guarded.token(&["--scope", "read", "--requests-per-s", "1"]);
     let mut owner = guarded.caller(Some(&admin)).await;
-    until("the tokens come into force", async || owner.list_studies(list()).await, Result::is_ok).await;
+    in_force(&mut owner).await;
     let create = |id: &str| pb::CreateStudyRequest { study_id: id.to_owned(), study: Some(wire::study()) };
     owner.create_study(create("open")).await.expect("created");
     guarded.revoke(&ended);
@@ -250,7 +250,7 @@ async fn a_client_without_the_right_certificate_is_refused() {
     let token = guarded.token(&["--scope", "read"]);
     let ask = async |tls: ClientTlsConfig| {
         let channel = guarded.channel(tls).await.map_err(|error| Status::unavailable(error.to_string()))?;
-        TuningServiceClient::with_interceptor(channel, Show(Some(token.clone()))).list_studies(list()).await
+        guard::caller(channel, Some(&token)).list_studies(list()).await
     };
     assert!(ask(guarded.tls()).await.is_err(), "no certificate");
     let (certificate, key) = guarded.authority.issue("client");
@@ -268,7 +268,7 @@ async fn certificates_are_renewed_without_a_restart() {
     let guarded = Guarded::start(&[]);
     let token = guarded.token(&["--scope", "read"]);
     let mut before = guarded.caller(Some(&token)).await;
-    until("the token", async || before.list_studies(list()).await, Result::is_ok).await;
+    in_force(&mut before).await;
 
     // A broken certificate changes nothing.
     std::fs::write(guarded.file("cert.pem"), "no certificate").expect("written");
@@ -302,7 +302,7 @@ async fn the_command_line_client_shows_token_and_checks_certificate() {
     let guarded = Guarded::start(&[]);
     let token = guarded.token(&["--scope", "read"]);
     let mut caller = guarded.caller(Some(&token)).await;
-    until("the token", async || caller.list_studies(list()).await, Result::is_ok).await;
+    in_force(&mut caller).await;
     std::fs::write(guarded.file("token"), format!("{token}\n")).expect("written");
     let url = guarded.daemon.url().replace("127.0.0.1", "localhost");
     let at = |name: &str| guarded.file(name).to_string_lossy().into_owned();

@@ -1,7 +1,7 @@
 //! A daemon with a folder of its own, the command line that talks to it, and waiting for what comes.
 
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{Child, Command, Output};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -96,6 +96,22 @@ pub(crate) fn trials(url: &str, study: &str, filter: &str) -> Vec<Value> {
 pub(crate) fn assert_sound(database: &Path) {
     let checked = run("treewrightd", &["check", "--database", path_text(database)]);
     assert!(checked.status.success() && stdout(&checked).contains("is sound"), "{}", stderr(&checked));
+}
+
+/// A process that is killed when dropped.
+pub(crate) struct Killed(pub(crate) Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Sends a signal, such as `INT`.
+pub(crate) fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
+    assert!(sent.expect("kill runs").success(), "SIG{name} could not be sent");
 }
 
 /// Waits until something holds.

@@ -4,14 +4,14 @@ use std::io::{BufRead as _, BufReader};
 use std::net::TcpListener;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixListener;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use treewright_client::{Client, Indicators, Options, Outcome, Study};
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{program, stderr};
 
-use crate::site::{Site, leaf_study};
+use crate::site::{Killed, Site, leaf_study};
 
 /// The address of the daemon, for a client that runs as a process of its own.
 const URL: &str = "TREEWRIGHT_TEST_URL";
@@ -106,16 +106,6 @@ async fn client_of_another_test() {
     let suggestion = study.suggest(&Indicators::from([("triangles", 3.0)])).await;
     println!("trial={}", suggestion.trial().expect("a trial"));
     std::future::pending().await
-}
-
-/// A process that is killed when dropped.
-struct Killed(Child);
-
-impl Drop for Killed {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
 }
 
 /// Starts it, and reads the trial's name.

@@ -22,13 +22,12 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
 use tonic::transport::Endpoint;
 use treewright_proto::v1 as pb;
-use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_test_postgres::{Database, Server, holder_of};
 use treewright_tests::daemon::Daemon;
 use treewright_tests::ports::lasting_address;
 use treewright_tests::programs::{run, stderr, token};
 
-use crate::guard::{Caller, Show, until};
+use crate::guard::{self, Caller, in_force};
 use crate::locks::other_program;
 use crate::wire;
 
@@ -116,7 +115,7 @@ impl Storm {
 /// A client of one daemon, which connects when it asks.
 fn caller(url: &str, token: &str) -> Caller {
     let endpoint = Endpoint::from_shared(url.to_owned()).expect("an address").timeout(DEADLINE);
-    TuningServiceClient::with_interceptor(endpoint.connect_lazy(), Show(Some(token.to_owned())))
+    guard::caller(endpoint.connect_lazy(), Some(token))
 }
 
 /// A client's connections, one to each daemon, of which it uses one until a call on it fails.
@@ -290,8 +289,7 @@ impl Weather {
         let daemons: Vec<Daemon> = (0..replicas).map(|_| start(database, &lasting_address())).collect();
         let token = token(database, &["--scope", "admin"]);
         let mut first = caller(daemons[0].url(), &token);
-        let list = || pb::ListStudiesRequest::default();
-        until("the token comes into force", async || first.list_studies(list()).await, Result::is_ok).await;
+        in_force(&mut first).await;
         let study = pb::Study { policy: None, ..wire::study() };
         let request = pb::CreateStudyRequest { study_id: STUDY.into(), study: Some(study) };
         let study = first.create_study(request).await.expect("the study is taken").into_inner().name;

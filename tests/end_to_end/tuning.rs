@@ -7,17 +7,14 @@ use serde_json::Value;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{program, run, stderr, stdout};
 
-use crate::site::{self, Site, ask, json, path_text, say, shell, wait_until};
+use crate::site::{self, Site, ask, json, path_text, say, shell, signal, wait_until};
 
 fn tune(url: &str, json: &std::path::Path, iterations: &str) -> Command {
     let mut command = Command::new(program("treewright-render"));
     command.current_dir(std::env::temp_dir()).args(["tune", "--server", url, "--scene", "builtin:quick"]);
     command.args(["--size", "64x48", "--objective", "render", "--study", "quick", "--worth", "inf"]);
-    command
-        .args(["--iterations", iterations, "--json"])
-        .arg(json)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
+    command.args(["--iterations", iterations, "--json"]).arg(json);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
 
@@ -219,8 +216,7 @@ fn a_tuning_that_is_stopped_keeps_its_trials_and_tells_no_figures() {
     let file = site.file("stopped.json");
     let stopped = tune(site.url(), &file, "4000").spawn().expect("treewright-render starts");
     wait_until("three trials", || completed(site.url()) >= 3);
-    let killed = Command::new("kill").args(["-INT", &stopped.id().to_string()]).status();
-    assert!(killed.expect("kill starts").success());
+    signal(&stopped, "INT");
     let output = stopped.wait_with_output().expect("it can be waited for");
     assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
     let text = stdout(&output);
