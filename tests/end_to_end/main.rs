@@ -9,7 +9,6 @@ mod exec_trouble;
 mod faults;
 mod flood;
 mod guard;
-mod lifecycle;
 mod local;
 mod lockouts;
 mod locks;

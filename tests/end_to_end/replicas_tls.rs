@@ -3,7 +3,6 @@
 //! client's token is revoked, neither daemon answers.
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Identity};
 use tonic::{Code, Request};
@@ -13,6 +12,7 @@ use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr, stdout};
 
 use crate::guard::{self, Authority, Caller, in_force, until};
+use crate::site::wait_until;
 use crate::wire;
 
 /// A daemon with a certificate of an authority, which asks for certificates of that authority.
@@ -94,16 +94,11 @@ async fn a_token_and_a_study_are_good_at_every_replica() {
     }
 
     // Each trial was counted once, wherever it was asked for: by the replica that handed it out.
-    let patience = Instant::now() + Duration::from_secs(20);
-    loop {
+    wait_until("eleven trials are counted", || {
         let listed = token_command(database.url(), "list", &["--json"]);
         let listed: serde_json::Value = serde_json::from_str(&listed).expect("JSON");
-        if listed[0]["used"]["trials"] == 11 {
-            break;
-        }
-        assert!(Instant::now() < patience, "{listed}");
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
+        listed[0]["used"]["trials"] == 11
+    });
 
     // Revoked on the command line, it is good nowhere, also on the stream that is open.
     let id = token.split('_').nth(1).expect("an id");

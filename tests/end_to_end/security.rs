@@ -15,6 +15,7 @@ use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr, token};
 
 use crate::guard::{self, Authority, Caller, in_force, until};
+use crate::site::wait_until;
 use crate::wire;
 
 /// A daemon behind TLS and tokens.
@@ -124,36 +125,21 @@ async fn every_attempt_is_refused_with_the_right_status() {
         table.push((attempt, status, Code::Unauthenticated));
     }
     let mut reading = guarded.caller(Some(&reader)).await;
-    table.push((
-        "writing with a scope to read",
-        reading.create_study(create("x")).await.err(),
-        Code::PermissionDenied,
-    ));
-    table.push((
-        "deleting with a scope to tune",
-        guarded
-            .caller(Some(&farm))
-            .await
-            .delete_study(pb::DeleteStudyRequest { name: "studies/farm-1".into() })
-            .await
-            .err(),
-        Code::PermissionDenied,
-    ));
     let mut farming = guarded.caller(Some(&farm)).await;
-    table.push(("a study of others", farming.get_study(get()).await.err(), Code::PermissionDenied));
+    let own = pb::DeleteStudyRequest { name: "studies/farm-1".into() };
     let nothing = pb::GetStudyRequest { name: "studies/nothing".into() };
-    table.push((
-        "a study of others that does not exist",
-        farming.get_study(nothing).await.err(),
-        Code::PermissionDenied,
-    ));
+    for (attempt, status) in [
+        ("writing with a scope to read", reading.create_study(create("x")).await.err()),
+        ("deleting with a scope to tune", farming.delete_study(own).await.err()),
+        ("a study of others", farming.get_study(get()).await.err()),
+        ("a study of others that does not exist", farming.get_study(nothing).await.err()),
+    ] {
+        table.push((attempt, status, Code::PermissionDenied));
+    }
     let mut hurried = guarded.caller(Some(&slow)).await;
     hurried.get_study(get()).await.expect("the first");
-    table.push((
-        "more requests than the quota",
-        hurried.get_study(get()).await.err(),
-        Code::ResourceExhausted,
-    ));
+    let second = hurried.get_study(get()).await.err();
+    table.push(("more requests than the quota", second, Code::ResourceExhausted));
     for (attempt, filter) in [
         ("a filter that ends the statement", "state = COMPLETED; DROP TABLE trials"),
         ("a filter with a subquery", "number = (SELECT 1)"),
@@ -167,11 +153,8 @@ async fn every_attempt_is_refused_with_the_right_status() {
         table.push((attempt, owner.query_trials(query(filter)).await.err(), Code::InvalidArgument));
     }
     let order = pb::QueryTrialsRequest { order_by: "cost; DROP TABLE trials".into(), ..query("") };
-    table.push((
-        "an order that ends the statement",
-        owner.query_trials(order).await.err(),
-        Code::InvalidArgument,
-    ));
+    let status = owner.query_trials(order).await.err();
+    table.push(("an order that ends the statement", status, Code::InvalidArgument));
     let injected = pb::GetStudyRequest { name: "studies/x' OR '1'='1".into() };
     table.push(("a name with a quote", owner.get_study(injected).await.err(), Code::InvalidArgument));
     let mut wide = wire::study();
@@ -275,11 +258,7 @@ async fn certificates_are_renewed_without_a_restart() {
     guarded.daemon.signal("HUP");
     let log = guarded.file("log");
     let said = |words: &str| std::fs::read_to_string(&log).is_ok_and(|log| log.contains(words));
-    let patience = Instant::now() + Duration::from_secs(20);
-    while !said("the old ones stay in force") {
-        assert!(Instant::now() < patience, "nothing is said of the broken certificate");
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
+    wait_until("the broken certificate is told", || said("the old ones stay in force"));
     guarded.caller(Some(&token)).await.list_studies(list()).await.expect("the old one serves");
 
     // A new one, of a new authority: the key first, as a careless operator would.
@@ -289,11 +268,9 @@ async fn certificates_are_renewed_without_a_restart() {
     std::fs::write(guarded.file("cert.pem"), certificate).expect("written");
     let tls =
         || ClientTlsConfig::new().ca_certificate(Certificate::from_pem(&other.pem)).domain_name("localhost");
-    let patience = Instant::now() + Duration::from_secs(20);
-    while guarded.channel(tls()).await.is_err() {
-        assert!(Instant::now() < patience, "the new certificate does not come into force");
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
+    let connect =
+        async || guarded.channel(tls()).await.map_err(|error| Status::unavailable(error.to_string()));
+    until("the new certificate comes into force", connect, Result::is_ok).await;
     before.list_studies(list()).await.expect("who was connected stays so");
 }
 

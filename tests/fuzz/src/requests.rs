@@ -47,66 +47,43 @@ fn decode<M: Message + Default>(bytes: &[u8]) -> Option<Request<M>> {
     M::decode(bytes).ok().map(Request::new)
 }
 
-/// The RPCs, by the byte that chooses one.
-#[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)] // The names are those of the RPCs.
-pub enum Kind {
-    CreateStudy,
-    GetStudy,
-    ListStudies,
-    UpdateStudy,
-    DeleteStudy,
-    Suggest,
-    Report,
-    Predict,
-    AbandonTrial,
-    ExtendLease,
-    QueryTrials,
-    GetBest,
-    GetTrial,
-    RenameStudy,
-    ChangeSpace,
-    ExcludeTrial,
+/// The RPCs with their functions, each of which is called with the message that the bytes are.
+macro_rules! rpcs {
+    ($($kind:ident: $call:ident,)*) => {
+        /// The RPCs, by the byte that chooses one.
+        #[derive(Clone, Copy, Debug)]
+        #[allow(missing_docs)] // The names are those of the RPCs.
+        pub enum Kind {
+            $($kind,)*
+        }
+
+        const KINDS: &[Kind] = &[$(Kind::$kind,)*];
+
+        async fn send(service: &Service, kind: Kind, bytes: &[u8]) -> Option<Result<(), Status>> {
+            Some(match kind {
+                $(Kind::$kind => service.$call(decode(bytes)?).await.map(drop),)*
+            })
+        }
+    };
 }
 
-const KINDS: [Kind; 16] = [
-    Kind::CreateStudy,
-    Kind::GetStudy,
-    Kind::ListStudies,
-    Kind::UpdateStudy,
-    Kind::DeleteStudy,
-    Kind::Suggest,
-    Kind::Report,
-    Kind::Predict,
-    Kind::AbandonTrial,
-    Kind::ExtendLease,
-    Kind::QueryTrials,
-    Kind::GetBest,
-    Kind::GetTrial,
-    Kind::RenameStudy,
-    Kind::ChangeSpace,
-    Kind::ExcludeTrial,
-];
-
-async fn send(service: &Service, kind: Kind, bytes: &[u8]) -> Option<Result<(), Status>> {
-    Some(match kind {
-        Kind::CreateStudy => service.create_study(decode(bytes)?).await.map(drop),
-        Kind::GetStudy => service.get_study(decode(bytes)?).await.map(drop),
-        Kind::ListStudies => service.list_studies(decode(bytes)?).await.map(drop),
-        Kind::UpdateStudy => service.update_study(decode(bytes)?).await.map(drop),
-        Kind::DeleteStudy => service.delete_study(decode(bytes)?).await.map(drop),
-        Kind::Suggest => service.suggest(decode(bytes)?).await.map(drop),
-        Kind::Report => service.report(decode(bytes)?).await.map(drop),
-        Kind::Predict => service.predict(decode(bytes)?).await.map(drop),
-        Kind::AbandonTrial => service.abandon_trial(decode(bytes)?).await.map(drop),
-        Kind::ExtendLease => service.extend_lease(decode(bytes)?).await.map(drop),
-        Kind::QueryTrials => service.query_trials(decode(bytes)?).await.map(drop),
-        Kind::GetBest => service.get_best(decode(bytes)?).await.map(drop),
-        Kind::GetTrial => service.get_trial(decode(bytes)?).await.map(drop),
-        Kind::RenameStudy => service.rename_study(decode(bytes)?).await.map(drop),
-        Kind::ChangeSpace => service.change_space(decode(bytes)?).await.map(drop),
-        Kind::ExcludeTrial => service.exclude_trial(decode(bytes)?).await.map(drop),
-    })
+rpcs! {
+    CreateStudy: create_study,
+    GetStudy: get_study,
+    ListStudies: list_studies,
+    UpdateStudy: update_study,
+    DeleteStudy: delete_study,
+    Suggest: suggest,
+    Report: report,
+    Predict: predict,
+    AbandonTrial: abandon_trial,
+    ExtendLease: extend_lease,
+    QueryTrials: query_trials,
+    GetBest: get_best,
+    GetTrial: get_trial,
+    RenameStudy: rename_study,
+    ChangeSpace: change_space,
+    ExcludeTrial: exclude_trial,
 }
 
 /// Sends a request: a byte that says which, and its message.
