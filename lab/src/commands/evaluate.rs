@@ -10,7 +10,7 @@ use treewright_renderer::tuning::objective::Objective;
 
 use super::evaluate_parameters as parameters;
 use super::evaluate_parameters::ParametersArguments;
-use super::evaluate_setup::{ConditionArguments, Progress, add_found, space};
+use super::evaluate_setup::{ConditionArguments, add_found, space, take_all};
 use super::verify_answers as verify;
 use super::verify_answers::VerifyArguments;
 use crate::evaluation::fixed;
@@ -85,37 +85,28 @@ fn record(arguments: &RecordArguments) -> Result<(), CliError> {
     });
     eprintln!("{} measurements are missing in {}", missing.len(), under.record.display());
     let interrupt = Interrupt::listen();
-    let mut progress = Progress::new(missing.len(), under.seconds);
     let mut stages: Vec<Option<Stage>> = entries.iter().map(|_| None).collect();
     let fixed = fixed::candidates(&space)?;
-    for one in missing {
-        if progress.is_over() {
-            eprintln!("the time is up; the same command goes on from here");
-            return Ok(());
-        }
+    take_all(missing, under.seconds, |one| {
         let entry = &entries[one.stage];
         let stage = match &mut stages[one.stage] {
             Some(stage) => stage,
             empty => empty.insert(Stage::new(&entry.name, &entry.load()?, &space, &open.record)?),
         };
         let go_on = || !interrupt.requested();
-        let line = match one.search {
-            Some(objective) => stage.search(one.camera, objective, go_on)?.map(Line::Search),
+        let (line, what) = match one.search {
+            Some(objective) => {
+                let search = stage.search(one.camera, objective, go_on)?;
+                (search.map(Line::Search), format!("{} for {} time", METHOD.name(), objective.name()))
+            }
             None => {
                 let mut all = fixed.clone();
                 add_found(&open.record, &stage.place(one.camera), &[], &mut all);
-                stage.group(GroupKind::Fixed, one.camera, &all, arguments.rounds, go_on).map(Line::Group)
+                let group = stage.group(GroupKind::Fixed, one.camera, &all, arguments.rounds, go_on);
+                (group.map(Line::Group), "fixed configurations".to_owned())
             }
         };
-        let Some(line) = line else {
-            return Err(CliError::Interrupted);
-        };
-        open.add(line)?;
-        let what = match one.search {
-            Some(objective) => format!("{} for {} time", METHOD.name(), objective.name()),
-            None => "fixed configurations".to_owned(),
-        };
-        progress.step(&format!("{} camera {}: {what}", entry.name, one.camera));
-    }
-    Ok(())
+        open.add(line.ok_or(CliError::Interrupted)?)?;
+        Ok(format!("{} camera {}: {what}", entry.name, one.camera))
+    })
 }

@@ -11,7 +11,7 @@ use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 use treewright_scene::Scene;
 
-use super::evaluate_setup::{ConditionArguments, Progress, space};
+use super::evaluate_setup::{ConditionArguments, space, take_all};
 use crate::evaluation::measure::Stage;
 use crate::evaluation::parts::{PARTS, Part, compared, pair};
 use crate::evaluation::record::{GroupKind, Line, OpenRecord, Pair, PartSearch, Place, Versus};
@@ -85,15 +85,10 @@ pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
         tasks.iter().flat_map(|task| (0..entries.len()).map(move |scene| (scene, *task))).collect();
     missing.retain(|(scene, task)| !bench.is_there(&entries[*scene].name, *task));
     eprintln!("{} measurements are missing in {}", missing.len(), arguments.under.record.display());
-    let (interrupt, mut progress) =
-        (Interrupt::listen(), Progress::new(missing.len(), arguments.under.seconds));
+    let interrupt = Interrupt::listen();
     let go_on = || !interrupt.requested();
     let mut scenes: Vec<Option<Arc<Scene>>> = vec![None; entries.len()];
-    for (scene, task) in missing {
-        if progress.is_over() {
-            eprintln!("the time is up; the same command goes on from here");
-            return Ok(());
-        }
+    take_all(missing, arguments.under.seconds, |(scene, task)| {
         let (name, loaded) = (&entries[scene].name, &mut scenes[scene]);
         let scene = match loaded {
             Some(scene) => scene,
@@ -105,9 +100,8 @@ pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
             Task::Pair(versus) => bench.compare(name, scene, versus, go_on)?,
         };
         bench.open.add(line.ok_or(CliError::Interrupted)?)?;
-        progress.step(&format!("{name}: {}", describe(task)));
-    }
-    Ok(())
+        Ok(format!("{name}: {}", describe(task)))
+    })
 }
 
 fn tasks(arguments: &ParametersArguments) -> Vec<Task> {

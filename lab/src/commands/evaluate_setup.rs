@@ -1,4 +1,4 @@
-//! The common part of the commands below `treewright-lab evaluate`: scenes, conditions, record, progress.
+//! The common part of the commands that record: scenes, conditions, and one measurement after the other.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -95,29 +95,24 @@ impl SceneArguments {
     }
 }
 
-/// The progress of a run, and its expected end.
-pub(super) struct Progress {
-    begin: Instant,
-    limit: Option<Duration>,
-    done: usize,
-    all: usize,
-}
-
-impl Progress {
-    pub(super) fn new(all: usize, seconds: Option<u64>) -> Self {
-        Self { begin: Instant::now(), limit: seconds.map(Duration::from_secs), done: 0, all }
+/// Takes one missing measurement after the other, says what `take` calls it and how long the rest will last,
+/// and begins no other when the time is up.
+pub(super) fn take_all<T>(
+    missing: Vec<T>,
+    seconds: Option<u64>,
+    mut take: impl FnMut(T) -> Result<String, CliError>,
+) -> Result<(), CliError> {
+    let (begin, all) = (Instant::now(), missing.len());
+    for (done, one) in (1_usize..).zip(missing) {
+        if seconds.is_some_and(|seconds| begin.elapsed() >= Duration::from_secs(seconds)) {
+            eprintln!("the time is up; the same command goes on from here");
+            break;
+        }
+        let what = take(one)?;
+        let left_s = begin.elapsed().as_secs_f64() / done as f64 * (all - done) as f64;
+        eprintln!("{done}/{all} {what}; about {:.0} min left", left_s / 60.0);
     }
-
-    pub(super) fn is_over(&self) -> bool {
-        self.limit.is_some_and(|limit| self.begin.elapsed() >= limit)
-    }
-
-    pub(super) fn step(&mut self, what: &str) {
-        self.done += 1;
-        let spent = self.begin.elapsed().as_secs_f64();
-        let left = spent / self.done as f64 * (self.all - self.done) as f64;
-        eprintln!("{}/{} {what}; about {:.0} min left", self.done, self.all, left / 60.0);
-    }
+    Ok(())
 }
 
 /// A machine with the versions of the programs that are measured on it.

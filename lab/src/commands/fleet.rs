@@ -12,7 +12,7 @@ use treewright_render_cli::output;
 use treewright_render_cli::server::machine;
 use treewright_renderer::limits::{ROUNDS_MAX, THREADS_MAX};
 
-use super::evaluate_setup::{Progress, SceneArguments};
+use super::evaluate_setup::{SceneArguments, take_all};
 use crate::converge::bootstrap::{Interval, in_words};
 use crate::fleet::judge::{Row, rows};
 use crate::fleet::machines::Machine;
@@ -174,24 +174,22 @@ const EXAMINE: &str = "examine";
 fn measure(record: &Record) -> Result<(), CliError> {
     let interrupt = Interrupt::listen();
     let machines = &record.conditions.machines;
-    let mut progress = Progress::new(2 * machines.len(), None);
     let failed = |error: std::io::Error| CliError::Failed(format!("this program does not start: {error}"));
     let program = std::env::current_exe().map_err(failed)?;
-    for step in [SEARCH, EXAMINE] {
-        for machine in machines {
-            let mut command = Command::new(&program);
-            command.args(std::env::args_os().skip(1)).args(["--node", &machine.to_string(), step]);
-            let ended = command.env(ISA, &machine.isa).status().map_err(failed)?;
-            if interrupt.requested() {
-                return Err(CliError::Interrupted);
-            }
-            if !ended.success() {
-                return Err(CliError::Failed(format!("{step} on {machine} failed: {ended}")));
-            }
-            progress.step(&format!("{step} on {machine}"));
+    let steps = [SEARCH, EXAMINE].into_iter();
+    let steps = steps.flat_map(|step| machines.iter().map(move |machine| (step, machine)));
+    take_all(steps.collect(), None, |(step, machine)| {
+        let mut command = Command::new(&program);
+        command.args(std::env::args_os().skip(1)).args(["--node", &machine.to_string(), step]);
+        let ended = command.env(ISA, &machine.isa).status().map_err(failed)?;
+        if interrupt.requested() {
+            return Err(CliError::Interrupted);
         }
-    }
-    Ok(())
+        if !ended.success() {
+            return Err(CliError::Failed(format!("{step} on {machine} failed: {ended}")));
+        }
+        Ok(format!("{step} on {machine}"))
+    })
 }
 
 /// One step of one machine in all scenes where it is missing.

@@ -15,7 +15,7 @@ use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 
-use super::evaluate_setup::{Progress, SceneArguments, add_found, space};
+use super::evaluate_setup::{SceneArguments, add_found, space, take_all};
 use crate::evaluation::answers::{Answers, School};
 use crate::evaluation::folds::{Fold, folds};
 use crate::evaluation::judge::{Verdict, best_fixed, judge};
@@ -23,6 +23,7 @@ use crate::evaluation::measure::{MILESTONES, Stage};
 use crate::evaluation::page::{Report, html, tables};
 use crate::evaluation::record::{GroupKind, Line, METHOD, OpenRecord, Place, Record, Search};
 use crate::evaluation::summary::standings;
+use crate::leave_scene_out::suite::Entry;
 
 /// Seed of the random splits.
 const FOLD_SEED: u64 = 1;
@@ -154,39 +155,37 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
     let examined = Examined::new(&arguments.folds)?;
     let entries = arguments.scenes.entries()?;
     let mut open = OpenRecord::open(&arguments.folds.record, &examined.record.conditions)?;
-    let mut missing: BTreeMap<&str, Vec<(&Place, Vec<Configuration>)>> = BTreeMap::new();
+    // Scene by scene, as places are sorted.
+    let mut missing: Vec<(&Place, Vec<Configuration>)> = Vec::new();
     for (place, mut all) in examined.wanted() {
         add_found(&open.record, place, &[], &mut all);
         let group = open.record.groups.get(&(GroupKind::Answers, place.clone()));
         if !all.iter().all(|one| group.is_some_and(|group| group.member(one).is_some())) {
-            missing.entry(&place.scene).or_default().push((place, all));
+            missing.push((place, all));
         }
     }
-    let count = missing.values().map(Vec::len).sum();
-    eprintln!("what is compared at {count} cameras is not measured in the same rounds yet");
-    let (interrupt, mut progress) = (Interrupt::listen(), Progress::new(count, None));
-    let space = Arc::new(examined.space.clone());
-    for (scene, places) in missing {
-        let entry = entries.iter().find(|entry| entry.name == scene);
-        let entry = entry.ok_or_else(|| {
-            CliError::Usage(format!(
-                "the record has a scene {scene}; say where it is with --scene {scene}=PATH"
-            ))
-        })?;
-        let mut stage = Stage::new(scene, &entry.load()?, &space, &open.record)?;
-        for (place, configurations) in places {
-            let go_on = || !interrupt.requested();
-            let group =
-                stage.group(GroupKind::Answers, place.camera, &configurations, arguments.rounds, go_on);
-            open.add(Line::Group(group.ok_or(CliError::Interrupted)?))?;
-            progress.step(&format!(
-                "{scene} camera {}: {} configurations",
-                place.camera,
-                configurations.len()
-            ));
-        }
-    }
-    Ok(())
+    eprintln!("what is compared at {} cameras is not measured in the same rounds yet", missing.len());
+    let (interrupt, space) = (Interrupt::listen(), Arc::new(examined.space.clone()));
+    let mut loaded: Option<Stage> = None;
+    take_all(missing, None, |(place, configurations)| {
+        let scene = place.scene.as_str();
+        let same = loaded.take().filter(|stage| stage.name == scene);
+        let stage = loaded.insert(match same {
+            Some(same) => same,
+            None => Stage::new(scene, &find(&entries, scene)?.load()?, &space, &open.record)?,
+        });
+        let go_on = || !interrupt.requested();
+        let group = stage.group(GroupKind::Answers, place.camera, &configurations, arguments.rounds, go_on);
+        open.add(Line::Group(group.ok_or(CliError::Interrupted)?))?;
+        Ok(format!("{scene} camera {}: {} configurations", place.camera, configurations.len()))
+    })
+}
+
+/// A scene of a record by its name.
+fn find<'a>(entries: &'a [Entry], scene: &str) -> Result<&'a Entry, CliError> {
+    entries.iter().find(|entry| entry.name == scene).ok_or_else(|| {
+        CliError::Usage(format!("the record has a scene {scene}; say where it is with --scene {scene}=PATH"))
+    })
 }
 
 /// Judges a record and writes the page and its numbers.
