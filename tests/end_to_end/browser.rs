@@ -4,7 +4,7 @@
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -13,7 +13,7 @@ use treewright_tests::programs::token;
 use treewright_tests::sandbox::skip;
 
 use crate::dashboard;
-use crate::site::{ask, say};
+use crate::site::{Site, ask, say};
 
 /// Longest wait for something that should happen by itself.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -182,24 +182,27 @@ fn exchange(address: &str, request: &str) -> std::io::Result<(u16, Vec<u8>)> {
 }
 
 /// A study of several states, in which some trials were measured.
-fn scenes(folder: &Path, url: &str) {
+fn scenes(site: &Site) {
     let study = "display_name = \"Two scenes, four sizes\"\n\
                  [[parameters]]\nname = \"min_leaf_size\"\ntype = \"integer\"\nmin = 1\nmax = 16\ndefault = 1\n\
                  [[parameters]]\nname = \"max_leaf_size\"\ntype = \"integer\"\nmin = 1\nmax = 32\ndefault = 32\n\
                  [[indicators]]\nname = \"triangles\"\nmin = 0\nmax = 1000000\nscale = \"log\"\n\
                  [[indicators]]\nname = \"occlusion\"\nmin = 0\nmax = 1\n\
                  [[objective]]\nmetric = \"render_ms\"\n[policy]\nepsilon = 1\nconfirm_rounds = 4\ntrials_per_state = 12\n";
-    dashboard::create_of(folder, url, "scenes", study);
+    dashboard::create_of(site, "scenes", study);
     for (triangles, occlusion) in [("1000", "0.1"), ("200000", "0.1"), ("1000", "0.8"), ("900000", "0.7")] {
         let indicators = [format!("triangles={triangles}"), format!("occlusion={occlusion}")];
         let best = 4.0 + triangles.len() as f64 * 3.0;
         for step in 0..20 {
             let [triangles, occlusion] = &indicators;
             let place = ["--indicator", triangles, "--indicator", occlusion];
-            let trial = ask(url, &[&["suggest", "scenes"], &place[..]].concat());
+            let trial = ask(site.url(), &[&["suggest", "scenes"], &place[..]].concat());
             let leaf = trial["configuration"]["max_leaf_size"].as_f64().expect("a number");
             let cost = 20.0 + (leaf - best).powi(2) / 20.0 + 0.1 * f64::from(step % 3);
-            say(url, &["report", trial["name"].as_str().expect("a name"), &format!("render_ms={cost}")]);
+            say(
+                site.url(),
+                &["report", trial["name"].as_str().expect("a name"), &format!("render_ms={cost}")],
+            );
         }
     }
 }
@@ -299,10 +302,9 @@ fn choose_studies(browser: &Browser, address: &str) {
     browser.is_content();
 }
 
-fn log_in(browser: &Browser, folder: &Path) {
-    let database = folder.join("tuning.db");
-    let (_daemon, address) = dashboard::start(folder, &["--tokens"]);
-    let good = token(&database, &["--scope", "read"]);
+fn log_in(browser: &Browser) {
+    let (site, address) = dashboard::start(&["--tokens"]);
+    let good = token(&site.database(), &["--scope", "read"]);
     browser.goto(format!("http://{address}/studies/toy"));
     assert!(browser.becomes("return location.pathname === '/login'"));
     browser.type_into("[name=token]", &format!("tw1_wrong{ENTER}"));
@@ -328,16 +330,14 @@ fn the_dashboard_works_in_a_browser() {
         Ok(browser) => browser,
         Err(why) => return skip("the dashboard in a browser", &why),
     };
-    let folder = tempfile::tempdir().expect("a folder");
-    let (daemon, address) = dashboard::start(folder.path(), &[]);
-    dashboard::create(folder.path(), daemon.url());
-    dashboard::measure(daemon.url(), &["loss=10", "loss=4", "loss=6", "--infeasible|no room"]);
-    scenes(folder.path(), daemon.url());
+    let (site, address) = dashboard::start(&[]);
+    dashboard::create(&site);
+    dashboard::measure(site.url(), &["loss=10", "loss=4", "loss=6", "--infeasible|no room"]);
+    scenes(&site);
     look_at_pages(&browser, &address);
     use_the_keyboard(&browser, &address);
     filter(&browser, &address);
-    follow(&browser, &address, daemon.url());
+    follow(&browser, &address, site.url());
     choose_studies(&browser, &address);
-    let other = tempfile::tempdir().expect("a folder");
-    log_in(&browser, other.path());
+    log_in(&browser);
 }

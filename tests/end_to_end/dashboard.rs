@@ -2,13 +2,12 @@
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
-use std::path::Path;
 use std::time::Duration;
 
-use treewright_tests::daemon::Daemon;
+use tempfile::TempDir;
 use treewright_tests::programs::token;
 
-use crate::site::{ask, path_text, say, wait_until};
+use crate::site::{Site, ask, say, wait_until};
 
 /// An answer: its status, its head and its body.
 pub(crate) struct Answer {
@@ -38,23 +37,26 @@ fn post(address: &str, path: &str, more: &str, form: &str) -> Answer {
     request(address, &format!("{head}Content-Length: {}\r\n\r\n{form}", form.len()))
 }
 
-/// Where a daemon's log says that its metrics are served.
-pub(crate) fn metrics(log: &Path) -> String {
-    let text = std::fs::read_to_string(log).expect("the log");
+/// Where a daemon says in its log that it serves its metrics.
+pub(crate) fn metrics(site: &Site) -> String {
+    let text = site.log();
     let line = text.lines().find(|line| line.contains("metrics are served")).expect("it says where");
     let address = line.split("address=").nth(1).and_then(|rest| rest.split_whitespace().next());
     address.expect("an address").to_owned()
 }
 
 /// A daemon with a dashboard, and where that is.
-pub(crate) fn start(folder: &Path, more: &[&str]) -> (Daemon, String) {
-    let log = folder.join("daemon.log");
-    let mut all = vec!["--dashboard", "127.0.0.1:0"];
-    all.extend(more);
-    let daemon = Daemon::start_with(&folder.join("tuning.db"), &all, &log);
-    let log = std::fs::read_to_string(log).expect("the log");
+pub(crate) fn start(more: &[&str]) -> (Site, String) {
+    start_within(tempfile::tempdir().expect("a folder"), more)
+}
+
+/// As [`start`], in a folder that may hold a database.
+fn start_within(folder: TempDir, more: &[&str]) -> (Site, String) {
+    let site = Site::within(folder, &[&["--dashboard", "127.0.0.1:0"], more].concat());
+    let log = site.log();
     let url = log.split("url=http://").nth(1).expect("the log names the dashboard");
-    (daemon, url.split('/').next().expect("an address").to_owned())
+    let address = url.split('/').next().expect("an address").to_owned();
+    (site, address)
 }
 
 pub(crate) fn measure(url: &str, reports: &[&str]) {
@@ -66,29 +68,27 @@ pub(crate) fn measure(url: &str, reports: &[&str]) {
     }
 }
 
-pub(crate) fn create(folder: &Path, url: &str) {
+pub(crate) fn create(site: &Site) {
     let study = "display_name = \"<script>alert(1)</script>\"\n\
                  [[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
                  [[parameters]]\nname = \"kind\"\ntype = \"categorical\"\nvalues = [\"<b>\", \"plain\"]\ndefault = \"<b>\"\n\
                  [[objective]]\nmetric = \"loss\"\n[policy]\nepsilon = 1\n";
-    create_of(folder, url, "toy", study);
+    create_of(site, "toy", study);
 }
 
 /// Creates a study from its text.
-pub(crate) fn create_of(folder: &Path, url: &str, name: &str, study: &str) {
-    let file = folder.join(format!("{name}.toml"));
-    std::fs::write(&file, study).expect("a file");
-    say(url, &["study", "create", path_text(&file)]);
+pub(crate) fn create_of(site: &Site, name: &str, study: &str) {
+    let file = site.write(&format!("{name}.toml"), study);
+    say(site.url(), &["study", "create", &file]);
 }
 
 #[test]
 fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let (daemon, address) = start(folder.path(), &[]);
-    create(folder.path(), daemon.url());
+    let (site, address) = start(&[]);
+    create(&site);
     let mut reports = vec!["loss=10", "loss=4", "loss=6", "--infeasible|<img src=x>"];
     reports.extend(["loss=5", "loss=7", "loss=8", "loss=9", "loss=3", "loss=5.5"]);
-    measure(daemon.url(), &reports);
+    measure(site.url(), &reports);
     // Summaries are made in the background.
     wait_until("a summary", || get(&address, "/", "").body.contains(">searching</td>"));
     for (path, words) in [
@@ -183,19 +183,15 @@ fn list_with(address: &str, cookie: &str, word: &str) -> String {
 
 #[test]
 fn one_list_holds_the_studies_of_other_daemons() {
-    let folders = [(); 3].map(|()| tempfile::tempdir().expect("a folder"));
-    let (one, first) = start(folders[0].path(), &[]);
-    create(folders[0].path(), one.url());
+    let (one, first) = start(&[]);
+    create(&one);
     measure(one.url(), &["loss=10", "loss=4"]);
     // The second asks for tokens; whoever shows none is led to its log-in.
-    let database = folders[1].path().join("tuning.db");
-    let (_two, second) = start(folders[1].path(), &["--tokens"]);
-    let shown = token(&database, &["--scope", "read"]);
-    let file = folders[2].path().join("token");
-    std::fs::write(&file, &shown).expect("a file");
+    let (two, second) = start(&["--tokens"]);
+    let shown = token(&two.database(), &["--scope", "read"]);
     let peers = format!("farm=http://{first},guarded=http://{second},gone=http://127.0.0.1:1");
     let asks = ["--dashboard-peers", peers.as_str()];
-    let (third, address) = start(folders[2].path(), &asks);
+    let (third, address) = start(&asks);
     let list = list_with(&address, "", ">searching</td>");
     for word in [
         &format!("href=\"http://{first}/studies/toy\"")[..],
@@ -210,11 +206,12 @@ fn one_list_holds_the_studies_of_other_daemons() {
     assert!(!list.contains("type=\"checkbox\""), "only own studies can be compared: {list}");
     // A request cannot name another address.
     assert_eq!(get(&address, &format!("/?dashboard-peers=x=http://{first}"), "").status, 400);
-    third.kill();
+    let Site { daemon, folder } = third;
+    daemon.kill();
 
-    let named = format!("guarded={}", path_text(&file));
+    let named = format!("guarded={}", two.write("token", &shown));
     let with_token = [&asks[..], &["--dashboard-token-files", named.as_str()]].concat();
-    let (_third, address) = start(folders[2].path(), &with_token);
+    let (third, address) = start_within(folder, &with_token);
     let list = list_with(&address, "", ">searching</td>");
     // The second daemon follows its database, where the token was just made.
     let mut after = String::new();
@@ -226,18 +223,16 @@ fn one_list_holds_the_studies_of_other_daemons() {
     for page in [&list, &after] {
         assert!(!page.contains("tw1_"), "no page holds a token");
     }
-    let log = std::fs::read_to_string(folders[2].path().join("daemon.log")).expect("the log");
-    assert!(!log.contains(&shown), "nor does the log");
+    assert!(!third.log().contains(&shown), "nor does the log");
 }
 
 #[test]
 fn what_is_maximised_is_shown_in_its_own_unit() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let (daemon, address) = start(folder.path(), &[]);
+    let (site, address) = start(&[]);
     let study = "[[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
                  [[objective]]\nmetric = \"fps\"\nmaximise = true\n[policy]\nepsilon = 1\n";
-    create_of(folder.path(), daemon.url(), "toy", study);
-    measure(daemon.url(), &["fps=50", "fps=80", "fps=40"]);
+    create_of(&site, "toy", study);
+    measure(site.url(), &["fps=50", "fps=80", "fps=40"]);
     for (path, words) in [
         (
             "/studies/toy",
@@ -263,7 +258,7 @@ fn what_is_maximised_is_shown_in_its_own_unit() {
         }
         assert!(!answer.body.contains("0.0125"), "{path} tells a cost: {}", answer.body);
     }
-    let printed = |command: &[&str]| say(daemon.url(), command);
+    let printed = |command: &[&str]| say(site.url(), command);
     assert!(printed(&["trials", "toy"]).contains("fps (higher is better)"));
     assert!(
         printed(&["trials", "toy", "--format", "csv"])
@@ -273,38 +268,33 @@ fn what_is_maximised_is_shown_in_its_own_unit() {
     );
     assert!(printed(&["best", "toy"]).starts_with("fps (higher is better)"));
     assert!(printed(&["explain", "toy/trials/2"]).contains("fps 80"));
-    let best = ask(daemon.url(), &["best", "toy"]);
+    let best = ask(site.url(), &["best", "toy"]);
     assert_eq!(best["default_value"], 50.0, "{best}");
 }
 
 #[test]
 fn what_changes_is_told() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let (daemon, address) = start(folder.path(), &[]);
-    create(folder.path(), daemon.url());
+    let (site, address) = start(&[]);
+    create(&site);
     let mut stream = TcpStream::connect(&address).expect("the dashboard listens");
     stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a time limit");
     let request = format!("GET /studies/toy/events HTTP/1.1\r\nHost: {address}\r\n\r\n");
     stream.write_all(request.as_bytes()).expect("it is sent");
     let mut lines = BufReader::new(stream).lines().map(|line| line.expect("a line"));
     assert!(lines.any(|line| line == ":"), "it is looked at");
-    measure(daemon.url(), &["loss=10"]);
+    measure(site.url(), &["loss=10"]);
     assert!(lines.any(|line| line == "event: change"));
 }
 
 #[test]
 fn wrong_logins_are_counted_and_pages_use_up_a_quota() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let database = folder.path().join("tuning.db");
-    let slow = {
-        let make = || token(&database, &["--scope", "read", "--requests-per-s", "2"]);
-        // The database is made by the first daemon.
-        drop(start(folder.path(), &["--tokens"]));
-        make()
-    };
-    let (daemon, address) = start(folder.path(), &["--tokens", "--metrics", "127.0.0.1:0"]);
-    let log = || std::fs::read_to_string(folder.path().join("daemon.log")).expect("the log");
-    let metrics = metrics(&folder.path().join("daemon.log"));
+    // The database is made by the first daemon.
+    let (first, _) = start(&["--tokens"]);
+    let slow = token(&first.database(), &["--scope", "read", "--requests-per-s", "2"]);
+    let Site { daemon, folder } = first;
+    daemon.kill();
+    let (site, address) = start_within(folder, &["--tokens", "--metrics", "127.0.0.1:0"]);
+    let metrics = metrics(&site);
     let counted = |reason: &str| {
         let text = get(&metrics, "/metrics", "").body;
         let name = format!("treewright_refusals_total{{reason=\"{reason}\"}} ");
@@ -317,7 +307,7 @@ fn wrong_logins_are_counted_and_pages_use_up_a_quota() {
     }
     assert_eq!(get(&address, "/", "Cookie: treewright_token=tw1_wrong\r\n").status, 303);
     assert_eq!(counted("token"), 4);
-    assert!(log().contains("request refused"), "{}", log());
+    assert!(site.log().contains("request refused"), "{}", site.log());
 
     let cookie = format!("Cookie: treewright_token={slow}\r\n");
     let answers: Vec<Answer> = (0..12).map(|_| get(&address, "/", &cookie)).collect();
@@ -325,15 +315,13 @@ fn wrong_logins_are_counted_and_pages_use_up_a_quota() {
     assert_eq!(answers[0].status, 200);
     assert!(!refused.is_empty() && refused[0].head.contains("retry-after: 1"), "{}", answers[11].head);
     assert!(counted("quota") >= refused.len() as u64);
-    assert!(daemon.terminate().success());
+    assert!(site.daemon.terminate().success());
 }
 
 #[test]
 fn who_shows_no_token_sees_nothing() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let database = folder.path().join("tuning.db");
-    let (_daemon, address) = start(folder.path(), &["--tokens"]);
-    let token = |more: &[&str]| token(&database, more);
+    let (site, address) = start(&["--tokens"]);
+    let token = |more: &[&str]| token(&site.database(), more);
     // The one that is waited for below is the last, so that the daemon knows both then.
     let narrow = token(&["--scope", "read", "--study", "other"]);
     let good = token(&["--scope", "read"]);
@@ -366,22 +354,18 @@ fn who_shows_no_token_sees_nothing() {
 
 #[test]
 fn a_token_that_may_change_a_study_steers_it_from_its_pages() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let database = folder.path().join("tuning.db");
-    let (daemon, address) = start(folder.path(), &["--tokens"]);
+    let (site, address) = start(&["--tokens"]);
+    let database = site.database();
     let reads = token(&database, &["--scope", "read"]);
     let admin = token(&database, &["--scope", "admin"]);
-    let file = folder.path().join("token");
-    std::fs::write(&file, &admin).expect("a file");
-    let shell = |given: &[&str]| say(daemon.url(), &[&["--token-file", path_text(&file)], given].concat());
+    let file = site.write("token", &admin);
+    let shell = |given: &[&str]| say(site.url(), &[&["--token-file", file.as_str()], given].concat());
     // The daemon follows the database, where the tokens were just made.
     let cookie = |token: &str| format!("Cookie: treewright_token={token}\r\n");
     wait_until("the token comes into force", || get(&address, "/", &cookie(&admin)).status == 200);
-    let toy = folder.path().join("toy.toml");
     let study = "[[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
                  [[objective]]\nmetric = \"loss\"\n";
-    std::fs::write(&toy, study).expect("a file");
-    shell(&["study", "create", path_text(&toy)]);
+    shell(&["study", "create", &site.write("toy.toml", study)]);
     shell(&["--json", "suggest", "toy"]);
     shell(&["report", "studies/toy/trials/1", "loss=10"]);
     let send = |token: &str, path: &str, form: &str, origin: &str| {

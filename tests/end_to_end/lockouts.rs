@@ -135,7 +135,7 @@ fn ask(address: &str, path: &str) -> Option<String> {
 #[test]
 fn slow_connections_keep_nobody_from_asking_whether_the_daemon_lives() {
     let site = Site::with(&["--metrics", "127.0.0.1:0"]);
-    let address = dashboard::metrics(&site.file("log"));
+    let address = dashboard::metrics(&site);
     for says in [
         &b""[..],
         b"G",
@@ -154,8 +154,7 @@ fn slow_connections_keep_nobody_from_asking_whether_the_daemon_lives() {
 
 #[test]
 fn slow_logins_keep_nobody_from_the_dashboard() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let (daemon, address) = dashboard::start(folder.path(), &["--tokens"]);
+    let (site, address) = dashboard::start(&["--tokens"]);
     let login = b"POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nt";
     let slow = hold(&address, 200, login);
     for attempt in 0..10 {
@@ -169,7 +168,7 @@ fn slow_logins_keep_nobody_from_the_dashboard() {
     let _ = last.read_to_string(&mut answer);
     assert!(answer.is_empty() || answer.contains("408"), "{answer}");
     assert!(begin.elapsed() < Duration::from_secs(15), "{:?}", begin.elapsed());
-    assert!(daemon.terminate().success());
+    assert!(site.daemon.terminate().success());
 }
 
 #[tokio::test]

@@ -28,9 +28,18 @@ impl Site {
 
     /// With further arguments, and its log in the folder's file `log`.
     pub(crate) fn with(arguments: &[&str]) -> Self {
-        let folder = tempfile::tempdir().expect("a scratch folder");
+        Self::within(tempfile::tempdir().expect("a scratch folder"), arguments)
+    }
+
+    /// As [`Self::with`], in a folder that may hold a database.
+    pub(crate) fn within(folder: TempDir, arguments: &[&str]) -> Self {
         let file = |name: &str| folder.path().join(name);
         Self { daemon: Daemon::start_with(&file("tuning.db"), arguments, &file("log")), folder }
+    }
+
+    /// What a daemon with further arguments has logged.
+    pub(crate) fn log(&self) -> String {
+        std::fs::read_to_string(self.file("log")).expect("the log")
     }
 
     pub(crate) fn url(&self) -> &str {

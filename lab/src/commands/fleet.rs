@@ -177,8 +177,9 @@ fn measure(record: &Record) -> Result<(), CliError> {
     let failed = |error: std::io::Error| CliError::Failed(format!("this program does not start: {error}"));
     let program = std::env::current_exe().map_err(failed)?;
     let steps = [SEARCH, EXAMINE].into_iter();
-    let steps = steps.flat_map(|step| machines.iter().map(move |machine| (step, machine)));
-    take_all(steps.collect(), None, |(step, machine)| {
+    let steps: Vec<(&str, &Machine)> =
+        steps.flat_map(|step| machines.iter().map(move |machine| (step, machine))).collect();
+    take_all(steps, None, |(step, machine)| {
         let mut command = Command::new(&program);
         command.args(std::env::args_os().skip(1)).args(["--node", &machine.to_string(), step]);
         let ended = command.env(ISA, &machine.isa).status().map_err(failed)?;
