@@ -3,7 +3,7 @@
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use tonic::metadata::MetadataValue;
@@ -11,18 +11,16 @@ use tonic::transport::{Certificate, Channel, ClientTlsConfig, Identity};
 use tonic::{Code, Request, Status};
 use treewright_proto::v1 as pb;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
-use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr, token};
 
 use crate::guard::{self, Authority, Caller, in_force, until};
-use crate::site::wait_until;
+use crate::site::{Site, path_text, wait_until};
 use crate::wire;
 
 /// A daemon behind TLS and tokens.
 struct Guarded {
-    daemon: Daemon,
+    site: Site,
     authority: Authority,
-    folder: tempfile::TempDir,
 }
 
 impl Guarded {
@@ -30,31 +28,21 @@ impl Guarded {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let authority = Authority::new();
         let (certificate, key) = authority.issue("localhost");
-        write(folder.path(), "cert.pem", &certificate);
-        write(folder.path(), "key.pem", &key);
+        let certificate = write(folder.path(), "cert.pem", &certificate);
+        let key = write(folder.path(), "key.pem", &key);
         write(folder.path(), "ca.pem", &authority.pem);
-        let at = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
-        let (certificate, key) = (at("cert.pem"), at("key.pem"));
-        let mut arguments = vec!["--tls-cert", &certificate, "--tls-key", &key, "--tokens", "--log", "trace"];
-        arguments.extend(more);
-        let log = folder.path().join("log");
-        let daemon = Daemon::start_with(&folder.path().join("tuning.db"), &arguments, &log);
-        Self { daemon, authority, folder }
-    }
-
-    fn file(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
+        let tls = ["--tls-cert", &certificate, "--tls-key", &key, "--tokens", "--log", "trace"];
+        Self { site: Site::within(folder, &[&tls[..], more].concat()), authority }
     }
 
     /// Makes a token with the command line, beside the running daemon.
     fn token(&self, arguments: &[&str]) -> String {
-        token(&self.file("tuning.db"), arguments)
+        token(&self.site.database(), arguments)
     }
 
     fn revoke(&self, token: &str) {
-        let database = self.file("tuning.db").to_string_lossy().into_owned();
         let id = token.split('_').nth(1).expect("an id");
-        let output = run("treewrightd", &["token", "revoke", "--database", &database, id]);
+        let output = run("treewrightd", &["token", "revoke", "--database", &self.site.path("tuning.db"), id]);
         assert!(output.status.success(), "{}", stderr(&output));
     }
 
@@ -65,7 +53,7 @@ impl Guarded {
     }
 
     async fn channel(&self, tls: ClientTlsConfig) -> Result<Channel, tonic::transport::Error> {
-        Channel::from_shared(self.daemon.url().to_owned())
+        Channel::from_shared(self.site.url().to_owned())
             .expect("an address")
             .tls_config(tls)
             .expect("TLS")
@@ -79,8 +67,11 @@ impl Guarded {
     }
 }
 
-fn write(folder: &Path, name: &str, text: &str) {
-    std::fs::write(folder.join(name), text).expect("a scratch file");
+/// Writes a file, and returns its path.
+fn write(folder: &Path, name: &str, text: &str) -> String {
+    let path = folder.join(name);
+    std::fs::write(&path, text).expect("a scratch file");
+    path_text(&path).to_owned()
 }
 
 fn list() -> pb::ListStudiesRequest {
@@ -185,8 +176,9 @@ async fn every_attempt_is_refused_with_the_right_status() {
     assert!(owner.list_studies(list()).await.expect("a list").into_inner().studies.len() == 1);
 
     // No attempt has brought a secret into the log, even at its finest level.
-    assert!(guarded.daemon.terminate().success());
-    let log = std::fs::read_to_string(guarded.folder.path().join("log")).expect("a log");
+    let file = guarded.site.file("log");
+    assert!(guarded.site.daemon.terminate().success());
+    let log = std::fs::read_to_string(file).expect("a log");
     assert!(log.contains("request refused") && log.contains("TRACE"), "the log is fine enough to tell");
     for token in [&admin, &reader, &farm, &short, &ended, &slow, &wrong] {
         let secret = token.splitn(3, '_').nth(2).expect("a secret");
@@ -199,14 +191,14 @@ async fn plain_text_and_strangers_end_quickly() {
     let guarded = Guarded::start(&[]);
     let start = Instant::now();
     // Plain HTTP/2 against TLS: an alert or an end, and soon.
-    let mut plain = TcpStream::connect(guarded.daemon.address()).expect("a connection");
+    let mut plain = TcpStream::connect(guarded.site.daemon.address()).expect("a connection");
     plain.set_read_timeout(Some(Duration::from_secs(10))).expect("set");
     plain.write_all(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n").expect("sent");
     let mut answer = Vec::new();
     // The end may be a reset.
     let _ = plain.read_to_end(&mut answer);
     assert!(!answer.starts_with(b"HTTP") && answer.len() < 64, "{answer:?}");
-    let insecure = TuningServiceClient::connect(guarded.daemon.url().replace("https", "http")).await;
+    let insecure = TuningServiceClient::connect(guarded.site.url().replace("https", "http")).await;
     if let Ok(mut insecure) = insecure {
         insecure.list_studies(list()).await.expect_err("refused");
     }
@@ -225,8 +217,7 @@ async fn a_client_without_the_right_certificate_is_refused() {
         // The authority of the clients is another one than the daemon's.
         let clients = Authority::new();
         let folder = tempfile::tempdir().expect("a scratch folder");
-        write(folder.path(), "clients.pem", &clients.pem);
-        let file = folder.path().join("clients.pem").to_string_lossy().into_owned();
+        let file = write(folder.path(), "clients.pem", &clients.pem);
         (Guarded::start(&["--tls-client-ca", &file]), clients, folder)
     };
     let (guarded, clients, _folder) = guarded;
@@ -254,18 +245,17 @@ async fn certificates_are_renewed_without_a_restart() {
     in_force(&mut before).await;
 
     // A broken certificate changes nothing.
-    std::fs::write(guarded.file("cert.pem"), "no certificate").expect("written");
-    guarded.daemon.signal("HUP");
-    let log = guarded.file("log");
-    let said = |words: &str| std::fs::read_to_string(&log).is_ok_and(|log| log.contains(words));
-    wait_until("the broken certificate is told", || said("the old ones stay in force"));
+    guarded.site.write("cert.pem", "no certificate");
+    guarded.site.daemon.signal("HUP");
+    let said = || guarded.site.log().contains("the old ones stay in force");
+    wait_until("the broken certificate is told", said);
     guarded.caller(Some(&token)).await.list_studies(list()).await.expect("the old one serves");
 
     // A new one, of a new authority: the key first, as a careless operator would.
     let other = Authority::new();
     let (certificate, key) = other.issue("localhost");
-    std::fs::write(guarded.file("key.pem"), key).expect("written");
-    std::fs::write(guarded.file("cert.pem"), certificate).expect("written");
+    guarded.site.write("key.pem", &key);
+    guarded.site.write("cert.pem", &certificate);
     let tls =
         || ClientTlsConfig::new().ca_certificate(Certificate::from_pem(&other.pem)).domain_name("localhost");
     let connect =
@@ -280,10 +270,9 @@ async fn the_command_line_client_shows_token_and_checks_certificate() {
     let token = guarded.token(&["--scope", "read"]);
     let mut caller = guarded.caller(Some(&token)).await;
     in_force(&mut caller).await;
-    std::fs::write(guarded.file("token"), format!("{token}\n")).expect("written");
-    let url = guarded.daemon.url().replace("127.0.0.1", "localhost");
-    let at = |name: &str| guarded.file(name).to_string_lossy().into_owned();
-    let (ca, token_file) = (at("ca.pem"), at("token"));
+    let token_file = guarded.site.write("token", &format!("{token}\n"));
+    let url = guarded.site.url().replace("127.0.0.1", "localhost");
+    let ca = guarded.site.path("ca.pem");
     let good =
         run("treewright", &["studies", "--server", &url, "--tls-ca", &ca, "--token-file", &token_file]);
     assert!(good.status.success(), "{}", stderr(&good));
@@ -304,7 +293,7 @@ fn a_slow_loris_is_cut_off_and_holds_up_nobody() {
     let start = Instant::now();
     let mut idle: Vec<TcpStream> = (0..200)
         .map(|_| {
-            let stream = TcpStream::connect(guarded.daemon.address()).expect("a connection");
+            let stream = TcpStream::connect(guarded.site.daemon.address()).expect("a connection");
             stream.set_read_timeout(Some(Duration::from_secs(30))).expect("set");
             stream
         })
