@@ -406,30 +406,16 @@ fn words(conditions: &Conditions) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::conditions;
+    use super::super::testing::{self, conditions};
     use super::*;
 
-    fn group(camera: u32) -> Line {
-        let member = Member {
-            configuration: Configuration::new().with("quality", 3),
-            rounds: vec![FrameTimes::of(0.1, 0.3)],
-            failure: None,
-        };
-        let place = Place { scene: "hall".to_owned(), camera };
-        Line::Group(Group {
-            kind: GroupKind::Fixed,
-            place,
-            members: vec![member],
-            other_cores: None,
-            provenance: None,
-        })
-    }
-
+    /// A group at a camera of the hall.
     fn of(camera: u32, hash: Option<&str>) -> Line {
+        let place = Place { scene: "hall".to_owned(), camera };
         let provenance =
             hash.map(|hash| Provenance { scene_hash: hash.to_owned(), program: "7.8.9".to_owned() });
-        let Line::Group(group) = group(camera) else { unreachable!("it is a group") };
-        Line::Group(Group { provenance, ..group })
+        let group = testing::group(GroupKind::Fixed, "hall", &[(testing::numbered(3), &[0.3][..])]);
+        Line::Group(Group { place, provenance, ..group })
     }
 
     #[test]
@@ -463,8 +449,8 @@ mod tests {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let path = folder.path().join("record.jsonl");
         let open = || OpenRecord::open(&path, &conditions(80)).expect("it is begun");
-        open().add(group(0)).expect("it is written");
-        open().add(group(1)).expect("it is written");
+        open().add(of(0, None)).expect("it is written");
+        open().add(of(1, None)).expect("it is written");
         assert_eq!(open().record.groups.len(), 2);
         let message = OpenRecord::open(&path, &conditions(40)).expect_err("other conditions").to_string();
         assert!(message.contains("80 iterations") && message.contains("40 iterations"), "{message}");
