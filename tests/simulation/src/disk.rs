@@ -1,7 +1,7 @@
 //! The simulated disk: a store whose writes take time, fail, and are lost when the machine crashes before
 //! they end.
 //!
-//! Behind it lies one [`MemoryStore`](treewright_store::MemoryStore), which holds the durable data and
+//! Behind it lies one [`MemoryStore`], which holds the durable data and
 //! outlives every machine. In front of it each machine has a queue and a writer that puts waiting writes into
 //! one transaction, as the real stores do. A crash at a random moment of a write loses the whole transaction
 //! or keeps it whole, as a checksummed log does with a torn write. Each machine has fences of its own.
@@ -22,7 +22,8 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::{Change, Checkpoint};
 use treewright_store::{
-    ClosedTrial, Created, Fence, Loaded, Receipt, Store, StoreError, StudyRecord, TrialPage, TrialQuery,
+    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage,
+    TrialQuery,
 };
 
 use crate::claims::{Known, lock};
@@ -38,33 +39,16 @@ const FORGOTTEN: u32 = 500;
 
 type Answer = oneshot::Sender<Result<(), StoreError>>;
 
-enum Job {
-    Commit {
-        fence: Fence,
-        changes: Vec<Change>,
-        answer: Answer,
-    },
-    Policy {
-        fence: Fence,
-        policy: Box<Policy>,
-        models_since: u64,
-        answer: Answer,
-    },
-    Space {
-        fence: Fence,
-        space: Box<(StudySpec, EarlierSpaces)>,
-        answer: Answer,
-    },
-    Exclude {
-        fence: Fence,
-        number: u64,
-        reason: Option<String>,
-        answer: Answer,
-    },
-    /// Ends once everything before it has.
-    Barrier {
-        answer: Answer,
-    },
+/// What is written under a fence of the durable store.
+type Write = Box<dyn Fn(&MemoryStore, &Fence) -> Receipt + Send>;
+
+/// Something that waits for the writer.
+struct Job {
+    /// The machine's fence and the write; none for a barrier, which ends once everything before it has.
+    write: Option<(Fence, Write)>,
+    /// Whether it holds the changes of a commit.
+    is_commit: bool,
+    answer: Answer,
 }
 
 /// The last fence of each study that a machine was given: its own, and the durable store's behind it.
@@ -114,8 +98,20 @@ impl SimulatedDisk {
 
     async fn barrier(&self) -> Result<(), StoreError> {
         let (answer, answered) = oneshot::channel();
-        self.enqueue(Job::Barrier { answer });
+        self.enqueue(Job { write: None, is_commit: false, answer });
         answered.await.unwrap_or(Err(StoreError::Closed))
+    }
+
+    fn write(
+        &self,
+        fence: &Fence,
+        is_commit: bool,
+        write: impl Fn(&MemoryStore, &Fence) -> Receipt + Send + 'static,
+    ) -> Receipt {
+        let (answer, receipt) = Receipt::pending();
+        let write: Write = Box::new(write);
+        self.enqueue(Job { write: Some((fence.clone(), write)), is_commit, answer });
+        receipt
     }
 
     /// The durable store's fence behind one that this machine was given, as long as it was given no later
@@ -145,31 +141,12 @@ fn address(replica: usize) -> String {
     format!("replica-{replica}")
 }
 
-impl Job {
-    fn fence(&self) -> Option<&Fence> {
-        match self {
-            Job::Commit { fence, .. }
-            | Job::Policy { fence, .. }
-            | Job::Space { fence, .. }
-            | Job::Exclude { fence, .. } => Some(fence),
-            Job::Barrier { .. } => None,
-        }
-    }
-}
-
 fn refuse(job: Job, error: &StoreError) {
-    let answer = match job {
-        Job::Commit { fence, answer, .. }
-        | Job::Policy { fence, answer, .. }
-        | Job::Space { fence, answer, .. }
-        | Job::Exclude { fence, answer, .. } => {
-            fence.break_up();
-            answer
-        }
-        Job::Barrier { answer } => answer,
-    };
+    if let Some((fence, _)) = &job.write {
+        fence.break_up();
+    }
     // The caller may have left.
-    let _ = answer.send(Err(error.clone()));
+    let _ = job.answer.send(Err(error.clone()));
 }
 
 struct Writer {
@@ -190,7 +167,7 @@ impl Writer {
                 group.push(job);
             }
             if self.world.plan.bug == Some(Bug::AcknowledgeBeforeCommit) {
-                group = acknowledge_early(group);
+                acknowledge_early(&mut group);
             }
             sleep(self.world.time_ms(self.world.plan.write_ms)).await;
             self.world.awake(self.replica).await;
@@ -239,10 +216,9 @@ impl Writer {
         self.world.count(|counts| counts.unsure_writes += 1);
         let error = StoreError::Unavailable { problem: "the simulated database is away".to_owned() };
         if self.world.is_leaving(self.replica) && self.world.chance(0.5) {
-            for (fence, answer) in group.into_iter().map(|job| {
-                let fence = job.fence().cloned();
-                (fence, self.apply_one(job).0)
-            }) {
+            for job in group {
+                let fence = job.write.as_ref().map(|(fence, _)| fence.clone());
+                let (answer, _) = self.apply_one(job);
                 if let Some(fence) = fence {
                     fence.break_up();
                 }
@@ -259,35 +235,15 @@ impl Writer {
     }
 
     fn apply_one(&self, job: Job) -> (Answer, Result<(), StoreError>) {
-        match job {
-            Job::Barrier { answer } => (answer, Ok(())),
-            Job::Commit { fence, changes, answer } => {
-                let result = self.under(&fence, |durable| self.durable.store.commit(durable, &changes));
-                (answer, result)
-            }
-            Job::Policy { fence, policy, models_since, answer } => {
-                let write =
-                    |durable: &Fence| self.durable.store.update_policy(durable, &policy, models_since);
-                let result = self.under(&fence, write);
-                (answer, result)
-            }
-            Job::Space { fence, space, answer } => {
-                let write = |durable: &Fence| self.durable.store.change_space(durable, &space.0, &space.1);
-                let result = self.under(&fence, write);
-                (answer, result)
-            }
-            Job::Exclude { fence, number, reason, answer } => {
-                let write =
-                    |durable: &Fence| self.durable.store.exclude_trial(durable, number, reason.as_deref());
-                let result = self.under(&fence, write);
-                (answer, result)
-            }
-        }
+        let result = job.write.map_or(Ok(()), |(fence, write)| self.under(&fence, &write));
+        (job.answer, result)
     }
 
     /// Writes under the durable fence that belongs to the machine's. Where it no longer holds, another
     /// machine has taken the study, and the machine's fence breaks too.
-    fn under(&self, fence: &Fence, write: impl Fn(&Fence) -> Receipt) -> Result<(), StoreError> {
+    fn under(&self, fence: &Fence, write: &Write) -> Result<(), StoreError> {
+        let store: &MemoryStore = &self.durable.store;
+        let write = |durable: &Fence| now(write(store, durable).durable());
         let fences = lock(&self.fences);
         let fenced = || StoreError::Fenced { study: fence.study().to_owned() };
         let found = fences.get(fence.study()).filter(|(ours, _)| ours.is_same(fence));
@@ -295,9 +251,9 @@ impl Writer {
             Some((ours, durable)) if ours.holds() => {
                 if self.world.plan.bug == Some(Bug::LeaseWithoutClaim) && !durable.holds() {
                     let claim = self.durable.claims.fence(fence.study());
-                    claim.map_or_else(|| Err(fenced()), |claim| now(write(&claim).durable()))
+                    claim.map_or_else(|| Err(fenced()), |claim| write(&claim))
                 } else {
-                    now(write(durable).durable())
+                    write(durable)
                 }
             }
             _ => Err(fenced()),
@@ -310,19 +266,11 @@ impl Writer {
 }
 
 /// The planted defect: callers are answered, and their changes may never be written.
-fn acknowledge_early(group: Vec<Job>) -> Vec<Job> {
-    let mut held = Vec::new();
-    for job in group {
-        match job {
-            Job::Commit { fence, changes, answer } => {
-                let _ = answer.send(Ok(()));
-                let (answer, _) = oneshot::channel();
-                held.push(Job::Commit { fence, changes, answer });
-            }
-            other => held.push(other),
-        }
+fn acknowledge_early(group: &mut [Job]) {
+    for job in group.iter_mut().filter(|job| job.is_commit) {
+        let (unheard, _) = oneshot::channel();
+        let _ = std::mem::replace(&mut job.answer, unheard).send(Ok(()));
     }
-    held
 }
 
 #[async_trait]
@@ -389,30 +337,25 @@ impl Store for SimulatedDisk {
     }
 
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        let (answer, receipt) = Receipt::pending();
-        self.enqueue(Job::Commit { fence: fence.clone(), changes: changes.to_vec(), answer });
-        receipt
+        let changes = changes.to_vec();
+        self.write(fence, true, move |store, durable| store.commit(durable, &changes))
     }
 
     fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
-        let (answer, receipt) = Receipt::pending();
-        let (fence, policy) = (fence.clone(), Box::new(policy.clone()));
-        self.enqueue(Job::Policy { fence, policy, models_since, answer });
-        receipt
+        let policy = policy.clone();
+        self.write(fence, false, move |store, durable| store.update_policy(durable, &policy, models_since))
     }
 
     fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
-        let (answer, receipt) = Receipt::pending();
-        let (fence, space) = (fence.clone(), Box::new((spec.clone(), earlier.clone())));
-        self.enqueue(Job::Space { fence, space, answer });
-        receipt
+        let (spec, earlier) = (spec.clone(), earlier.clone());
+        self.write(fence, false, move |store, durable| store.change_space(durable, &spec, &earlier))
     }
 
     fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
-        let (answer, receipt) = Receipt::pending();
-        let (fence, reason) = (fence.clone(), reason.map(str::to_owned));
-        self.enqueue(Job::Exclude { fence, number, reason, answer });
-        receipt
+        let reason = reason.map(str::to_owned);
+        self.write(fence, false, move |store, durable| {
+            store.exclude_trial(durable, number, reason.as_deref())
+        })
     }
 
     async fn completed_trials(
