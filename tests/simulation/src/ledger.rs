@@ -11,94 +11,50 @@ use treewright_store::Store as _;
 use crate::durable::{Durable, now};
 use crate::requests::{Answer, Request, client_name};
 
-/// Counts of events.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-#[allow(missing_docs)] // The names say it.
-pub struct Counts {
-    pub suggestions: u64,
-    pub acknowledged_reports: u64,
-    pub duplicate_reports: u64,
-    pub late_reports: u64,
-    pub refusals: u64,
-    pub crashes: u64,
-    pub torn_writes: u64,
-    pub failed_writes: u64,
-    pub full_disks: u64,
-    pub lost_messages: u64,
-    pub duplicated_messages: u64,
-    pub partitions: u64,
-    pub clock_jumps: u64,
-    pub client_restarts: u64,
-    pub vanished_clients: u64,
-    pub absences: u64,
-    pub sleeps: u64,
-    pub unsure_writes: u64,
-    pub forwarded_messages: u64,
-    pub checkpoints: u64,
-    pub removed_trials: u64,
-    pub explored_frames: u64,
-    pub frames: u64,
-    pub replays: u64,
+/// Counts by their names.
+macro_rules! counts {
+    ($($name:ident,)*) => {
+        /// Counts of events.
+        #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+        #[allow(missing_docs)] // The names say it.
+        pub struct Counts {
+            $(pub $name: u64,)*
+        }
+
+        impl Counts {
+            /// Adds the counts of another world.
+            pub fn add(&mut self, other: &Counts) {
+                $(self.$name += other.$name;)*
+            }
+        }
+    };
 }
 
-impl Counts {
-    /// Adds the counts of another world.
-    pub fn add(&mut self, other: &Counts) {
-        let Counts {
-            suggestions,
-            acknowledged_reports,
-            duplicate_reports,
-            late_reports,
-            refusals,
-            crashes,
-            torn_writes,
-            failed_writes,
-            full_disks,
-            lost_messages,
-            duplicated_messages,
-            partitions,
-            clock_jumps,
-            client_restarts,
-            vanished_clients,
-            absences,
-            sleeps,
-            unsure_writes,
-            forwarded_messages,
-            checkpoints,
-            removed_trials,
-            explored_frames,
-            frames,
-            replays,
-        } = other;
-        for (sum, more) in [
-            (&mut self.suggestions, suggestions),
-            (&mut self.acknowledged_reports, acknowledged_reports),
-            (&mut self.duplicate_reports, duplicate_reports),
-            (&mut self.late_reports, late_reports),
-            (&mut self.refusals, refusals),
-            (&mut self.crashes, crashes),
-            (&mut self.torn_writes, torn_writes),
-            (&mut self.failed_writes, failed_writes),
-            (&mut self.full_disks, full_disks),
-            (&mut self.lost_messages, lost_messages),
-            (&mut self.duplicated_messages, duplicated_messages),
-            (&mut self.partitions, partitions),
-            (&mut self.clock_jumps, clock_jumps),
-            (&mut self.client_restarts, client_restarts),
-            (&mut self.vanished_clients, vanished_clients),
-            (&mut self.absences, absences),
-            (&mut self.sleeps, sleeps),
-            (&mut self.unsure_writes, unsure_writes),
-            (&mut self.forwarded_messages, forwarded_messages),
-            (&mut self.checkpoints, checkpoints),
-            (&mut self.removed_trials, removed_trials),
-            (&mut self.explored_frames, explored_frames),
-            (&mut self.frames, frames),
-            (&mut self.replays, replays),
-        ] {
-            *sum += more;
-        }
-    }
+counts! {
+    suggestions,
+    acknowledged_reports,
+    duplicate_reports,
+    late_reports,
+    refusals,
+    crashes,
+    torn_writes,
+    failed_writes,
+    full_disks,
+    lost_messages,
+    duplicated_messages,
+    partitions,
+    clock_jumps,
+    client_restarts,
+    vanished_clients,
+    absences,
+    sleeps,
+    unsure_writes,
+    forwarded_messages,
+    checkpoints,
+    removed_trials,
+    explored_frames,
+    frames,
+    replays,
 }
 
 /// Something that should not be.
