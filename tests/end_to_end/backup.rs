@@ -9,7 +9,7 @@ use tokio::task::JoinSet;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr, stdout};
 
-use crate::site::{assert_sound, path_text};
+use crate::site::{assert_sound, back_up, restore};
 use crate::wire;
 
 /// The names of the trials whose report was acknowledged.
@@ -63,12 +63,7 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
         }
         before = count(&acknowledged);
         let (from, to) = (database.clone(), at("backup.db"));
-        let copied = tokio::task::spawn_blocking(move || {
-            run(
-                "treewrightd",
-                &["backup", "--database", path_text(&from), "--to", path_text(&to), "--replace"],
-            )
-        });
+        let copied = tokio::task::spawn_blocking(move || back_up(&from, &to, &["--replace"]));
         let copied = copied.await.expect("it ends");
         assert!(copied.status.success(), "{}", stderr(&copied));
         assert!(stdout(&copied).contains("1 studies"), "{}", stdout(&copied));
@@ -77,16 +72,10 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     assert!(after.len() > before.len(), "the workers were held up by the backup");
 
     // A second one does not go over the first by default, and none is restored under a daemon's feet.
-    let again = run(
-        "treewrightd",
-        &["backup", "--database", path_text(&database), "--to", path_text(&at("backup.db"))],
-    );
+    let again = back_up(&database, &at("backup.db"), &[]);
     assert_eq!(again.status.code(), Some(1));
     assert!(stderr(&again).contains("--replace"), "{}", stderr(&again));
-    let arguments = ["restore", "--from", path_text(&at("backup.db")), "--database", path_text(&database)]
-        .map(str::to_owned);
-    let restore = || run("treewrightd", &arguments.each_ref().map(String::as_str));
-    let refused = restore();
+    let refused = restore(&at("backup.db"), &database);
     assert_eq!(refused.status.code(), Some(4));
     assert!(stderr(&refused).contains("in use by another treewrightd"), "{}", stderr(&refused));
 
@@ -96,7 +85,7 @@ async fn what_was_acknowledged_before_a_backup_comes_back_from_it() {
     while workers.join_next().await.is_some() {}
     let everything = count(&acknowledged);
 
-    let restored = restore();
+    let restored = restore(&at("backup.db"), &database);
     assert!(restored.status.success(), "{}", stderr(&restored));
     let said = stdout(&restored);
     let aside = said.trim().rsplit(' ').next().expect("a name");

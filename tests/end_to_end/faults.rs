@@ -16,7 +16,7 @@ use treewright_tests::programs::{program, run, stderr};
 use treewright_tests::sandbox::{Clock, SmallDisk, skip};
 
 use crate::locks::beside;
-use crate::site::{Killed, Site, assert_sound, path_text};
+use crate::site::{Killed, Site, assert_sound, back_up, path_text, restore};
 use crate::wire;
 
 /// Longest wait for something that should happen by itself.
@@ -253,8 +253,7 @@ async fn a_damaged_file_is_refused_and_its_backup_serves() {
     let daemon = Daemon::start(&database);
     let mut book = Book::open(&daemon).await;
     book.frames(40).await;
-    let copied =
-        run("treewrightd", &["backup", "--database", path_text(&database), "--to", path_text(&backup)]);
+    let copied = back_up(&database, &backup, &[]);
     assert!(copied.status.success(), "{}", stderr(&copied));
     assert!(daemon.terminate().success());
     assert!(!beside(&database, "-wal").exists(), "a daemon that is told to stop folds its log");
@@ -267,8 +266,7 @@ async fn a_damaged_file_is_refused_and_its_backup_serves() {
     assert!(said.contains("is damaged") && said.contains("treewrightd restore"), "{said}");
     let checked = run("treewrightd", &["check", "--database", path_text(&database)]);
     assert_eq!(checked.status.code(), Some(4), "{}", stderr(&checked));
-    let restored =
-        run("treewrightd", &["restore", "--from", path_text(&backup), "--database", path_text(&database)]);
+    let restored = restore(&backup, &database);
     assert!(restored.status.success(), "{}", stderr(&restored));
     let daemon = Daemon::start(&database);
     book.reconnect(&daemon).await;
@@ -290,9 +288,8 @@ async fn a_file_that_is_replaced_under_the_daemon_is_not_written_to() {
     std::fs::remove_dir(&database).expect("no directory");
     std::fs::rename(&elsewhere, &database).expect("back again");
     book.recovers().await;
-    site.daemon.kill();
-    let daemon = Daemon::start(&database);
-    book.reconnect(&daemon).await;
+    let site = site.killed();
+    book.reconnect(&site.daemon).await;
     book.reads().await;
 }
 

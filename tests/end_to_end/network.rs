@@ -8,10 +8,9 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use treewright_client::{Client, Indicators, Options, Outcome};
-use treewright_tests::daemon::Daemon;
 use treewright_tests::sandbox::skip;
 
-use crate::site::leaf_study;
+use crate::site::{Site, leaf_study};
 use crate::wire;
 
 /// Set in the namespace.
@@ -60,11 +59,9 @@ async fn inside() {
     if !delayed.is_ok_and(|output| output.status.success()) {
         skip("a delay on the way", "tc has no netem here; the partition is tested without");
     }
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let daemon = Daemon::start(&database);
+    let site = Site::new();
     let options = Options::new().client_id("renderer").deadline(FRAME_DEADLINE);
-    let client = Client::connect(daemon.url(), options).expect("a good address");
+    let client = Client::connect(site.url(), options).expect("a good address");
     let study = client.study("hall", leaf_study()).await.expect("a study");
     let mut tuner = study.tuner();
 
@@ -91,7 +88,7 @@ async fn inside() {
     drop(previous);
     client.flush(Duration::from_secs(30)).await.expect("everything arrives once the network is back");
     let stats = client.stats();
-    let mut reader = wire::connect(daemon.url()).await;
+    let mut reader = wire::connect(site.url()).await;
     let stored = wire::query(&mut reader, "studies/hall", "state = COMPLETED").await.len() as u64;
     println!(
         "{frames} frames, {frames_while_cut} of them while cut off, longest wait {} ms, {} fallbacks, {stored} stored",

@@ -8,6 +8,7 @@ use treewright_client::{Client, Indicators, Options, Outcome, Policy, Space, Stu
 use treewright_proto::v1 as pb;
 use treewright_tests::daemon::Daemon;
 
+use crate::site::Site;
 use crate::wire;
 
 const TRIALS: usize = 40;
@@ -15,24 +16,20 @@ const TRIALS: usize = 40;
 /// The configurations that one client is handed over a whole search, the daemon being killed before
 /// each of the given trials: after it was reported, or while it is out.
 async fn configurations(kill_before: &[usize], kill_while_open: &[usize]) -> Vec<String> {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let mut daemon = Daemon::start(&database);
-    let mut client = wire::connect(daemon.url()).await;
+    let mut site = Site::new();
+    let mut client = wire::connect(site.url()).await;
     let study = wire::create(&mut client, "restart").await;
     let mut seen = Vec::new();
     for number in 0..TRIALS {
         if kill_before.contains(&number) {
-            daemon.kill();
-            daemon = Daemon::start(&database);
-            client = wire::connect(daemon.url()).await;
+            site = site.killed();
+            client = wire::connect(site.url()).await;
         }
         let mut trial =
             client.suggest(wire::suggestion(&study, "one", 0.5)).await.expect("a trial").into_inner();
         if kill_while_open.contains(&number) {
-            daemon.kill();
-            daemon = Daemon::start(&database);
-            client = wire::connect(daemon.url()).await;
+            site = site.killed();
+            client = wire::connect(site.url()).await;
             let again =
                 client.suggest(wire::suggestion(&study, "one", 0.5)).await.expect("a trial").into_inner();
             assert_eq!(again.name, trial.name, "a client that comes back gets its open trial again");
@@ -54,18 +51,15 @@ async fn the_search_resumes_at_the_same_point_after_kill_9() {
 
 #[tokio::test]
 async fn a_report_repeated_after_a_kill_changes_nothing() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let daemon = Daemon::start(&database);
-    let mut client = wire::connect(daemon.url()).await;
+    let site = Site::new();
+    let mut client = wire::connect(site.url()).await;
     let study = wire::create(&mut client, "repeat").await;
     let trial = client.suggest(wire::suggestion(&study, "one", 0.1)).await.expect("a trial").into_inner();
     let first = client.report(wire::report(&trial)).await.expect("taken").into_inner();
     assert!(!first.duplicate);
-    daemon.kill();
 
-    let daemon = Daemon::start(&database);
-    let mut client = wire::connect(daemon.url()).await;
+    let site = site.killed();
+    let mut client = wire::connect(site.url()).await;
     let mut other = wire::report(&trial);
     other.measurements.insert("render_ms".into(), 1.0);
     let second = client.report(other).await.expect("taken").into_inner();
@@ -79,10 +73,9 @@ async fn a_report_repeated_after_a_kill_changes_nothing() {
 // A second thread lets the client see the daemon's goodbye while this one waits for its end.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn sigterm_ends_it_politely_and_the_database_stays_whole() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let daemon = Daemon::start(&database);
-    let mut client = wire::connect(daemon.url()).await;
+    let site = Site::new();
+    let database = site.database();
+    let mut client = wire::connect(site.url()).await;
     let study = wire::create(&mut client, "polite").await;
     let trial = client.suggest(wire::suggestion(&study, "one", 0.5)).await.expect("a trial").into_inner();
     client.report(wire::report(&trial)).await.expect("taken");
@@ -90,7 +83,7 @@ async fn sigterm_ends_it_politely_and_the_database_stays_whole() {
     let (_open, requests) = tokio::sync::mpsc::channel::<pb::TuneRequest>(1);
     let stream = client.tune(tokio_stream::wrappers::ReceiverStream::new(requests)).await;
     assert!(stream.is_ok());
-    assert!(daemon.terminate().success(), "SIGTERM is a normal end");
+    assert!(site.daemon.terminate().success(), "SIGTERM is a normal end");
 
     let daemon = Daemon::start(&database);
     let mut client = wire::connect(daemon.url()).await;
@@ -108,11 +101,9 @@ fn of_four_frames(url: &str, lease_s: u32) -> (Client, StudySpec) {
 
 #[tokio::test]
 async fn a_frame_loop_ends_its_trial_of_several_frames_while_the_daemon_is_away() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let daemon = Daemon::start(&database);
-    let (url, address) = (daemon.url().to_owned(), daemon.address().to_owned());
-    let (client, spec) = of_four_frames(&url, 60);
+    let Site { daemon, folder } = Site::new();
+    let address = daemon.address().to_owned();
+    let (client, spec) = of_four_frames(daemon.url(), 60);
     let mut tuner = client.study("episodes", spec).await.expect("a study").tuner();
     let (mut daemon, mut previous, mut trials) = (Some(daemon), None, BTreeSet::new());
     for frame in 0..4 {
@@ -126,7 +117,7 @@ async fn a_frame_loop_ends_its_trial_of_several_frames_while_the_daemon_is_away(
     }
     assert_eq!(trials.len(), 1, "{trials:?}");
     drop(previous);
-    let daemon = Daemon::start_at(&database, &address);
+    let daemon = Daemon::start_at(&folder.path().join("tuning.db"), &address);
     client.flush(Duration::from_secs(60)).await.expect("the report arrives");
     let mut reader = wire::connect(daemon.url()).await;
     let stored = wire::query(&mut reader, "studies/episodes", "state = COMPLETED").await;
@@ -136,9 +127,8 @@ async fn a_frame_loop_ends_its_trial_of_several_frames_while_the_daemon_is_away(
 
 #[tokio::test]
 async fn a_trial_of_several_frames_may_last_longer_than_its_lease() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
-    let (client, spec) = of_four_frames(daemon.url(), 3);
+    let site = Site::new();
+    let (client, spec) = of_four_frames(site.url(), 3);
     let mut tuner = client.study("episodes", spec).await.expect("a study").tuner();
     let mut previous = None;
     for _frame in 0..4 {
@@ -149,7 +139,7 @@ async fn a_trial_of_several_frames_may_last_longer_than_its_lease() {
     }
     drop(previous);
     client.flush(Duration::from_secs(60)).await.expect("the report arrives");
-    let mut reader = wire::connect(daemon.url()).await;
+    let mut reader = wire::connect(site.url()).await;
     let stored = wire::query(&mut reader, "studies/episodes", "state = COMPLETED").await;
     assert_eq!(stored.iter().map(|trial| trial.late).collect::<Vec<_>>(), [false]);
 }

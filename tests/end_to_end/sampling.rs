@@ -3,14 +3,12 @@
 
 use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader};
-use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use serde_json::Value;
-use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{program, stderr, stdout};
 
-use crate::site::{path_text, say, shell, signal, trials, wait_until};
+use crate::site::{Site, path_text, say, shell, signal, trials, wait_until};
 
 const SAMPLES: usize = 60;
 const CAMERAS: usize = 2;
@@ -58,10 +56,8 @@ fn assert_each_once(url: &str, expected: usize) {
 
 #[test]
 fn a_killed_renderer_goes_on_and_a_killed_daemon_is_waited_for() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let database = folder.path().join("samples.db");
-    let daemon = Daemon::start(&database);
-    let (url, address) = (daemon.url().to_owned(), daemon.address().to_owned());
+    let site = Site::new();
+    let url = site.url().to_owned();
     let mut first = sampler(&url, "a", &[]);
     wait_for(&url, 15);
     first.kill().expect("it can be killed");
@@ -70,24 +66,22 @@ fn a_killed_renderer_goes_on_and_a_killed_daemon_is_waited_for() {
     assert!(before < CAMERAS * SAMPLES, "it was killed too late to show anything");
     let second = sampler(&url, "a", &[]);
     wait_for(&url, before + 15);
-    daemon.kill();
-    let daemon = Daemon::start_at(&database, &address);
+    let site = site.killed();
     let output = ends_well(second);
     assert!(output.contains("of them there already"), "{output}");
     assert_each_once(&url, CAMERAS * SAMPLES);
     // Once more there is nothing to do; further samples are added to those that are there.
     assert!(ends_well(sampler(&url, "a", &[])).contains("0 by this run"));
     assert_each_once(&url, CAMERAS * SAMPLES);
-    analyses_are_repeatable(daemon.url(), folder.path());
+    analyses_are_repeatable(&site);
 }
 
 #[test]
 fn a_renderer_that_waits_for_a_daemon_can_be_interrupted() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("samples.db"));
-    let mut waiting = sampler(daemon.url(), "a", &[]);
-    wait_for(daemon.url(), 5);
-    daemon.kill();
+    let site = Site::new();
+    let mut waiting = sampler(site.url(), "a", &[]);
+    wait_for(site.url(), 5);
+    site.daemon.kill();
     let mut errors = BufReader::new(waiting.stderr.take().expect("it is piped"));
     let mut line = String::new();
     while !line.contains("waiting for it") {
@@ -101,22 +95,21 @@ fn a_renderer_that_waits_for_a_daemon_can_be_interrupted() {
 
 #[test]
 fn renderers_on_one_study_share_the_samples() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let daemon = Daemon::start(&folder.path().join("samples.db"));
+    let site = Site::new();
     // Few values, so that different samples are often of the same configuration.
     let few = ["--parameters", "quality,branching_factor"];
-    let all: Vec<Child> = ["a", "b", "c"].iter().map(|name| sampler(daemon.url(), name, &few)).collect();
+    let all: Vec<Child> = ["a", "b", "c"].iter().map(|name| sampler(site.url(), name, &few)).collect();
     for one in all {
         ends_well(one);
     }
-    assert_each_once(daemon.url(), CAMERAS * SAMPLES);
+    assert_each_once(site.url(), CAMERAS * SAMPLES);
 }
 
-fn analyses_are_repeatable(url: &str, folder: &Path) {
+fn analyses_are_repeatable(site: &Site) {
     let mut written = Vec::new();
     for name in ["once", "again"] {
-        let out = folder.join(name);
-        say(url, &["analyze", "sample-paper", "--out", path_text(&out)]);
+        let out = site.file(name);
+        say(site.url(), &["analyze", "sample-paper", "--out", path_text(&out)]);
         let read = |file: &str| std::fs::read_to_string(out.join(file)).expect(file);
         written.push(["analysis.json", "analysis.html"].map(read));
     }

@@ -37,6 +37,13 @@ impl Site {
         Self { daemon: Daemon::start_with(&file("tuning.db"), arguments, &file("log")), folder }
     }
 
+    /// After `kill -9`: another daemon on the database, at the same address.
+    pub(crate) fn killed(self) -> Self {
+        let (database, address) = (self.database(), self.daemon.address().to_owned());
+        self.daemon.kill();
+        Self { daemon: Daemon::start_at(&database, &address), folder: self.folder }
+    }
+
     /// What a daemon with further arguments has logged.
     pub(crate) fn log(&self) -> String {
         std::fs::read_to_string(self.file("log")).expect("the log")
@@ -105,6 +112,17 @@ pub(crate) fn trials(url: &str, study: &str, filter: &str) -> Vec<Value> {
 pub(crate) fn assert_sound(database: &Path) {
     let checked = run("treewrightd", &["check", "--database", path_text(database)]);
     assert!(checked.status.success() && stdout(&checked).contains("is sound"), "{}", stderr(&checked));
+}
+
+/// Copies a database, in use or not, with further arguments.
+pub(crate) fn back_up(database: &Path, to: &Path, more: &[&str]) -> Output {
+    let arguments = ["backup", "--database", path_text(database), "--to", path_text(to)];
+    run("treewrightd", &[&arguments[..], more].concat())
+}
+
+/// Puts a copy in the place of a database.
+pub(crate) fn restore(from: &Path, database: &Path) -> Output {
+    run("treewrightd", &["restore", "--from", path_text(from), "--database", path_text(database)])
 }
 
 /// A process that is killed when dropped.

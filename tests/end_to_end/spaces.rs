@@ -7,15 +7,14 @@ use treewright_client::blocking::{Client, Study};
 use treewright_client::{
     Configuration, Indicators, Measurements, Options, Outcome, Source, Space, StudySpec,
 };
-use treewright_tests::daemon::Daemon;
 
-use crate::site::{path_text, say};
+use crate::site::{Site, say};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-fn program(daemon: &Daemon, name: &str) -> Client {
+fn program(url: &str, name: &str) -> Client {
     let options = Options::new().client_id(name).deadline(PATIENCE);
-    Client::connect(daemon.url(), options).expect("a good address")
+    Client::connect(url, options).expect("a good address")
 }
 
 fn spec(is_new: bool) -> StudySpec {
@@ -58,10 +57,8 @@ fn both_go_on(old: &Study, new: &Study) {
 
 #[test]
 fn an_old_and_a_new_program_share_a_study_whose_space_changed() {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("tuning.db");
-    let daemon = Daemon::start(&database);
-    let before = program(&daemon, "old");
+    let site = Site::new();
+    let before = program(site.url(), "old");
     let old = before.study("toy", spec(false)).expect("created");
     for _ in 0..8 {
         frame(&old);
@@ -69,30 +66,25 @@ fn an_old_and_a_new_program_share_a_study_whose_space_changed() {
     before.flush(PATIENCE).expect("all are reported");
 
     let threads = "[[parameters]]\nname = \"threads\"\ntype = \"integer\"\nmin = 1\nmax = 4\ndefault = 2\n\n";
-    let text =
-        say(daemon.url(), &["study", "show", "toy", "--format", "toml"]).replace("max = 9", "max = 12");
-    let file = folder.path().join("toy.toml");
+    let text = say(site.url(), &["study", "show", "toy", "--format", "toml"]).replace("max = 9", "max = 12");
     let text = text.replacen("[[objective]]", &format!("{threads}[[objective]]"), 1);
-    std::fs::write(&file, text).expect("a file");
-    let file = path_text(&file);
-    let shown = say(daemon.url(), &["study", "edit", "toy", file]);
+    let file = &site.write("toy.toml", &text);
+    let shown = say(site.url(), &["study", "edit", "toy", file]);
     assert!(shown.contains("8 completed trial(s) stay, 0 are left out"), "{shown}");
-    let done = say(daemon.url(), &["study", "edit", "toy", file, "--yes"]);
+    let done = say(site.url(), &["study", "edit", "toy", file, "--yes"]);
     assert!(done.contains("revision 2"), "{done}");
 
-    let after = program(&daemon, "new");
+    let after = program(site.url(), "new");
     let new = after.study("toy", spec(true)).expect("found");
     both_go_on(&old, &new);
-    let address = daemon.address().to_owned();
-    daemon.kill();
-    let daemon = Daemon::start_at(&database, &address);
+    let site = site.killed();
     both_go_on(&old, &new);
     for client in [&before, &after] {
         client.flush(PATIENCE).expect("all are reported");
     }
     // A program of before that starts now is served, too.
-    let again = program(&daemon, "again").study("toy", spec(false)).expect("found");
+    let again = program(site.url(), "again").study("toy", spec(false)).expect("found");
     assert_eq!(frame(&again).len(), 1);
-    let exported = say(daemon.url(), &["export", "toy"]);
+    let exported = say(site.url(), &["export", "toy"]);
     assert!(exported.lines().skip(1).all(|line| line.contains("\"threads\"")), "{exported}");
 }

@@ -1,12 +1,12 @@
 //! The simulated disk: a store whose writes take time, fail, and are lost when the machine crashes before
 //! they end.
 //!
-//! Behind it lies one [`MemoryStore`], which holds the durable data and outlives every machine. In front of it
-//! each machine has a queue and a writer that puts waiting writes into one transaction, as the real stores do.
-//! A crash at a random moment of a write loses the whole transaction or keeps it whole, as a checksummed log
-//! does with a torn write. Each machine has fences of its own. Whether another machine has taken the study
-//! shows when the transaction is applied, as with an epoch in a shared database. [`claims`](crate::claims)
-//! decides which machine may take a study.
+//! Behind it lies one [`MemoryStore`], which holds the durable data and outlives every machine. In front of
+//! it each machine has a queue and a writer that puts waiting writes into one transaction, as the real stores
+//! do. A crash at a random moment of a write loses the whole transaction or keeps it whole, as a checksummed
+//! log does with a torn write. Each machine has fences of its own. Whether another machine has taken the
+//! study shows when the transaction is applied, as with an epoch in a shared database.
+//! [`claims`](crate::claims) decides which machine may take a study.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use tokio::time::Instant;
@@ -10,6 +10,8 @@ use treewright_server::admission::Admission;
 use treewright_server::rpc::Service;
 use treewright_server::tuning::Tuning;
 use treewright_store::Store;
+
+use crate::claims::lock;
 
 /// A running service. Cheap to clone.
 #[derive(Clone)]
@@ -53,18 +55,18 @@ impl Machine {
     /// A call begins.
     pub(crate) fn begin(&self) -> u64 {
         let number = self.calls.last.fetch_add(1, Ordering::SeqCst);
-        self.calls.since.lock().unwrap_or_else(PoisonError::into_inner).insert(number, Instant::now());
+        lock(&self.calls.since).insert(number, Instant::now());
         number
     }
 
     /// It ends.
     pub(crate) fn end(&self, number: u64) {
-        self.calls.since.lock().unwrap_or_else(PoisonError::into_inner).remove(&number);
+        lock(&self.calls.since).remove(&number);
     }
 
     /// Whether a call has waited longer than a time.
     pub(crate) fn is_stuck(&self, patience: Duration) -> bool {
-        let since = self.calls.since.lock().unwrap_or_else(PoisonError::into_inner);
+        let since = lock(&self.calls.since);
         since.first_key_value().is_some_and(|(_, since)| since.elapsed() > patience)
     }
 }

@@ -1,12 +1,13 @@
 //! The way from a client to a machine and back: messages come late, twice, in another order, or never.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 use tonic::Code;
 
+use crate::claims::lock;
 use crate::forward;
 use crate::requests::{Answer, Request};
 use crate::world::World;
@@ -92,7 +93,7 @@ async fn carry(world: Arc<World>, client: u32, replica: usize, request: Request,
 }
 
 fn give(waiting: &Waiting, answer: Result<Answer, Code>) {
-    let sender = waiting.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let sender = lock(waiting).take();
     if let Some(sender) = sender {
         // A client that gave up does not listen.
         let _ = sender.send(answer);

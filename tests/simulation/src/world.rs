@@ -1,6 +1,6 @@
 //! A world: its time, its chance, its troubles, its machines and its books, shared by all its parts.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
@@ -12,6 +12,7 @@ use treewright_core::fnv;
 use treewright_store::StoreError;
 use treewright_store::limits::REPLICA_LAPSE;
 
+use crate::claims::lock;
 use crate::durable::Durable;
 use crate::ledger::{Counts, Ledger, Violation};
 use crate::machine::Machine;
@@ -146,11 +147,11 @@ impl World {
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.inner)
     }
 
     fn random(&self) -> f64 {
-        self.chance.lock().unwrap_or_else(PoisonError::into_inner).random()
+        lock(&self.chance).random()
     }
 
     /// True with a probability.
