@@ -82,6 +82,10 @@ impl Scene {
         let of = |name: &str| number(name).unwrap_or(0.0);
         let is = |name: &str| configuration.get(name) == Some(&Value::Boolean(true));
         let named = |name: &str, value: &str| configuration.get(name) == Some(&Value::Text(value.into()));
+        // The factor of a named choice, and that of all the others.
+        let by = |name: &str, factors: &[(&str, f64)], other: f64| {
+            factors.iter().find(|(value, _)| named(name, value)).map_or(other, |(_, factor)| *factor)
+        };
         let w = |index: usize| self.weights[index % self.weights.len()];
         let mut factor = 1.0;
         let incoherent = if is("sort_rays") { 0.4 } else { 1.0 };
@@ -121,30 +125,15 @@ impl Scene {
             }
             factor *= 0.95;
             factor *= 1.0 + 0.1 * (width.log2() - 2.0 - 2.0 * w(6)).abs();
-            factor *= if named("layout", "full") {
-                1.08
-            } else if named("layout", "quantised") {
-                1.0
-            } else {
-                1.1 - 0.12 * (width.log2() - 2.0) / 2.0
-            };
-            factor *= if named("builder", "binned") {
-                1.06
-            } else if named("builder", "sweep") {
-                1.0
-            } else {
-                1.15 - 0.13 * ((of("treelet") - 3.0) / 9.0)
-            };
+            let compressed = 1.1 - 0.12 * (width.log2() - 2.0) / 2.0;
+            factor *= by("layout", &[("full", 1.08), ("quantised", 1.0)], compressed);
+            let locally_ordered = 1.15 - 0.13 * ((of("treelet") - 3.0) / 9.0);
+            factor *= by("builder", &[("binned", 1.06), ("sweep", 1.0)], locally_ordered);
             if named("builder", "binned") {
                 factor *= 1.0 + 0.1 * (2.0 - 0.4 * of("bins").log2()).max(0.0);
             }
-            factor *= if named("reorder", "none") {
-                1.08
-            } else if named("reorder", "depth_first") {
-                1.03
-            } else {
-                1.0 + 0.02 * (of("treelet") - 5.0 - 3.0 * w(7)).abs()
-            };
+            let treelets = 1.0 + 0.02 * (of("treelet") - 5.0 - 3.0 * w(7)).abs();
+            factor *= by("reorder", &[("none", 1.08), ("depth_first", 1.03)], treelets);
             if of("packet_bounce") > 12.0 && width < 5.0 {
                 return None;
             }
@@ -155,13 +144,8 @@ impl Scene {
         factor *= 1.0 + 0.1 * (of("packet_shadow").log2() - 2.0 - 2.0 * w(9)).abs() / 2.0;
         factor *= 1.0 + 0.12 * incoherent * of("packet_bounce").log2() / 2.0;
         factor *= 1.0 + 0.05 * (of("tile").log2() - 4.0 - w(10)).powi(2) / 2.0;
-        factor *= if named("order", "rows") {
-            1.0 + 0.04 * (of("tile").log2() - 3.0).max(0.0)
-        } else if named("order", "morton") {
-            1.0
-        } else {
-            1.005
-        };
+        let rows = 1.0 + 0.04 * (of("tile").log2() - 3.0).max(0.0);
+        factor *= by("order", &[("rows", rows), ("morton", 1.0)], 1.005);
         if is("sort_rays") {
             factor *= 1.1 - 0.25 * w(11) + 0.01 * (of("sort_bits") - 8.0 - 8.0 * w(12)).abs();
             if of("sort_bits") > 22.0 {
