@@ -68,7 +68,8 @@ pub(super) struct ParametersArguments {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Task {
     Part(Part, u32),
-    /// The results of the searches over parts, and the default, again in shared rounds.
+    /// The results of the searches over parts, and the default, again in shared rounds, each with a fresh
+    /// build.
     Parts,
     Pair(Versus),
 }
@@ -94,11 +95,7 @@ pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
             Some(scene) => scene,
             empty => empty.insert(entries[scene].load()?),
         };
-        let line = match task {
-            Task::Part(part, run) => bench.search(name, scene, part, run, go_on)?,
-            Task::Parts => bench.again(name, scene, go_on)?,
-            Task::Pair(versus) => bench.compare(name, scene, versus, go_on)?,
-        };
+        let line = bench.measure(name, scene, task, go_on)?;
         bench.open.add(line.ok_or(CliError::Interrupted)?)?;
         Ok(format!("{name}: {}", describe(task)))
     })
@@ -165,49 +162,40 @@ impl Bench<'_> {
         }
     }
 
-    /// The default and the results of the searches over parts, in shared rounds, each with a fresh build.
-    fn again(
+    /// Measures a task in a scene; `None` when it was stopped.
+    fn measure(
         &self,
         name: &str,
         scene: &Arc<Scene>,
+        task: Task,
         go_on: impl FnMut() -> bool,
     ) -> Result<Option<Line>, CliError> {
-        let mut stage = Stage::new(name, scene, &self.whole, &self.open.record)?;
-        let all = compared(&self.open.record, &self.whole, name)?;
-        let group = stage.group(GroupKind::Parts, CAMERA, &all, self.arguments.rounds, go_on);
-        Ok(group.map(Line::Group))
-    }
-
-    fn search(
-        &self,
-        name: &str,
-        scene: &Arc<Scene>,
-        part: Part,
-        run: u32,
-        go_on: impl FnMut() -> bool,
-    ) -> Result<Option<Line>, CliError> {
-        let space = Arc::new(part.space(&self.whole)?);
-        let mut stage = Stage::new(name, scene, &space, &self.open.record)?;
-        stage.set_seed(self.open.record.conditions.seed.wrapping_add(u64::from(run)));
-        let found = stage.search(CAMERA, OBJECTIVE, go_on)?;
-        Ok(found.map(|search| Line::Part(PartSearch { part: part.name.to_owned(), run, search })))
-    }
-
-    fn compare(
-        &self,
-        name: &str,
-        scene: &Arc<Scene>,
-        versus: Versus,
-        go_on: impl FnMut() -> bool,
-    ) -> Result<Option<Line>, CliError> {
-        let mut stage = Stage::new(name, scene, &self.whole, &self.open.record)?;
-        match versus {
-            Versus::Height(height) => stage.resize([height * 4 / 3, height]),
-            Versus::Needles { angle, angles } => {
-                stage.set_scene(scene.with_needles(angle as f32 / angles as f32, NEEDLES)?);
+        let (whole, record, rounds) = (&self.whole, &self.open.record, self.arguments.rounds);
+        let space = match task {
+            Task::Part(part, _) => Arc::new(part.space(whole)?),
+            Task::Parts | Task::Pair(_) => Arc::clone(whole),
+        };
+        let mut stage = Stage::new(name, scene, &space, record)?;
+        Ok(match task {
+            Task::Part(part, run) => {
+                stage.set_seed(record.conditions.seed.wrapping_add(u64::from(run)));
+                let found = stage.search(CAMERA, OBJECTIVE, go_on)?;
+                found.map(|search| Line::Part(PartSearch { part: part.name.to_owned(), run, search }))
             }
-        }
-        let group = stage.group(GroupKind::Pair, CAMERA, &pair(&self.whole)?, self.arguments.rounds, go_on);
-        Ok(group.map(|group| Line::Pair(Pair { versus, group })))
+            Task::Parts => {
+                let all = compared(record, whole, name)?;
+                stage.group(GroupKind::Parts, CAMERA, &all, rounds, go_on).map(Line::Group)
+            }
+            Task::Pair(versus) => {
+                match versus {
+                    Versus::Height(height) => stage.resize([height * 4 / 3, height]),
+                    Versus::Needles { angle, angles } => {
+                        stage.set_scene(scene.with_needles(angle as f32 / angles as f32, NEEDLES)?);
+                    }
+                }
+                let group = stage.group(GroupKind::Pair, CAMERA, &pair(whole)?, rounds, go_on);
+                group.map(|group| Line::Pair(Pair { versus, group }))
+            }
+        })
     }
 }

@@ -261,10 +261,7 @@ impl Service {
             let Some(search) = school.searches.get(place) else { continue };
             let ask = ask(search);
             for (configuration, verdict) in school.lessons(search)? {
-                let (measured, outcome) = match verdict {
-                    Verdict::Cost(cost) => (BTreeMap::from([(COST.to_owned(), cost)]), Outcome::Ok),
-                    _ => (BTreeMap::new(), Outcome::infeasible("recorded")),
-                };
+                let (measured, outcome) = told(verdict);
                 now_ms += 1;
                 let brought = tuner.suggest_wanted(&ask, configuration.to_raw(), now_ms);
                 let (open, _) = brought.map_err(not_judged)?;
@@ -282,18 +279,23 @@ impl Service {
 
 impl School<'_> {
     fn trial(&self, configuration: &Checked, verdict: Verdict) -> Trial {
-        let (outcome, cost) = match verdict {
-            Verdict::Cost(cost) => (Outcome::Ok, Some(cost)),
-            _ => (Outcome::infeasible("recorded"), None),
-        };
+        let (measurements, outcome) = told(verdict);
         Trial {
             configuration: configuration.clone(),
             state: TrialState::Completed,
-            measurements: cost.iter().map(|cost| (COST.to_owned(), *cost)).collect(),
-            cost,
+            cost: measurements.get(COST).copied(),
+            measurements,
             outcome: Some(outcome),
             ..self.template.clone()
         }
+    }
+}
+
+/// What a client reports of a verdict.
+fn told(verdict: Verdict) -> (BTreeMap<String, f64>, Outcome) {
+    match verdict {
+        Verdict::Cost(cost) => (BTreeMap::from([(COST.to_owned(), cost)]), Outcome::Ok),
+        _ => (BTreeMap::new(), Outcome::infeasible("recorded")),
     }
 }
 
@@ -330,8 +332,8 @@ fn template(
     let first = searches.values().next().ok_or_else(|| not_judged("it holds no search"))?;
     let mut tuner = tuner(space, schema, 0.0)?;
     let (open, _) = tuner.suggest(&ask(first), 0).map_err(not_judged)?;
-    let measured = BTreeMap::from([(COST.to_owned(), 1.0)]);
-    let (trial, _) = tuner.report(&open, measured, Outcome::Ok, 1).map_err(not_judged)?;
+    let (measured, outcome) = told(Verdict::Cost(1.0));
+    let (trial, _) = tuner.report(&open, measured, outcome, 1).map_err(not_judged)?;
     Ok(trial)
 }
 
