@@ -149,7 +149,7 @@ fn flat_meshes_keep_their_own_normals() {
 
 #[test]
 fn a_flat_mesh_under_a_mirrored_armature_keeps_its_front() {
-    let mut file = File::new();
+    let mut file = GltfFile::new();
     let joints = file.accessor(5121, "VEC4", 3, &[0; 12]);
     let weights = file.floats("VEC4", &[1.0, 0.0, 0.0, 0.0].repeat(3));
     file.primitive()["attributes"] = json!({"POSITION": 0, "JOINTS_0": joints, "WEIGHTS_0": weights});

@@ -162,9 +162,8 @@ fn what_is_not_honoured_is_told_once_with_its_count() {
 #[test]
 fn materials_of_specular_and_gloss_are_dielectrics() {
     let other = json!({"diffuseFactor": [0.1, 0.2, 0.3, 1], "specularFactor": [0.04, 0.04, 0.04], "glossinessFactor": 0.75});
-    let material = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": other}});
-    let scene =
-        loaded(&changed(&[("/materials", json!([material])), ("/meshes/0/primitives/0/material", json!(0))]));
+    let gloss = json!([{"extensions": {"KHR_materials_pbrSpecularGlossiness": other}}]);
+    let scene = loaded(&changed(&[("/materials", gloss), ("/meshes/0/primitives/0/material", json!(0))]));
     let found = material(&scene);
     assert_eq!((found.base_color, found.metallic, found.roughness), (Vec3::new(0.1, 0.2, 0.3), 0.0, 0.25));
     told(&scene, "Took 1 materials of specular and gloss");
