@@ -100,6 +100,8 @@ pub struct Episode {
     pub frames: Vec<FrameTimes>,
     /// Whether it was ended before its last frame.
     pub is_stopped: bool,
+    /// Memory of the structure after the last frame, in bytes.
+    pub structure_bytes: Option<usize>,
 }
 
 impl Episode {
@@ -118,6 +120,7 @@ impl Episode {
             render_delay_ms: known(|frame| frame.render_delay_ms),
             frames: u32::try_from(self.frames.len()).ok(),
             trend: episode_trend(&self.costs_ms()),
+            structure_bytes: self.structure_bytes,
             ..FrameTimes::of(mean(|frame| frame.build_ms), mean(|frame| frame.render_ms))
         }
     }
@@ -198,6 +201,7 @@ impl Renderer {
                 break;
             }
         }
+        episode.structure_bytes = follower.map(|follower| follower.structure.statistics().bytes);
         Ok(episode)
     }
 
@@ -321,10 +325,10 @@ mod tests {
         };
         let mut frames = vec![frame(90.0, 10.0)];
         frames.extend([frame(1.0, 9.0), frame(1.0, 9.0), frame(1.0, 19.0), frame(1.0, 19.0)]);
-        let mean = Episode { frames, is_stopped: false }.mean();
+        let mean = Episode { frames, structure_bytes: Some(64), ..Episode::default() }.mean();
         assert!((mean.build_ms - 18.8).abs() < 1e-9 && (mean.render_ms - 13.2).abs() < 1e-9);
         assert_eq!((mean.trend, mean.frames, mean.build_cpu_ms), (Some(2.0), Some(5), Some(1.0)));
-        assert_eq!(mean.render_cpu_ms, None);
+        assert_eq!((mean.render_cpu_ms, mean.structure_bytes), (None, Some(64)));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! Two ways to use it (paper section 7). Progressive: build once, render while nothing moves, the samples
 //! add up. Real-time: build for each frame. Build and render are timed apart and reported raw.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
@@ -52,6 +52,9 @@ pub struct FrameTimes {
     /// Time of frames in the second half of an episode over that in its first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trend: Option<f64>,
+    /// Memory of the structure in bytes; absent where it was not looked at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub structure_bytes: Option<usize>,
     /// Its noise; absent where only time counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<FrameNoise>,
@@ -107,6 +110,11 @@ impl Built {
         let serves = self.choice == *choice && self.trials < TRIALS_PER_BUILD_MAX;
         self.trials += u32::from(serves);
         serves
+    }
+
+    /// Memory of the structure.
+    pub(crate) fn bytes(&self) -> usize {
+        *self.bytes.get_or_init(|| self.structure.statistics().bytes)
     }
 
     fn ready(&self) -> Ready {
@@ -330,7 +338,7 @@ impl Renderer {
             None => {
                 let (built, threads) = of_process(|| self.build(choice));
                 let (structure, build_ms) = built?;
-                Built { structure, choice: *choice, build_ms, threads, trials: 1 }
+                Built { structure, choice: *choice, build_ms, threads, trials: 1, bytes: OnceLock::new() }
             }
         };
         let ready = built.ready();
@@ -371,6 +379,7 @@ impl Renderer {
         match kept {
             Some(mut built) if built.choice == *choice => {
                 let outcome = self.follow(&mut built.structure, update);
+                built.bytes = OnceLock::new();
                 self.current = Some(built);
                 outcome
             }
@@ -384,6 +393,12 @@ impl Renderer {
     /// The kept structure.
     pub fn structure(&self) -> Option<&Structure> {
         self.current.as_ref().map(|built| &built.structure)
+    }
+
+    /// Memory of the kept structure in bytes. The first call after a build walks through the structure:
+    /// milliseconds per million triangles.
+    pub fn structure_bytes(&self) -> Option<usize> {
+        self.current.as_ref().map(Built::bytes)
     }
 
     /// Adds one sample to each pixel of the film with a given structure; returns `render_ms` and the counts.

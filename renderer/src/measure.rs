@@ -70,6 +70,8 @@ pub struct Measured {
     pub undelayed_render_ms: Vec<f64>,
     /// Samples a pixel to the error, round by round; empty where only time counts.
     pub samples_to_error: Vec<f64>,
+    /// Memory of the structure that was built last, in bytes.
+    pub structure_bytes: Option<usize>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
 }
@@ -96,6 +98,9 @@ pub struct Standing {
     /// `rounds_ms` without the time in which threads waited for processors, which compares any two
     /// contenders.
     pub undelayed_ms: Vec<f64>,
+    /// Memory of the structure, in bytes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub structure_bytes: Option<usize>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
 }
@@ -278,6 +283,9 @@ fn in_turns(
             }
         }
     }
+    for (one, built) in measured.iter_mut().zip(structures) {
+        one.structure_bytes = built.map(|built| built.structure.statistics().bytes);
+    }
     measured
 }
 
@@ -354,6 +362,7 @@ pub fn standings(measured: &[Measured], frames_per_build: u32) -> Vec<Standing> 
                 speedup: Summary::of_ratios(&first, &undelayed_ms),
                 rounds_ms: frame_ms,
                 undelayed_ms,
+                structure_bytes: one.structure_bytes,
                 failure: one.failure.clone(),
             }
         })
@@ -409,6 +418,7 @@ mod tests {
             undelayed_build_ms: vec![10.0],
             undelayed_render_ms: vec![30.0, 30.0],
             samples_to_error: Vec::new(),
+            structure_bytes: None,
             failure: None,
         };
         let quiet = Measured {
@@ -443,6 +453,7 @@ mod tests {
         let all = interleaved(&mut renderer, &contenders, &conditions, || true);
         let [one] = all.as_slice() else { panic!("one was measured") };
         assert_eq!((one.render_ms.len(), one.build_ms.len(), one.undelayed_build_ms.len()), (4, 4, 4));
+        assert!(one.structure_bytes.is_some_and(|bytes| bytes > 0));
         // Two builds take the same number of nanoseconds now and then, four of them do not.
         assert!(one.build_ms.iter().any(|build_ms| *build_ms != one.build_ms[0]), "{:?}", one.build_ms);
     }

@@ -5,6 +5,8 @@
 //! choice differ from build to build by one to three percent, though. So each serves a few trials and is then
 //! rebuilt: the differences between builds stay in the measurements.
 
+use std::sync::OnceLock;
+
 use treewright_accel::{BuildChoice, Structure};
 
 use crate::limits::{SHELF_BYTES_MAX, TRIALS_PER_BUILD_MAX};
@@ -20,39 +22,33 @@ pub(crate) struct Built {
     pub(crate) threads: ThreadTimes,
     /// The number of trials that it was asked for, the one that it was built for included.
     pub(crate) trials: u32,
-}
-
-/// A kept structure and its memory, which is found by a walk through the whole structure.
-#[derive(Debug)]
-struct Kept {
-    built: Built,
-    bytes: usize,
+    /// Its memory, once that was asked for: it is found by a walk through the whole structure.
+    pub(crate) bytes: OnceLock<usize>,
 }
 
 /// The structures that were used last, within a budget of memory.
 #[derive(Debug, Default)]
 pub(crate) struct Shelf {
     /// The one that was used last comes last.
-    kept: Vec<Kept>,
+    kept: Vec<Built>,
 }
 
 impl Shelf {
     /// The structure of this choice for another trial, if there is one that may serve it.
     pub(crate) fn take(&mut self, choice: &BuildChoice) -> Option<Built> {
-        let place = self.kept.iter().position(|kept| kept.built.choice == *choice)?;
-        let Kept { mut built, .. } = self.kept.remove(place);
+        let place = self.kept.iter().position(|kept| kept.choice == *choice)?;
+        let mut built = self.kept.remove(place);
         built.serves_again(choice).then_some(built)
     }
 
     /// Keeps a structure that may serve another trial. Where all together would take too much memory, those
     /// that were not wanted for longest go.
     pub(crate) fn put(&mut self, built: Built) {
-        self.kept.retain(|kept| kept.built.choice != built.choice);
+        self.kept.retain(|kept| kept.choice != built.choice);
         if built.trials < TRIALS_PER_BUILD_MAX {
-            let bytes = built.structure.statistics().bytes;
-            self.kept.push(Kept { built, bytes });
+            self.kept.push(built);
         }
-        while self.kept.iter().map(|kept| kept.bytes).sum::<usize>() > SHELF_BYTES_MAX {
+        while self.kept.iter().map(Built::bytes).sum::<usize>() > SHELF_BYTES_MAX {
             self.kept.remove(0);
         }
     }

@@ -93,6 +93,8 @@ fn accelerators_are_measured() {
     let frame = |objective: &str| bench[objective][7]["frame_ms"]["median"].as_f64();
     assert!(frame("total") > frame("render"));
     assert_eq!(bench["total"][7]["rounds_ms"].as_array().map(Vec::len), Some(2));
+    let bytes: Vec<_> = (0..9).map(|one| bench["render"][one]["structure_bytes"].as_u64()).collect();
+    assert!(bytes.iter().all(|bytes| bytes.is_some_and(|bytes| bytes > 0)), "{bytes:?}");
     assert_eq!(bench["rounds"].as_u64(), Some(2), "the first, which warms up, is none");
     let few = succeeds(
         path,

@@ -38,6 +38,10 @@ pub const UNDELAYED_MS: &str = "undelayed_ms";
 /// Name of how many trials a structure had served before, where it was used again.
 pub const TRIALS_BEFORE: &str = "trials_before";
 
+/// Name of the memory of the structure, in bytes. No study declares it: it does not explain what other
+/// programs made of a cost, and taking it for that would take a part of the cost off with it.
+pub const STRUCTURE_BYTES: &str = "structure_bytes";
+
 /// Number of frames that share a build in progressive rendering.
 const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
 

@@ -17,7 +17,7 @@ use treewright_client::{
 
 use super::objective::{
     BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, ERROR_MS, FRAME_MS, Objective, RENDER_CPU_MS, RENDER_DELAY_MS,
-    RENDER_MS, TREND, TRIALS_BEFORE, UNDELAYED_MS,
+    RENDER_MS, STRUCTURE_BYTES, TREND, TRIALS_BEFORE, UNDELAYED_MS,
 };
 use super::patience::NextTrial;
 use crate::disturbance::{Disturbance, Watch};
@@ -279,7 +279,8 @@ pub(super) fn run_choice(
             let trials_before = (ready.trials_before > 0).then_some(ready.trials_before);
             let counted = u32::try_from(frames.counted()).unwrap_or(u32::MAX);
             let more = (counted > setting.frames.max(1)).then_some(counted);
-            (Outcome::Ok, Some(FrameTimes { trials_before, frames: more, ..times }))
+            let structure_bytes = renderer.structure_bytes();
+            (Outcome::Ok, Some(FrameTimes { trials_before, structure_bytes, frames: more, ..times }))
         }
         FrameSetResult::Stopped { lower_bound } => (Outcome::aborted(built + lower_bound), None),
     }
@@ -317,7 +318,8 @@ fn run_noisy(
         ),
         Some(times) => {
             let trials_before = (ready.trials_before > 0).then_some(ready.trials_before);
-            (Outcome::Ok, Some(FrameTimes { trials_before, ..times }))
+            let structure_bytes = renderer.structure_bytes();
+            (Outcome::Ok, Some(FrameTimes { trials_before, structure_bytes, ..times }))
         }
     }
 }
@@ -391,8 +393,10 @@ pub fn measurements(times: Option<FrameTimes>, frames: u32, objective: Objective
                 ]
             });
             let trend = times.trend.map(|trend| (TREND, trend));
+            let bytes = times.structure_bytes.map(|bytes| (STRUCTURE_BYTES, bytes as f64));
             let shared = matches!(objective, Objective::Auto(_)).then(|| (FRAME_MS, objective.cost(times)));
-            always.into_iter().chain(known).chain(reused).chain(trend).chain(noise).chain(shared).collect()
+            let some = [reused, trend, bytes, shared].into_iter().flatten();
+            always.into_iter().chain(known).chain(some).chain(noise).collect()
         }
         None => Measurements::new(),
     }
@@ -509,6 +513,8 @@ mod tests {
                 setting.measurements(Some(times)).get("trials_before"),
                 times.trials_before.map(f64::from)
             );
+            let bytes = setting.measurements(Some(times)).get("structure_bytes");
+            assert!(bytes.is_some_and(|bytes| bytes > 0.0), "{bytes:?}");
             (times.trials_before.unwrap_or(0), times.build_ms)
         };
         // In turns, as a confirmation runs them.

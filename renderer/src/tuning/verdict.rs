@@ -481,6 +481,7 @@ mod tests {
             speedup: Summary::of(&[speedup]),
             rounds_ms: vec![10.0 / speedup],
             undelayed_ms: vec![10.0 / speedup],
+            structure_bytes: None,
             failure: None,
         };
         let standings = [standing(Who::PaperDefault, 20.0, 1.0), standing(Who::Tuned, 30.0, 1.25)];
