@@ -81,16 +81,17 @@ pub struct FrontHistory {
 }
 
 impl FrontHistory {
-    /// Goes on from the stored trials of one input and one machine, of which those that are excluded do not
-    /// count, nor what repeats them. In the first quarter of the `planned`
-    /// runs only the metrics themselves are minimised, unless that was over before.
+    /// Goes on from the stored trials of one input and one machine. Those that are excluded do not count, nor
+    /// what repeats them, nor trials at cheaper levels. In the first quarter of the `planned` runs only the
+    /// metrics themselves are minimised, unless that was over before.
     #[must_use]
     pub fn new(front: Front, trials: Vec<TrialRecord>, planned: u32) -> Self {
         let excluded = trials.iter().filter(|trial| trial.exclusion.is_some());
         let excluded: BTreeSet<u64> = excluded.filter_map(TrialRecord::number).collect();
         let is_excluded = |number: Option<u64>| number.is_some_and(|number| excluded.contains(&number));
         let counts = |trial: &TrialRecord| {
-            trial.outcome.is_some() && !is_excluded(trial.number()) && !is_excluded(carried_from(trial))
+            let is_out = is_excluded(trial.number()) || is_excluded(carried_from(trial));
+            trial.outcome.is_some() && trial.fidelity.is_none() && !is_out
         };
         let trials: Vec<_> = trials.into_iter().filter(counts).collect();
         let before = trials.iter().filter(|trial| carried_from(trial).is_none()).count();

@@ -22,7 +22,7 @@ pub(super) fn run(client: &Client, wanted: &FrontOf, json: bool) -> Result<Strin
     let has_inputs = spec.indicators.indicators().iter().any(|indicator| is_input(&indicator.name));
     let query = TrialQuery::all().filter("state = COMPLETED").in_present_space();
     let mut trials = client.trials(&study.identified_name(), query).collect::<Result<Vec<_>, _>>()?;
-    trials.retain(|trial| trial.exclusion.is_none());
+    trials.retain(|trial| trial.exclusion.is_none() && trial.fidelity.is_none());
     let machine = |trial: &TrialRecord| trial.fingerprint.as_ref().map(|machine| format!("{machine:?}"));
     match wanted.state {
         // The directions of a front are states of one machine, too.

@@ -90,6 +90,22 @@ fn runs_are_carried_once_and_machines_are_told_apart() {
 }
 
 #[test]
+fn excluded_runs_and_those_at_a_cheaper_level_are_on_no_front() {
+    let fake = Fake::start();
+    answer(&fake, &exec(&["--trials", "4"]));
+    {
+        let mut book = fake.book();
+        let mut runs = book.trials.iter_mut().filter(|trial| trial.origin.is_empty());
+        runs.next().expect("a run").exclusion = "the machine was busy".into();
+        runs.next().expect("a run").fidelity = "small".into();
+    }
+    let shown = answer(&fake, &["front", "toy", "--metrics", METRICS]);
+    assert!(shown.contains("by the medians of 2 runs"), "{shown}");
+    let again = answer(&fake, &exec(&["--trials", "1"]));
+    assert!(again.contains("by the medians of 3 runs"), "{again}");
+}
+
+#[test]
 fn what_makes_no_front_is_refused() {
     let fake = Fake::start();
     let refused = |arguments: &[&str], words: &str| {

@@ -104,3 +104,22 @@ fn a_front_counts_each_run_once() {
     assert_eq!((found.runs, found.configurations, found.points.len()), (2, 2, 2));
     assert!(trials.iter().map(TrialRecord::repeats_a_run).eq([false, false, false, true]));
 }
+
+#[test]
+fn a_history_leaves_out_what_is_excluded_with_its_repetitions_and_cheaper_levels() {
+    let run = |number: usize, level: i64, origin: &str| trial(number, 0, level, &measured(level), origin);
+    let mut trials = vec![
+        run(1, 1, ""),
+        run(2, 2, ""),
+        run(3, 3, ""),
+        run(4, 1, "studies/toy@0123456789abcdef/trials/1"),
+        run(5, 2, "studies/toy@0123456789abcdef/trials/2"),
+    ];
+    trials[0].exclusion = Some("the machine was busy".to_owned());
+    trials[2].fidelity = Some("small".to_owned());
+    let history = FrontHistory::new(front(), trials, 8);
+    let numbers: Vec<_> = history.trials().iter().filter_map(TrialRecord::number).collect();
+    assert_eq!(numbers, [2, 5]);
+    let told = history.owed();
+    assert_eq!(told.len(), 1, "the second metric's direction of the one run that counts: {told:?}");
+}

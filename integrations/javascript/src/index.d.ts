@@ -58,7 +58,7 @@ export interface Options {
   token?: string;
   /** PEM of the authority of the daemon's certificate; for `https:` addresses. */
   authority?: string | Uint8Array;
-  /** PEM of a certificate, and of its key, for a daemon that asks its clients for one. Both or neither. */
+  /** PEM of a certificate, and of its key, for a daemon that asks its clients for one. Both or neither, and only with an `https:` address. */
   certificate?: string | Uint8Array;
   key?: string | Uint8Array;
   /** Names and versions of software that decides how fast something is. */
@@ -185,4 +185,74 @@ export class Tuner {
   next(indicators?: Numbers): Promise<Suggestion>;
   /** The frame's result. */
   finish(suggestion: Suggestion, measurements: Numbers): void;
+}
+
+/** A front and its planned runs. */
+export interface FrontDefinition extends Pick<StudySpec, "parameters" | "constraints" | "limits" | "policy"> {
+  /** Two or three measurements, above 0 in every run; `"1/rate"` is one that is to be large. */
+  metrics: string[];
+  /** Planned runs. Default 80. */
+  trials?: number;
+}
+
+/** A configuration with its measurements. */
+export interface FrontPoint {
+  configuration: Configuration;
+  /** Runs that measured it. */
+  runs: number;
+  /** The median of each metric, in its own unit. */
+  metrics: Numbers;
+  /** These over the default's; absent where that was not measured. */
+  ratios?: Numbers;
+}
+
+export interface ParetoFront {
+  metrics: string[];
+  /** Those of them that are to be large. */
+  maximised: string[];
+  /** Runs that measured all metrics, and different configurations among them. */
+  runs: number;
+  configurations: number;
+  default?: FrontPoint;
+  /** The front, the best of the first metric first. */
+  points: FrontPoint[];
+  /** All other configurations. */
+  dominated: FrontPoint[];
+  /** The share, 0 to 1, of the box between zero and the default that the front leaves behind; absent without the default. */
+  hypervolume?: number;
+}
+
+/**
+ * Two or three metrics of which none is given up for another: runs that look for the configurations of which no other is better in all of
+ * them. One program at a time adds to a front, and runs one trial at a time.
+ */
+export class Front {
+  private constructor();
+  /** Creates the study, or goes on with the one of that id that was made for the same metrics. Rejects where no daemon answers. */
+  static open(client: Client, id: string, definition: FrontDefinition): Promise<Front>;
+  /** The names of the metrics. */
+  readonly metrics: string[];
+  /**
+   * The next run; the same trial until it is reported or given back. Undefined once the planned runs are done, or nothing more is to be
+   * tried. Rejects where no daemon answers.
+   */
+  suggest(): Promise<FrontTrial | undefined>;
+  /** The front of all runs so far on this machine, without those that were excluded when it was opened. */
+  found(): ParetoFront;
+}
+
+/** A run of a front. Each call waits for the daemon; where it rejects, the run is open as before. */
+export class FrontTrial {
+  private constructor();
+  readonly configuration: Configuration;
+  /** Name of its trial. */
+  readonly trial: string;
+  readonly isOpen: boolean;
+  /** Tells every direction. Rejects where a metric is missing or not above 0. */
+  report(measurements: Numbers): Promise<void>;
+  infeasible(reason: string): Promise<void>;
+  /** It failed for a reason that says nothing about the configuration. */
+  failed(reason: string): Promise<void>;
+  /** Gives the run back unmeasured; nothing where it has ended. */
+  abandon(): Promise<void>;
 }

@@ -12,11 +12,12 @@ import { loadSync } from "@grpc/proto-loader";
 
 import { Episode } from "./episode.js";
 import { TreewrightError, refined } from "./error.js";
+import { Front, FrontTrial } from "./front.js";
 import { Outbox } from "./outbox.js";
 import { bestFromWire, checkIndicators, configurationFromWire, configurationToWire, defaultConfiguration, specToWire } from "./wire.js";
 import { takeWorker } from "./workers.js";
 
-export { TreewrightError };
+export { Front, FrontTrial, TreewrightError };
 
 // Beside the package where it is installed, in the workspace where it is developed.
 const PLACES = ["../proto", "../../../proto"].map((each) => fileURLToPath(new URL(each, import.meta.url)));
@@ -65,6 +66,8 @@ export class Client {
     const thread = threadId === 0 ? "" : `.${threadId}`;
     const name = `${basename(process.argv[1] ?? "node")}@${hostname()}-${process.pid}${thread}`;
     this.options = { clientId: name, deadlineMs: 50, callDeadlineMs: 5000, queue: 1024, ...options };
+    if (options.certificate && scheme === "http")
+      throw new TreewrightError("invalid", `a certificate is only shown over TLS, and ${url} is plain text: write https://${host}, or leave certificate and key out`);
     if (!options.certificate !== !options.key) throw new TreewrightError("invalid", "certificate and key go together: give both");
     const [authority, key, certificate] = ["authority", "key", "certificate"].map((each) => options[each] && Buffer.from(options[each]));
     const security = scheme === "https" ? grpc.credentials.createSsl(authority, key, certificate) : grpc.credentials.createInsecure();
@@ -166,6 +169,7 @@ export class Study {
     if ((found.objective?.episodeFrames ?? 0) !== this.request.study.objective.episodeFrames) {
       throw new TreewrightError("invalid", "objective: the daemon knows no trials of several frames; upgrade it");
     }
+    this.displayName = found.displayName;
     this.asked = found.uid ? `${found.name}@${found.uid}` : this.name;
     // The daemon answers in the space that the program knows.
     this.spaceRevision = found.spaceRevision ?? 0;

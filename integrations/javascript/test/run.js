@@ -5,7 +5,7 @@ import assert from "node:assert/strict";
 import * as grpc from "@grpc/grpc-js";
 
 // The package installed beside this file; in the checkout, the checkout itself.
-import { Client, TreewrightError } from "treewright";
+import { Client, Front, TreewrightError } from "treewright";
 
 const url = process.argv[2] ?? "http://127.0.0.1:50611";
 const spec = {
@@ -155,6 +155,7 @@ async function withoutDaemon() {
   for (const host of ["example.com", "localhost.example.com", "127.example.com", "127.0.0.1.example.com", "localhost@example.com"])
     assert.throws(() => new Client(`http://${host}:1`, { token: "x" }), /https/, host);
   for (const alone of ["certificate", "key"]) assert.throws(() => new Client("https://localhost:1", { [alone]: "PEM" }), /go together/);
+  assert.throws(() => new Client("http://localhost:1", { certificate: "PEM", key: "PEM" }), /only shown over TLS.*https:\/\/localhost:1/);
   for (const host of ["localhost", "127.0.0.1", "127.1.2.3", "[::1]"]) new Client(`http://${host}:1`, { token: "x" }).close();
 }
 
@@ -449,6 +450,44 @@ async function acrossAChangeOfTheSpace() {
   client.close();
 }
 
+/** Two metrics at once: the runs, what is refused, and what was found. */
+async function fronts() {
+  const client = new Client(url, { clientId: "node-front", deadlineMs: 20000, callDeadlineMs: 20000 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 50, default: 25 }];
+  const definition = { parameters, metrics: ["time_ms", "1/rate"], trials: 10 };
+  const front = await Front.open(client, "node-front", definition);
+  assert.deepEqual(front.metrics, ["time_ms", "rate"]);
+  const [one, same] = await Promise.all([front.suggest(), front.suggest()]);
+  assert.equal(one.trial, same.trial);
+  for (const rate of [undefined, 0, Infinity]) await rejects(one.report({ time_ms: 1, rate }), "invalid", "measurement `rate`");
+  assert.ok(one.isOpen);
+  let ran = 0;
+  for (let trial; (trial = await front.suggest()); ran++) {
+    const { level } = trial.configuration;
+    await trial.report({ time_ms: 100 / level, rate: 1000 / level ** 2 });
+    await rejects(trial.report({ time_ms: 1, rate: 1 }), "invalid", "already");
+  }
+  assert.equal(ran, 10);
+  const failed = await (await Front.open(client, "node-front", { ...definition, trials: 1 })).suggest();
+  await failed.failed("the lamp went out");
+  await failed.abandon();
+  const again = async () => (await Front.open(client, "node-front", { ...definition, trials: 0 })).found();
+  const found = await again();
+  assert.deepEqual(found, front.found());
+  assert.deepEqual([found.runs, found.maximised, found.dominated.length], [10, ["rate"], 0], JSON.stringify(found));
+  const times = found.points.map(({ metrics }) => metrics.time_ms);
+  assert.deepEqual([times, found.default.ratios.rate], [[...times].sort((a, b) => a - b), 1]);
+  assert.ok(found.hypervolume >= 0 && found.hypervolume <= 1);
+  // An excluded run counts nowhere, nor does what repeats it for other directions.
+  await client.call("excludeTrial", { trial: one.trial, reason: "the machine was busy" });
+  const rest = await again();
+  assert.deepEqual([rest.runs, rest.points.length <= found.points.length], [9, true], JSON.stringify(rest));
+  for (const [metrics, words] of [[["time_ms"], "two or three"], [["time_ms", "time_ms"], "twice"], [["time_ms", "memory_mb"], "is no front of"]])
+    await rejects(Front.open(client, "node-front", { ...definition, metrics }), "invalid", words);
+  await client.deleteStudy("node-front");
+  client.close();
+}
+
 /** While the daemon is away, the last configuration of it that ran is run again, not one that nobody ran or that failed. */
 async function fallingBack() {
   const levels = ["3", undefined, "4", undefined, "2", undefined, "4", undefined];
@@ -494,6 +533,7 @@ await trials();
 await sideBySide();
 await inEpisodes();
 await acrossAChangeOfTheSpace();
+await fronts();
 await byAnOlderDaemon();
 await byANewerDaemon();
 await fallingBack();

@@ -1,5 +1,5 @@
 // What a type checker makes of the package; never run.
-import { Client, TreewrightError, type StudySpec, type Value } from "treewright";
+import { Client, Front, TreewrightError, type StudySpec, type Value } from "treewright";
 
 const spec: StudySpec = {
   parameters: [
@@ -23,6 +23,12 @@ export async function tune(client: Client): Promise<number> {
   } catch (error) {
     return error instanceof TreewrightError && error.kind === "refused" ? 0 : 1;
   }
+}
+export async function look(client: Client): Promise<number | undefined> {
+  const front = await Front.open(client, "typed", { parameters: spec.parameters, metrics: ["ms", "1/rate"], trials: 9 });
+  await (await front.suggest())?.report({ ms: 1, rate: 2 });
+  const { points, hypervolume } = front.found();
+  return points[0]?.ratios?.ms ?? hypervolume;
 }
 // @ts-expect-error: a choice has values
 export const wrong: StudySpec = { parameters: [{ name: "x", type: "choice", default: 1 }], minimise: { ms: 1 } };
