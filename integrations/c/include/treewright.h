@@ -197,6 +197,20 @@ tw_study *tw_client_study(const tw_client *client, const char *id, const tw_spec
 tw_study *tw_client_existing_study(const tw_client *client, const char *id, tw_error **error);
 /* Deletes a study with everything learnt. Fails: TW_REFUSED, TW_AWAY, TW_LATE. */
 bool tw_client_delete_study(const tw_client *client, const char *id, tw_error **error);
+/* What a change of a space means for the trials of its study. */
+typedef struct tw_changed_space {
+  uint32_t revision;         /* of the space, after the change or, where it was only tried, as it is */
+  int64_t kept_trials;       /* completed ones inside the new space */
+  int64_t outside_trials;    /* completed ones outside, which are kept and not used */
+  int64_t given_back_trials; /* open ones outside */
+} tw_changed_space;
+/* Changes the space of a study for all programs to the parameters and constraints of spec, of which nothing else is looked at; spec
+ * remains the caller's. Trials stay. Programs that know the space of before go on in it; tw_client_study with the new one works in
+ * that. fixed_json, a JSON object or NULL, has values of parameters that are added or removed, where they are not the defaults: what
+ * all trials before had of one that is added, and what all from now on have of one that is removed. With only_try nothing is changed.
+ * changed may be NULL. Fails: TW_INVALID, TW_REFUSED, TW_AWAY, TW_LATE. */
+bool tw_client_change_space(const tw_client *client, const char *id, const tw_spec *spec, const char *fixed_json, bool only_try,
+                            tw_changed_space *changed, tw_error **error);
 /* Renews the lease of an open suggestion, counted from now, for work that takes longer than lease_s of the policy. Does nothing for
  * a fallback. Fails: TW_REFUSED where the daemon has ended the trial, TW_AWAY, TW_LATE, TW_INVALID in the child of a fork. */
 bool tw_client_extend_lease(const tw_client *client, tw_suggestion *suggestion, tw_error **error);
@@ -239,9 +253,15 @@ typedef struct tw_standing {
   double probability_better;
   int32_t stage;       /* one of enum tw_stage */
   bool nothing_better; /* the answer is what was run before */
+  double default_cost; /* mean objective of the default there */
+  int32_t measurements; /* how many the mean objective of the answer rests on */
+  const char *status;  /* what is proven, in a word or two: proven better, likely better, searching, confirming, open, nothing better,
+                        * nothing to win; empty where the daemon does not tell */
+  const char *verdict; /* the same as a sentence */
+  const char *trial;   /* name of the most recent one that measured the answer */
 } tw_standing;
 
-/* As tw_study_best, and fills *standing. */
+/* As tw_study_best, and fills *standing, whose texts are borrowed from the configuration. */
 tw_configuration *tw_study_best_standing(const tw_study *study, const tw_number *indicators, size_t count, double *cost,
                                          tw_standing *standing, tw_error **error);
 

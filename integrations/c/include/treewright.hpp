@@ -93,9 +93,11 @@ class Known {
       : cost(cost), standing(standing), owned_(handle) {}
   ConfigurationView configuration() const { return ConfigurationView(owned_.get()); }
   double cost;  // NaN where nothing is known
-  // Of Study::best: what is proven, with its intervals. Of others nothing is known.
+  // Of Study::best: what is proven, with its intervals; its texts live as long as this. Of others nothing is known.
   tw_standing standing;
-  static tw_standing nothing_known() { return {NAN, NAN, NAN, NAN, NAN, NAN, NAN, TW_STAGE_UNKNOWN, false}; }
+  static tw_standing nothing_known() {
+    return {NAN, NAN, NAN, NAN, NAN, NAN, NAN, TW_STAGE_UNKNOWN, false, NAN, 0, "", "", ""};
+  }
 
  private:
   detail::Owned<tw_configuration> owned_;
@@ -297,6 +299,16 @@ class Client {
   }
   void delete_study(const std::string &id) const {
     detail::checked([&](tw_error **error) { return tw_client_delete_study(owned_.get(), id.c_str(), error); });
+  }
+  // With an empty text for no fixed values.
+  tw_changed_space change_space(const std::string &id, const Spec &spec, const std::string &fixed_json = "",
+                                bool only_try = false) const {
+    tw_changed_space changed{};
+    const char *fixed = fixed_json.empty() ? nullptr : fixed_json.c_str();
+    detail::checked([&](tw_error **error) {
+      return tw_client_change_space(owned_.get(), id.c_str(), spec.handle(), fixed, only_try, &changed, error);
+    });
+    return changed;
   }
   void extend_lease(Suggestion &suggestion) const {
     detail::checked([&](tw_error **error) { return tw_client_extend_lease(owned_.get(), suggestion.handle(), error); });

@@ -4,6 +4,7 @@ use std::mem::MaybeUninit;
 
 use treewright_client::blocking;
 
+use crate::configuration::from_json;
 use crate::edge::{ErrorOut, Text, free, guard, need, store};
 use crate::error::Failure;
 use crate::options::{Options, milliseconds};
@@ -108,6 +109,44 @@ pub(crate) extern "C" fn tw_client_extend_lease(
     let body = || {
         let client = need(client, "client")?;
         Ok(client.0.extend_lease(&mut need(suggestion, "suggestion")?.inner)?)
+    };
+    guard(error, body).is_some()
+}
+
+/// What a change of a space did; see the header.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub(crate) struct ChangedSpace {
+    revision: u32,
+    kept_trials: i64,
+    outside_trials: i64,
+    given_back_trials: i64,
+}
+
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_client_change_space(
+    client: Option<&Client>,
+    id: Text,
+    spec: Option<&Spec>,
+    fixed_json: Text,
+    only_try: bool,
+    changed: Option<&mut MaybeUninit<ChangedSpace>>,
+    error: ErrorOut,
+) -> bool {
+    let body = || {
+        let space = need(spec, "specification")?.space()?;
+        let fixed = fixed_json.optional()?.map(from_json).transpose()?.unwrap_or_default();
+        let client = &need(client, "client")?.0;
+        let study = client.get_study(id.read("the study's id")?)?;
+        let (name, revision) = (study.identified_name(), study.space_revision);
+        let done = client.change_space(&name, revision, &space, &fixed, only_try)?;
+        let done = ChangedSpace {
+            revision: done.study.space_revision,
+            kept_trials: done.kept_trials,
+            outside_trials: done.outside_trials,
+            given_back_trials: done.given_back_trials,
+        };
+        changed.map_or(Ok(()), |room| store(Some(room), done))
     };
     guard(error, body).is_some()
 }

@@ -15,6 +15,8 @@ pub(crate) struct Configuration {
     values: treewright_client::Configuration,
     texts: BTreeMap<String, CString>,
     json: CString,
+    /// What is told of it as an answer: status, verdict, and trial.
+    notes: [CString; 3],
 }
 
 impl Configuration {
@@ -25,7 +27,17 @@ impl Configuration {
         };
         let texts = values.iter().filter_map(text).collect();
         let json = c_text(&serde_json::to_string(&values).unwrap_or_default());
-        Self { values, texts, json }
+        Self { values, texts, json, notes: Default::default() }
+    }
+
+    /// An answer, of which this is told.
+    pub(crate) fn noted(values: treewright_client::Configuration, notes: [&str; 3]) -> Self {
+        Self { notes: notes.map(c_text), ..Self::new(values) }
+    }
+
+    /// What is told of it; C reads it while the configuration lives.
+    pub(crate) fn notes(&self) -> [Text; 3] {
+        [0, 1, 2].map(|place| Text::of(&self.notes[place]))
     }
 }
 

@@ -19,8 +19,8 @@ const NUMBERS_MAX: usize = 4096;
 pub(crate) struct Text(*const c_char);
 
 impl Text {
-    /// Text of ours, for C.
-    pub(crate) fn of(text: &'static CStr) -> Self {
+    /// Text of ours, for C, which reads it only while it lives.
+    pub(crate) fn of(text: &CStr) -> Self {
         Self(text.as_ptr())
     }
 

@@ -30,6 +30,12 @@ pub(crate) struct Spec {
 impl Spec {
     /// The finished specification, or the first mistake.
     pub(crate) fn finish(&self) -> Result<StudySpec, Failure> {
+        let study = self.describe(StudySpec::builder(self.space()?));
+        study.build().map_err(|error| Failure::invalid(error.to_string()))
+    }
+
+    /// The space alone, or the first mistake.
+    pub(crate) fn space(&self) -> Result<Space, Failure> {
         if let Some(mistake) = &self.mistake {
             return Err(Failure::invalid(mistake));
         }
@@ -40,8 +46,7 @@ impl Spec {
         for constraint in &self.constraints {
             space = space.with_constraint(constraint.clone());
         }
-        let space = space.build().map_err(|error| Failure::invalid(error.to_string()))?;
-        self.describe(StudySpec::builder(space)).build().map_err(|error| Failure::invalid(error.to_string()))
+        space.build().map_err(|error| Failure::invalid(error.to_string()))
     }
 
     fn describe(&self, mut study: StudyBuilder) -> StudyBuilder {

@@ -120,11 +120,19 @@ pub(crate) struct Standing {
     probability_better: f64,
     stage: i32,
     nothing_better: bool,
+    default_cost: f64,
+    measurements: i32,
+    status: Text,
+    verdict: Text,
+    trial: Text,
 }
 
 impl Standing {
-    fn of(known: Option<treewright_client::Standing>) -> Self {
+    /// With texts that live as long as `answer`.
+    fn of(best: &treewright_client::Best, answer: &Configuration) -> Self {
+        let known = best.standing;
         let gain = known.and_then(|known| known.gain);
+        let [status, verdict, trial] = answer.notes();
         let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
         Self {
             cost: number(known.map(|known| known.cost)),
@@ -142,6 +150,11 @@ impl Standing {
                 ConfirmationStage::NothingBetter => 5,
             }),
             nothing_better: known.is_some_and(|known| known.nothing_better),
+            default_cost: number(best.default_cost),
+            measurements: best.measurements,
+            status,
+            verdict,
+            trial,
         }
     }
 }
@@ -156,10 +169,16 @@ pub(crate) extern "C" fn tw_study_best_standing(
     error: ErrorOut,
 ) -> Option<Box<Configuration>> {
     guard(error, || {
-        let best = need(study, "study")?.0.best(&indicators(numbers, count)?)?;
-        store(standing, Standing::of(best.standing))?;
+        let study = &need(study, "study")?.0;
+        let best = study.best(&indicators(numbers, count)?)?;
+        let view = study.spec().objective.view();
+        let status = best.standing.map_or("", |known| known.in_short());
+        let verdict = best.standing.map_or_else(String::new, |known| known.sentence_by(&view));
+        let answer =
+            Box::new(Configuration::noted(best.configuration.clone(), [status, &verdict, &best.trial]));
+        store(standing, Standing::of(&best, &answer))?;
         put(cost, best.cost)?;
-        Ok(Box::new(Configuration::new(best.configuration)))
+        Ok(answer)
     })
 }
 

@@ -170,6 +170,49 @@ static void maximised(const tw_client *client) {
   tw_study_free(study);
 }
 
+static tw_spec *levels(bool with_threads) {
+  tw_spec *spec = tw_spec_new();
+  tw_spec_integer(spec, "level", 1, 9, 5, TW_LINEAR);
+  if (with_threads) tw_spec_integer(spec, "threads", 1, 4, 2, TW_LINEAR);
+  tw_spec_minimise(spec, "ms", 1);
+  return spec;
+}
+
+/* A program of before goes on in the space that it knows, and one of today gets the new parameter. */
+static void changed_space(const tw_client *client) {
+  tw_error *error = NULL;
+  tw_spec *specs[] = {levels(false), levels(true)};
+  tw_study *studies[2];
+  tw_number result[] = {{"ms", 5}};
+  studies[0] = tw_client_study(client, "from-c-space", specs[0], &error);
+  succeed(error);
+  CHECK(tw_suggestion_report(tw_study_suggest(studies[0], NULL, 0, NULL), result, 1, &error));
+  CHECK(tw_client_flush(client, 20000, &error));
+  tw_changed_space changed;
+  CHECK(tw_client_change_space(client, "from-c-space", specs[1], NULL, true, &changed, &error));
+  CHECK(changed.revision == 1 && changed.kept_trials == 1 && changed.outside_trials == 0 && changed.given_back_trials == 0);
+  CHECK(tw_client_change_space(client, "from-c-space", specs[1], "{\"threads\":3}", false, &changed, &error));
+  CHECK(changed.revision == 2);
+  studies[1] = tw_client_study(client, "from-c-space", specs[1], &error);
+  succeed(error);
+  for (int each = 0; each < 2; each++) {
+    tw_suggestion *suggestion = tw_study_suggest(studies[each], NULL, 0, &error);
+    succeed(error);
+    CHECK(tw_suggestion_source(suggestion) == TW_DAEMON);
+    CHECK(tw_configuration_has(tw_suggestion_configuration(suggestion), "threads") == (each == 1));
+    CHECK(tw_suggestion_report(suggestion, result, 1, &error) && tw_client_flush(client, 20000, &error));
+    tw_study_free(studies[each]);
+  }
+  CHECK(!tw_client_change_space(client, "from-c-space", specs[0], "{]", false, NULL, &error));
+  expect(error, TW_INVALID, "no JSON");
+  error = NULL;
+  CHECK(!tw_client_change_space(client, "nowhere", specs[0], NULL, false, NULL, &error));
+  expect(error, TW_REFUSED, "nowhere");
+  error = NULL;
+  CHECK(tw_client_delete_study(client, "from-c-space", &error));
+  for (int each = 0; each < 2; each++) tw_spec_free(specs[each]);
+}
+
 static void trials(const tw_client *client) {
   tw_error *error = NULL;
   tw_spec *spec = new_spec();
@@ -232,6 +275,8 @@ static void trials(const tw_client *client) {
   CHECK(cost >= 5 && standing.cost_low <= standing.cost && standing.cost <= standing.cost_high);
   CHECK(standing.gain >= 0 && standing.gain_low <= standing.gain && standing.gain <= standing.gain_high);
   CHECK(standing.stage >= TW_STAGE_OFF && standing.stage <= TW_STAGE_NOTHING_BETTER);
+  CHECK(standing.measurements >= 1 && standing.default_cost > 0 && strstr(standing.trial, "studies/from-c"));
+  CHECK(standing.status[0] && strstr(standing.verdict, "default"));
   tw_configuration_free(found);
   CHECK(!tw_study_best_standing(study, input, 1, NULL, NULL, &error));
   expect(error, TW_INVALID, "room for the result is NULL");
@@ -504,6 +549,7 @@ int main(int count, char **arguments) {
   mistakes(client);
   without_daemon();
   maximised(client);
+  changed_space(client);
   trials(client);
   episodes(client);
   threads(client);

@@ -93,10 +93,32 @@ export class Client {
   study(id: string, spec: StudySpec): Promise<Study>;
   /** Waits until every report is acknowledged or refused; rejects when some still wait. */
   flush(deadlineMs?: number): Promise<void>;
+  /**
+   * Changes the space of a study for all programs. Trials stay; those outside the new space are not used. Programs that know the space of
+   * before go on in it; `study` with the new one works in that. `fixed` has values of parameters that are added or removed, where they are
+   * not the defaults: what all trials before had of one that is added, and what all from now on have of one that is removed. With
+   * `onlyTry` nothing is changed.
+   */
+  changeSpace(
+    id: string,
+    space: Pick<StudySpec, "parameters" | "constraints">,
+    change?: { fixed?: Configuration; onlyTry?: boolean },
+  ): Promise<ChangedSpace>;
   deleteStudy(id: string): Promise<void>;
   /** Closes the connection; what waits is lost, so flush before. */
   close(): void;
   readonly stats: Stats;
+}
+
+/** What a change of a space means for the trials of its study. */
+export interface ChangedSpace {
+  /** Of the space, after the change or, where it was only tried, as it is. */
+  revision: number;
+  /** Completed trials inside the new space, and outside. */
+  keptTrials: number;
+  outsideTrials: number;
+  /** Open trials outside. */
+  givenBackTrials: number;
 }
 
 /** By how much the cost lies below that of the default, as a share of it, with its 95 % interval where that is known. */
@@ -117,6 +139,8 @@ export interface Standing {
   nothingBetter: boolean;
   /** How far confirmation is: off, searching, racing, better, nothing_better. */
   stage?: string;
+  /** What is proven, in the words of every surface. */
+  status: "proven better" | "likely better" | "searching" | "confirming" | "open" | "nothing better" | "nothing to win";
 }
 
 export interface Best {
@@ -127,6 +151,9 @@ export interface Best {
   /** What these stand for; see `Study.value`. */
   value: number;
   defaultValue?: number;
+  /** The 95 % interval of the value, from all that was measured; absent where there is no standing. */
+  valueLow?: number;
+  valueHigh?: number;
   measurements: number;
   /** The most recent trial that measured it. */
   trial: string;

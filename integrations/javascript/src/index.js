@@ -14,7 +14,7 @@ import { Episode } from "./episode.js";
 import { TreewrightError, refined } from "./error.js";
 import { Front, FrontTrial } from "./front.js";
 import { Outbox } from "./outbox.js";
-import { bestFromWire, checkIndicators, configurationFromWire, configurationToWire, defaultConfiguration, specToWire } from "./wire.js";
+import { bestFromWire, checkIndicators, configurationFromWire, configurationToWire, defaultConfiguration, spaceToWire, specToWire, valueToWire } from "./wire.js";
 import { takeWorker } from "./workers.js";
 
 export { Front, FrontTrial, TreewrightError };
@@ -113,6 +113,24 @@ export class Client {
       this.stats.lastError = error.message;
     }
     return study;
+  }
+
+  async changeSpace(id, space, { fixed = {}, onlyTry = false } = {}) {
+    const asked = (name, request) => this.untilReady((deadlineMs) => this.call(name, request, deadlineMs));
+    const study = await asked("getStudy", { name: `studies/${id}` });
+    // Which of the numbers are floats is told by the new space, or by the one of before.
+    const isFloat = Object.fromEntries((study.space?.parameters ?? []).map(({ name, defaultValue }) => [name, defaultValue?.kind === "float"]));
+    const { parameters, constraints } = spaceToWire(space);
+    for (const { name, defaultValue } of parameters) isFloat[name] = "float" in defaultValue;
+    const values = Object.entries(fixed).map(([name, value]) => [name, valueToWire(value, isFloat[name])]);
+    const name = study.uid ? `${study.name}@${study.uid}` : study.name;
+    const request = { name, revision: study.spaceRevision, space: { parameters, constraints }, fixed: Object.fromEntries(values), validateOnly: onlyTry };
+    const answer = await asked("changeSpace", request);
+    const count = (trials) => Number(trials ?? 0);
+    return {
+      revision: answer.study.spaceRevision, keptTrials: count(answer.keptTrials), outsideTrials: count(answer.outsideTrials),
+      givenBackTrials: count(answer.givenBackTrials),
+    };
   }
 
   async deleteStudy(id) {
@@ -269,7 +287,9 @@ export class Study {
     if (Object.keys(indicators).length > 0) checkIndicators(indicators, this.spec);
     const best = bestFromWire(await this.#known("getBest", indicators));
     const defaultValue = best.defaultCost === undefined ? undefined : this.value(best.defaultCost);
-    return { ...best, value: this.value(best.cost), defaultValue };
+    // Where a metric is maximised, the highest cost stands for the lowest value.
+    const ends = best.standing && [best.standing.costLow, best.standing.costHigh].map((cost) => this.value(cost)).sort((a, b) => a - b);
+    return { ...best, value: this.value(best.cost), valueLow: ends?.[0], valueHigh: ends?.[1], defaultValue };
   }
 
   value(cost) {

@@ -69,6 +69,15 @@ function framesToWire(frames) {
   return frames === 1 ? 0 : frames;
 }
 
+/** Parameters and constraints; a step is a constraint as other languages write it, so that programs in several share a study. */
+export function spaceToWire({ parameters, constraints = [] }) {
+  const steps = parameters.filter(({ step }) => step !== undefined).map(({ name, min, step }) => ({
+    expression: `${min % step === 0 ? `\`${name}\`` : `(\`${name}\` - ${min})`} % ${step} == 0`,
+  }));
+  const given = constraints.map((each) => (typeof each === "string" ? { expression: each } : { lesser: each[0], greater: each[1] }));
+  return { parameters: parameters.map((each) => parameterToWire(each, parameters)), constraints: [...given, ...steps] };
+}
+
 export function specToWire(spec) {
   const indicators = Object.entries(spec.indicators ?? {}).map(([name, [min, max, scale = "linear"]]) => {
     if (scale !== "log" && scale !== "linear")
@@ -83,17 +92,7 @@ export function specToWire(spec) {
   );
   return {
     displayName: spec.displayName ?? "",
-    space: {
-      parameters: spec.parameters.map((each) => parameterToWire(each, spec.parameters)),
-      constraints: [
-        ...(spec.constraints ?? []).map((each) =>
-          typeof each === "string" ? { expression: each } : { lesser: each[0], greater: each[1] }),
-        // As the other languages write it, so that programs in several share a study.
-        ...spec.parameters.filter(({ step }) => step !== undefined).map(({ name, min, step }) => ({
-          expression: `${min % step === 0 ? `\`${name}\`` : `(\`${name}\` - ${min})`} % ${step} == 0`,
-        })),
-      ],
-    },
+    space: spaceToWire(spec),
     indicators,
     objective: {
       terms,
@@ -148,6 +147,25 @@ export function isOneState(spec, one, other) {
 const gainFromWire = (gain) =>
   gain ? { share: gain.share ?? 0, low: gain.low, high: gain.high, probabilityBetter: gain.probabilityBetter } : undefined;
 
+/** Least probabilities of being better that are called a proof, by the rounds of a confirmation, and likely, by all measurements. */
+const [PROVEN, LIKELY] = [0.99, 0.8];
+/** The largest gain, as a share, that counts as nothing to win. */
+const NOTHING_TO_WIN = 0.01;
+
+/** What is proven, in the words of every surface. */
+function statusOf({ gain, confirmation, gainAtMost }) {
+  const stage = confirmation?.stage;
+  const rounds = confirmation?.gain;
+  // An earlier version of the daemon does not send the probability.
+  const isProven = rounds !== undefined && rounds !== null && (rounds.probabilityBetter === undefined ? rounds.low > 0 : rounds.probabilityBetter >= PROVEN);
+  if (stage === "CONFIRMATION_STAGE_RACING") return "confirming";
+  if (stage === "CONFIRMATION_STAGE_BETTER" && isProven) return "proven better";
+  if (gain?.probabilityBetter >= LIKELY) return "likely better";
+  if (stage === "CONFIRMATION_STAGE_SEARCHING") return "searching";
+  if (stage !== "CONFIRMATION_STAGE_NOTHING_BETTER") return "open";
+  return gainAtMost <= NOTHING_TO_WIN ? "nothing to win" : "nothing better";
+}
+
 /** What is known best, with what is proven of it. */
 export function bestFromWire(best) {
   const { cost = 0, defaultCost, measurements = 0, trial, standing } = best;
@@ -156,5 +174,6 @@ export function bestFromWire(best) {
     nothingBetter: standing.nothingBetter ?? false,
     stage: standing.confirmation?.stage?.replace("CONFIRMATION_STAGE_", "").toLowerCase(),
   } : undefined;
+  if (told) told.status = statusOf(standing);
   return { configuration: configurationFromWire(best.configuration), cost, defaultCost, measurements, trial, standing: told };
 }

@@ -64,6 +64,8 @@ async function trials() {
   const { standing } = best;
   assert.ok(standing.costLow <= standing.cost && standing.cost <= standing.costHigh, JSON.stringify(best));
   assert.ok(standing.gain.share >= 0 && standing.gain.low <= standing.gain.share && standing.stage.length > 2, JSON.stringify(best));
+  assert.deepEqual([best.valueLow, best.valueHigh], [standing.costLow, standing.costHigh]);
+  assert.match(standing.status, /^(proven better|likely better|searching|confirming|open|nothing better|nothing to win)$/);
   assert.ok((await study.predict(input)).configuration.leaf >= 1);
   await rejects(study.trialOf({ leaf: 99 }, input), "refused", "leaf");
   await rejects(client.study("bad", { ...spec, minimise: {} }), "refused", "objective");
@@ -79,6 +81,8 @@ async function trials() {
   await client.flush(20000);
   const fastest = await rate.best({});
   assert.deepEqual([fastest.cost, fastest.value, rate.value(10)], [20, 50, 100]);
+  const ends = fastest.standing && [rate.value(fastest.standing.costHigh), rate.value(fastest.standing.costLow)];
+  assert.deepEqual([fastest.valueLow, fastest.valueHigh], [ends?.[0], ends?.[1]]);
   const [tile, minimise] = [{ name: "tile", type: "integer", min: 16, max: 64, default: 32 }, { ms: 1 }];
   await client.study("node-steps", { parameters: [{ ...tile, step: 16 }], minimise });
   // As a program in another language spells it: it is the same study.
@@ -432,14 +436,17 @@ async function acrossAChangeOfTheSpace() {
   const client = new Client(url, { clientId: "node-space", deadlineMs: 20000 });
   const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
   const before = await client.study("node-space", { parameters, minimise: { ms: 1 } });
-  (await before.suggest()).report({ ms: 5 });
+  const first = await before.suggest();
+  first.report({ ms: 5 });
   await client.flush(20000);
-  const whole = (min, max, value) => ({ integer: { min, max, scale: "SCALE_LINEAR" }, defaultValue: { integer: value } });
-  const space = { parameters: [{ name: "level", ...whole(1, 9, 5) }, { name: "threads", ...whole(1, 4, 2) }] };
-  const answer = await client.call("changeSpace", { name: "studies/node-space", revision: 1, space });
-  assert.deepEqual([answer.keptTrials, answer.study.spaceRevision], ["1", 2]);
   const threads = { name: "threads", type: "integer", min: 1, max: 4, default: 2 };
-  const after = await client.study("node-space", { parameters: [...parameters, threads], minimise: { ms: 1 } });
+  const wider = { parameters: [...parameters, threads] };
+  const told = { keptTrials: 1, outsideTrials: 0, givenBackTrials: 0 };
+  assert.deepEqual(await client.changeSpace("node-space", wider, { onlyTry: true }), { revision: 1, ...told });
+  assert.deepEqual(await client.changeSpace("node-space", wider, { fixed: { threads: 3 } }), { revision: 2, ...told });
+  await rejects(client.changeSpace("nowhere", wider), "refused", "nowhere");
+  const after = await client.study("node-space", { ...wider, minimise: { ms: 1 } });
+  assert.deepEqual((await after.best()).configuration, { ...first.configuration, threads: 3 });
   for (const [study, names] of [[before, ["level"]], [after, ["level", "threads"]]]) {
     const suggestion = await study.suggest();
     assert.deepEqual([suggestion.source, Object.keys(suggestion.configuration).sort()], ["daemon", names], suggestion.problem);

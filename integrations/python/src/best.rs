@@ -104,6 +104,13 @@ impl Best {
         self.standing().map(|known| known.confirmation.stage.word().to_lowercase())
     }
 
+    /// What is proven, in a word or two: proven better, likely better, searching, confirming, open, nothing
+    /// better, nothing to win.
+    #[getter]
+    fn status(&self) -> Option<&'static str> {
+        self.standing().map(Standing::in_short)
+    }
+
     /// What is proven, as a sentence.
     #[getter]
     fn verdict(&self) -> Option<String> {

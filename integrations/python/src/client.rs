@@ -193,6 +193,38 @@ impl Client {
         python.detach(|| self.0.existing_study(id)).map(|study| self.holding(study)).map_err(raised)
     }
 
+    /// Changes the space of a study for all programs. Trials stay; those outside the new space are not used.
+    /// Programs that know the space of before go on in it; ``study`` with the new one works in that.
+    /// ``fixed`` has values of parameters that are added or removed, where they are not the defaults: what
+    /// all trials before had of one that is added, and what all from now on have of one that is removed. With
+    /// ``only_try`` nothing is changed. Returns the ``revision`` of the space, and the numbers of trials:
+    /// ``kept_trials``, ``outside_trials`` and open ones that were given back, ``given_back_trials``.
+    /// Raises Invalid for a space with mistakes, and Refused where the daemon will not do it.
+    #[pyo3(signature = (id, space, *, fixed=None, only_try=false))]
+    fn change_space<'py>(
+        &self,
+        python: Python<'py>,
+        id: &str,
+        space: &Space,
+        fixed: Option<&Bound<'_, PyAny>>,
+        only_try: bool,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let space = space.build().map_err(raised)?;
+        let fixed = fixed.map(configuration_of).transpose()?.unwrap_or_default();
+        let change = || {
+            let study = self.0.get_study(id)?;
+            let (name, revision) = (study.identified_name(), study.space_revision);
+            self.0.change_space(&name, revision, &space, &fixed, only_try)
+        };
+        let changed = python.detach(change).map_err(raised)?;
+        let shown = PyDict::new(python);
+        shown.set_item("revision", changed.study.space_revision)?;
+        shown.set_item("kept_trials", changed.kept_trials)?;
+        shown.set_item("outside_trials", changed.outside_trials)?;
+        shown.set_item("given_back_trials", changed.given_back_trials)?;
+        Ok(shown)
+    }
+
     /// Deletes a study with all that was learnt.
     fn delete_study(&self, python: Python<'_>, id: &str) -> PyResult<()> {
         python.detach(|| self.0.delete_study(id)).map_err(raised)

@@ -61,7 +61,8 @@ impl Space {
         change(&mut self.parts.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
     }
 
-    fn build(&self) -> Result<treewright_client::Space, ClientError> {
+    /// The finished space, or its mistakes.
+    pub(crate) fn build(&self) -> Result<treewright_client::Space, ClientError> {
         self.with(|parts| {
             let mut builder = treewright_client::Space::builder();
             for parameter in &parts.parameters {

@@ -137,7 +137,7 @@ def trials(url: str) -> None:
     assert known[0] == known.configuration and known[1] == known.predicted_cost and len(known) == 2, known
     assert known.mode == "exploit" and known.reason, known
     low, high = best.cost_interval
-    assert low <= high and best.measurements >= 1 and best.verdict and best.stage, best
+    assert low <= high and best.measurements >= 1 and best.verdict and best.stage and best.status, best
     mappings(url, client)
     trials = study.trials("state = COMPLETED AND outcome = OK", "cost")
     assert len(trials) == 30 and trials[0]["cost"] == min(each["cost"] for each in trials) and trials[0]["outcome"] == "ok", trials
@@ -208,6 +208,40 @@ def steering(url: str) -> None:
     assert kinds.suggest().configuration == {"splitKind": "SAH"}
     kinds.set_policy(**kinds.policy())
     assert kinds.policy()["pinned"] == "splitKind=SAH" and kinds.policy()["track_speed"] == "true", kinds.policy()
+
+
+def across_a_change_of_the_space(url: str) -> None:
+    """A program of before goes on in the space that it knows, and one of today gets the new parameter."""
+    import treewright
+
+    client = treewright.Client(url, client_id="python-space", deadline_ms=20000)
+    space = lambda: treewright.Space().integer("level", 1, 9, default=5)
+    before = client.study("python-space", space(), minimise={"ms": 1.0})
+    first = before.suggest()
+    first.report(ms=5.0)
+    client.flush(20000)
+    wider = space().integer("threads", 1, 4, default=2)
+    told = {"kept_trials": 1, "outside_trials": 0, "given_back_trials": 0}
+    assert client.change_space("python-space", wider, only_try=True) == {"revision": 1, **told}
+    assert client.change_space("python-space", wider, fixed={"threads": 3}) == {"revision": 2, **told}
+    after = client.study("python-space", wider, minimise={"ms": 1.0})
+    assert after.best().configuration == {**first.configuration, "threads": 3}, after.best()
+    for study, names in ((before, {"level"}), (after, {"level", "threads"})):
+        suggestion = study.suggest()
+        assert suggestion.source == "daemon" and suggestion.configuration.keys() == names, suggestion.problem
+        suggestion.report(ms=4.0)
+        client.flush(20000)
+    for problem, wrong in (
+        (treewright.Invalid, lambda: client.change_space("python-space", treewright.Space())),
+        (treewright.Refused, lambda: client.change_space("nowhere", wider)),
+    ):
+        try:
+            wrong()
+        except problem as error:
+            assert str(error)
+        else:
+            raise AssertionError(problem)
+    client.delete_study("python-space")
 
 
 def leases(url: str) -> None:
@@ -819,6 +853,7 @@ if __name__ == "__main__":
     stubs()
     trials(sys.argv[1])
     steering(sys.argv[1])
+    across_a_change_of_the_space(sys.argv[1])
     leases(sys.argv[1])
     loop(sys.argv[1])
     fronts(sys.argv[1])

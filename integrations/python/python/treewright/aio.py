@@ -60,6 +60,10 @@ class Client:
         """A study that exists. Raises Refused when there is none."""
         return Study(await _beside(self._client.existing_study, id))
 
+    async def change_space(self, id: str, space: Space, **change: Any) -> "dict[str, int]":
+        """Changes the space of a study, which keeps its trials; see ``treewright.Client.change_space``."""
+        return await _beside(self._client.change_space, id, space, **change)
+
     async def delete_study(self, id: str) -> None:
         """Deletes a study with all that was learnt."""
         await _beside(self._client.delete_study, id)
