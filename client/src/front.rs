@@ -242,7 +242,8 @@ impl FrontHistory {
     }
 }
 
-fn is_measured(trial: &TrialRecord) -> bool {
+/// Whether it ran in full, succeeded, and is not excluded.
+pub(crate) fn is_measured(trial: &TrialRecord) -> bool {
     trial.outcome == Some(OpenEnum::Known(Outcome::Ok))
         && trial.fidelity.is_none()
         && trial.exclusion.is_none()

@@ -22,7 +22,7 @@
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of their fates |
 //! | `study_context`, `shared` | the parts of a study that suggestions keep and that its handles share |
 //! | `frame_set`, `episode` | trials of several frames, within the program and over its loop |
-//! | `front` | several metrics of which none is given up for another |
+//! | `front`, `stored_front` | several metrics of which none is given up for another |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and fallbacks without one |
 
 mod answer;
@@ -59,6 +59,7 @@ mod records;
 mod shared;
 mod slot;
 mod stats;
+mod stored_front;
 mod stream;
 mod study;
 mod study_context;
@@ -88,6 +89,7 @@ pub use records::{
     Best, ChangedSpace, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TrialRecord,
 };
 pub use stats::Stats;
+pub use stored_front::FrontQuery;
 pub use study::Study;
 pub use suggestion::{Finished, Source, Suggestion};
 pub use treewright_model::assignment::{Assignment as Configuration, NoSuchValue};

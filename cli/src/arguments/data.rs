@@ -90,8 +90,9 @@ pub(crate) struct Analyze {
 pub(crate) struct FrontOf {
     /// The study's id
     pub(crate) study: String,
-    /// Two or three measurements; 1/rate for one that is to be large
-    #[arg(long, value_name = "METRIC,METRIC", value_delimiter = ',', required = true)]
+    /// Two or three measurements; 1/rate for one that is to be large. Default: those that the study was made
+    /// for
+    #[arg(long, value_name = "METRIC,METRIC", value_delimiter = ',')]
     pub(crate) metrics: Vec<String>,
     /// Number of the state, as shown by `trials`
     #[arg(long, value_name = "NUMBER")]

@@ -100,7 +100,7 @@ Examples:
     /// Shows the configurations that nothing is better than in all of two or three measurements
     #[command(after_help = "\
 Examples:
-  treewright front toy --metrics time_ms,memory_mb --svg front.svg
+  treewright front toy --svg front.svg
   treewright front sponza --metrics build_ms,render_ms --state 3")]
     Front(FrontOf),
     /// Shows the best known configuration of each state

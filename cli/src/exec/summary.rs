@@ -114,7 +114,7 @@ impl Summary {
         }
         text.push('\n');
         if let Some(front) = &self.front {
-            return text + &show::front(front, default) + "\n";
+            return text + &show::front(front) + "\n";
         }
         let Some(best) = &self.best else { return text + "nothing measured\n" };
         let is_default = best.configuration == *default;

@@ -1,6 +1,6 @@
 //! A Pareto front as a table, and as a figure.
 
-use treewright_client::{Configuration, FrontPoint, ParetoFront};
+use treewright_client::{FrontPoint, ParetoFront};
 use treewright_figures::{Figure, Marked};
 
 use super::{figure, table};
@@ -9,7 +9,7 @@ use super::{figure, table};
 const SIZE: [f64; 2] = [720.0, 400.0];
 
 /// The front, the default where it is not on it, and the hypervolume.
-pub(crate) fn front(found: &ParetoFront, default: &Configuration) -> String {
+pub(crate) fn front(found: &ParetoFront) -> String {
     if found.points.is_empty() {
         return format!("no run measured all of {}", found.metrics.join(", "));
     }
@@ -18,10 +18,9 @@ pub(crate) fn front(found: &ParetoFront, default: &Configuration) -> String {
         header.extend([metric.as_str(), "of default"]);
     }
     let mut table = table(&header, &(1..header.len()).collect::<Vec<_>>());
-    let is_on_it = found.points.iter().any(|point| point.configuration == *default);
-    let beside = found.default.iter().filter(|_| !is_on_it);
+    let beside = found.default.iter().filter(|default| !found.points.contains(default));
     for point in found.points.iter().chain(beside) {
-        let whose = if point.configuration == *default { " (default)" } else { "" };
+        let whose = if found.default.as_ref() == Some(point) { " (default)" } else { "" };
         let mut row = vec![format!("{}{whose}", point.configuration), point.runs.to_string()];
         for metric in &found.metrics {
             let ratio = point.ratios.as_ref().and_then(|ratios| ratios.get(metric));

@@ -19,9 +19,9 @@ use per_process::{OfProcess, PerProcess};
 use runtime::RuntimeThread;
 
 use crate::{
-    Best, ChangedSpace, ClientError, Configuration, Fingerprint, Finished, Indicators, Measurements, Options,
-    Outcome, PolicyChange, Prediction, Question, SessionPolicy, Side, Space, Stats, Status, StudyRecord,
-    StudySpec, Suggestion, TrialQuery, TrialRecord,
+    Best, ChangedSpace, ClientError, Configuration, Fingerprint, Finished, FrontQuery, Indicators,
+    Measurements, Options, Outcome, ParetoFront, PolicyChange, Prediction, Question, SessionPolicy, Side,
+    Space, Stats, Status, StudyRecord, StudySpec, Suggestion, TrialQuery, TrialRecord,
 };
 
 /// See [`crate::Client`]. Cheap to clone.
@@ -77,6 +77,7 @@ impl Client {
         fn delete_study(id: &str) -> ();
         fn predict(study: &str, indicators: &Indicators) -> Prediction;
         fn best(study: &str, indicators: &Indicators) -> Best;
+        fn front(study: &str, query: &FrontQuery) -> ParetoFront;
         fn create_study(id: &str, spec: &StudySpec) -> StudyRecord;
         fn ask(study: &str, question: &Question) -> TrialRecord;
         fn tell(trial: &str, measurements: &Measurements, outcome: &Outcome) -> (TrialRecord, bool);
@@ -182,6 +183,7 @@ impl Study {
         fn trial_of(indicators: &Indicators, configuration: &Configuration) -> Suggestion;
         fn predict(indicators: &Indicators) -> Prediction;
         fn best(indicators: &Indicators) -> Best;
+        fn front(query: &FrontQuery) -> ParetoFront;
         fn record() -> StudyRecord;
     }
 

@@ -1,8 +1,8 @@
 //! The calls outside of frames.
 
 use treewright_client::{
-    Client, ClientError, Configuration, Indicators, Mode, Options, Outcome, Policy, PolicyChange, Question,
-    Space, StudySpec, TrialQuery,
+    Client, ClientError, Configuration, Front, FrontQuery, Indicators, Mode, Options, Outcome, Policy,
+    PolicyChange, Question, Space, StudySpec, TrialQuery,
 };
 
 use crate::support::{Fake, measured, patient, spec, state};
@@ -91,6 +91,34 @@ async fn trials_are_read_across_pages() {
     let prediction = study.predict(&state(1)).await.unwrap();
     assert_eq!((prediction.mode, prediction.predicted_cost), (Mode::Exploit.into(), Some(3.0)));
     assert_eq!(prediction.reason.neighbours.len(), 1);
+}
+
+#[tokio::test]
+async fn a_front_is_read_from_the_trials_that_count() {
+    let (fake, client, study) = Fake::with_study().await;
+    for (render_ms, bytes) in [(9.0, 10.0), (3.0, 40.0), (5.0, 60.0), (2.0, 50.0), (1.0, 1.0)] {
+        let measured = measured(render_ms).with("structure_bytes", bytes);
+        study.suggest(&state(1)).await.report(measured, Outcome::Ok).unwrap();
+    }
+    client.flush(std::time::Duration::from_secs(20)).await.unwrap();
+    client.exclude("studies/scene/trials/5", Some("its clock was wrong")).await.unwrap();
+    fake.book().trials[1].fidelity = "16".to_owned();
+    let front = Some(Front::new(&["render_ms", "structure_bytes"]).unwrap());
+    let query = FrontQuery { front, ..FrontQuery::default() };
+    let found = study.front(&query).await.unwrap();
+    let times: Vec<f64> = found.points.iter().map(|point| point.metrics["render_ms"]).collect();
+    assert_eq!((found.runs, times), (3, vec![2.0, 9.0]));
+    assert_eq!(client.front("scene", &query).await.unwrap(), found);
+    let asked = async |query: FrontQuery| study.front(&query).await.unwrap_err().to_string();
+    let unnamed = asked(FrontQuery::default()).await;
+    assert!(unnamed.contains("name two or three"), "{unnamed}");
+    let beside = asked(FrontQuery { reference: Some(vec![1.0]), ..query.clone() }).await;
+    assert!(beside.contains("one number above 0 for each metric"), "{beside}");
+    fake.book().trials[0].fingerprint = None;
+    let mixed = asked(query.clone()).await;
+    assert!(mixed.contains("on 2 machine(s)"), "{mixed}");
+    let of_state = study.front(&FrontQuery { state: Some(1), ..query }).await.unwrap();
+    assert_eq!(of_state, found);
 }
 
 #[tokio::test]
