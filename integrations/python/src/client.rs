@@ -7,7 +7,8 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use treewright_client::{
-    Credentials, Operation, Options, Policy, PolicyChange, TrialQuery, blocking, local::LocalDaemon,
+    Credentials, Front, FrontQuery, Operation, Options, Policy, PolicyChange, TrialQuery, blocking,
+    local::LocalDaemon,
 };
 
 use crate::best::Best;
@@ -445,6 +446,26 @@ impl Study {
     fn trials<'py>(&self, python: Python<'py>, filter: &str, order_by: &str) -> PyResult<Bound<'py, PyAny>> {
         let query = TrialQuery::all().filter(filter).order_by(order_by);
         crate::trials::read(python, &self.1, self.0.name(), query)
+    }
+
+    /// The Pareto front of the stored trials, as a ``treewright.front.ParetoFront``, whatever the study
+    /// minimises. ``metrics`` are two or three measurements, with ``1/rate`` for one that is to be large; by
+    /// default those that the study was made for. ``state`` is the ``state_id`` of a trial, needed where
+    /// trials are of several inputs or machines. ``reference`` is a value of each metric, beside which the
+    /// hypervolume is told; by default those of the default. Trials that are excluded or ran at a cheaper
+    /// level do not count. Raises Invalid where there is no such front.
+    #[pyo3(signature = (metrics=None, *, state=None, reference=None))]
+    fn front<'py>(
+        &self,
+        python: Python<'py>,
+        metrics: Option<Vec<String>>,
+        state: Option<i64>,
+        reference: Option<Vec<f64>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let front = metrics.map(|metrics| Front::new(&metrics)).transpose();
+        let query = FrontQuery { front: front.map_err(|error| raised(error.into()))?, state, reference };
+        let found = python.detach(|| self.0.front(&query)).map_err(raised)?;
+        crate::pareto::front(python, &found)
     }
 
     /// A frame loop, in which report and question travel together.

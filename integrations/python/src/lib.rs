@@ -9,6 +9,7 @@ mod client;
 mod convert;
 mod error;
 mod front;
+mod pareto;
 mod prediction;
 mod space;
 mod suggestion;

@@ -353,6 +353,18 @@ def fronts(url: str) -> None:
     # Every level is quicker than those below, and does less: none is dominated.
     assert found.dominated == [] and [one["metrics"]["time_ms"] for one in found] == sorted(one["metrics"]["time_ms"] for one in found)
     assert 0 <= found.hypervolume <= 1 and found.rows()[0]["config.level"] == found[0]["configuration"]["level"]
+    # The stored trials have the same front, of the metrics that the study was made for or of named ones.
+    study = client.existing_study("python-front")
+    assert study.front() == found and study.front(metrics).hypervolume == found.hypervolume
+    assert study.front(reference=[1e-9, 1e9]).hypervolume == 0
+    other = client.study("python-front-none", space, minimise={"time_ms": 1.0})
+    for ask in (other.front, lambda: study.front(["time_ms"]), lambda: study.front(reference=[1.0])):
+        try:
+            ask()
+        except treewright.Invalid as problem:
+            assert "two or three" in str(problem) or "for each metric" in str(problem), problem
+        else:
+            raise AssertionError(ask)
     for wrong in (["time_ms"], ["time_ms", "memory_mb"]):
         try:
             treewright.Front(client, "python-front", space, wrong)

@@ -149,6 +149,10 @@ class Study:
         """The best known, with what is proven of it; of all states without indicators. Raises Refused when nothing was measured."""
     def trials(self, filter: str = "", order_by: str = "") -> Trials:
         """The stored trials that match, by number unless said otherwise."""
+    def front(
+        self, metrics: Optional[Sequence[str]] = None, *, state: Optional[int] = None, reference: Optional[Sequence[float]] = None
+    ) -> ParetoFront:
+        """The Pareto front of the stored trials: of two or three measurements, or of those that the study was made for."""
     def tuner(self) -> Tuner: ...
 
 class Best:

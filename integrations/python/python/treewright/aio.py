@@ -21,6 +21,7 @@ from typing import Any, Mapping, Optional
 
 from . import _native
 from ._native import Best, Prediction, Space, Suggestion
+from .front import ParetoFront
 from .trials import Trials
 
 __all__ = ["Client", "Study", "connect", "local"]
@@ -168,6 +169,10 @@ class Study:
     async def trials(self, filter: str = "", order_by: str = "") -> Trials:
         """The stored trials that match; see ``treewright.Study.trials``."""
         return await _beside(self._study.trials, filter, order_by)
+
+    async def front(self, metrics: "Optional[list[str]]" = None, **options: Any) -> ParetoFront:
+        """The Pareto front of the stored trials; see ``treewright.Study.front``."""
+        return await _beside(self._study.front, metrics, **options)
 
     async def best(self, indicators: Optional[dict] = None) -> Best:
         """The best known, with what is proven of it; see ``treewright.Study.best``."""

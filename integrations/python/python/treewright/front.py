@@ -11,6 +11,7 @@
 >>> found.runs, found.metrics, found[0]["metrics"]["time_ms"] <= found[-1]["metrics"]["time_ms"]
 (12, ['time_ms', 'memory_mb'], True)
 
+``client.existing_study("doc-front").front()`` has it again, as of any study whose trials measured the metrics.
 ``found.to_pandas()`` is a table, and ``treewright.plot.front(found)`` a figure.
 """
 

@@ -76,7 +76,7 @@ def slice(study: Study, parameter: str, *, ax: Any = None) -> Any:
 
 def front(found: ParetoFront, metrics: "Optional[tuple[str, str]]" = None, *, ax: Any = None) -> Any:
     """The configurations by two metrics, the first two by default: dominated ones in grey, those on the front joined as a staircase, and
-    the default marked. ``found`` is what ``Front.found()`` returns."""
+    the default marked. ``found`` is what ``Front.found()`` and ``Study.front()`` return."""
     x, y = metrics or found.metrics[:2]
     sign = {name: -1.0 if name in found.maximised else 1.0 for name in (x, y)}
     at = lambda points: ([point["metrics"][x] for point in points], [point["metrics"][y] for point in points])
