@@ -2,7 +2,7 @@
 // `direction` says how the metrics are weighed; model/src/front.rs and client/src/front.rs say why, and other languages do the same.
 
 import { TreewrightError } from "./error.js";
-import { configurationFromWire, defaultConfiguration } from "./wire.js";
+import { configurationFromWire, defaultConfiguration, defaultOfSpace } from "./wire.js";
 
 /** The weights of the directions, the metrics themselves first. */
 const WEIGHTS = {
@@ -18,6 +18,10 @@ const SPARE = 8;
 /** Most characters that are kept of a client's name in that of its carried trials. */
 const CLIENT_CHARACTERS = 120;
 const [DIRECTION, COST] = ["direction", "front_cost"];
+/** The beginning of the display name of a study that is made for a front. */
+const NAME = "front of ";
+
+const wrong = (problem) => new TreewrightError("invalid", `metrics of a front: ${problem}`);
 
 /** Whether a metric of this value can be weighed against others. */
 const isUsable = (value) => value > 0 && Number.isFinite(value) && Number.isFinite(1 / value);
@@ -34,7 +38,6 @@ function recorded(trial) {
 /** The metrics of a front, and what follows from them alone. */
 class Metrics {
   constructor(metrics) {
-    const wrong = (problem) => new TreewrightError("invalid", `metrics of a front: ${problem}`);
     if (!Array.isArray(metrics) || !(metrics.length in WEIGHTS)) throw wrong(`${metrics?.length ?? 0} of them; name two or three`);
     this.all = metrics.map((metric) => {
       const [, reciprocal, name] = /^(1\/)?([a-z][a-z0-9_]{0,63})$/.exec(metric) ?? [];
@@ -45,7 +48,7 @@ class Metrics {
     const twice = this.names.find((name, place) => this.names.indexOf(name) !== place);
     if (twice !== undefined) throw wrong(`\`${twice}\` is named twice`);
     this.weights = WEIGHTS[metrics.length];
-    this.studyName = `front of ${metrics.join(", ")}`;
+    this.studyName = NAME + metrics.join(", ");
   }
 
   /** The study of these metrics. */
@@ -82,7 +85,7 @@ class History {
     const trials = known.map(recorded);
     const excluded = new Set(trials.filter(({ trial }) => trial.exclusion).map(({ number }) => number));
     this.metrics = metrics;
-    this.trials = trials.filter(({ number, repeats }) => !excluded.has(number) && !excluded.has(repeats));
+    this.trials = trials.filter(({ trial, number, repeats }) => !trial.fidelity && !excluded.has(number) && !excluded.has(repeats));
     this.planned = planned;
     this.before = this.runs().length;
   }
@@ -163,7 +166,7 @@ class History {
         const question = {
           indicators: { ...trial.indicators, [DIRECTION]: direction },
           // Not the client that runs, whose visits stay as they are.
-          clientId: `${Array.from(trial.clientId).slice(0, CLIENT_CHARACTERS).join("")}/front`,
+          clientId: `${Array.from(trial.clientId ?? "").slice(0, CLIENT_CHARACTERS).join("")}/front`,
           fingerprint: trial.fingerprint,
           wanted: trial.configuration,
           origin: trial.name,
@@ -191,12 +194,13 @@ function hypervolume(points, dimensions) {
 
 const key = (configuration) => JSON.stringify(Object.entries(configuration).sort(([one], [other]) => (one < other ? -1 : 1)));
 
-/** The front of runs, each a configuration and its measurements; those count that measured every metric. */
-function paretoFront(metrics, runs, defaults) {
+/** The front of recorded trials; the runs count that measured every metric. The reference is a value of each, or else the default's. */
+function paretoFront(metrics, trials, defaults, reference) {
   const known = new Map();
-  for (const { configuration, measurements } of runs) {
+  for (const { trial, repeats, isMeasured, measurements } of trials) {
     const values = metrics.measured(measurements);
-    if (values === undefined) continue;
+    if (!isMeasured || repeats !== undefined || values === undefined) continue;
+    const configuration = configurationFromWire(trial.configuration);
     const name = key(configuration);
     if (!known.has(name)) known.set(name, { configuration, runs: [] });
     known.get(name).runs.push(values);
@@ -212,10 +216,13 @@ function paretoFront(metrics, runs, defaults) {
   });
   // No other is as small everywhere and smaller somewhere.
   const beats = ({ values: one }, { values: other }) => one.every((value, place) => value <= other[place]) && one.some((value, place) => value < other[place]);
-  const isDominated = (one) => each.some((other) => beats(other, one));
   const inOrder = (one, other) => one.values.map((value, place) => value - other.values[place]).find((difference) => difference !== 0) ?? 0;
-  const members = each.filter((one) => !isDominated(one)).sort(inOrder);
-  const shares = ({ values }) => values.map((value, place) => Math.min(value / ofDefault.values[place], 1));
+  const [members, dominated] = [[], []];
+  // What is dominated is so by one that comes earlier in this order and is itself not dominated.
+  for (const one of each.sort(inOrder)) (members.some((other) => beats(other, one)) ? dominated : members).push(one);
+  const given = reference ?? ofDefault?.medians;
+  const ends = given && metrics.minimised(given);
+  const shares = ({ values }) => values.map((value, place) => Math.min(value / ends[place], 1));
   return {
     metrics: metrics.names,
     maximised: metrics.all.filter(({ isMaximised }) => isMaximised).map(({ name }) => name),
@@ -223,8 +230,8 @@ function paretoFront(metrics, runs, defaults) {
     configurations: each.length,
     default: ofDefault && point(ofDefault),
     points: members.map(point),
-    dominated: each.filter(isDominated).map(point),
-    hypervolume: ofDefault && hypervolume(members.map(shares), metrics.names.length),
+    dominated: dominated.map(point),
+    hypervolume: ends && hypervolume(members.map(shares), metrics.names.length),
   };
 }
 
@@ -313,9 +320,7 @@ export class Front {
   }
 
   found() {
-    const runs = this.#history.runs().filter(({ isMeasured }) => isMeasured);
-    const measured = runs.map(({ trial, measurements }) => ({ configuration: configurationFromWire(trial.configuration), measurements }));
-    return paretoFront(this.#history.metrics, measured, defaultConfiguration(this.#study.spec));
+    return paretoFront(this.#history.metrics, this.#history.trials, defaultConfiguration(this.#study.spec));
   }
 }
 
@@ -360,6 +365,28 @@ export class FrontTrial {
   async abandon() {
     if (this.#open) await this.#close(this.#giveBack);
   }
+}
+
+/** The front of what a study has stored, whatever it minimises. */
+export async function storedFront(client, name, { metrics, state, reference } = {}) {
+  const study = await client.untilReady((deadlineMs) => client.call("getStudy", { name }, deadlineMs));
+  const named = metrics ?? (study.displayName?.startsWith(NAME) ? study.displayName.slice(NAME.length).split(", ") : undefined);
+  if (named === undefined) throw wrong(`${study.name} was made for none; name two or three of its measurements`);
+  const wanted = new Metrics(named);
+  if (reference !== undefined && !(reference.length === wanted.names.length && reference.every(isUsable)))
+    throw new TreewrightError("invalid", "reference of a front: give one number above 0 for each metric");
+  const all = (await allTrials(client, name)).map(recorded).filter(({ isMeasured }) => isMeasured);
+  const hasInputs = (study.indicators ?? []).some((indicator) => indicator.name !== DIRECTION);
+  const [stateOf, machineOf] = [({ trial }) => Number(trial.stateId ?? 0), ({ trial }) => machine(trial.fingerprint)];
+  const count = (of) => new Set(all.map(of)).size;
+  if (state === undefined && (count(machineOf) > 1 || (hasInputs && count(stateOf) > 1))) {
+    const where = `${count(stateOf)} states, on ${count(machineOf)} machine(s)`;
+    throw new TreewrightError("invalid", `state: ${study.name} has runs in ${where}, which do not compare: name one state by its number`);
+  }
+  const chosen = all.find((one) => stateOf(one) === state);
+  // The directions of a front are states of one machine, too.
+  const isMeant = (one) => state === undefined || stateOf(one) === state || (!hasInputs && chosen && machineOf(one) === machineOf(chosen));
+  return paretoFront(wanted, all.filter(isMeant), defaultOfSpace(study.space), reference);
 }
 
 /** All completed trials of a study, as they are in its present space. Excluded ones are among them: what repeats them does not count either. */

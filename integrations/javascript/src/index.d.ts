@@ -174,6 +174,8 @@ export class Study {
   predict(indicators?: Numbers): Promise<{ configuration: Configuration; cost?: number }>;
   /** The best that is known there, or of all states without indicators. Rejects when nothing was measured. */
   best(indicators?: Numbers): Promise<Best>;
+  /** The Pareto front of the stored trials, without those that are excluded, ran at a cheaper level, or are outside the present space. */
+  front(query?: FrontQuery): Promise<ParetoFront>;
   /** What a cost stands for: the metric in its own unit where one is maximised and nothing else counts, else the cost. */
   value(cost: number): number;
 }
@@ -245,8 +247,18 @@ export interface ParetoFront {
   points: FrontPoint[];
   /** All other configurations. */
   dominated: FrontPoint[];
-  /** The share, 0 to 1, of the box between zero and the default that the front leaves behind; absent without the default. */
+  /** The share, 0 to 1, of the box between zero and the reference, or else the default, that the front leaves behind; absent without. */
   hypervolume?: number;
+}
+
+/** Which front of a study's trials. */
+export interface FrontQuery {
+  /** As for `FrontDefinition`; of them the study need not minimise any. Default: those that the study was made for. */
+  metrics?: string[];
+  /** The number of a state; needed where trials are of several inputs or machines, which do not compare. */
+  state?: number;
+  /** A value of each metric, above 0, beside which the hypervolume is told. */
+  reference?: number[];
 }
 
 /**

@@ -12,7 +12,7 @@ import { loadSync } from "@grpc/proto-loader";
 
 import { Episode } from "./episode.js";
 import { TreewrightError, refined } from "./error.js";
-import { Front, FrontTrial } from "./front.js";
+import { Front, FrontTrial, storedFront } from "./front.js";
 import { Outbox } from "./outbox.js";
 import { bestFromWire, checkIndicators, configurationFromWire, configurationToWire, defaultConfiguration, spaceToWire, specToWire, valueToWire } from "./wire.js";
 import { takeWorker } from "./workers.js";
@@ -271,8 +271,7 @@ export class Study {
     return this.client.untilReady(async (deadlineMs) => {
       const end = Date.now() + deadlineMs;
       await this.#create(deadlineMs);
-      const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint };
-      if (name === "predict") request.spaceRevision = this.spaceRevision;
+      const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint, spaceRevision: this.spaceRevision };
       return this.client.call(name, request, Math.max(end - Date.now(), 1));
     });
   }
@@ -290,6 +289,11 @@ export class Study {
     // Where a metric is maximised, the highest cost stands for the lowest value.
     const ends = best.standing && [best.standing.costLow, best.standing.costHigh].map((cost) => this.value(cost)).sort((a, b) => a - b);
     return { ...best, value: this.value(best.cost), valueLow: ends?.[0], valueHigh: ends?.[1], defaultValue };
+  }
+
+  async front(query) {
+    await this.client.untilReady((deadlineMs) => this.#create(deadlineMs));
+    return storedFront(this.client, this.asked, query);
   }
 
   value(cost) {

@@ -116,6 +116,14 @@ export function defaultConfiguration(spec) {
   return plain;
 }
 
+/** The defaults of a stored space, of what is active. */
+export function defaultOfSpace({ parameters }) {
+  const plain = configurationFromWire({ values: Object.fromEntries(parameters.map(({ name, defaultValue }) => [name, defaultValue])) });
+  for (const { name, activeIf } of parameters)
+    if (activeIf && !Object.values(configurationFromWire({ values: activeIf.anyOf })).includes(plain[activeIf.parameter])) delete plain[name];
+  return plain;
+}
+
 /** What is wrong with a program's indicators is told before anything is asked, as it will not pass. */
 export function checkIndicators(indicators, spec) {
   const known = Object.keys(spec.indicators ?? {});

@@ -447,6 +447,7 @@ async function acrossAChangeOfTheSpace() {
   await rejects(client.changeSpace("nowhere", wider), "refused", "nowhere");
   const after = await client.study("node-space", { ...wider, minimise: { ms: 1 } });
   assert.deepEqual((await after.best()).configuration, { ...first.configuration, threads: 3 });
+  assert.deepEqual((await before.best()).configuration, first.configuration);
   for (const [study, names] of [[before, ["level"]], [after, ["level", "threads"]]]) {
     const suggestion = await study.suggest();
     assert.deepEqual([suggestion.source, Object.keys(suggestion.configuration).sort()], ["daemon", names], suggestion.problem);
@@ -485,6 +486,11 @@ async function fronts() {
   const times = found.points.map(({ metrics }) => metrics.time_ms);
   assert.deepEqual([times, found.default.ratios.rate], [[...times].sort((a, b) => a - b), 1]);
   assert.ok(found.hypervolume >= 0 && found.hypervolume <= 1);
+  // Whoever has the study reads the same.
+  const study = await client.study("node-front", { parameters, indicators: { direction: [0, 8] }, minimise: { front_cost: 1 } });
+  assert.deepEqual([await study.front(), await study.front({ metrics: definition.metrics })], [found, found]);
+  assert.equal((await study.front({ reference: [1e-9, 1e9] })).hypervolume, 0);
+  await rejects(study.front({ reference: [1] }), "invalid", "for each metric");
   // An excluded run counts nowhere, nor does what repeats it for other directions.
   await client.call("excludeTrial", { trial: one.trial, reason: "the machine was busy" });
   const rest = await again();
@@ -493,6 +499,81 @@ async function fronts() {
     await rejects(Front.open(client, "node-front", { ...definition, metrics }), "invalid", words);
   await client.deleteStudy("node-front");
   client.close();
+}
+
+/** What is stored counts where it is a full run of one machine, and the volume is exact. */
+async function frontsOfStoredTrials() {
+  const trial = (number, level, time_ms, mb, more) => ({
+    name: `studies/box/trials/${number}`, stateId: 1, configuration: { values: { level: { integer: level } } },
+    measurements: { time_ms, mb }, outcome: { ok: {} }, ...more,
+  });
+  const trials = [
+    trial(1, 5, 4, 4), trial(2, 1, 1, 2), trial(3, 2, 2, 1), trial(4, 3, 3, 3), trial(5, 2, 4, 3), trial(6, 2, 2, 1),
+    trial(7, 4, 0.5, 0.5, { fidelity: "small" }), trial(8, 4, 0.1, 0.1, { origin: "studies/box@1/trials/2" }),
+    trial(9, 4, 0.1, 0.1, { exclusion: "the machine was busy" }),
+  ];
+  const space = { parameters: [{ name: "level", integer: { min: 1, max: 9 }, defaultValue: { integer: 5 } }] };
+  const box = { name: "studies/box", space };
+  const handlers = {
+    CreateStudy: (call, answer) => answer(null, box),
+    GetStudy: (call, answer) => answer(null, box),
+    QueryTrials: ({ request: { pageToken } }, answer) => {
+      const end = Number(pageToken || 0) + 3;
+      answer(null, { trials: trials.slice(end - 3, end), nextPageToken: end < trials.length ? `${end}` : "" });
+    },
+  };
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { callDeadlineMs: 20000 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const study = await client.study("box", { parameters, minimise: { time_ms: 1 } });
+  await rejects(study.front(), "invalid", "was made for none");
+  box.displayName = "front of time_ms, mb";
+  const found = await study.front();
+  const levels = (points) => points.map(({ configuration }) => configuration.level);
+  assert.deepEqual([found.runs, levels(found.points), levels(found.dominated)], [6, [1, 2], [3, 5]]);
+  assert.deepEqual([found.points[0].ratios, found.points[1].runs, found.points[1].metrics], [{ time_ms: 0.25, mb: 0.5 }, 3, { time_ms: 2, mb: 1 }]);
+  assert.equal(found.hypervolume, 0.5);
+  // The same with the reciprocal of a third metric that all have in common: a box of half the height.
+  for (const each of trials) each.measurements.rate = 4;
+  const three = await study.front({ metrics: ["time_ms", "mb", "1/rate"], reference: [4, 4, 2] });
+  assert.deepEqual([levels(three.points), three.hypervolume], [[1, 2], 0.25]);
+  trials[3].fingerprint = { cpuModel: "another" };
+  await rejects(study.front(), "invalid", "on 2 machine(s)");
+  assert.equal((await study.front({ state: 1 })).runs, 6);
+  client.close();
+  server.forceShutdown();
+}
+
+/** The best has the status that every other surface has, and the ends of a rate's interval in their order. */
+async function statuses() {
+  let standing;
+  const handlers = {
+    CreateStudy: ({ request: { study } }, answer) => answer(null, { name: "studies/statuses", objective: study.objective }),
+    GetBest: (call, answer) => answer(null, { configuration: { values: { level: { integer: "7" } } }, cost: 4, standing }),
+  };
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { callDeadlineMs: 20000 });
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const study = await client.study("statuses", { parameters, maximise: { fps: 1000 } });
+  const gain = (probabilityBetter) => (probabilityBetter === undefined ? undefined : { share: 0.12, low: 0.1, high: 0.14, probabilityBetter });
+  for (const [stage, byAll, byRounds, gainAtMost, status] of [
+    ["BETTER", 0.999, 0.995, 0.03, "proven better"],
+    ["BETTER", 0.999, 0.97, 0.03, "likely better"],
+    ["SEARCHING", 0.79, undefined, 0.03, "searching"],
+    ["RACING", 0.9, 0.995, 0.03, "confirming"],
+    ["NOTHING_BETTER", 0.31, undefined, 0.03, "nothing better"],
+    ["NOTHING_BETTER", 0, undefined, 0.01, "nothing to win"],
+    ["OFF", undefined, undefined, undefined, "open"],
+  ]) {
+    const confirmation = { stage: `CONFIRMATION_STAGE_${stage}`, gain: gain(byRounds) };
+    standing = { cost: 4, costLow: 2, costHigh: 5, gain: gain(byAll), gainAtMost, confirmation };
+    const best = await study.best();
+    assert.deepEqual([best.standing.status, best.standing.stage, best.valueLow, best.valueHigh], [status, stage.toLowerCase(), 200, 500]);
+  }
+  standing = undefined;
+  assert.equal((await study.best()).valueLow, undefined);
+  client.close();
+  server.forceShutdown();
 }
 
 /** While the daemon is away, the last configuration of it that ran is run again, not one that nobody ran or that failed. */
@@ -541,6 +622,8 @@ await sideBySide();
 await inEpisodes();
 await acrossAChangeOfTheSpace();
 await fronts();
+await frontsOfStoredTrials();
+await statuses();
 await byAnOlderDaemon();
 await byANewerDaemon();
 await fallingBack();

@@ -27,7 +27,9 @@ export async function tune(client: Client): Promise<number> {
 export async function look(client: Client): Promise<number | undefined> {
   const front = await Front.open(client, "typed", { parameters: spec.parameters, metrics: ["ms", "1/rate"], trials: 9 });
   await (await front.suggest())?.report({ ms: 1, rate: 2 });
-  const { points, hypervolume } = front.found();
+  const study = await client.study("typed", spec);
+  const { keptTrials } = await client.changeSpace("typed", { parameters: spec.parameters }, { fixed: { leaf: 3 }, onlyTry: true });
+  const { points, hypervolume } = keptTrials > 0 ? front.found() : await study.front({ metrics: ["ms", "mb"], state: 1 });
   return points[0]?.ratios?.ms ?? hypervolume;
 }
 // @ts-expect-error: a choice has values
