@@ -54,6 +54,7 @@ typedef struct tw_client tw_client;
 typedef struct tw_spec tw_spec;
 typedef struct tw_study tw_study;
 typedef struct tw_tuner tw_tuner;
+typedef struct tw_front tw_front;
 typedef struct tw_suggestion tw_suggestion;
 typedef struct tw_configuration tw_configuration;
 typedef struct tw_scene tw_scene;
@@ -268,6 +269,17 @@ tw_configuration *tw_study_best_standing(const tw_study *study, const tw_number 
 /* What a cost of the study stands for: the metric in its own unit where one is maximised and nothing else counts, else the cost. The
  * ends of an interval change places there. NaN for NULL. */
 double tw_study_value(const tw_study *study, double cost);
+
+/* The Pareto front of the stored trials, without those that are excluded, ran at a cheaper level, or are outside the present space.
+ * metrics are two or three measurements, which the study need not minimise, such as "time_ms" and "1/rate", which is to be large; with
+ * count 0 those that the study was made for. state is the number of a state, needed where trials are of several inputs or machines,
+ * which do not compare; else 0. Fails: TW_INVALID, TW_REFUSED, TW_AWAY, TW_LATE. */
+tw_front *tw_study_front(const tw_study *study, const char *const *metrics, size_t count, int64_t state, tw_error **error);
+/* An object with points, the best of the first metric first, and default, which may be null: each has configuration, runs, metrics
+ * (medians by name) and ratios (to the default's). Beside them metrics, maximised, runs, configurations and hypervolume, the share, 0
+ * to 1, of the box between zero and the default that the front leaves behind. Borrowed. */
+const char *tw_front_json(const tw_front *front);
+void tw_front_free(tw_front *front);
 
 /* A frame loop in which report and question travel together: one round trip a frame. Fails: TW_INVALID. */
 tw_tuner *tw_tuner_new(const tw_study *study, tw_error **error);

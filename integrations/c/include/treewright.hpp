@@ -34,6 +34,7 @@ struct Free {
   void operator()(tw_spec *it) const { tw_spec_free(it); }
   void operator()(tw_study *it) const { tw_study_free(it); }
   void operator()(tw_tuner *it) const { tw_tuner_free(it); }
+  void operator()(tw_front *it) const { tw_front_free(it); }
   void operator()(tw_suggestion *it) const { tw_suggestion_free(it); }
   void operator()(tw_configuration *it) const { tw_configuration_free(it); }
   void operator()(tw_scene *it) const { tw_scene_free(it); }
@@ -201,6 +202,13 @@ class Study {
     return Known(found, cost, standing);
   }
   double value(double cost) const { return tw_study_value(owned_.get(), cost); }
+  // The JSON of the Pareto front of the stored trials; without metrics of those that the study was made for.
+  std::string front(const std::vector<const char *> &metrics = {}, int64_t state = 0) const {
+    detail::Owned<tw_front> found(detail::checked([&](tw_error **error) {
+      return tw_study_front(owned_.get(), metrics.data(), metrics.size(), state, error);
+    }));
+    return tw_front_json(found.get());
+  }
   Tuner tuner() const {
     return Tuner(detail::checked([&](tw_error **error) { return tw_tuner_new(owned_.get(), error); }));
   }

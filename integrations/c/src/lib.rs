@@ -14,6 +14,7 @@ mod client;
 mod configuration;
 mod edge;
 mod error;
+mod front;
 mod options;
 mod scene;
 mod spec;

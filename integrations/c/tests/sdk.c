@@ -75,7 +75,7 @@ static void without_handles(void) {
   double ms;
   CHECK(!tw_client_ping(NULL, &ms, &error));
   expect(error, TW_INVALID, "the client is NULL");
-  CHECK(!tw_client_extend_lease(NULL, NULL, NULL));
+  CHECK(!tw_client_extend_lease(NULL, NULL, NULL) && !tw_study_front(NULL, NULL, 0, 0, NULL) && tw_front_json(NULL)[0]);
   CHECK(!tw_study_suggest(NULL, NULL, 0, NULL));
   CHECK(!tw_suggestion_report(NULL, NULL, 0, NULL));
   CHECK(tw_suggestion_configuration(NULL) == NULL && tw_error_code(NULL) == TW_OK);
@@ -183,10 +183,10 @@ static void changed_space(const tw_client *client) {
   tw_error *error = NULL;
   tw_spec *specs[] = {levels(false), levels(true)};
   tw_study *studies[2];
-  tw_number result[] = {{"ms", 5}};
+  tw_number result[] = {{"ms", 5}, {"mb", 2}};
   studies[0] = tw_client_study(client, "from-c-space", specs[0], &error);
   succeed(error);
-  CHECK(tw_suggestion_report(tw_study_suggest(studies[0], NULL, 0, NULL), result, 1, &error));
+  CHECK(tw_suggestion_report(tw_study_suggest(studies[0], NULL, 0, NULL), result, 2, &error));
   CHECK(tw_client_flush(client, 20000, &error));
   tw_changed_space changed;
   CHECK(tw_client_change_space(client, "from-c-space", specs[1], NULL, true, &changed, &error));
@@ -200,9 +200,16 @@ static void changed_space(const tw_client *client) {
     succeed(error);
     CHECK(tw_suggestion_source(suggestion) == TW_DAEMON);
     CHECK(tw_configuration_has(tw_suggestion_configuration(suggestion), "threads") == (each == 1));
-    CHECK(tw_suggestion_report(suggestion, result, 1, &error) && tw_client_flush(client, 20000, &error));
-    tw_study_free(studies[each]);
+    CHECK(tw_suggestion_report(suggestion, result, 2, &error) && tw_client_flush(client, 20000, &error));
   }
+  static const char *const metrics[] = {"ms", "1/mb"};
+  tw_front *front = tw_study_front(studies[1], metrics, 2, 0, &error);
+  succeed(error);
+  CHECK(strstr(tw_front_json(front), "\"maximised\":[\"mb\"],\"runs\":3") && strstr(tw_front_json(front), "\"threads\":"));
+  tw_front_free(front);
+  CHECK(!tw_study_front(studies[1], NULL, 0, 0, &error));
+  expect(error, TW_INVALID, "made for none");
+  error = NULL;
   CHECK(!tw_client_change_space(client, "from-c-space", specs[0], "{]", false, NULL, &error));
   expect(error, TW_INVALID, "no JSON");
   error = NULL;
@@ -210,7 +217,10 @@ static void changed_space(const tw_client *client) {
   expect(error, TW_REFUSED, "nowhere");
   error = NULL;
   CHECK(tw_client_delete_study(client, "from-c-space", &error));
-  for (int each = 0; each < 2; each++) tw_spec_free(specs[each]);
+  for (int each = 0; each < 2; each++) {
+    tw_study_free(studies[each]);
+    tw_spec_free(specs[each]);
+  }
 }
 
 static void trials(const tw_client *client) {
