@@ -52,8 +52,8 @@ pub const CHECKPOINT_TRIALS_MIN: u64 = 4096;
 /// trials.
 pub const CHECKPOINT_BYTES_PER_TRIAL: u64 = 512;
 
-/// Most configurations of a state whose costs at cheaper levels are remembered. New ones run in full then.
-pub const LADDER_ENTRIES_MAX: usize = 512;
+/// Most measurements at cheaper levels that a search remembers: the latest.
+pub const CHEAPER_RUNS_MAX: usize = 512;
 
 /// Most clients whose machines' speed is remembered: those that reported last.
 pub const SPEEDS_MAX: usize = 4096;

@@ -234,6 +234,41 @@ impl Process {
         Posterior { mean, deviation: self.deviation(&mut at_one) }
     }
 
+    /// The deviation by which the mean at `one` is expected to move by a measurement at `other` that counts
+    /// `count` times. The two points differ in categorical features only.
+    pub(crate) fn moved_by(&self, one: &[f64], other: &[f64], count: f64) -> f64 {
+        assert!(count > 0.0, "a measurement that counts {count} times");
+        let (mut at_one, mut at_other) = (Covariances::default(), Covariances::default());
+        self.covariances(&self.context(&[]), one, &mut at_one);
+        self.covariances(&self.context(&[]), other, &mut at_other);
+        let pairs = self.sample.kinds.iter().zip(&self.weights).zip(one.iter().zip(other));
+        let between: f64 =
+            pairs.map(|((&kind, weight), (&a, &b))| weight * squared_distance(kind, a, b)).sum();
+        // What is not by distance is the same at both.
+        let between = at_one.own - 1.0 + matern(between).0;
+        self.factor.forward(&mut at_one.others);
+        self.factor.forward(&mut at_other.others);
+        let shared = between - dot(&at_one.others, &at_other.others);
+        let own = (at_other.own - dot(&at_other.others, &at_other.others)).max(VARIANCE_MIN);
+        let moved =
+            self.variance.sqrt() * shared.max(0.0) / (own + self.noise / self.variance / count).sqrt();
+        assert!(moved >= 0.0, "a deviation of {moved}");
+        moved
+    }
+
+    /// The likeliest difference of some of the values from the others, points being equal: the generalised
+    /// least squares of a second mean. 0 where it cannot be told.
+    pub(crate) fn shift_of(&self, is_one: impl Fn(usize) -> bool) -> f64 {
+        let mut ones = vec![1.0; self.sample.len()];
+        let mut some: Vec<f64> = (0..ones.len()).map(|index| f64::from(u8::from(is_one(index)))).collect();
+        let sum = dot(&some, &self.alpha);
+        self.factor.forward(&mut ones);
+        self.factor.forward(&mut some);
+        let shared = dot(&some, &ones);
+        let own = dot(&some, &some) - shared * shared / dot(&ones, &ones);
+        if own > VARIANCE_MIN { sum / own } else { 0.0 }
+    }
+
     /// The posterior at a point.
     pub(crate) fn predict(&self, features: &[f64]) -> Posterior {
         self.at(&self.context(&[]), features)

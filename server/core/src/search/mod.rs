@@ -41,6 +41,9 @@ pub struct Point {
     pub x: Vec<f64>,
     /// The step of the search that asks.
     pub step: Step,
+    /// The place, from the cheapest, of the cheaper level at which it is to be measured; `None` for in full.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub level: Option<u32>,
 }
 
 /// The rank of a point. The order is total: costs by size, then everything that is infeasible.
@@ -112,6 +115,19 @@ pub trait Search {
 
     /// Takes back the point of a lost client; it is the next to be asked, under the same id.
     fn withdraw(&mut self, id: u64);
+
+    /// Names the cheaper levels at which the next points may be measured: the cost of each as a share of a
+    /// full measurement, cheapest first. A search without a model wants all in full.
+    fn open_levels(&mut self, _shares: &[f64]) {}
+
+    /// The level of a pending point; `None` for in full.
+    fn level_of(&self, _id: u64) -> Option<u32> {
+        None
+    }
+
+    /// Answers a point that was measured at its level. Without a verdict the measurement failed, and the
+    /// point is asked for in full.
+    fn tell_cheaper(&mut self, _id: u64, _verdict: Option<Verdict>) {}
 
     /// The number of answers to [`Step::Replicate`], which added no configuration. A search without
     /// replicates has none.

@@ -18,8 +18,14 @@ pub(super) struct PendingPoints {
 }
 
 impl PendingPoints {
+    /// A point to be measured in full.
     pub(super) fn add(&mut self, x: Vec<f64>, step: Step) -> Point {
-        let point = Point { id: self.next_id, x, step };
+        self.add_at(x, step, None)
+    }
+
+    /// A point to be measured at a cheaper level, or in full.
+    pub(super) fn add_at(&mut self, x: Vec<f64>, step: Step, level: Option<u32>) -> Point {
+        let point = Point { id: self.next_id, x, step, level };
         self.next_id += 1;
         assert!(point.id < self.next_id, "ids rise");
         self.pending.insert(point.id, point.clone());
@@ -42,6 +48,14 @@ impl PendingPoints {
         if let Some(point) = self.pending.remove(&id) {
             self.withdrawn.insert(id, point);
         }
+    }
+
+    /// Withdraws a point, to be measured in full.
+    pub(super) fn withdraw_in_full(&mut self, id: u64) {
+        if let Some(point) = self.pending.get_mut(&id) {
+            point.level = None;
+        }
+        self.withdraw(id);
     }
 
     /// Whether a withdrawn point waits to be taken up again.

@@ -8,10 +8,9 @@ use treewright_model::plain::is_default;
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::limits::LOST_CONFIGURATIONS_MAX;
 use crate::packed::{PackedError, pack, unpack};
-use crate::search::{AnySearch, Feedback};
+use crate::search::{AnySearch, Feedback, Verdict};
 use crate::space::Space;
 use crate::tuner::confirmation::{Confirming, Stored};
-use crate::tuner::ladder::Ladder;
 
 /// The search of one state and its points in flight. Once its budget is spent the search itself is dropped,
 /// because the state's table holds its results. Opaque, exact through serde.
@@ -37,9 +36,9 @@ pub struct Exploration {
     /// Leases that were lost in the state, of configurations that were never measured there; the latest last.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     lost: Vec<LostLeases>,
-    /// What ran at cheaper levels, if anything did.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) ladder: Option<Ladder>,
+    /// The cost of all trials at cheaper levels, in full trials.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub(super) cheaper_trials: f64,
     /// No search was begun yet.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     is_unbegun: bool,
@@ -68,7 +67,7 @@ impl Exploration {
             confirming: None,
             confirmed: None,
             lost: Vec::new(),
-            ladder: None,
+            cheaper_trials: 0.0,
             is_unbegun: true,
         }
     }
@@ -78,11 +77,11 @@ impl Exploration {
         !self.is_unbegun
     }
 
-    /// Replaces the search by a new one. Lost leases and what ran at cheaper levels are remembered.
+    /// Replaces the search by a new one. Lost leases and the cost of trials at cheaper levels are remembered.
     pub(super) fn restart(&mut self, search: AnySearch) {
-        let (lost, ladder) = (std::mem::take(&mut self.lost), self.ladder.take());
+        let (lost, cheaper_trials) = (std::mem::take(&mut self.lost), self.cheaper_trials);
         let (confirming, confirmed) = (self.confirming.take(), self.confirmed.take());
-        *self = Exploration { lost, ladder, confirming, confirmed, ..Exploration::new(search) };
+        *self = Exploration { lost, cheaper_trials, confirming, confirmed, ..Exploration::new(search) };
     }
 
     /// Forgets the search and its confirmed winner. Lost leases are remembered.
@@ -91,12 +90,12 @@ impl Exploration {
         assert!(!self.is_begun() && self.confirmed.is_none(), "nothing is left of the search");
     }
 
-    /// Drops the search, and where results of its own state are `disowned` also the race, its winner and what
-    /// ran at cheaper levels. Another search begins with the rest of the table.
+    /// Drops the search, and where results of its own state are `disowned` also the race, its winner and the
+    /// cost of trials at cheaper levels. Another search begins with the rest of the table.
     pub(super) fn disbelieve(&mut self, disowned: bool) {
         self.end();
         if disowned {
-            (self.confirming, self.confirmed, self.ladder) = (None, None, None);
+            (self.confirming, self.confirmed, self.cheaper_trials) = (None, None, 0.0);
         }
     }
 
@@ -165,6 +164,16 @@ impl Exploration {
     /// Reads the bytes that [`pack`](Exploration::pack) wrote.
     pub fn unpack(bytes: &[u8]) -> Result<Self, PackedError> {
         unpack(bytes)
+    }
+
+    /// Ends the hold of a trial at a cheaper level, which cost `share` of a full one, on its point. Without a
+    /// verdict it failed.
+    pub(super) fn release_cheaper(&mut self, trial: u64, share: f64, verdict: Option<Verdict>) {
+        assert!(share > 0.0 && share < 1.0, "a level that costs {share} of a full trial");
+        self.cheaper_trials += share;
+        if let (Some(point), Some(search)) = (self.open.remove(&trial), &mut self.search) {
+            search.tell_cheaper(point, verdict);
+        }
     }
 
     /// Ends the trial's hold on its point: the point is answered, or without feedback goes back and is

@@ -14,7 +14,7 @@ use crate::search::{AnySearch, Feedback, Layout, Point, SearchSetup, Step, Verdi
 use crate::trial::Trial;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
-use crate::tuner::{Exploration, Tuner, few, searches};
+use crate::tuner::{Ask, Exploration, Tuner, few, searches};
 
 /// The most of the best configurations that a search receives if it goes on where another one ended.
 const OBSERVATIONS_MAX: usize = 128;
@@ -75,12 +75,13 @@ impl Tuner {
     /// one answer to the next: only repeats of the leaders separate luck from merit.
     pub(super) fn explore(
         &mut self,
-        (client_id, room): (&str, usize),
+        (ask, room): (&Ask, usize),
         state: StateId,
         number: TrialNumber,
         normalised: &[f64],
         planned: &mut Planned,
     ) -> Explored {
+        let client_id = ask.client_id.as_str();
         if let Some(candidate) = self.recheck(client_id, state)
             && self.is_spent_within(room, state)
             && !self.is_to_be_confirmed(state)
@@ -104,7 +105,7 @@ impl Tuner {
         let is_exhausted = self.searches.few().is_exhausted(self.states.results(state));
         let next = match is_exhausted {
             true => NextPoint::Wait,
-            false => self.walk(room, state, planned),
+            false => self.walk((ask, room), state, planned),
         };
         let rule = match next {
             NextPoint::Measure(point, configuration) => {
@@ -328,18 +329,20 @@ impl Tuner {
 
     /// Asks the search until a point is worth a measurement. Points that fall on configurations with a
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
-    /// whose configuration runs just now in this state go back until it is reported.
-    fn walk(&mut self, room: usize, state: StateId, planned: &mut Planned) -> NextPoint {
+    /// whose configuration runs just now in this state go back until it is reported. A point at a cheaper level
+    /// is measured whatever is known of its configuration in full.
+    fn walk(&mut self, (ask, room): (&Ask, usize), state: StateId, planned: &mut Planned) -> NextPoint {
+        let shares = self.open_levels(ask, room);
         let (space, policy) = (&self.spec.space, &self.spec.policy);
         let results = self.states.results(state);
         let spent = match self.searches.of(state) {
             Some(own) if own.search.is_some() => is_spent(own, results, policy, room),
             _ => return NextPoint::Wait,
         };
-        let Some(Exploration { search: Some(search), ladder, .. }) = self.searches.change(state) else {
+        let Some(Exploration { search: Some(search), .. }) = self.searches.change(state) else {
             return NextPoint::Wait;
         };
-        let dropped = |configuration: &Configuration| ladder.as_ref()?.dropped(configuration);
+        search.open_levels(&shares);
         if let Some(point) = planned.take_point(state) {
             search.adopt(point);
         }
@@ -356,17 +359,21 @@ impl Tuner {
                 Step::Default => space.default_configuration(),
                 _ => space.decode(&point.x),
             };
+            let is_cheaper = point.level.is_some();
             let settled = match point.step {
                 // The search knows the point and wants another measurement.
                 Step::Replicate => None,
-                _ => results.settled(&configuration, policy.replicates).or_else(|| dropped(&configuration)),
+                _ if is_cheaper => None,
+                _ => results.settled(&configuration, policy.replicates),
             };
             if let Some(verdict) = settled {
                 search.tell(point.id, Feedback { verdict, fresh: false });
-            } else if self.trials.runs(state, &configuration) {
+            } else if !is_cheaper && self.trials.runs(state, &configuration) {
                 waiting.push(point.id);
                 walk = NextPoint::Wait;
-            } else if spent && (point.step == Step::Replicate || !results.is_tried(&configuration)) {
+            } else if spent
+                && (is_cheaper || point.step == Step::Replicate || !results.is_tried(&configuration))
+            {
                 waiting.push(point.id);
                 walk = NextPoint::Wait;
                 break;
@@ -394,7 +401,8 @@ impl Tuner {
         configuration: Configuration,
     ) -> ProposedTrial {
         let record = self.states.results(state).record(&configuration);
-        let known = record.filter(|record| record.measurements > 0);
+        // At a cheaper level nothing is known of it.
+        let known = record.filter(|record| record.measurements > 0 && point.level.is_none());
         let predicted_cost = known.map(|record| record.mean_cost);
         let measurements = known.map_or(0, |record| record.measurements);
         let search = self.spec.policy.search;

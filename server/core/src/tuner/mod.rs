@@ -12,11 +12,10 @@
 //! `trials` (the open ones and their holders), `visits` (the clients' states and budgets), `searches`,
 //! `models`, `history`, `assessment`s, `speeds` and `auxiliaries`. Each step has its file:
 //! `decide` and `gain` take decisions, `explore` and `within_budget` walk a search, `confirmation` runs its
-//! best against the incumbent, `ladder` says which configurations climb from cheaper levels, `transfer`
-//! brings in the results of other states and machines (`warm_start` and `portfolio` make the beginning of a
-//! search from them), `planning` copies the inputs of slow computations and `plan` computes them apart,
-//! `suggest` and `report` are the two halves of a client's frame, `leases` ends trials that never come back,
-//! `restore` and `checkpoint` rebuild.
+//! best against the incumbent, `transfer` brings in the results of other states and machines (`warm_start`
+//! and `portfolio` make the beginning of a search from them), `planning` copies the inputs of slow
+//! computations and `plan` computes them apart, `suggest` and `report` are the two halves of a client's
+//! frame, `leases` ends trials that never come back, `restore` and `checkpoint` rebuild.
 
 mod assessment;
 mod auxiliaries;
@@ -31,7 +30,6 @@ mod few;
 mod gain;
 mod history;
 mod insight;
-mod ladder;
 mod leases;
 mod models;
 mod plan;

@@ -1,6 +1,7 @@
 //! The plan that a question needs, the copies of the tuner for a [`PlanRequest`], and the models' updates
 //! that are computed apart.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::ids::StateId;
@@ -191,17 +192,21 @@ impl Tuner {
     fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>, usize)> {
         let (policy, results) = (&self.spec.policy, self.states.results(state));
         let exploration = self.searches.of(state)?;
-        let search = exploration.search.as_ref()?;
+        let room = self.room_of(&ask.session_policy);
+        let mut search = Cow::Borrowed(exploration.search.as_ref()?);
+        if !self.spec.objective.fidelities().is_empty() {
+            search.to_mut().open_levels(&self.open_levels(ask, room));
+        }
         let goes_on = search.is_of(policy.search)
             && !search.is_ready()
-            && !is_spent(exploration, results, policy, self.room_of(&ask.session_policy))
+            && !is_spent(exploration, results, policy, room)
             && self.transfer().untried_by_machines(state).is_none();
         if !goes_on || !self.affords(ask, state) {
             return None;
         }
         // Where others work on the state too, some of them will ask before the next fit ends.
         let reserve = exploration.open.len().min(POINTS_IN_RESERVE_MAX);
-        Some((state, Box::new(search.clone()), reserve))
+        Some((state, Box::new(search.into_owned()), reserve))
     }
 
     /// Whether the client's budget, if it has one, allows for exploring.

@@ -10,7 +10,6 @@ use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::auxiliaries::Beside;
 use crate::tuner::budget::Terms;
 use crate::tuner::explore::is_spent;
-use crate::tuner::ladder::Climb;
 use crate::tuner::rechecks::Moved;
 use crate::tuner::speeds::Unheld;
 use crate::tuner::transfer;
@@ -99,11 +98,6 @@ impl Tuner {
             (Some(cost), Some(Verdict::Cost(_))) if record.is_some_and(is_first) => Some(Verdict::Cost(cost)),
             _ => settled,
         };
-        if let (Some(Outcome::Ok), Some(cost), false) =
-            (&completed.outcome, learnt.believed, completed.decision.silent)
-        {
-            self.searches.pair(state, &completed.configuration, cost);
-        }
         self.tell_of_transfer(completed, state, verdict);
         self.tell_race(completed, learnt.cost);
         self.release(completed, verdict.map(|verdict| Feedback { verdict, fresh: true }));
@@ -113,8 +107,8 @@ impl Tuner {
         change
     }
 
-    /// Takes a completed trial at a cheaper level. The search hears of it only where its configuration does
-    /// not climb; else the point goes back, and comes again at once. `before` counts the search's changes.
+    /// Takes a completed trial at a cheaper level, of which the search alone hears. The point of a silent one
+    /// goes back. `before` counts the search's changes.
     fn take_cheaper(&mut self, completed: &Trial, before: u64) -> Change {
         let state = StateId(completed.state_id);
         if !matches!(completed.outcome, Some(Outcome::Failed { .. })) {
@@ -122,41 +116,36 @@ impl Tuner {
         }
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
         change.visits.extend(self.settle(completed));
-        let verdict = self.climb(completed);
-        self.release(completed, verdict.map(|verdict| Feedback { verdict, fresh: true }));
+        let name = completed.decision.fidelity.as_ref();
+        let levels = self.spec.objective.fidelities();
+        let share = levels.iter().find(|level| Some(&level.name) == name).map(|level| level.cost);
+        let verdict = self.cheaper_verdict(completed);
+        if let Some(share) = share.filter(|_| !completed.decision.silent)
+            && let Some(own) = self.searches.change(state)
+        {
+            own.release_cheaper(completed.number, share, verdict);
+        } else {
+            self.release(completed, None);
+        }
+        self.end_spent(state);
         if self.searches.changes(state) != before {
             change.states.push(self.state_record(state));
         }
         change
     }
 
-    /// Enters a trial at a cheaper level into the state's ladder. Returns the verdict for the search where
-    /// its configuration does not climb.
-    fn climb(&mut self, trial: &Trial) -> Option<Verdict> {
-        let name = trial.decision.fidelity.as_ref();
-        let mut levels = self.spec.objective.fidelities().iter().zip(0u32..);
-        let (level, place) = levels.find(|(level, _)| Some(&level.name) == name)?;
-        let at = (place, level.cost);
+    /// The verdict of a trial at a cheaper level, corrected for the present speed of its client's machine;
+    /// `None` where it failed.
+    fn cheaper_verdict(&self, trial: &Trial) -> Option<Verdict> {
         let factor = if self.spec.policy.track_speed { self.speeds.factor(&trial.client_id) } else { 1.0 };
         let at_factor = |cost: f64| (cost / factor).min(f64::MAX);
-        let verdict = match &trial.outcome {
-            _ if trial.decision.silent => return None,
+        match &trial.outcome {
             Some(Outcome::Ok) => {
                 self.spec.objective.cost(&trial.measurements).ok().map(|cost| Verdict::Cost(at_factor(cost)))
             }
             Some(Outcome::Aborted { lower_bound }) => Some(Verdict::AtLeast(at_factor(*lower_bound))),
             Some(Outcome::Infeasible { .. }) => Some(Verdict::Infeasible),
             Some(Outcome::Failed { .. }) | None => None,
-        };
-        let own = self.searches.change(StateId(trial.state_id))?;
-        match own.ladder.get_or_insert_default().learn(at, &trial.configuration, verdict) {
-            Climb::Further => None,
-            Climb::FurtherWithOthers => {
-                // The search learnt what is no longer believed. Another one begins with the table.
-                own.end();
-                None
-            }
-            Climb::Dropped(verdict) => Some(verdict),
         }
     }
 
@@ -404,8 +393,15 @@ impl Tuner {
             return;
         };
         exploration.release(trial.number, feedback);
-        // A spent search is not needed any more: the table holds its results.
+        self.end_spent(state);
+    }
+
+    /// Drops a spent search, which is not needed any more: the table holds its results.
+    fn end_spent(&mut self, state: StateId) {
         let (results, policy): (_, &Policy) = (self.states.results(state), &self.spec.policy);
+        let Some(exploration) = self.searches.change(state) else {
+            return;
+        };
         if exploration.open.is_empty()
             && is_spent(
                 exploration,

@@ -12,7 +12,6 @@ use crate::space::Space;
 use crate::tuner::Exploration;
 use crate::tuner::confirmation::Stored;
 use crate::tuner::few::{self, FewConfigurations};
-use crate::tuner::ladder::Ladder;
 use crate::tuner::states::place;
 
 /// The search of each state, in the order of their ids.
@@ -25,7 +24,7 @@ pub(super) struct Searches {
 /// See [`Searches::taken`].
 pub(super) fn taken(exploration: Option<&Exploration>, results: &ResultTable, replicates: u32) -> usize {
     let repeats = exploration.map_or(0, |own| own.repeats() as usize);
-    let cheaper = exploration.and_then(|own| own.ladder.as_ref()).map_or(0, Ladder::full_trials);
+    let cheaper = exploration.map_or(0, |own| own.cheaper_trials as usize);
     (results.runs() / replicates.max(1) as usize).max(results.searched() + repeats) + cheaper
 }
 
@@ -101,15 +100,6 @@ impl Searches {
         let begun = exploration.as_mut().filter(|exploration| exploration.is_begun());
         *changes += u64::from(begun.is_some());
         begun
-    }
-
-    /// Enters the cost of a full trial, where its configuration ran at a cheaper level before.
-    pub(super) fn pair(&mut self, state: StateId, configuration: &Configuration, cost: f64) {
-        let own = &mut self.of_states[place(state)];
-        let ladder = own.exploration.as_mut().and_then(|exploration| exploration.ladder.as_mut());
-        if ladder.is_some_and(|ladder| ladder.pair(configuration, cost)) {
-            own.changes += 1;
-        }
     }
 
     /// Begins a search in a state. An earlier search is dropped, and its confirmed winner stays. Without one,

@@ -4,7 +4,6 @@ use crate::decision::{BudgetStatus, Choice, Decision, ExploitRule, ExplorationEs
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX, STATES_OF_NEW_MACHINES_MAX};
 use crate::policy::Operation;
-use crate::search::Step;
 use crate::trial::{Mode, Rule, Trial, TrialState};
 use crate::tuner::decide::Ground;
 use crate::tuner::plan::Planned;
@@ -166,7 +165,7 @@ impl Tuner {
             return known.by(ExploitRule::Frozen, ExplorationEstimate::default(), BudgetStatus::default());
         }
         let mut prediction = self.explore_within_budget(ask, number, normalised, state, decided, planned);
-        if let Some(level) = self.cheaper_level(ask, number, state, &prediction)
+        if let Some(level) = self.cheaper_level(ask, number, state)
             && let Choice::Explore(explore) = &mut prediction.decision.choice
         {
             // A cost at another level says nothing of the reference.
@@ -176,34 +175,24 @@ impl Tuner {
         prediction
     }
 
-    /// The name of the cheaper level at which the next trial is to run, if it is a point of the state's
-    /// search that was never measured. Where the search tries every configuration, and with a budget of
-    /// regret, there is none.
-    fn cheaper_level(
-        &self,
-        ask: &Ask,
-        number: TrialNumber,
-        state: StateId,
-        prediction: &Prediction,
-    ) -> Option<String> {
-        let levels = self.spec.objective.fidelities();
-        let own = self.searches.of(state).filter(|own| own.open.contains_key(&number.0))?;
-        let step = prediction.decision.search_step()?;
-        let is_new = !matches!(step, Step::Default | Step::Elsewhere | Step::Replicate)
-            && !self.states.results(state).is_tried(&prediction.configuration);
-        let room = self.room_of(&ask.session_policy);
+    /// The costs of the cheaper levels at which a client runs trials, as shares of a full one. With a budget
+    /// of regret there are none, nor where the search tries every configuration.
+    pub(super) fn open_levels(&self, ask: &Ask, room: usize) -> Vec<f64> {
         let is_open = ask.fidelities
             && self.spec.policy.regret_budget.is_none()
             && self.searches.few().count().is_none_or(|count| count > room);
-        if levels.is_empty() || !(is_new && is_open) {
-            return None;
-        }
-        let count = u32::try_from(levels.len()).unwrap_or(u32::MAX);
-        let next = match &own.ladder {
-            Some(ladder) => ladder.next(&prediction.configuration, count)?,
-            None => 0,
-        };
-        levels.get(next as usize).map(|level| level.name.clone())
+        let levels = self.spec.objective.fidelities().iter().filter(|_| is_open);
+        levels.map(|level| level.cost).collect()
+    }
+
+    /// The name of the cheaper level at which the point of the state's search is to be measured that a trial
+    /// carries; `None` for in full.
+    fn cheaper_level(&self, ask: &Ask, number: TrialNumber, state: StateId) -> Option<String> {
+        let own = self.searches.of(state)?;
+        let level = own.search.as_ref()?.level_of(*own.open.get(&number.0)?)?;
+        let is_open = !self.open_levels(ask, self.room_of(&ask.session_policy)).is_empty();
+        let level = self.spec.objective.fidelities().get(level as usize).filter(|_| is_open);
+        level.map(|level| level.name.clone())
     }
 
     fn hand_out(

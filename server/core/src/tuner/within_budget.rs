@@ -32,7 +32,7 @@ impl Tuner {
         let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
             let best = self.states.results(state).best().map(|best| best.mean_cost);
             let cap = ask.session_policy.abort_above.or(policy.abort_above).zip(best);
-            let explored = self.explore((&ask.client_id, room), state, number, normalised, planned);
+            let explored = self.explore((ask, room), state, number, normalised, planned);
             let (mut budget, mut abort_above) = (BudgetStatus::default(), None);
             if let (true, Some((factor, reference))) = (explored.explores(), cap) {
                 budget.reference_cost = Some(reference);
@@ -43,7 +43,7 @@ impl Tuner {
         match account.leave(terms, ask.can_abort, self.default_runs(state)) {
             Ok(leave) => {
                 assert!(leave.left >= leave.set_aside, "{} covers {}", leave.left, leave.set_aside);
-                let explored = self.explore((&ask.client_id, room), state, number, normalised, planned);
+                let explored = self.explore((ask, room), state, number, normalised, planned);
                 let explores = explored.explores();
                 let is_charged = explores || self.runs_dear_incumbent(&explored, state);
                 // Enough for the worst.
@@ -70,8 +70,7 @@ impl Tuner {
                     }
                     // The only way on is to explore.
                     None => {
-                        let explored =
-                            self.explore((&ask.client_id, room), state, number, normalised, planned);
+                        let explored = self.explore((ask, room), state, number, normalised, planned);
                         answer(
                             explored,
                             (ExploreRule::NothingKnown, decided.1),

@@ -2,7 +2,7 @@
 
 use super::super::kernel::FeatureKind;
 use super::super::likelihood::{Profile, gradient};
-use super::super::{Hyperparameters, Process, Sample, Schedule};
+use super::super::{Covariances, Hyperparameters, Process, Sample, Schedule};
 use super::*;
 use crate::matrix::Factor;
 
@@ -164,4 +164,51 @@ fn the_jacobian_of_a_view_counts_like_its_likelihood() {
     assert_eq!((a, b), (0, 1));
     assert_eq!(first.log_likelihood(), second.log_likelihood());
     assert!((first.log_likelihood() - none.log_likelihood() - 2.5).abs() < 1e-9);
+}
+
+/// Two ordered features, and one of two categories by turns.
+fn of_two_categories(count: usize) -> Vec<Vec<f64>> {
+    let mut points = points(&KINDS[..3], count, 6);
+    points.iter_mut().enumerate().for_each(|(index, point)| point[2] = (index % 2) as f64);
+    points
+}
+
+#[test]
+fn a_measurement_moves_the_mean_by_as_much_as_it_lowers_the_variance() {
+    let (kinds, hyper) = (&KINDS[..3], uneven(&KINDS[..3], false));
+    let (mut points, mut counts) = (of_two_categories(12), vec![1.0; 12]);
+    let (one, other, count) = (vec![0.4, 0.6, 0.0], vec![0.4, 0.6, 1.0], 0.5);
+    // The variance without noise, and the variance before any measurement.
+    let fit = |points: &[Vec<f64>], counts: &[f64]| {
+        let values = points.iter().map(|x| x[0] - x[1] * x[2]).collect();
+        let sample = Sample::new(kinds.to_vec(), &slices(points), counts.to_vec());
+        let process = Process::fit(sample, values, &hyper, &PRIOR).expect("positive definite");
+        let mut covariances = Covariances::default();
+        process.covariances(&process.context(&[]), &one, &mut covariances);
+        let most = process.deviation_max(&covariances).powi(2);
+        (process.deviation(&mut covariances).powi(2) / most, most, process)
+    };
+    let (before, most, process) = fit(&points, &counts);
+    let moved = process.moved_by(&one, &other, count);
+    points.push(other.clone());
+    counts.push(count);
+    let (after, ..) = fit(&points, &counts);
+    assert!(moved > 0.0 && (before - after - moved * moved / most).abs() < 1e-9, "{before} {after} {moved}");
+}
+
+#[test]
+fn a_shift_of_some_values_is_found() {
+    let (kinds, hyper) = (&KINDS[..3], uneven(&KINDS[..3], false));
+    let points = of_two_categories(12);
+    let is_one = |index: usize| points[index][2] == 1.0;
+    let shift = |by: f64| {
+        let of = |index: usize| points[index][0] + if is_one(index) { by } else { 0.0 };
+        let sample = Sample::new(kinds.to_vec(), &slices(&points), vec![1.0; 12]);
+        let process = Process::fit(sample, (0..12).map(of).collect(), &hyper, &PRIOR);
+        process.expect("positive definite").shift_of(is_one)
+    };
+    assert!((shift(0.7) - shift(0.0) - 0.7).abs() < 1e-9, "{} {}", shift(0.7), shift(0.0));
+    let sample = Sample::new(kinds.to_vec(), &slices(&points), vec![1.0; 12]);
+    let process = Process::fit(sample, vec![1.0; 12], &hyper, &PRIOR).expect("positive definite");
+    assert_eq!([process.shift_of(|_| true), process.shift_of(|_| false)], [0.0; 2], "nothing to compare");
 }

@@ -12,6 +12,7 @@ use std::sync::Arc;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+use treewright_model::plain::is_default;
 
 use crate::gp::kernel::{FeatureKind, INACTIVE};
 use crate::gp::local_search::Neighbourhood;
@@ -58,6 +59,9 @@ pub struct Layout {
     /// The prediction of points by other states. Rows of version 0.1.0 call it `guide`.
     #[serde(rename = "guide", default, skip_serializing_if = "Option::is_none")]
     main_effects: Option<MainEffects>,
+    /// The number of cheaper levels at which points may be measured.
+    #[serde(default, skip_serializing_if = "is_default")]
+    cheaper: usize,
 }
 
 /// Most cells that are counted; finer axes pass for continuous.
@@ -89,6 +93,7 @@ impl Layout {
             default: space.encode(space.default_ref()),
             space: None,
             main_effects: None,
+            cheaper: 0,
         };
         let comes_after =
             |(index, axis): (usize, &LayoutAxis)| axis.gate.as_ref().is_none_or(|gate| gate.parent < index);
@@ -119,10 +124,25 @@ impl Layout {
             default,
             space: None,
             main_effects: None,
+            cheaper: 0,
         }
     }
 
-    /// Adds the prediction of other states as the last feature.
+    /// Adds a feature for each cheaper level, behind all others: 1 where a point was measured there.
+    pub(super) fn set_cheaper(&mut self, levels: usize) {
+        self.cheaper = levels;
+    }
+
+    /// The features of a full measurement as those of one at a cheaper level.
+    pub(super) fn at_cheaper(&self, level: usize, features: &[f64]) -> Vec<f64> {
+        assert!(level < self.cheaper, "level {level} of {}", self.cheaper);
+        let mut features = features.to_vec();
+        let place = features.len() - self.cheaper + level;
+        features[place] = 1.0;
+        features
+    }
+
+    /// Adds the prediction of other states as a feature.
     pub(super) fn set_main_effects(&mut self, main_effects: MainEffects) {
         self.main_effects = Some(main_effects);
     }
@@ -132,7 +152,7 @@ impl Layout {
         self.main_effects = None;
     }
 
-    /// Whether the last feature is the prediction of a guide.
+    /// Whether a feature is the prediction of a guide.
     pub(super) fn has_guide(&self) -> bool {
         self.main_effects.is_some()
     }
@@ -160,7 +180,8 @@ impl Layout {
         };
         let twice = self.axes.iter().filter(|axis| axis.is_seen_twice()).map(|_| FeatureKind::Categorical);
         let main_effects = self.main_effects.iter().map(|_| FeatureKind::Linear);
-        self.axes.iter().map(kind).chain(twice).chain(main_effects).collect()
+        let cheaper = (0..self.cheaper).map(|_| FeatureKind::Categorical);
+        self.axes.iter().map(kind).chain(twice).chain(main_effects).chain(cheaper).collect()
     }
 
     /// The number of values of an axis; 0 for a continuous one.
@@ -295,10 +316,10 @@ impl Layout {
         true
     }
 
-    /// The features of a canonical point: the place of each value by size in 0..1, the cell of a choice
-    /// without order, [`INACTIVE`] where the axis does not count. Choices among more than two numbers are
-    /// seen twice, by size and by cell: values such as block sizes follow their order in part only, and the
-    /// model weighs the two.
+    /// The features of a canonical point, measured in full: the place of each value by size in 0..1, the cell
+    /// of a choice without order, [`INACTIVE`] where the axis does not count. Choices among more than two
+    /// numbers are seen twice, by size and by cell: values such as block sizes follow their order in part
+    /// only, and the model weighs the two.
     pub(crate) fn features(&self, x: &[f64], active: &[bool]) -> Vec<f64> {
         let feature = |index: usize| match &self.axes[index].kind {
             _ if !active[index] => INACTIVE,
@@ -313,7 +334,9 @@ impl Layout {
         };
         let twice = self.axes.iter().enumerate().filter_map(cell_of);
         let main_effects = self.main_effects.iter().map(|main_effects| main_effects.at(self, x, active));
-        let features: Vec<f64> = (0..x.len()).map(feature).chain(twice).chain(main_effects).collect();
+        let cheaper = (0..self.cheaper).map(|_| 0.0);
+        let features: Vec<f64> =
+            (0..x.len()).map(feature).chain(twice).chain(main_effects).chain(cheaper).collect();
         debug_assert_eq!(features.len(), self.kinds().len(), "every feature has its kind");
         features
     }

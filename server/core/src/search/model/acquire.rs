@@ -8,12 +8,13 @@ use crate::gp::local_search::{AxisSweeps, Leaders, Neighbourhood, Radii, ScoredP
 use crate::gp::{Covariances, Posterior, Process};
 use crate::search::layout::Layout;
 
-/// A configuration that was measured.
+/// A configuration that was measured, in full or at cheaper levels only.
 pub(super) struct EstimatedPoint {
     /// Canonical coordinates.
     pub(super) x: Vec<f64>,
-    /// Its cost by the model.
+    /// Its cost in full by the model.
     pub(super) believed: f64,
+    pub(super) in_full: bool,
 }
 
 /// The value of measuring a point.
@@ -98,7 +99,7 @@ impl Acquisition<'_> {
         assert!(self.doubt >= 1.0, "deviations count {} times", self.doubt);
         let mut order: Vec<&EstimatedPoint> = known.iter().collect();
         order.sort_by(|a, b| a.believed.total_cmp(&b.believed));
-        let least = order.first().map_or(0.0, |known| known.believed);
+        let least = order.iter().find(|known| known.in_full).map_or(0.0, |known| known.believed);
         let least = if least.is_finite() { least } else { 0.0 };
         let dimension = self.dimension;
         let judge = |mut x: Vec<f64>, floor: f64| {
@@ -113,6 +114,7 @@ impl Acquisition<'_> {
                 leaders.offer(candidate);
             }
         };
+        order.iter().filter(|known| !known.in_full).for_each(|known| offer(known.x.clone()));
         (0..ANYWHERE).for_each(|_| offer(anywhere(dimension, random)));
         for index in 0..if order.is_empty() { 0 } else { NEAR } {
             let centre = &order[index % order.len().min(CLIMBERS)].x;

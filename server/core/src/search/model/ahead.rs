@@ -8,7 +8,7 @@ use rand::RngExt;
 use crate::gp::Hyperparameters;
 use crate::gp::local_search::Neighbourhood;
 use crate::search::Step;
-use crate::search::model::{MeasuredPoint, ModelSearch, acquire, coordinates, steps};
+use crate::search::model::{MeasuredPoint, ModelSearch, Proposed, acquire, coordinates, steps};
 
 /// A guess is near one of the best points: their number, the mean number of changed parameters, and the
 /// greatest change as a share of an axis.
@@ -20,9 +20,9 @@ const GUESSED_RADIUS: f64 = 0.2;
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedPoint {
     /// The point to measure, and why; `None` where there is nothing to model.
-    pub(super) point: Option<(Vec<f64>, Step)>,
+    pub(super) point: Option<Proposed>,
     /// More points, chosen as if those before were pending, for clients that ask while no fit is possible.
-    reserve: Vec<(Vec<f64>, Step)>,
+    reserve: Vec<Proposed>,
     cost: Hyperparameters,
     failure: Hyperparameters,
     trended: Option<Hyperparameters>,
@@ -41,9 +41,9 @@ impl PlannedPoint {
         let mut more = Vec::new();
         let mut last = point.clone();
         while more.len() < reserve
-            && let Some((x, step)) = last
+            && let Some(proposed) = last
         {
-            search.make_pending(x, step);
+            search.make_pending(proposed);
             last = search.propose();
             more.extend(last.clone());
         }
@@ -58,13 +58,16 @@ impl ModelSearch {
     pub(super) fn has_next(&self) -> bool {
         let begins = self.pending.added() == 0 || self.default_is_due || self.pending.has_withdrawn();
         let designs = self.believes_others() || !self.queue.is_empty() && !self.is_mostly_infeasible();
-        begins || designs || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
+        let probes = self.unseen_level().is_some();
+        begins || designs || probes || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
     }
 
-    /// Takes over the plan of a copy. A plan with fewer measurements than the last fit, or with a dropped
-    /// guide, is ignored.
+    /// Takes over the plan of a copy. A plan with fewer measurements than the last fit, or with other
+    /// features (a dropped guide, new levels), is ignored.
     pub(super) fn take_over(&mut self, plan: PlannedPoint) {
-        if plan.fitted < self.fitted || plan.guided != self.setup.layout.has_guide() {
+        let layout = &self.setup.layout;
+        let is_of_layout = plan.guided == layout.has_guide() && plan.cost.fits(layout.kinds().len());
+        if plan.fitted < self.fitted || !is_of_layout {
             return;
         }
         self.cost = plan.cost.clone();
@@ -81,7 +84,7 @@ impl ModelSearch {
 
     /// Whether the planned point is still worth a measurement.
     pub(super) fn is_good(&self, plan: &PlannedPoint) -> bool {
-        plan.point.as_ref().is_none_or(|(x, step)| self.is_worth(x, *step))
+        plan.point.as_ref().is_none_or(|(x, step, _)| self.is_worth(x, *step))
     }
 
     /// Whether a point was not measured meanwhile, and is not pending.
@@ -92,10 +95,10 @@ impl ModelSearch {
     }
 
     /// The next of the reserve that is still of use, else a guess near one of the best.
-    pub(super) fn next_at_once(&mut self) -> (Vec<f64>, Step) {
-        while let Some((x, step)) = self.reserve.pop_front() {
+    pub(super) fn next_at_once(&mut self) -> Proposed {
+        while let Some((x, step, level)) = self.reserve.pop_front() {
             if step != Step::Replicate && self.is_worth(&x, step) {
-                return (x, step);
+                return (x, step, level);
             }
         }
         let mut random = self.random();
@@ -118,6 +121,6 @@ impl ModelSearch {
                 x
             }
         };
-        (x, Step::RandomSearch)
+        (x, Step::RandomSearch, None)
     }
 }

@@ -48,10 +48,16 @@ impl ModelSearch {
     /// points after the default.
     pub(super) fn begin_with(&mut self, main_effects: MainEffects, first: Vec<Vec<f64>>) {
         self.setup.layout.set_main_effects(main_effects);
+        self.begin_models();
+        self.elsewhere = first.into();
+    }
+
+    /// Begins the models again, after their features have changed.
+    pub(super) fn begin_models(&mut self) {
         let kinds = self.setup.layout.kinds();
         (self.cost, self.failure) =
             (Hyperparameters::new(&kinds, &PRIOR), Hyperparameters::new(&kinds, &PRIOR));
-        self.elsewhere = first.into();
+        (self.trended, self.fitted) = (None, 0);
     }
 
     /// The default's measurements, which all others are compared with.
@@ -108,10 +114,7 @@ impl ModelSearch {
         assert_eq!(pairs.len(), measured, "every measured point has a guided value");
         if pearson(&pairs) < GUIDE_CORRELATION_LEAST {
             self.setup.layout.drop_guide();
-            let kinds = self.setup.layout.kinds();
-            (self.cost, self.failure) =
-                (Hyperparameters::new(&kinds, &PRIOR), Hyperparameters::new(&kinds, &PRIOR));
-            (self.trended, self.fitted) = (None, 0);
+            self.begin_models();
             self.elsewhere.clear();
         }
     }

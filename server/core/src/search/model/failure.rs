@@ -5,6 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::cheaper::CheaperPoint;
 use super::{ModelSearch, ModelledPoint, Observed, PRIOR, coordinates};
 use crate::gp::{Process, Sample, Schedule};
 use crate::search::SourceRun;
@@ -34,12 +35,20 @@ impl ModelSearch {
     }
 
     /// Fits the model of failure: 1 for points that could not be run, 0 for all others.
-    pub(super) fn failures(&mut self, places: &[ModelledPoint], schedule: Schedule) -> Option<Process> {
+    /// What ran at a cheaper level ran.
+    pub(super) fn failures(
+        &mut self,
+        places: &[ModelledPoint],
+        cheaper: &[CheaperPoint],
+        schedule: Schedule,
+    ) -> Option<Process> {
+        let places: Vec<&ModelledPoint> =
+            places.iter().chain(cheaper.iter().map(|cheaper| &cheaper.place)).collect();
         let label = |failed: bool| f64::from(u8::from(failed));
         let elsewhere: Vec<(Vec<f64>, bool)> =
             self.runs_elsewhere.iter().map(|run| self.ran_elsewhere(run)).collect();
         let mut points: Vec<&[f64]> = places.iter().map(|place| place.features.as_slice()).collect();
-        let failed = |place: &ModelledPoint| label(place.observed == Observed::Infeasible);
+        let failed = |place: &&ModelledPoint| label(place.observed == Observed::Infeasible);
         let mut labels: Vec<f64> = places.iter().map(failed).collect();
         let mut counts = vec![1.0; points.len()];
         for (features, failed) in &elsewhere {

@@ -27,6 +27,8 @@
 //!   point and the best of the others, and costs may depend on it linearly. Its weight is learnt like a
 //!   length. Where it does not agree with the first few measurements here, it is dropped.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
+//! - *Cheaper levels.* Measurements there are inputs of the model of cost, and points may be measured there
+//!   first (see `cheaper`).
 //! - *Several clients.* Pending points count as measured at their expected cost (the "kriging believer" of
 //!   Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise. With the noise of a measurement
 //!   their surroundings would stay attractive, and several clients would measure almost the same point.
@@ -34,6 +36,8 @@
 mod acquire;
 mod ahead;
 mod begin;
+mod cheaper;
+mod cost;
 mod failure;
 mod local;
 mod observed;
@@ -42,17 +46,17 @@ use std::collections::VecDeque;
 
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+use treewright_model::plain::is_default;
 
-use crate::gp::acquisition::mean_above;
-use crate::gp::warping::ShiftedLog;
-use crate::gp::{Hyperparameters, Prior, Process, Sample, Schedule};
+use crate::gp::{Hyperparameters, Prior};
 use crate::randomness::{Purpose, stream};
 use crate::search::layout::Layout;
 use crate::search::pending::PendingPoints;
 use crate::search::{Feedback, MainEffects, Point, Search, SearchSetup, SourceRun, Step, Verdict};
 use crate::space::Space;
-use acquire::{Acquisition, EstimatedPoint};
+use acquire::Acquisition;
 pub use ahead::PlannedPoint;
+use cheaper::CheaperLevels;
 use failure::RunElsewhere;
 use local::Near;
 use observed::Observed;
@@ -63,17 +67,8 @@ const GRID: f64 = (1u32 << 24) as f64;
 /// more than a few milliseconds, and the chosen points include the best.
 const FITTED_MAX: usize = 96;
 const FITTED_THEN: usize = 64;
-/// With more points the covariance is learnt once in this number of measurements.
-const LEARN_EVERY: u64 = 4;
 /// Most points that are kept.
 const KEPT_MAX: usize = 512;
-/// Rounds of ascent of the first fit, those of later fits, and the number of points from which on a fit has
-/// one step.
-const ROUNDS_FIRST: usize = 30;
-const ROUNDS: usize = 4;
-const ROUNDS_UNTIL: usize = 32;
-/// The logarithm of the likelihood ratio from which on a trend is used: twenty to one.
-const TREND_EVIDENCE: f64 = 3.0;
 /// Where there are choices, deviations count more at every other point: once more per `DOUBT_EVERY`
 /// configurations without a new best, and at most `DOUBT_MAX` times more.
 const DOUBT_EVERY: f64 = 8.0;
@@ -140,27 +135,24 @@ pub struct ModelSearch {
     draws: u64,
     /// Replicates, and the sum of the squares of their relative deviations from the means before.
     scatter: (u64, f64),
+    #[serde(default, skip_serializing_if = "is_default")]
+    cheaper: CheaperLevels,
     /// The next point, where a copy has planned it. Not stored: it would be planned again.
     #[serde(skip)]
     planned: Option<PlannedPoint>,
     /// The reserve of that plan, for clients that ask while no fit is possible. Not stored either.
     #[serde(skip)]
-    reserve: VecDeque<(Vec<f64>, Step)>,
+    reserve: VecDeque<Proposed>,
 }
+
+/// A point, the step that proposes it, and the cheaper level at which it is to be measured, if at one.
+type Proposed = (Vec<f64>, Step, Option<u32>);
 
 /// A known configuration, in the form that the models use.
 struct ModelledPoint {
     x: Vec<f64>,
     features: Vec<f64>,
     observed: Observed,
-}
-
-struct CostModel {
-    process: Process,
-    /// The relative deviation of a measurement of the best.
-    noise: f64,
-    /// The log likelihood of the measurements, before pending points were added.
-    evidence: f64,
 }
 
 impl ModelSearch {
@@ -185,6 +177,7 @@ impl ModelSearch {
             told: 0,
             draws: 0,
             scatter: (0, 0.0),
+            cheaper: CheaperLevels::default(),
             planned: None,
             reserve: VecDeque::new(),
             setup,
@@ -198,15 +191,6 @@ impl ModelSearch {
         search
     }
 
-    /// The best so far, or the default, a step further; the other way where the cube ends.
-    fn stepped(&self, step: &[f64]) -> Vec<f64> {
-        let measured = self.seen.iter().filter(|seen| matches!(seen.observed, Observed::Cost { .. }));
-        let best = measured.min_by(|a, b| a.observed.cost().total_cmp(&b.observed.cost()));
-        let from = best.map_or_else(|| self.setup.start.clone(), |best| coordinates(&best.x));
-        let to = |(x, step): (f64, f64)| if (0.0..=1.0).contains(&(x + step)) { x + step } else { x - step };
-        from.into_iter().zip(step.iter().copied()).map(to).collect()
-    }
-
     fn random(&mut self) -> ChaCha8Rng {
         self.draws += 1;
         stream(self.setup.seed, Purpose::Search, self.setup.state_id, self.draws)
@@ -214,7 +198,7 @@ impl ModelSearch {
 
     /// Makes a point pending at the place of its configuration, on the grid, so that its result can be
     /// matched to it. The default is not moved.
-    fn make_pending(&mut self, mut x: Vec<f64>, step: Step) -> Point {
+    fn make_pending(&mut self, (mut x, step, level): Proposed) -> Point {
         self.setup.layout.canonical(&mut x);
         let grid = steps(&x);
         assert!(grid.iter().all(|&x| f64::from(x) <= GRID), "{grid:?} leaves the cube");
@@ -223,7 +207,7 @@ impl ModelSearch {
         } else {
             coordinates(&grid)
         };
-        self.pending.add(x, step)
+        self.pending.add_at(x, step, level)
     }
 
     /// Canonical coordinates of a point in steps of the grid, and its features.
@@ -255,13 +239,14 @@ impl ModelSearch {
 
     /// A known configuration, in the form that the models use.
     fn place(&self, index: usize) -> ModelledPoint {
-        let mut x = coordinates(&self.seen[index].x);
+        self.modelled(&self.seen[index].x, self.seen[index].observed)
+    }
+
+    /// A result at a place of the grid, in that form.
+    fn modelled(&self, x: &[u32], observed: Observed) -> ModelledPoint {
+        let mut x = coordinates(x);
         let active = self.setup.layout.canonical(&mut x);
-        ModelledPoint {
-            features: self.setup.layout.features(&x, &active),
-            x,
-            observed: self.seen[index].observed,
-        }
+        ModelledPoint { features: self.setup.layout.features(&x, &active), x, observed }
     }
 
     /// The points that the models are fitted to: all, or the best and the latest.
@@ -287,7 +272,7 @@ impl ModelSearch {
     }
 
     /// The next point by the models; `None` while there is nothing to model.
-    fn propose(&mut self) -> Option<(Vec<f64>, Step)> {
+    fn propose(&mut self) -> Option<Proposed> {
         let chosen = self.chosen();
         let places: Vec<ModelledPoint> = chosen.iter().map(|&index| self.place(index)).collect();
         if places.is_empty() {
@@ -295,43 +280,39 @@ impl ModelSearch {
         }
         let measured: Vec<&ModelledPoint> =
             places.iter().filter(|place| place.observed != Observed::Infeasible).collect();
-        let rounds = match (self.fitted, places.len()) {
-            (0, _) => ROUNDS_FIRST,
-            (_, ..ROUNDS_UNTIL) => ROUNDS,
-            _ => 0,
-        };
-        let is_late = self.seen.len() > FITTED_MAX && !self.told.is_multiple_of(LEARN_EVERY);
-        let learn = self.told > self.fitted && !is_late;
-        let schedule = Schedule { steps: if learn { rounds } else { 0 }, ahead: learn };
-        self.fitted = self.told;
+        let cheaper = self.cheaper_points();
+        let schedule = self.schedule(places.len());
         let fails_elsewhere = self.runs_elsewhere.iter().any(|run| run.failed);
         let has_failures = fails_elsewhere || measured.len() < places.len();
-        let failure = if has_failures { self.failures(&places, schedule) } else { None };
+        let failure = if has_failures { self.failures(&places, &cheaper, schedule) } else { None };
         let mut hyper = self.cost.clone();
-        let mut cost = if measured.len() < 2 { None } else { self.costs(&measured, &mut hyper, schedule) };
+        let is_too_few = measured.len() + cheaper.len() < 2;
+        let mut fit = if is_too_few { None } else { self.costs((&measured, &cheaper), &mut hyper, schedule) };
         self.cost = hyper;
-        if let Some(again) = self.doubtful(&measured, cost.as_ref().map_or(0.0, |cost| cost.noise)) {
-            return Some((again, Step::Replicate));
+        if let Some(again) = self.doubtful(&measured, fit.as_ref().map_or(0.0, |fit| fit.noise)) {
+            return Some((again, Step::Replicate, None));
         }
-        let mut known = known(&measured, cost.as_ref().map(|cost| &cost.process));
+        let mut known = cost::known(&measured, fit.as_ref().map(|fit| &fit.process));
         // Every other point comes from a closer look around the best or, on grids, from a model with a trend.
         let is_other = self.pending.added().is_multiple_of(2);
-        let near = match &cost {
-            Some(cost) if is_other => Near::of(&self.setup.layout, &measured, &known, &cost.process),
+        let near = match &fit {
+            Some(fit) if is_other => Near::of(&self.setup.layout, &measured, &known, &fit.process),
             _ => None,
         };
         if is_other
             && near.is_none()
-            && let Some(plain) = &cost
-            && let Some(trended) = self.trended(&measured, plain.evidence, schedule)
+            && let Some(plain) = &fit
+            && let Some(trended) = self.trended((&measured, &cheaper), plain.evidence, schedule)
         {
-            known = self::known(&measured, Some(&trended.process));
-            cost = Some(trended);
+            known = cost::known(&measured, Some(&trended.process));
+            fit = Some(trended);
         }
+        let cost = fit.as_ref().map(|fit| &fit.process);
+        known.extend(self.only_cheaper(&cheaper, cost));
         let mut random = self.random();
         let acquisition = Acquisition {
             layout: &self.setup.layout,
-            cost: cost.as_ref().map(|cost| &cost.process),
+            cost,
             failure: failure.as_ref(),
             dimension: self.setup.dimension(),
             doubt: if is_other { 1.0 } else { 1.0 + self.doubt() },
@@ -341,66 +322,16 @@ impl ModelSearch {
             let x = steps(x);
             pending.contains(&x) || self.seen.iter().any(|seen| seen.x == x)
         };
-        if let Some(near) = near {
+        let near = near.and_then(|near| {
             let places: Vec<Vec<f64>> = pending.iter().map(|x| coordinates(x)).collect();
-            if let Some(x) = near.propose(&acquisition, &places, &mut random).filter(|x| !taken(x)) {
-                return Some((x, Step::Local));
-            }
-        }
-        acquisition.best(&known, &mut random, taken).map(|x| (x, Step::Model))
-    }
-
-    /// The model of cost with a quadratic trend, if the measurements speak for it clearly: their log
-    /// likelihood without one is `plain`.
-    fn trended(&mut self, measured: &[&ModelledPoint], plain: f64, schedule: Schedule) -> Option<CostModel> {
-        let (mut hyper, steps) = match self.trended.take() {
-            // This model is fitted half as often, so it learns twice as much at a time.
-            Some(hyper) => (hyper, if schedule.ahead { (2 * schedule.steps).max(1) } else { 0 }),
-            None => (Hyperparameters::with_trend(&self.setup.layout.kinds(), &PRIOR), ROUNDS_FIRST),
+            near.propose(&acquisition, &places, &mut random).filter(|x| !taken(x))
+        });
+        let (x, step) = match near {
+            Some(x) => (x, Step::Local),
+            None => (acquisition.best(&known, &mut random, taken)?, Step::Model),
         };
-        let schedule = Schedule { steps, ..schedule };
-        let model = self.costs(measured, &mut hyper, schedule);
-        self.trended = Some(hyper);
-        model.filter(|model| model.evidence > plain + TREND_EVIDENCE)
-    }
-
-    fn costs(
-        &self,
-        measured: &[&ModelledPoint],
-        hyper: &mut Hyperparameters,
-        schedule: Schedule,
-    ) -> Option<CostModel> {
-        let kinds = self.setup.layout.kinds();
-        let costs: Vec<f64> = measured.iter().map(|place| place.observed.cost()).collect();
-        let mut counts: Vec<f64> = measured.iter().map(|place| place.observed.count()).collect();
-        let mut points: Vec<&[f64]> = measured.iter().map(|place| place.features.as_slice()).collect();
-        let warping = ShiftedLog::new(&costs);
-        let mut views = warping.views();
-        let sample = |points: &[&[f64]], counts| Sample::new(kinds.clone(), points, counts).prepared();
-        let first = sample(&points, counts.clone());
-        let (mut process, view) = Process::learn(first, &views, hyper, &PRIOR, schedule)?;
-        let evidence = process.log_likelihood();
-        let censored = |place: &ModelledPoint| matches!(place.observed, Observed::AtLeast(_));
-        if measured.iter().any(|place| censored(place)) {
-            let values = &mut views[view].0;
-            for (value, place) in values.iter_mut().zip(measured).filter(|(_, place)| censored(place)) {
-                *value = mean_above(*value, process.predict(&place.features), process.noise());
-            }
-            process = Process::fit(sample(&points, counts.clone()), views[view].0.clone(), hyper, &PRIOR)?;
-        }
-        let noise = warping.relative(view, process.noise().sqrt());
-        // Pending points count as measured at their expected cost.
-        let pending: Vec<Vec<f64>> = self.pending.points().map(|point| self.grid(&point.x).1).collect();
-        if pending.is_empty() {
-            return Some(CostModel { process, noise, evidence });
-        }
-        let mut values = views[view].0.clone();
-        assert_eq!(values.len(), measured.len(), "a value for every measurement");
-        values.extend(pending.iter().map(|features| process.predict(features).mean));
-        counts.extend(pending.iter().map(|_| PENDING_COUNT));
-        points.extend(pending.iter().map(Vec::as_slice));
-        let process = Process::fit(sample(&points, counts), values, hyper, &PRIOR)?;
-        Some(CostModel { process, noise, evidence })
+        let level = cost.map_or_else(|| self.design_level(), |cost| self.level_for(&x, cost, &known));
+        Some((x, step, level))
     }
 
     /// The best measured configuration, if rivals are so close that it may have been lucky. `noise` is the
@@ -423,17 +354,6 @@ impl ModelSearch {
         (rivals > 0 && count < REPEATS_MAX && affordable && !is_pending && reach > 0.0)
             .then(|| leader.x.clone())
     }
-}
-
-/// The measured points, as a model of cost sees them.
-fn known(measured: &[&ModelledPoint], cost: Option<&Process>) -> Vec<EstimatedPoint> {
-    let believed = |place: &ModelledPoint| match (cost, place.observed) {
-        // An aborted point is never the best.
-        (_, Observed::AtLeast(_)) => f64::INFINITY,
-        (Some(cost), _) => cost.predict(&place.features).mean,
-        (None, _) => 0.0,
-    };
-    measured.iter().map(|place| EstimatedPoint { x: place.x.clone(), believed: believed(place) }).collect()
 }
 
 /// A point rounded to the precision of the search.
@@ -463,32 +383,37 @@ impl Search for ModelSearch {
             && let Some(x) = self.elsewhere.pop_front()
         {
             self.default_is_due = true;
-            return Some(self.make_pending(x, Step::Elsewhere));
+            return Some(self.make_pending((x, Step::Elsewhere, None)));
         }
         if self.pending.added() == 0 || std::mem::take(&mut self.default_is_due) {
             return Some(self.pending.add(self.setup.start.clone(), Step::Default));
         }
         if let Some(x) = self.next_from_elsewhere() {
-            return Some(self.make_pending(x, Step::Elsewhere));
+            return Some(self.make_pending((x, Step::Elsewhere, None)));
         }
         if self.is_mostly_infeasible() {
             self.queue.clear();
         }
+        if let Some(level) = self.unseen_level() {
+            let best = self.stepped(&vec![0.0; self.setup.dimension()], None);
+            return Some(self.make_pending((best, Step::Coordinate, Some(level))));
+        }
         if let Some(x) = self.queue.pop_front() {
+            let level = self.design_level();
             let (x, step) = if self.queue_of_steps {
-                (self.stepped(&x), Step::Coordinate)
+                (self.stepped(&x, level), Step::Coordinate)
             } else {
                 (x, Step::LatinHypercube)
             };
-            return Some(self.make_pending(x, step));
+            return Some(self.make_pending((x, step, level)));
         }
         let planned = planned.filter(|plan| self.is_good(plan));
-        if let Some((x, step)) = planned.map_or_else(|| self.propose(), |plan| plan.point) {
-            return Some(self.make_pending(x, step));
+        if let Some(proposed) = planned.map_or_else(|| self.propose(), |plan| plan.point) {
+            return Some(self.make_pending(proposed));
         }
         let mut random = self.random();
         let x = acquire::anywhere(self.setup.dimension(), &mut random);
-        Some(self.make_pending(x, Step::RandomSearch))
+        Some(self.make_pending((x, Step::RandomSearch, None)))
     }
 
     fn tell(&mut self, id: u64, feedback: Feedback) {
@@ -522,6 +447,7 @@ impl Search for ModelSearch {
             Some(old) => *old = observed,
         }
         self.told += 1;
+        self.cheaper.spent = 0.0;
         self.test_elsewhere();
         self.test_guide();
         if self.seen.len() > KEPT_MAX {
@@ -533,6 +459,18 @@ impl Search for ModelSearch {
 
     fn withdraw(&mut self, id: u64) {
         self.pending.withdraw(id);
+    }
+
+    fn open_levels(&mut self, shares: &[f64]) {
+        self.open(shares);
+    }
+
+    fn level_of(&self, id: u64) -> Option<u32> {
+        self.pending.points().find(|point| point.id == id)?.level
+    }
+
+    fn tell_cheaper(&mut self, id: u64, verdict: Option<Verdict>) {
+        self.take_cheaper(id, verdict);
     }
 
     fn repeats(&self) -> u64 {
@@ -552,7 +490,7 @@ impl Search for ModelSearch {
     /// The rest of the initial design is still asked.
     fn hear(&mut self, x: Vec<f64>, verdict: Verdict) {
         let is_begun = self.pending.added() > 0 && !self.default_is_due;
-        let point = self.make_pending(x, Step::Restart);
+        let point = self.make_pending((x, Step::Restart, None));
         self.tell(point.id, Feedback { verdict, fresh: true });
         self.default_is_due = !is_begun && self.default_seen().is_none();
     }
@@ -574,8 +512,8 @@ impl Search for ModelSearch {
         if self.has_next() {
             return self.ask();
         }
-        let (x, step) = self.next_at_once();
-        Some(self.make_pending(x, step))
+        let next = self.next_at_once();
+        Some(self.make_pending(next))
     }
 
     fn plan(&self, reserve: usize) -> Option<PlannedPoint> {
