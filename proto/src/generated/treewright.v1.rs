@@ -238,7 +238,7 @@ pub struct Objective {
     pub episode_frames: u32,
     /// Cheaper levels at which a trial can run, such as fewer samples or a shorter input, the cheapest first. The search
     /// asks clients that know of levels (`SuggestRequest.fidelities`) for a new configuration at a cheaper one first, and
-    /// at the next one only where that is promising and the levels rank alike. Answers rest on full trials alone.
+    /// at another or in full where that is worth more for its cost. Answers rest on full trials alone.
     /// OPTIONAL, at most 4.
     #[prost(message, repeated, tag = "6")]
     pub fidelities: ::prost::alloc::vec::Vec<Fidelity>,

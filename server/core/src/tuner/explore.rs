@@ -329,8 +329,8 @@ impl Tuner {
 
     /// Asks the search until a point is worth a measurement. Points that fall on configurations with a
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
-    /// whose configuration runs just now in this state go back until it is reported. A point at a cheaper level
-    /// is measured whatever is known of its configuration in full.
+    /// whose configuration runs just now in this state go back until it is reported. A point at a cheaper
+    /// level is measured whatever is known of its configuration in full.
     fn walk(&mut self, (ask, room): (&Ask, usize), state: StateId, planned: &mut Planned) -> NextPoint {
         let shares = self.open_levels(ask, room);
         let (space, policy) = (&self.spec.space, &self.spec.policy);
