@@ -126,7 +126,7 @@ impl ModelSearch {
         };
         let ratios = self.cheaper.runs.iter().filter(|run| run.level == level).filter_map(ratio);
         let (sum, count) = ratios.fold((0.0, 0.0), |(sum, count), ratio| (sum + ratio, count + 1.0));
-        (count > 0.0).then(|| sum / count)
+        (count > 0.0).then_some(sum / count)
     }
 
     /// The latest measurements at levels that are tied to full costs.
