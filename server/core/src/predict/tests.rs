@@ -311,6 +311,33 @@ fn where_something_failed_a_prediction_ran_on_both_sides_and_not_only_far_away()
 }
 
 #[test]
+fn a_state_unlike_all_others_does_not_decide_next_to_it() {
+    let mut world = World::new(2, 2);
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    // In the first state alone a fourth of the cost is reached, with the first parameter near its end.
+    let anchors = [[0.5, 0.5], [0.2, 0.4], [0.7, 0.8], [0.8, 0.3], [0.3, 0.8], [0.1, 0.1], [0.9, 0.6]];
+    let rival: [f64; 2] = [0.3, 0.5];
+    for (place, anchor) in anchors.iter().enumerate() {
+        for number in 0..30 {
+            let point = if number == 0 { rival } else { random.random() };
+            let far = point[0] > 0.8;
+            let factor = if far && place == 0 { 0.25 } else { 1.0 + 0.3 * f64::from(u8::from(far)) };
+            let bowl = 1.0 + (point[0] - rival[0]).powi(2) + (point[1] - rival[1]).powi(2);
+            world.take(anchor, &point, Outcome::Ok, Some(10.0 * bowl * factor), 0);
+        }
+    }
+    let rival = world.space.decode(&rival);
+    for asked in [[0.52, 0.5], [0.45, 0.47], [0.5, 0.6]] {
+        let query = Query { rival: Some(&rival), ..world.query(&asked) };
+        for method in [PredictorMethod::Auto, PredictorMethod::Contextual] {
+            let answer = world.predictors.predict(method, &query);
+            let first = answer.and_then(|(answer, _)| answer.configuration.get("p0")?.as_number());
+            assert!(first.is_none_or(|first| first <= 0.8), "{first:?} by {method:?} at {asked:?}");
+        }
+    }
+}
+
+#[test]
 fn the_same_lessons_give_the_same_bytes() {
     let (a, b) = (trained(20, 6, 1.0), trained(20, 6, 1.0));
     assert_eq!(a.predictors, b.predictors);

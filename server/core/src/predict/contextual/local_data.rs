@@ -30,6 +30,10 @@ const QUOTA_LEAST: usize = 8;
 /// The weight of a measurement of the machine itself, of its group and of the fleet: machines differ.
 const TRUST: [f64; 3] = [1.0, 0.5, 0.25];
 
+/// Least number of measurements by which a single state may decide an answer elsewhere. Without any of these
+/// the answer must be expected to be the better one, too.
+const DECIDING_ROWS: usize = 8;
+
 /// Most near states in which nothing could be run, for the model of feasibility.
 const FAILED_STATES_MAX: usize = 16;
 /// Most failures that the model of feasibility is fitted to.
@@ -117,16 +121,17 @@ impl LocalData {
 
     /// The share of the measurements that come from states which were searched.
     pub(super) fn is_mostly_searched(&self) -> bool {
-        let rows = |source: &SourceState| source.results.ranked().len().min(source.quota);
+        let rows = SourceState::rows;
         let searched = self.sources.iter().filter(|source| source.explored).map(rows).sum::<usize>();
         2 * searched > self.sources.iter().map(rows).sum()
     }
 
-    /// The measurements as the process sees them.
-    fn local(&self, space: &Space) -> Option<LocalSample<'_>> {
+    /// The measurements as the process sees them, without those of the source at a place.
+    fn local(&self, space: &Space, left_out: Option<usize>) -> Option<LocalSample<'_>> {
         let (mut points, mut counts): (Vec<Vec<f64>>, Vec<f64>) = Default::default();
         let (mut records, mut costs) = (Vec::new(), Vec::new());
-        for source in &self.sources {
+        let sources = self.sources.iter().enumerate().filter(|(place, _)| Some(*place) != left_out);
+        for (_, source) in sources {
             for record in source.records() {
                 let features = self.features.features(&space.encode(&record.configuration));
                 points.push([&source.state[..], &features].concat());
@@ -183,8 +188,25 @@ impl LocalData {
             && ways.iter().any(is_beyond)
     }
 
+    /// Whether one configuration is expected to cost less than another without any single other state, too.
+    /// A state unlike all others may be the nearest one, and what is best there costs much elsewhere.
+    fn is_borne_out(&self, hyper: &Hyperparameters, space: &Space, [own, other]: [&[f64]; 2]) -> bool {
+        let is_here =
+            |source: &SourceState| self.here.as_ref().is_some_and(|here| Arc::ptr_eq(here, &source.results));
+        let decides = |source: &SourceState| !is_here(source) && source.rows() >= DECIDING_ROWS;
+        let mut deciding = (0..self.sources.len()).filter(|place| decides(&self.sources[*place]));
+        deciding.all(|place| {
+            let local = self.local(space, Some(place));
+            let process = local.and_then(|local| Process::fit(local.sample, local.values, hyper, &PRIOR));
+            process.is_some_and(|process| {
+                process.difference(&process.context(&self.state), own, other).mean < 0.0
+            })
+        })
+    }
+
     /// The configuration of the least cost, less some deviations, that can probably be run. Beside a rival it
-    /// must almost surely run, lie among those that ran, and be worth its risk; else there is no answer.
+    /// must almost surely run, lie among those that ran, be worth its risk, and be borne out by more than one
+    /// state; else there is no answer.
     pub(super) fn answer(
         &self,
         hyper: &Hyperparameters,
@@ -193,7 +215,7 @@ impl LocalData {
         neighbours: &[Neighbour],
         random: &mut ChaCha8Rng,
     ) -> Option<Answer> {
-        let local = self.local(space)?;
+        let local = self.local(space, None)?;
         let process = Process::fit(local.sample, local.values, hyper, &PRIOR)?;
         let context = process.context(&self.state);
         let running = self.running(space);
@@ -218,7 +240,9 @@ impl LocalData {
         let is_worth = |x: &[f64]| {
             asked.rival.is_none_or(|rival| {
                 let [own, other] = [x, &space.encode(rival)].map(|x| self.features.features(x));
-                own != other && acquisition::is_worth(process.difference(&context, &own, &other), WORTH)
+                own != other
+                    && acquisition::is_worth(process.difference(&context, &own, &other), WORTH)
+                    && self.is_borne_out(hyper, space, [&own, &other])
             })
         };
         // A surely good point takes the place of one that may be best but is not worth its risk.
@@ -244,7 +268,7 @@ impl LocalData {
         space: &Space,
         configuration: &Configuration,
     ) -> Option<Estimate> {
-        let local = self.local(space)?;
+        let local = self.local(space, None)?;
         let process = Process::fit(local.sample, local.values, hyper, &PRIOR)?;
         let context = process.context(&self.state);
         let belief = process.at(&context, &self.features.features(&space.encode(configuration)));
@@ -263,6 +287,11 @@ impl SourceState {
             factor: query.machines.factor(state.machine, query.machine),
             explored: state.explored,
         }
+    }
+
+    /// The number of its measurements that count.
+    fn rows(&self) -> usize {
+        self.results.ranked().len().min(self.quota)
     }
 
     /// Its measurements that count: the better half of them the best, the others evenly from the rest.
