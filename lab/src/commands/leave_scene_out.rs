@@ -13,9 +13,9 @@ use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::tuning::objective::Objective;
 
 use super::evaluate_setup::{SceneArguments, with_versions};
-use crate::leave_scene_out::book::{Book, OpenBook, RecordedRounds, SceneFacts};
+use crate::leave_scene_out::book::{Book, OpenBook, RecordedContender, RecordedRounds, SceneFacts};
 use crate::leave_scene_out::judge::{self, ALONE, CANDIDATES, FINAL, LEFT_OUT, Overall, Row, key};
-use crate::leave_scene_out::steps::{CHECKPOINTS, Stage};
+use crate::leave_scene_out::steps::{CHECKPOINTS, Stage, first_answer};
 use crate::leave_scene_out::suite::{Context, built_in};
 
 /// Trials of a search.
@@ -70,6 +70,11 @@ pub(super) struct Arguments {
     /// Final rounds.
     #[arg(long, value_name = "N", default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     final_rounds: u32,
+
+    /// Measures nothing: asks the service for its first answer to every recorded scene, taught by the others
+    /// of the book, and prints what that ran at beside the candidates.
+    #[arg(long)]
+    first_answers: bool,
 }
 
 /// The results written beside the book.
@@ -82,6 +87,9 @@ struct Judged {
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let machine = with_versions(machine(), arguments.context.threads)?;
     let mut open = OpenBook::open(&arguments.book, machine)?;
+    if arguments.first_answers {
+        return first_answers(&open.book, arguments.context);
+    }
     measure(arguments, &mut open)?;
     let rows = judge::rows(&open.book, &Objective::ALL);
     print(&rows);
@@ -116,6 +124,45 @@ fn measure(arguments: &Arguments, open: &mut OpenBook) -> Result<(), CliError> {
             eprintln!("{step:?} {} {context}: {:.0} s so far", entry.name, begin.elapsed().as_secs_f64());
         }
     }
+    Ok(())
+}
+
+/// Prints what the service answers now where it has measured nothing, by the recorded rounds of candidates.
+fn first_answers(book: &Book, context: Context) -> Result<(), CliError> {
+    let mut table =
+        output::table(&["objective", "scene", "over best fixed", "over used well", "answer", "reason"]);
+    for objective in Objective::ALL {
+        for scene in book.scenes.keys() {
+            let name = |kind| key(kind, objective, scene, &context.to_string());
+            let Some(rounds) = book.rounds.get(&name(CANDIDATES)) else { continue };
+            let Some(answer) = first_answer(book, objective, scene, context)? else { continue };
+            let costs = judge::relative_costs(rounds, objective.frames_per_build());
+            let own = costs.get(&answer.configuration.to_string()).map(|(_, cost)| *cost);
+            let fixed = judge::fixed_of_others(book, objective, scene, &context.to_string());
+            let fixed =
+                fixed.and_then(|fixed| costs.get(&fixed.configuration.to_string()).map(|(_, cost)| *cost));
+            let natives = ["low", "medium", "high"].map(|quality| {
+                let is_it =
+                    |one: &&RecordedContender| one.who.to_string() == format!("native used well {quality}");
+                let text = rounds.contenders.iter().find(is_it)?.configuration.as_ref()?.to_string();
+                costs.get(&text).map(|(_, cost)| *cost)
+            });
+            let used_well = natives.into_iter().flatten().reduce(f64::min);
+            let over = |other: Option<f64>| {
+                own.zip(other)
+                    .map_or_else(|| "not measured".to_owned(), |(own, other)| format!("{:.3}", other / own))
+            };
+            table.add_row([
+                objective.name().to_owned(),
+                scene.clone(),
+                over(fixed),
+                over(used_well),
+                answer.configuration.to_string(),
+                answer.reason.summary,
+            ]);
+        }
+    }
+    println!("{table}");
     Ok(())
 }
 

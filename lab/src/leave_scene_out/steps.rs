@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use treewright_client::blocking::{Client, Study};
-use treewright_client::{Indicators, Options, Policy, SessionPolicy};
+use treewright_client::{Indicators, Options, Policy, Prediction, SessionPolicy};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::server::machine;
@@ -163,7 +163,7 @@ impl Stage {
         let options = Options::new().fingerprint(machine().threads(threads));
         let (client, study) = join(&daemon, objective, &self.space(objective), options)?;
         if others {
-            self.teach(book, objective, &client, &study)?;
+            teach(book, objective, &self.scene, &self.context.to_string(), (&client, &study))?;
         }
         self.explore(&client, &study, objective, iterations)
     }
@@ -231,37 +231,53 @@ impl Stage {
             disturbed: found.disturbance.disturbed,
         })
     }
+}
 
-    /// Reports the measurements of other scenes, as their clients would have. Configurations that only this
-    /// scene's own search found ran there as candidates; they are left out, because nobody would have known
-    /// them.
-    fn teach(
-        &self,
-        book: &Book,
-        objective: Objective,
-        client: &Client,
-        study: &Study,
-    ) -> Result<(), CliError> {
-        let context = self.context.to_string();
-        let own = judge::found_only_in(book, objective, &self.scene, &context);
-        for scene in book.scenes.keys().filter(|scene| **scene != self.scene) {
-            let Some(search) = book.searches.get(&key(ALONE, objective, scene, &context)) else {
-                continue;
-            };
-            for trial in &search.trials {
-                tell(study, &search.state, trial, objective)?;
-            }
-            // Then what ran beside all others there, frame by frame in the order in which it ran.
-            if let Some(rounds) = book.rounds.get(&key(CANDIDATES, objective, scene, &context)) {
-                for (configuration, outcome, times) in rounds.frames(&own) {
-                    let suggestion = study.trial_of(&search.state, configuration)?;
-                    suggestion.report(measurements(times, 1, objective), outcome)?;
-                }
+/// Reports the measurements of all scenes but one, as their clients would have. Configurations that only this
+/// scene's own search found ran there as candidates; they are left out, because nobody would have known them.
+fn teach(
+    book: &Book,
+    objective: Objective,
+    without: &str,
+    context: &str,
+    (client, study): (&Client, &Study),
+) -> Result<(), CliError> {
+    let own = judge::found_only_in(book, objective, without, context);
+    for scene in book.scenes.keys().filter(|scene| *scene != without) {
+        let Some(search) = book.searches.get(&key(ALONE, objective, scene, context)) else {
+            continue;
+        };
+        for trial in &search.trials {
+            tell(study, &search.state, trial, objective)?;
+        }
+        // Then what ran beside all others there, frame by frame in the order in which it ran.
+        if let Some(rounds) = book.rounds.get(&key(CANDIDATES, objective, scene, context)) {
+            for (configuration, outcome, times) in rounds.frames(&own) {
+                let suggestion = study.trial_of(&search.state, configuration)?;
+                suggestion.report(measurements(times, 1, objective), outcome)?;
             }
         }
-        client.flush(DEADLINE)?;
-        Ok(())
     }
+    client.flush(DEADLINE)?;
+    Ok(())
+}
+
+/// The first answer to a recorded scene by a daemon that knows the others. Nothing is rendered.
+pub(crate) fn first_answer(
+    book: &Book,
+    objective: Objective,
+    scene: &str,
+    context: Context,
+) -> Result<Option<Prediction>, CliError> {
+    let name = context.to_string();
+    let Some(search) = book.searches.get(&key(ALONE, objective, scene, &name)) else {
+        return Ok(None);
+    };
+    let daemon = Daemon::start()?;
+    let options = Options::new().fingerprint(book.machine.clone());
+    let (client, study) = join(&daemon, objective, &space(objective, context.threads), options)?;
+    teach(book, objective, scene, &name, (&client, &study))?;
+    Ok(Some(study.predict(&search.state)?))
 }
 
 /// A client of a daemon, and the study of an objective and a space there, which it creates.
