@@ -7,9 +7,10 @@
 //!
 //! Two terms may be added. A *linear* feature adds nothing to a distance: values depend on it linearly, with
 //! a coefficient around zero whose variance takes the place of a weight (Rasmussen and Williams, chapter
-//! 2.7). A quadratic *trend* is the covariance of a random quadratic function around the middle of the
-//! ordered features, a polynomial kernel (chapter 4.2.2): near a minimum it says how features act together,
-//! which a sum of distances cannot.
+//! 2.7). It may be a sum of *parts*. Then the coefficient of each part is that of the sum plus a deviation of
+//! its own, so that measurements tell which parts hold. A quadratic *trend* is the covariance of a random
+//! quadratic function around the middle of the ordered features, a polynomial kernel (chapter 4.2.2): near a
+//! minimum it says how features act together, which a sum of distances cannot.
 
 /// How two values of a feature compare.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +22,10 @@ pub(crate) enum FeatureKind {
     /// No distance at all: values may depend on it linearly.
     Linear,
 }
+
+/// The standard deviation by which the coefficient of a part differs from that of the sum, as a share of the
+/// latter's. With a half, a part that counts for nothing is two standard deviations away.
+const PART_DEVIATION: f64 = 0.5;
 
 /// The value of an ordered or categorical feature that is inactive at a point. All others are at least 0.
 pub(crate) const INACTIVE: f64 = -1.0;
@@ -64,6 +69,18 @@ pub(crate) fn add_squared_distances(
             }
         }
     }
+}
+
+/// The terms of a point in the linear covariance: its linear feature, then the parts of that, which follow
+/// the features of `kinds`. The covariance of two points is the product of their terms, by the variance of
+/// the coefficient.
+pub(crate) fn linear_terms<'a>(kinds: &[FeatureKind], point: impl IntoIterator<Item = &'a f64>) -> Vec<f64> {
+    let term = |(place, &x): (usize, &f64)| match kinds.get(place) {
+        Some(FeatureKind::Linear) => Some(x),
+        Some(_) => None,
+        None => Some(PART_DEVIATION * x),
+    };
+    point.into_iter().enumerate().filter_map(term).collect()
 }
 
 /// The features of a point for the trend: ordered ones around their middles, and no others.

@@ -62,9 +62,10 @@ pub(super) fn gradient(
         // Each pair stands for two entries of the matrix, the diagonal for one.
         let entries = |q: usize| if p == q { 0.5 } else { 1.0 } * pull(p, q);
         if let Some(linear) = sample.linear {
-            let column = &sample.columns[linear];
-            for q in 0..=p {
-                gradient[linear] += entries(q) * column[p] * column[q];
+            for column in &sample.terms {
+                for q in 0..=p {
+                    gradient[linear] += entries(q) * column[p] * column[q];
+                }
             }
         }
         if trend > 0.0 {

@@ -3,7 +3,7 @@
 //! Source: Rasmussen and Williams, algorithm 2.1.
 
 use super::hyper::{Hyperparameters, Prior};
-use super::kernel::{add_squared_distances, centred, squared_distance};
+use super::kernel::{add_squared_distances, centred, linear_terms, squared_distance};
 use super::likelihood::{Profile, gradient};
 use super::sample::Sample;
 use crate::matrix::{Factor, dot, matern};
@@ -159,23 +159,25 @@ impl Process {
     /// The covariances of the point with the features of the context and these.
     pub(crate) fn covariances(&self, context: &SharedFeatures, features: &[f64], into: &mut Covariances) {
         let (sample, from) = (&self.sample, context.features.len());
-        assert_eq!(from + features.len(), sample.dimension(), "a point of other features");
+        let width = sample.dimension();
+        assert_eq!(from + features.len(), width + sample.parts(), "a point of other features");
         assert_eq!(context.distances.len(), sample.len(), "the context of another process");
         into.own = 1.0;
         into.others.clear();
         into.others.extend_from_slice(&context.distances);
         let (kinds, weights, columns) =
             (&sample.kinds[from..], &self.weights[from..], &sample.columns[from..]);
-        add_squared_distances(kinds, weights, features, columns, &mut into.others);
+        add_squared_distances(kinds, weights, &features[..width - from], columns, &mut into.others);
         into.others.iter_mut().for_each(|squared| *squared = matern(*squared).0);
         let point = || context.features.iter().chain(features);
-        if let Some(linear) = sample.linear
-            && let Some(own) = point().nth(linear)
-        {
-            let weighted = self.weights[linear] * own;
-            into.own += weighted * own;
-            let column = &sample.columns[linear];
-            into.others.iter_mut().zip(column).for_each(|(sum, other)| *sum += weighted * other);
+        if let Some(linear) = sample.linear {
+            let terms = linear_terms(&sample.kinds, point());
+            // Parts of inactive parameters are zero.
+            for (own, column) in terms.into_iter().zip(&sample.terms).filter(|(own, _)| *own != 0.0) {
+                let weighted = self.weights[linear] * own;
+                into.own += weighted * own;
+                into.others.iter_mut().zip(column).for_each(|(sum, other)| *sum += weighted * other);
+            }
         }
         if self.trend > 0.0 {
             let centred: Vec<f64> = centred(&sample.kinds, point()).collect();

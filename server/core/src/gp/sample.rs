@@ -1,7 +1,7 @@
 //! The points that a process is fitted to, and the correlations between them.
 
 use super::hyper::Hyperparameters;
-use super::kernel::{FeatureKind, add_squared_distances, centred, squared_distance};
+use super::kernel::{FeatureKind, add_squared_distances, centred, linear_terms, squared_distance};
 use crate::matrix::{dot, matern};
 
 /// The points, and the number of measurements of each.
@@ -17,24 +17,37 @@ pub(crate) struct Sample {
     centred: Vec<f64>,
     /// The linear feature, if there is one.
     pub(super) linear: Option<usize>,
+    /// The linear feature and its parts of all points, term by term (see [`linear_terms`]).
+    pub(super) terms: Vec<Vec<f64>>,
     /// Squared distances along each feature of each pair of points `p > q`, pair by pair; see
     /// [`Sample::prepared`].
     pairs: Option<Vec<f64>>,
 }
 
 impl Sample {
-    /// `points` are features, one for each of `kinds`. `counts`, above 0, are the numbers of measurements of
-    /// each point, by which its noise is divided.
+    /// `points` are features, one for each of `kinds`, and then the parts of the linear feature, if it has
+    /// any. `counts`, above 0, are the numbers of measurements of each point, by which its noise is divided.
     pub(crate) fn new(kinds: Vec<FeatureKind>, points: &[&[f64]], counts: Vec<f64>) -> Self {
         assert_eq!(points.len(), counts.len(), "every point has its count");
-        assert!(points.iter().all(|point| point.len() == kinds.len()), "{} features", kinds.len());
+        let width = kinds.len();
+        let parts = points.first().map_or(0, |point| point.len().saturating_sub(width));
+        assert!(points.iter().all(|point| point.len() == width + parts), "{width} features, {parts} parts");
         debug_assert!(counts.iter().all(|count| *count >= 0.0), "counts are not below zero");
         let columns: Vec<Vec<f64>> =
-            (0..kinds.len()).map(|axis| points.iter().map(|point| point[axis]).collect()).collect();
+            (0..width).map(|axis| points.iter().map(|point| point[axis]).collect()).collect();
         let centred = points.iter().flat_map(|point| centred(&kinds, *point)).collect();
         let linear = kinds.iter().position(|kind| *kind == FeatureKind::Linear);
         assert!(kinds.iter().filter(|kind| **kind == FeatureKind::Linear).count() <= 1, "one linear feature");
-        Sample { rows: points.concat(), columns, counts, centred, linear, pairs: None, kinds }
+        assert!(parts == 0 || linear.is_some(), "{parts} parts of nothing");
+        let by_point: Vec<Vec<f64>> = if linear.is_some() {
+            points.iter().map(|point| linear_terms(&kinds, *point)).collect()
+        } else {
+            Vec::new()
+        };
+        let count = by_point.first().map_or(0, Vec::len);
+        let terms = (0..count).map(|term| by_point.iter().map(|terms| terms[term]).collect()).collect();
+        let rows = points.iter().flat_map(|point| &point[..width]).copied().collect();
+        Sample { rows, columns, counts, centred, linear, terms, pairs: None, kinds }
     }
 
     /// Computes the distances of all pairs once, for a sample that will be fitted many times.
@@ -58,6 +71,11 @@ impl Sample {
     /// The number of features of a point.
     pub(super) fn dimension(&self) -> usize {
         self.kinds.len()
+    }
+
+    /// The number of parts of its linear feature.
+    pub(super) fn parts(&self) -> usize {
+        self.terms.len().saturating_sub(1)
     }
 
     fn row(&self, point: usize) -> &[f64] {
@@ -112,9 +130,11 @@ impl Sample {
             }
             matrix[p * n + p] = 1.0 + hyper.noise(dimension) / self.counts[p];
             if let Some(linear) = self.linear {
-                let column = &self.columns[linear];
-                let own = weights[linear] * column[p];
-                matrix[p * n..=p * n + p].iter_mut().zip(column).for_each(|(sum, other)| *sum += own * other);
+                for column in &self.terms {
+                    let own = weights[linear] * column[p];
+                    let row = matrix[p * n..=p * n + p].iter_mut();
+                    row.zip(column).for_each(|(sum, other)| *sum += own * other);
+                }
             }
             if trend > 0.0 {
                 let weighted: Vec<f64> = weights.iter().zip(self.centred(p)).map(|(w, x)| w * x).collect();

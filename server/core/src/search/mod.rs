@@ -215,6 +215,8 @@ impl SearchSetup {
 }
 
 #[cfg(test)]
+mod agreement;
+#[cfg(test)]
 mod chang;
 #[cfg(test)]
 mod contract;

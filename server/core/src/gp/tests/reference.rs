@@ -42,6 +42,11 @@ fn covariance(kinds: &[FeatureKind], hyper: &Hyperparameters, a: &[f64], b: &[f6
             _ => {}
         }
     }
+    // The coefficient of a part deviates from that of the linear feature by half as much as that from zero.
+    let linear = kinds.iter().position(|kind| *kind == FeatureKind::Linear);
+    for (a, b) in a[kinds.len()..].iter().zip(&b[kinds.len()..]) {
+        sum += 0.25 * linear.map_or(0.0, |linear| weights[linear]) * a * b;
+    }
     sum + hyper.trend(kinds.len()) * within * within
 }
 
@@ -60,8 +65,11 @@ fn matrix(
 
 #[test]
 fn mean_variance_and_likelihood_are_those_of_a_dense_reference() {
-    for (seed, has_trend, kinds) in [(1, false, &KINDS[..]), (2, true, &KINDS[..]), (3, false, &KINDS[..2])] {
-        let points = points(kinds, 25, seed);
+    let all = &KINDS[..];
+    for (seed, has_trend, kinds, parts) in
+        [(1, false, all, 0), (2, true, all, 3), (3, false, &KINDS[..2], 0), (4, false, all, 5)]
+    {
+        let points = with_parts(points(kinds, 25, seed), parts, seed + 20);
         let counts: Vec<f64> = (0..25).map(|p| 1.0 + f64::from(p % 3)).collect();
         let values: Vec<f64> = points.iter().map(|x| (3.0 * x[0]).sin() + x[1]).collect();
         let hyper = uneven(kinds, has_trend);
@@ -79,7 +87,7 @@ fn mean_variance_and_likelihood_are_those_of_a_dense_reference() {
             assert!((process.log_likelihood() - likelihood).abs() < 1e-8 * likelihood.abs());
             assert!((process.noise() - hyper.noise(kinds.len()) * variance).abs() < 1e-10);
 
-            for at in super::points(kinds, 20, seed + 10) {
+            for at in with_parts(super::points(kinds, 20, seed + 10), parts, seed + 30) {
                 let towards =
                     DVector::from_iterator(25, points.iter().map(|p| covariance(kinds, &hyper, &at, p)));
                 let expected = mean + (towards.transpose() * &inverse * &left)[0];
@@ -94,6 +102,26 @@ fn mean_variance_and_likelihood_are_those_of_a_dense_reference() {
             }
         }
     }
+}
+
+#[test]
+fn the_parts_of_a_linear_feature_hold_or_not_one_by_one() {
+    let random = &mut random(31);
+    let parts: Vec<[f64; 2]> = (0..10).map(|_| [standard_normal(random), standard_normal(random)]).collect();
+    let values: Vec<f64> = parts.iter().map(|parts| parts[0]).collect();
+    let kinds = [FeatureKind::Linear];
+    let slopes = |has_parts: bool| {
+        let point = |[a, b]: [f64; 2]| if has_parts { vec![a + b, a, b] } else { vec![a + b] };
+        let points: Vec<Vec<f64>> = parts.iter().map(|parts| point(*parts)).collect();
+        let sample = Sample::new(kinds.to_vec(), &slices(&points), vec![1.0; 10]);
+        let hyper = Hyperparameters::new(&kinds, &PRIOR);
+        let process = Process::fit(sample, values.clone(), &hyper, &PRIOR).expect("positive definite");
+        let at = |parts: [f64; 2]| process.predict(&point(parts)).mean;
+        [[1.0, 0.0], [0.0, 1.0]].map(|parts| at(parts) - at([0.0, 0.0]))
+    };
+    let ([held, wrong], [one, other]) = (slopes(true), slopes(false));
+    assert!(held > 0.8 && wrong.abs() < 0.2, "{held} {wrong}");
+    assert!(one == other && other > 0.1, "a single coefficient cannot tell them apart: {one} {other}");
 }
 
 #[test]

@@ -10,9 +10,12 @@
 //!
 //! The sum need not hold for the new state. The Gaussian process of the new state gets it as one more
 //! feature, on which costs may depend linearly (`FeatureKind::Linear` of the kernel), and learns the
-//! coefficient from measurements there. Where the other states mislead, the coefficient goes to zero. Vizier
-//! treats earlier studies in the same spirit, by a stack of processes (Golovin et al., "Google Vizier: a
-//! service for black-box optimization", KDD 2017, section 3.3).
+//! coefficient from measurements there. Where the other states mislead, the coefficient goes to zero. The
+//! effects are parts of that feature with coefficients of their own, so that the others may be right about
+//! one parameter and wrong about another: a linear model with a prior on its coefficients, solved in closed
+//! form with the process (Rasmussen and Williams, "Gaussian Processes for Machine Learning", 2006, section
+//! 2.7). Vizier treats earlier studies in the same spirit, by a stack of processes (Golovin et al., "Google
+//! Vizier: a service for black-box optimization", KDD 2017, section 3.3).
 
 use serde::{Deserialize, Serialize};
 
@@ -150,16 +153,25 @@ impl MainEffects {
         Some(fitted)
     }
 
-    fn sum(&self, layout: &Layout, x: &[f64], active: &[bool]) -> f64 {
-        let mut sum = 0.0;
-        for (axis, effects) in self.effects.iter().enumerate().filter(|(axis, _)| active[*axis]) {
-            let (first, share) = interpolation(layout, axis, x[axis]);
-            sum += effects[first];
-            if share > 0.0 {
-                sum += share * (effects[first + 1] - effects[first]);
+    /// The effect of each parameter at a canonical point; 0 where it is inactive.
+    pub(super) fn parts<'a>(
+        &'a self,
+        layout: &'a Layout,
+        x: &'a [f64],
+        active: &'a [bool],
+    ) -> impl Iterator<Item = f64> + 'a {
+        self.effects.iter().enumerate().map(move |(axis, effects)| {
+            if !active[axis] {
+                return 0.0;
             }
-        }
-        sum
+            let (first, share) = interpolation(layout, axis, x[axis]);
+            let next = if share > 0.0 { share * (effects[first + 1] - effects[first]) } else { 0.0 };
+            effects[first] + next
+        })
+    }
+
+    fn sum(&self, layout: &Layout, x: &[f64], active: &[bool]) -> f64 {
+        self.parts(layout, x, active).sum()
     }
 
     /// The predicted cost of a canonical point, standardised: 0 is the mean over the measurements, 1 is one

@@ -137,7 +137,7 @@ impl Layout {
     pub(super) fn at_cheaper(&self, level: usize, features: &[f64]) -> Vec<f64> {
         assert!(level < self.cheaper, "level {level} of {}", self.cheaper);
         let mut features = features.to_vec();
-        let place = features.len() - self.cheaper + level;
+        let place = self.kinds().len() - self.cheaper + level;
         features[place] = 1.0;
         features
     }
@@ -316,10 +316,11 @@ impl Layout {
         true
     }
 
-    /// The features of a canonical point, measured in full: the place of each value by size in 0..1, the cell
-    /// of a choice without order, [`INACTIVE`] where the axis does not count. Choices among more than two
-    /// numbers are seen twice, by size and by cell: values such as block sizes follow their order in part
-    /// only, and the model weighs the two.
+    /// The features of a canonical point, measured in full: the place of each value by size in 0..1, the cell of a choice
+    /// without order, [`INACTIVE`] where the axis does not count. Choices among more than two numbers are
+    /// seen twice, by size and by cell: values such as block sizes follow their order in part only, and the
+    /// model weighs the two. Then come the prediction of other states, the levels, and the parts of that
+    /// prediction.
     pub(crate) fn features(&self, x: &[f64], active: &[bool]) -> Vec<f64> {
         let feature = |index: usize| match &self.axes[index].kind {
             _ if !active[index] => INACTIVE,
@@ -333,11 +334,13 @@ impl Layout {
             AxisKind::Number(_) => None,
         };
         let twice = self.axes.iter().enumerate().filter_map(cell_of);
-        let main_effects = self.main_effects.iter().map(|main_effects| main_effects.at(self, x, active));
+        let main_effects = self.main_effects.iter().map(|effects| effects.at(self, x, active));
         let cheaper = (0..self.cheaper).map(|_| 0.0);
+        let parts = self.main_effects.iter().flat_map(|effects| effects.parts(self, x, active));
         let features: Vec<f64> =
-            (0..x.len()).map(feature).chain(twice).chain(main_effects).chain(cheaper).collect();
-        debug_assert_eq!(features.len(), self.kinds().len(), "every feature has its kind");
+            (0..x.len()).map(feature).chain(twice).chain(main_effects).chain(cheaper).chain(parts).collect();
+        let parts = if self.main_effects.is_some() { x.len() } else { 0 };
+        debug_assert_eq!(features.len(), self.kinds().len() + parts, "every feature has its kind");
         features
     }
 }

@@ -25,7 +25,8 @@
 //!   model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
 //! - *Other states.* A [`MainEffects`] sums up the other states of the study. The search begins with its best
 //!   point and the best of the others, and costs may depend on it linearly. Its weight is learnt like a
-//!   length. Where it does not agree with the first few measurements here, it is dropped.
+//!   length, and each parameter's part in it is weighed by the measurements here. Where it does not agree
+//!   with the first few of them, it is dropped.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
 //! - *Cheaper levels.* Measurements there are inputs of the model of cost, and points may be measured there
 //!   first (see `cheaper`).
