@@ -15,7 +15,6 @@
 
 pub mod auxiliary;
 pub mod confirm;
-pub(crate) mod correlation;
 pub mod distribution;
 pub mod drift;
 pub mod estimate;

@@ -147,21 +147,6 @@ impl Layout {
         self.main_effects = Some(main_effects);
     }
 
-    /// Removes the prediction of other states from the features.
-    pub(super) fn drop_guide(&mut self) {
-        self.main_effects = None;
-    }
-
-    /// Whether a feature is the prediction of a guide.
-    pub(super) fn has_guide(&self) -> bool {
-        self.main_effects.is_some()
-    }
-
-    /// The guide's value at a canonical point, if there is a guide.
-    pub(super) fn guided(&self, x: &[f64]) -> Option<f64> {
-        self.main_effects.as_ref().map(|guide| guide.at(self, x, &self.active(x)))
-    }
-
     /// Whether the layout has no axes.
     pub(crate) fn is_empty(&self) -> bool {
         self.axes.is_empty()

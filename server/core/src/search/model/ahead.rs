@@ -28,8 +28,6 @@ pub struct PlannedPoint {
     trended: Option<Hyperparameters>,
     fitted: u64,
     draws: u64,
-    /// Whether the models saw a guide.
-    guided: bool,
 }
 
 impl PlannedPoint {
@@ -48,8 +46,7 @@ impl PlannedPoint {
             more.extend(last.clone());
         }
         assert!(more.len() <= reserve, "{} points in a reserve of {reserve}", more.len());
-        let guided = search.setup.layout.has_guide();
-        PlannedPoint { point, reserve: more, cost, failure, trended, fitted, draws, guided }
+        PlannedPoint { point, reserve: more, cost, failure, trended, fitted, draws }
     }
 }
 
@@ -63,11 +60,9 @@ impl ModelSearch {
     }
 
     /// Takes over the plan of a copy. A plan with fewer measurements than the last fit, or with other
-    /// features (a dropped guide, new levels), is ignored.
+    /// features (new levels), is ignored.
     pub(super) fn take_over(&mut self, plan: PlannedPoint) {
-        let layout = &self.setup.layout;
-        let is_of_layout = plan.guided == layout.has_guide() && plan.cost.fits(layout.kinds().len());
-        if plan.fitted < self.fitted || !is_of_layout {
+        if plan.fitted < self.fitted || !plan.cost.fits(self.setup.layout.kinds().len()) {
             return;
         }
         self.cost = plan.cost.clone();

@@ -18,12 +18,10 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::{MeasuredPoint, ModelSearch, Observed, PRIOR};
+use super::{MeasuredPoint, ModelSearch, PRIOR};
 use crate::gp::Hyperparameters;
-use crate::limits::REWARD_COST_MIN;
 use crate::search::latin_hypercube::design;
 use crate::search::{MainEffects, SearchSetup};
-use crate::statistics::correlation::pearson;
 
 /// The reach of a Latin hypercube along continuous axes, as a share of the cube, and the number of axes from
 /// which on it is limited: a cube of many dimensions is mostly corners, which say nothing of the rest.
@@ -38,10 +36,6 @@ const STEPS_FROM: usize = 4;
 const PATIENCE: usize = 2;
 /// Multiple of the default's cost above which a point did clearly worse.
 const CLEARLY_WORSE: f64 = 1.15;
-/// Number of runnable points at which the guide is tested against the measurements.
-const GUIDE_TESTED_AT: usize = 8;
-/// The guide is dropped where its correlation with the logarithms of their costs is lower.
-const GUIDE_CORRELATION_LEAST: f64 = 0.2;
 
 impl ModelSearch {
     /// Gives the search the results of other states, before any model was fitted. `first` are its first
@@ -94,29 +88,6 @@ impl ModelSearch {
             self.queue.clear();
         }
         next
-    }
-
-    /// Drops a guide that does not agree with the measurements here, once there are enough of them.
-    pub(super) fn test_guide(&mut self) {
-        let measured = self.seen.iter().filter(|seen| matches!(seen.observed, Observed::Cost { .. })).count();
-        if measured != GUIDE_TESTED_AT || !self.setup.layout.has_guide() {
-            return;
-        }
-        let mut pairs: Vec<(f64, f64)> = Vec::new();
-        for index in 0..self.seen.len() {
-            let place = self.place(index);
-            if let (Observed::Cost { mean, .. }, Some(guided)) =
-                (place.observed, self.setup.layout.guided(&place.x))
-            {
-                pairs.push((guided, libm::log(mean.max(REWARD_COST_MIN))));
-            }
-        }
-        assert_eq!(pairs.len(), measured, "every measured point has a guided value");
-        if pearson(&pairs) < GUIDE_CORRELATION_LEAST {
-            self.setup.layout.drop_guide();
-            self.begin_models();
-            self.elsewhere.clear();
-        }
     }
 }
 
@@ -265,27 +236,6 @@ mod tests {
         assert_eq!((of(Step::Elsewhere), of(Step::LatinHypercube)), (PATIENCE, design), "{steps:?}");
         let best = steps.iter().map(|(_, cost)| *cost).fold(f64::INFINITY, f64::min);
         assert!(best < 1.05, "{best}");
-    }
-
-    #[test]
-    fn a_guide_is_tested_although_a_stopped_trial_was_measured_late() {
-        let mut search = following(&FIRST);
-        let opposite =
-            |search: &ModelSearch, x: &[f64]| search.setup.layout.guided(x).map(|guided| libm::exp(-guided));
-        for number in 0..8 {
-            assert!(search.setup.layout.has_guide(), "after {number}");
-            let point = search.ask().expect("nothing is out");
-            let cost = opposite(&search, &point.x).expect("a guide");
-            // The last one is stopped first, so that it is known when it counts.
-            let stopped = Verdict::AtLeast(0.5 * cost);
-            let verdict = if number < 7 { Verdict::Cost(cost) } else { stopped };
-            search.tell(point.id, Feedback { verdict, fresh: true });
-            if number == 7 {
-                assert!(search.setup.layout.has_guide(), "seven were measured");
-                search.hear(point.x, Verdict::Cost(cost));
-            }
-        }
-        assert!(!search.setup.layout.has_guide(), "costs fall where the guide says that they rise");
     }
 
     /// Every gain of a state is told over its default.

@@ -25,8 +25,7 @@
 //!   model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
 //! - *Other states.* A [`MainEffects`] sums up the other states of the study. The search begins with its best
 //!   point and the best of the others, and costs may depend on it linearly. Its weight is learnt like a
-//!   length, and each parameter's part in it is weighed by the measurements here. Where it does not agree
-//!   with the first few of them, it is dropped.
+//!   length, and each parameter's part in it is weighed by the measurements here.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
 //! - *Cheaper levels.* Measurements there are inputs of the model of cost, and points may be measured there
 //!   first (see `cheaper`).
@@ -451,7 +450,6 @@ impl Search for ModelSearch {
         self.told += 1;
         self.cheaper.spent = 0.0;
         self.test_elsewhere();
-        self.test_guide();
         if self.seen.len() > KEPT_MAX {
             let worst = (0..self.seen.len() / 2)
                 .max_by(|&a, &b| self.seen[a].observed.cost().total_cmp(&self.seen[b].observed.cost()));
