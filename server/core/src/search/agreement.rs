@@ -66,8 +66,13 @@ fn effects(layout: &Layout, states: usize, records: usize) -> MainEffects {
     MainEffects::fit(layout, &measured).expect("costs differ")
 }
 
-/// The points of a search, beside known states of these effects or alone.
-fn points(seed: u64, others: Option<&MainEffects>) -> Vec<Vec<f64>> {
+/// The points of a search by the logarithms of their costs, alone or beside known states: their effects, and
+/// further winners.
+fn points(
+    seed: u64,
+    others: Option<(&MainEffects, Vec<Vec<f64>>)>,
+    log_cost: impl Fn(&[f64]) -> f64,
+) -> Vec<Vec<f64>> {
     let space = space();
     let (start, layout) = (space.encode(space.default_ref()), Layout::of(&space));
     let setup = SearchSetup {
@@ -79,21 +84,21 @@ fn points(seed: u64, others: Option<&MainEffects>) -> Vec<Vec<f64>> {
         layout: layout.clone(),
     };
     let mut search = ModelSearch::new(setup);
-    if let Some(others) = others {
-        let best = others.descend(&layout, &start);
+    if let Some((effects, winners)) = others {
+        let best = effects.descend(&layout, &start);
         assert_eq!(tree(&layout, &best), BEST_THERE, "what the known states like");
         let beside = |axis: usize| {
             let mut x = best.clone();
             x[axis] = layout.at_rank(axis, 1);
             x
         };
-        search.follow(others.clone(), vec![best.clone(), beside(0), beside(1)], Vec::new());
+        let first = vec![best.clone(), beside(0), beside(1)];
+        search.follow(effects.clone(), first, winners, Vec::new());
     }
     let mut random = ChaCha8Rng::seed_from_u64(100 + seed);
     let trial = |_| {
         let point = search.ask().expect("nothing is out");
-        let noise = NOISE * standard_normal(&mut random);
-        let cost = libm::exp(log_cost(&layout, &point.x, &HERE) + noise);
+        let cost = libm::exp(log_cost(&point.x) + NOISE * standard_normal(&mut random));
         search.tell(point.id, Feedback { verdict: Verdict::Cost(cost), fresh: true });
         point.x
     };
@@ -103,13 +108,13 @@ fn points(seed: u64, others: Option<&MainEffects>) -> Vec<Vec<f64>> {
 #[test]
 fn known_states_lose_their_say_about_the_parameter_on_which_they_are_wrong() {
     let layout = Layout::of(&space());
-    let best = |points: &[Vec<f64>]| {
-        points.iter().map(|x| log_cost(&layout, x, &HERE)).fold(f64::INFINITY, f64::min)
-    };
+    let here = |x: &[f64]| log_cost(&layout, x, &HERE);
+    let best = |points: &[Vec<f64>]| points.iter().map(|x| here(x)).fold(f64::INFINITY, f64::min);
     for (states, records) in [(1, 80), (3, 80), (30, 21)] {
         let effects = effects(&layout, states, records);
         for seed in 0..2 {
-            let (beside, alone) = (points(seed, Some(&effects)), points(seed, None));
+            let beside = points(seed, Some((&effects, Vec::new())), here);
+            let alone = points(seed, None, here);
             let trees: Vec<u32> = beside.iter().map(|x| tree(&layout, x)).collect();
             let found = trees.iter().position(|&tree| tree == BEST_HERE);
             assert!(found.is_some_and(|found| found < FOUND_BY), "{states} states, seed {seed}: {trees:?}");
@@ -119,5 +124,27 @@ fn known_states_lose_their_say_about_the_parameter_on_which_they_are_wrong() {
             let (own, reference) = (best(&beside), best(&alone));
             assert!(own < reference + 0.03, "{states} states, seed {seed}: {own} beside, {reference} alone");
         }
+    }
+}
+
+#[test]
+fn a_winner_of_one_state_to_which_no_step_leads_is_tried() {
+    let layout = Layout::of(&space());
+    let mut winner = space().encode(space().default_ref());
+    for (axis, x) in winner.iter_mut().enumerate() {
+        let rank = if axis == SETTINGS { BEST_HERE } else { u32::from(axis < 2) * 3 };
+        *x = layout.at_rank(axis, rank);
+    }
+    // The tree of the winner is good beside its two settings only.
+    let here = |x: &[f64]| {
+        let likes = (0..2).all(|axis| layout.rank(axis, x[axis]) == 3) && tree(&layout, x) == BEST_HERE;
+        log_cost(&layout, x, &THERE) - if likes { 0.36 + 0.35 + 0.08 } else { 0.0 }
+    };
+    assert!((here(&winner) + 0.08).abs() < 1e-9, "{}", here(&winner));
+    let effects = effects(&layout, 1, 80);
+    for seed in 0..2 {
+        let points = points(seed, Some((&effects, vec![winner.clone()])), here);
+        let place = points.iter().position(|x| here(x) < -0.07);
+        assert!(place.is_some_and(|place| place < FOUND_BY), "seed {seed}: {place:?}");
     }
 }

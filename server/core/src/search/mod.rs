@@ -151,9 +151,17 @@ pub trait Search {
         false
     }
 
-    /// Gives a new search the results of other states: `first` are its first points after the default, and
-    /// `runs` show what runs and what fails. A search that does not hear others begins as always.
-    fn follow(&mut self, _main_effects: MainEffects, _first: Vec<Vec<f64>>, _runs: Vec<SourceRun>) {}
+    /// Gives a new search the results of other states: `first` are its first points after the default,
+    /// `winners` are further good points, and `runs` show what runs and what fails. A search that does not
+    /// hear others begins as always.
+    fn follow(
+        &mut self,
+        _main_effects: MainEffects,
+        _first: Vec<Vec<f64>>,
+        _winners: Vec<Vec<f64>>,
+        _runs: Vec<SourceRun>,
+    ) {
+    }
 
     /// Names the space to a search that was read from its row. A search without a model ignores it.
     fn set_space(&mut self, _space: &Space) {}

@@ -10,7 +10,6 @@
 //! | [`auxiliary`] | costs without the noise that other measurements explain |
 //! | [`movement`] | costs at the anchor of their state |
 //! | [`exploration_value`] | the value of the next few trials |
-//! | `correlation` | how far two measurements of the same things agree |
 //! | [`distribution`] | the normal distribution and Student's |
 
 pub mod auxiliary;

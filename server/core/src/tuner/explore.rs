@@ -314,7 +314,7 @@ impl Tuner {
         if !was_dropped && transfer.warms_up_searches() {
             let beginning = planned.take_beginning(state, &self.states[state].anchor);
             if let Some(start) = beginning.unwrap_or_else(|| transfer.evidence(state).beginning(space)) {
-                search.follow(start.main_effects, start.first, start.runs);
+                search.follow(start.main_effects, start.first, start.winners, start.runs);
                 incumbent = start.incumbent;
             }
         }

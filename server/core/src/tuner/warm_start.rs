@@ -22,6 +22,8 @@ const RECORDS: usize = 640;
 /// Fewest states whose best fixed configuration is the incumbent of a new one. A single one that wants the
 /// opposite would cost the search a ninth of the optimum at 20 trials.
 const INCUMBENT_STATES_LEAST: usize = 2;
+/// The most winners of single states beside the portfolio.
+const WINNERS: usize = 16;
 /// The most of their configurations that show what runs and what fails.
 const RUNS: usize = 64;
 
@@ -31,6 +33,8 @@ pub(super) struct WarmStart {
     pub(super) main_effects: MainEffects,
     /// Points in the order in which they are run.
     pub(super) first: Vec<Vec<f64>>,
+    /// Winners of single states that are not among these, the nearest state's first.
+    pub(super) winners: Vec<Vec<f64>>,
     /// Configurations that ran and that failed elsewhere; empty where nothing failed.
     pub(super) runs: Vec<SourceRun>,
     /// The best fixed configuration of several other states, which is the incumbent here where it is not the
@@ -63,7 +67,20 @@ impl MeasuredElsewhere {
         // rounded as it will be run, because a point is less exact than its configuration.
         let incumbent = Some(space.decode(&on_grid(&first[0])))
             .filter(|first| self.states.len() >= INCUMBENT_STATES_LEAST && first != space.default_ref());
-        Some(WarmStart { main_effects, first, runs: self.runs(space), incumbent })
+        let winners = self.winners(space, &first);
+        Some(WarmStart { main_effects, first, winners, runs: self.runs(space), incumbent })
+    }
+
+    /// The answers of the states that are not among the `first` points and not known to fail, nearest first.
+    fn winners(&self, space: &Space, first: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let mut winners: Vec<Vec<f64>> = Vec::new();
+        let answers = self.states.iter().filter_map(|state| state.answers().next());
+        for x in answers.filter(|answer| !self.fails(answer)).map(|answer| space.encode(answer)) {
+            if winners.len() < WINNERS && !first.contains(&x) && !winners.contains(&x) {
+                winners.push(x);
+            }
+        }
+        winners
     }
 
     /// Configurations that ran and that failed in the nearest states, half of each: each configuration by the

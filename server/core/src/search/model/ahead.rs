@@ -34,6 +34,7 @@ impl PlannedPoint {
     /// Computes the next point of a search, which is a copy because its models move, and `reserve` more. The
     /// search takes over only the state after the first point, so that it goes on as without a reserve.
     pub(super) fn of(mut search: ModelSearch, reserve: usize) -> PlannedPoint {
+        search.leave_doubted();
         let point = search.propose();
         let ModelSearch { cost, failure, trended, fitted, draws, .. } = search.clone();
         let mut more = Vec::new();
@@ -83,7 +84,7 @@ impl ModelSearch {
     }
 
     /// Whether a point was not measured meanwhile, and is not pending.
-    fn is_worth(&self, x: &[f64], step: Step) -> bool {
+    pub(super) fn is_worth(&self, x: &[f64], step: Step) -> bool {
         let grid = steps(x);
         let is_pending = self.pending.points().any(|point| self.grid(&point.x).0 == grid);
         !is_pending && (step == Step::Replicate || self.seen.iter().all(|seen| seen.x != grid))

@@ -39,11 +39,17 @@ const CLEARLY_WORSE: f64 = 1.15;
 
 impl ModelSearch {
     /// Gives the search the results of other states, before any model was fitted. `first` are its first
-    /// points after the default.
-    pub(super) fn begin_with(&mut self, main_effects: MainEffects, first: Vec<Vec<f64>>) {
+    /// points after the default, `winners` further good ones.
+    pub(super) fn begin_with(
+        &mut self,
+        main_effects: MainEffects,
+        first: Vec<Vec<f64>>,
+        winners: Vec<Vec<f64>>,
+    ) {
         self.setup.layout.set_main_effects(main_effects);
         self.begin_models();
         self.elsewhere = first.into();
+        self.winners = winners.iter().map(|x| self.grid(x).0).collect();
     }
 
     /// Begins the models again, after their features have changed.
@@ -77,17 +83,23 @@ impl ModelSearch {
         !self.elsewhere.is_empty() && worse < better + PATIENCE
     }
 
+    /// Keeps what is left of other states' good points for later where the first of them did badly here.
+    pub(super) fn leave_doubted(&mut self) {
+        if !self.believes_others() {
+            let left = std::mem::take(&mut self.elsewhere);
+            let left: Vec<Vec<u32>> = left.iter().map(|x| self.grid(x).0).collect();
+            self.winners.extend(left);
+        }
+    }
+
     /// The next point that did well in other states.
     pub(super) fn next_from_elsewhere(&mut self) -> Option<Vec<f64>> {
-        if !self.believes_others() {
-            self.elsewhere.clear();
-            return None;
-        }
-        let next = self.elsewhere.pop_front();
+        self.leave_doubted();
+        let next = self.elsewhere.pop_front()?;
         if self.elsewhere.is_empty() && !self.queue_of_steps {
             self.queue.clear();
         }
-        next
+        Some(next)
     }
 }
 
@@ -198,7 +210,7 @@ mod tests {
         });
         let main_effects = MainEffects::fit(&layout, &measured.collect::<Vec<_>>()).expect("a slope");
         let mut search = ModelSearch::new(setup);
-        search.follow(main_effects, first.iter().map(|x| x.to_vec()).collect(), Vec::new());
+        search.follow(main_effects, first.iter().map(|x| x.to_vec()).collect(), Vec::new(), Vec::new());
         search
     }
 
@@ -233,7 +245,10 @@ mod tests {
         let steps = walk(&mut search, 40, opposite);
         let of = |step: Step| steps.iter().filter(|(other, _)| *other == step).count();
         let design = ModelSearch::new(setup(0.5, vec![2])).queue.len();
-        assert_eq!((of(Step::Elsewhere), of(Step::LatinHypercube)), (PATIENCE, design), "{steps:?}");
+        assert_eq!(of(Step::LatinHypercube), design, "{steps:?}");
+        // The third comes when nothing better is found, if at all.
+        let begin = steps[..=PATIENCE + design].iter().filter(|(step, _)| *step == Step::Elsewhere);
+        assert_eq!(begin.count(), PATIENCE, "{steps:?}");
         let best = steps.iter().map(|(_, cost)| *cost).fold(f64::INFINITY, f64::min);
         assert!(best < 1.05, "{best}");
     }

@@ -25,7 +25,8 @@
 //!   model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
 //! - *Other states.* A [`MainEffects`] sums up the other states of the study. The search begins with its best
 //!   point and the best of the others, and costs may depend on it linearly. Its weight is learnt like a
-//!   length, and each parameter's part in it is weighed by the measurements here.
+//!   length, and each parameter's part in it is weighed by the measurements here. While no better point is
+//!   found, their further winners are tried now and then: no sum of effects tells what pays only together.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
 //! - *Cheaper levels.* Measurements there are inputs of the model of cost, and points may be measured there
 //!   first (see `cheaper`).
@@ -38,6 +39,7 @@ mod ahead;
 mod begin;
 mod cheaper;
 mod cost;
+mod doubt;
 mod failure;
 mod local;
 mod observed;
@@ -69,10 +71,6 @@ const FITTED_MAX: usize = 96;
 const FITTED_THEN: usize = 64;
 /// Most points that are kept.
 const KEPT_MAX: usize = 512;
-/// Where there are choices, deviations count more at every other point: once more per `DOUBT_EVERY`
-/// configurations without a new best, and at most `DOUBT_MAX` times more.
-const DOUBT_EVERY: f64 = 8.0;
-const DOUBT_MAX: f64 = 2.0;
 /// Weight of a pending point, in measurements.
 const PENDING_COUNT: f64 = 20.0;
 /// The prior of all models of the search, for few measurements in many dimensions.
@@ -112,6 +110,10 @@ pub struct ModelSearch {
     /// Good points of other states, which come before the design.
     #[serde(default, skip_serializing_if = "VecDeque::is_empty")]
     elsewhere: VecDeque<Vec<f64>>,
+    /// Further winners of other states, canonical and in steps of the grid. They are tried while no better
+    /// point is found.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    winners: Vec<Vec<u32>>,
     /// Configurations that ran and that failed in other states.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     runs_elsewhere: Vec<RunElsewhere>,
@@ -167,6 +169,7 @@ impl ModelSearch {
             pending: PendingPoints::default(),
             queue: VecDeque::new(),
             elsewhere: VecDeque::new(),
+            winners: Vec::new(),
             runs_elsewhere: Vec::new(),
             default_is_due: false,
             queue_of_steps: false,
@@ -226,18 +229,6 @@ impl ModelSearch {
         2 * failed >= self.seen.len() && self.seen.len() - failed >= FEASIBLE_ENOUGH
     }
 
-    /// The factor on the model's deviations, which grows with the time since the best was found.
-    fn doubt(&self) -> f64 {
-        let has_choices = (0..self.setup.dimension()).any(|axis| self.setup.layout.cells(axis) > 0);
-        let newest_first = self.seen.iter().rev().enumerate();
-        // Among equals the oldest counts.
-        let best = newest_first.rev().min_by(|a, b| a.1.observed.cost().total_cmp(&b.1.observed.cost()));
-        let since = best.map_or(0, |(since, _)| since);
-        let doubt = if has_choices { (since as f64 / DOUBT_EVERY).min(DOUBT_MAX) } else { 0.0 };
-        assert!((0.0..=DOUBT_MAX).contains(&doubt), "a doubt of {doubt}");
-        doubt
-    }
-
     /// A known configuration, in the form that the models use.
     fn place(&self, index: usize) -> ModelledPoint {
         self.modelled(&self.seen[index].x, self.seen[index].observed)
@@ -292,6 +283,9 @@ impl ModelSearch {
         self.cost = hyper;
         if let Some(again) = self.doubtful(&measured, fit.as_ref().map_or(0.0, |fit| fit.noise)) {
             return Some((again, Step::Replicate, None));
+        }
+        if let Some(winner) = fit.as_ref().and_then(|fit| self.next_winner(&fit.process)) {
+            return Some((winner, Step::Elsewhere, None));
         }
         let mut known = cost::known(&measured, fit.as_ref().map(|fit| &fit.process));
         // Every other point comes from a closer look around the best or, on grids, from a model with a trend.
@@ -499,8 +493,14 @@ impl Search for ModelSearch {
         true
     }
 
-    fn follow(&mut self, main_effects: MainEffects, first: Vec<Vec<f64>>, runs: Vec<SourceRun>) {
-        self.begin_with(main_effects, first);
+    fn follow(
+        &mut self,
+        main_effects: MainEffects,
+        first: Vec<Vec<f64>>,
+        winners: Vec<Vec<f64>>,
+        runs: Vec<SourceRun>,
+    ) {
+        self.begin_with(main_effects, first, winners);
         self.hear_of_runs(runs);
     }
 
