@@ -1,6 +1,6 @@
 //! Parts of simulated studies: noise, parameters from 0 to 1, a specification, a client's frame.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rand::{Rng, RngExt as _};
 use treewright_core::indicator::{Indicator, IndicatorSchema};
@@ -40,6 +40,8 @@ pub fn study(space: Space, indicators: impl Iterator<Item = String>, policy: Pol
     let term = ObjectiveTerm { metric: METRIC.to_owned(), weight: 1.0 };
     StudySpec {
         display_name: String::new(),
+        note: String::new(),
+        tags: BTreeSet::new(),
         space,
         indicators: IndicatorSchema::new(indicators.map(indicator).collect()).expect("each name once"),
         objective: Objective::new(vec![term]).expect("one term"),

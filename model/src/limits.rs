@@ -8,6 +8,12 @@
 pub const NAME_CHARACTERS_MAX: usize = 64;
 /// Longest `display_name` of a study, in characters.
 pub const DISPLAY_NAME_CHARACTERS_MAX: usize = 200;
+/// Longest `note` of a study, in bytes.
+pub const NOTE_BYTES_MAX: usize = 4 << 10;
+/// Most tags of a study.
+pub const TAGS_MAX: usize = 16;
+/// Longest tag of a study, in characters.
+pub const TAG_CHARACTERS_MAX: usize = 32;
 /// Longest `client_id`, in characters.
 pub const CLIENT_ID_CHARACTERS_MAX: usize = 128;
 /// Longest text value of a categorical parameter, in characters.

@@ -1,5 +1,6 @@
 //! The specification of a study: the parts that are fixed at its creation, its space, and its policy.
 
+use std::collections::BTreeSet;
 use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Deserializer, Serialize, de};
@@ -7,7 +8,7 @@ use thiserror::Error;
 
 use crate::fidelity::Fidelity;
 use crate::indicator::{Indicator, IndicatorError, IndicatorSchema};
-use crate::limits::DISPLAY_NAME_CHARACTERS_MAX;
+use crate::limits::{DISPLAY_NAME_CHARACTERS_MAX, NOTE_BYTES_MAX, TAG_CHARACTERS_MAX, TAGS_MAX};
 use crate::objective::{MeasurementLimit, Objective, ObjectiveError, ObjectiveTerm};
 use crate::policy::{Policy, PolicyError, PolicySettings, RawPolicy};
 use crate::space::{Constraint, Scale, Space};
@@ -15,13 +16,20 @@ use crate::space::{Constraint, Scale, Space};
 /// State tolerance of a study that gives none.
 pub const STATE_TOLERANCE_DEFAULT: f64 = 0.01;
 
-/// A tuning problem. All but `space`, `policy` and `display_name` is fixed: trials measured under one schema
-/// and one objective are not comparable with trials measured under another. `P` is [`Policy`] once decided,
-/// and [`PolicySettings`] as given by clients.
+/// A tuning problem. All but `space`, `policy` and the texts for people (`display_name`, `note`, `tags`) is
+/// fixed: trials measured under one schema and one objective are not comparable with trials measured under
+/// another. `P` is [`Policy`] once decided, and [`PolicySettings`] as given by clients.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StudySpec<P = Policy> {
     /// A line for people, at most 200 characters.
     pub display_name: String,
+    /// A text for people of several lines, at most 4096 bytes.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub note: String,
+    /// Words by which people group studies, at most 16: 1 to 32 letters and digits of any script, `_`, `-`
+    /// and `.`.
+    #[serde(skip_serializing_if = "BTreeSet::is_empty")]
+    pub tags: BTreeSet<String>,
     /// The tunables.
     pub space: Space,
     /// The numbers that describe an input. May be empty: the study then has one state.
@@ -39,6 +47,10 @@ pub struct StudySpec<P = Policy> {
 #[derive(Deserialize)]
 struct RawStudySpec {
     display_name: String,
+    #[serde(default)]
+    note: String,
+    #[serde(default)]
+    tags: BTreeSet<String>,
     space: Space,
     indicators: IndicatorSchema,
     objective: Objective,
@@ -55,6 +67,19 @@ pub enum StudyError {
         "display_name must be at most {DISPLAY_NAME_CHARACTERS_MAX} characters without control characters"
     )]
     DisplayName,
+    /// Too long, or holds control characters.
+    #[error(
+        "note must be at most {NOTE_BYTES_MAX} bytes without control characters but line breaks and tabs"
+    )]
+    Note,
+    /// Too many.
+    #[error("tags has {0}; give at most {TAGS_MAX}")]
+    Tags(usize),
+    /// Misspelt.
+    #[error(
+        "tags: {0:?} must be 1 to {TAG_CHARACTERS_MAX} letters, digits, _, - and ., without blanks and quotes"
+    )]
+    Tag(String),
     /// Not within 0 to 1.
     #[error("state_tolerance is {0}; it must be between 0 and 1")]
     StateTolerance(f64),
@@ -75,6 +100,8 @@ impl<'de> Deserialize<'de> for StudySpec {
         let spec = StudySpec {
             policy: raw.policy.check(&raw.space).map_err(de::Error::custom)?,
             display_name: raw.display_name,
+            note: raw.note,
+            tags: raw.tags,
             space: raw.space,
             indicators: raw.indicators,
             objective: raw.objective,
@@ -92,6 +119,16 @@ impl<P> StudySpec<P> {
         if name.chars().count() > DISPLAY_NAME_CHARACTERS_MAX || name.chars().any(char::is_control) {
             return Err(StudyError::DisplayName);
         }
+        let is_mark = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+        if self.note.len() > NOTE_BYTES_MAX || self.note.chars().any(is_mark) {
+            return Err(StudyError::Note);
+        }
+        if self.tags.len() > TAGS_MAX {
+            return Err(StudyError::Tags(self.tags.len()));
+        }
+        if let Some(tag) = self.tags.iter().find(|tag| !is_tag(tag)) {
+            return Err(StudyError::Tag(tag.clone()));
+        }
         if !(0.0..=1.0).contains(&self.state_tolerance) {
             return Err(StudyError::StateTolerance(self.state_tolerance));
         }
@@ -102,6 +139,8 @@ impl<P> StudySpec<P> {
     pub fn with_policy<Q>(self, policy: Q) -> StudySpec<Q> {
         StudySpec {
             display_name: self.display_name,
+            note: self.note,
+            tags: self.tags,
             space: self.space,
             indicators: self.indicators,
             objective: self.objective,
@@ -120,8 +159,8 @@ impl StudySpec {
         Ok(())
     }
 
-    /// The first difference of two specifications in words, leaving out `policy` and `display_name`. `None`
-    /// when they are equal.
+    /// The first difference of two specifications in words, leaving out `policy` and the texts for people.
+    /// `None` when they are equal.
     pub fn first_difference(&self, other: &StudySpec) -> Option<String> {
         let (mine, theirs) = (self, other);
         macro_rules! lists {
@@ -161,6 +200,11 @@ impl StudySpec {
     }
 }
 
+fn is_tag(tag: &str) -> bool {
+    (1..=TAG_CHARACTERS_MAX).contains(&tag.chars().count())
+        && tag.chars().all(|c| c.is_alphanumeric() || matches!(c, '_' | '-' | '.'))
+}
+
 fn list_difference<T: PartialEq + Serialize>(
     what: &str,
     mine: &[T],
@@ -188,6 +232,8 @@ impl StudySpec<PolicySettings> {
     pub fn builder(space: Space) -> StudyBuilder {
         StudyBuilder {
             display_name: String::new(),
+            note: String::new(),
+            tags: BTreeSet::new(),
             space,
             indicators: Vec::new(),
             objective: Vec::new(),
@@ -221,6 +267,8 @@ impl StudySpec<PolicySettings> {
 #[derive(Clone, Debug)]
 pub struct StudyBuilder {
     display_name: String,
+    note: String,
+    tags: BTreeSet<String>,
     space: Space,
     indicators: Vec<Indicator>,
     objective: Vec<ObjectiveTerm>,
@@ -239,6 +287,21 @@ impl StudyBuilder {
     #[must_use]
     pub fn display_name(mut self, text: impl Into<String>) -> Self {
         self.display_name = text.into();
+        self
+    }
+
+    /// A text for people of several lines, at most 4096 bytes.
+    #[must_use]
+    pub fn note(mut self, text: impl Into<String>) -> Self {
+        self.note = text.into();
+        self
+    }
+
+    /// Words by which people group studies, at most 16, each of 1 to 32 letters and digits of any script,
+    /// `_`, `-` and `.`.
+    #[must_use]
+    pub fn tags(mut self, tags: impl IntoIterator<Item = impl Into<String>>) -> Self {
+        self.tags.extend(tags.into_iter().map(Into::into));
         self
     }
 
@@ -328,6 +391,8 @@ impl StudyBuilder {
     pub fn build(self) -> Result<StudySpec<PolicySettings>, StudyError> {
         let spec = StudySpec {
             display_name: self.display_name,
+            note: self.note,
+            tags: self.tags,
             space: self.space,
             indicators: IndicatorSchema::new(self.indicators)?,
             objective: Objective::new(self.objective)?
@@ -367,6 +432,8 @@ mod tests {
         let term = ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 };
         StudySpec {
             display_name: "a study".into(),
+            note: String::new(),
+            tags: BTreeSet::new(),
             space: Space::new(vec![parameter("a"), parameter("b")], vec![order]).expect("valid"),
             indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
             objective: Objective::new(vec![term]).expect("valid"),
@@ -377,10 +444,11 @@ mod tests {
     }
 
     #[test]
-    fn the_first_difference_is_named_and_policy_and_display_name_do_not_count() {
+    fn the_first_difference_is_named_and_policy_and_texts_do_not_count() {
         let base = spec();
         let policy = Policy { epsilon: 0.9, ..Policy::default() };
-        let renamed = StudySpec { display_name: "other".into(), policy, ..spec() };
+        let (display_name, note, tags) = ("other".into(), "a\nb".into(), BTreeSet::from(["a".to_owned()]));
+        let renamed = StudySpec { display_name, note, tags, policy, ..spec() };
         assert_eq!(base.first_difference(&renamed), None);
         let mut parameters = base.space.parameters().to_vec();
         parameters[1].default = Value::Integer(4);
@@ -426,6 +494,8 @@ mod tests {
             (r#""replicates":1"#, r#""replicates":0"#),
             (r#""lease_s":60"#, r#""lease_s":86401"#),
             (r#""display_name":"a study""#, r#""display_name":"a\nstudy""#),
+            (r#""display_name":"a study""#, r#""display_name":"a study","note":"a\rb""#),
+            (r#""display_name":"a study""#, r#""display_name":"a study","tags":["a","a b"]"#),
             (r#""pinned":null"#, pinned),
         ] {
             assert!(text.contains(good), "{good}");
@@ -434,6 +504,28 @@ mod tests {
         let order = serde_json::from_str::<StudySpec>(&text.replace(r#""pinned":null"#, pinned));
         assert!(order.expect_err("a > b").to_string().contains("a = 5, b = 4 break the constraint `a <= b`"));
         assert!(StudySpec { state_tolerance: f64::NAN, ..spec() }.validate().is_err());
+    }
+
+    #[test]
+    fn notes_and_tags_have_limits_and_are_left_out_where_there_are_none() {
+        let text = serde_json::to_string(&spec()).expect("plain data");
+        assert!(text.starts_with(r#"{"display_name":"a study","space":"#), "{text}");
+        let with = |note: &str, tags: &[&str]| {
+            let tags = tags.iter().map(|tag| (*tag).to_owned()).collect();
+            StudySpec { note: note.to_owned(), tags, ..spec() }
+        };
+        let full = with(&"é".repeat(NOTE_BYTES_MAX / 2), &["b", "2.1_x-y", "層", "b"]);
+        assert_eq!(full.validate(), Ok(()));
+        let text = serde_json::to_string(&full).expect("plain data");
+        assert!(text.contains(r#""tags":["2.1_x-y","b","層"],"#), "{text}");
+        let long = "a".repeat(NOTE_BYTES_MAX + 1);
+        assert_eq!(with(&long, &[]).validate(), Err(StudyError::Note));
+        assert_eq!(with("a\0b", &[]).validate(), Err(StudyError::Note));
+        for bad in ["", "a b", "a,b", "a\nb", "<b>", &"ä".repeat(TAG_CHARACTERS_MAX + 1)] {
+            assert_eq!(with("", &[bad]).validate(), Err(StudyError::Tag(bad.to_owned())));
+        }
+        let tags = (0..=TAGS_MAX).map(|number| number.to_string()).collect();
+        assert_eq!(StudySpec { tags, ..spec() }.validate(), Err(StudyError::Tags(TAGS_MAX + 1)));
     }
 
     #[test]

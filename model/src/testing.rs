@@ -1,7 +1,7 @@
 //! What property tests share: their settings, arbitrary spaces, and arbitrary specifications of studies.
 //! Tests of other crates include this file by its path.
 
-use proptest::collection::vec;
+use proptest::collection::{btree_set, vec};
 use proptest::prelude::*;
 use proptest::sample::{Index, select, subsequence};
 use proptest::test_runner::{Config, RngSeed};
@@ -205,11 +205,23 @@ fn texts_of(field: &PolicyField, share: f64) -> Vec<String> {
 /// Specifications with all that one can say.
 pub(crate) fn studies() -> impl Strategy<Value = StudySpec<PolicySettings>> {
     let seeds = prop_oneof![any::<u64>(), Just(0u64), Just(u64::MAX)];
+    let texts = ("\\PC{0,40}", "(\\PC|\n|\t){0,40}", btree_set("[a-zé層0-9_.-]{1,8}", 0..4));
     let parts = (spaces_with_expressions(), indicators(), objectives(), policies());
-    ("\\PC{0,40}", parts, 0.0f64..=1.0, any::<bool>(), seeds).prop_map(
-        |(display_name, (space, indicators, objective, mut policy), state_tolerance, is_pinned, seed)| {
+    (texts, parts, 0.0f64..=1.0, any::<bool>(), seeds).prop_map(
+        |(texts, (space, indicators, objective, mut policy), state_tolerance, is_pinned, seed)| {
             policy.pinned = is_pinned.then(|| space.default_configuration().into());
-            StudySpec { display_name, space, indicators, objective, state_tolerance, policy, seed }
+            let (display_name, note, tags) = texts;
+            StudySpec {
+                display_name,
+                note,
+                tags,
+                space,
+                indicators,
+                objective,
+                state_tolerance,
+                policy,
+                seed,
+            }
         },
     )
 }

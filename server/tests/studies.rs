@@ -151,6 +151,52 @@ async fn studies_are_listed_page_by_page() {
 }
 
 #[tokio::test]
+async fn texts_for_people_change_and_are_not_compared() {
+    let (_server, mut client) = Server::with_hall().await;
+    let policy = wire::Policy { epsilon: Some(0.9), ..wire::Policy::default() };
+    let mut request = wire::UpdateStudyRequest {
+        study: Some(wire::Study {
+            name: "studies/hall".to_owned(),
+            display_name: "An attic".to_owned(),
+            note: "measured\n\tat night".to_owned(),
+            tags: ["gpu", "b", "gpu"].map(str::to_owned).to_vec(),
+            policy: Some(policy),
+            ..wire::Study::default()
+        }),
+        update_mask: Some(FieldMask { paths: ["note", "tags"].map(str::to_owned).to_vec() }),
+    };
+    let updated = client.update_study(request.clone()).await.unwrap().into_inner();
+    assert_eq!((updated.note.as_str(), updated.tags.join(" ").as_str()), ("measured\n\tat night", "b gpu"));
+    assert_eq!((updated.display_name, updated.policy.unwrap().epsilon), (study().display_name, Some(1.0)));
+    // Who has other texts has the same study, and is told the stored ones.
+    let found = create(&mut client, "hall").await;
+    assert_eq!((found.note.as_str(), found.tags.len()), ("measured\n\tat night", 2));
+    request.update_mask = Some(FieldMask { paths: vec!["display_name".to_owned()] });
+    let updated = client.update_study(request.clone()).await.unwrap().into_inner();
+    assert_eq!((updated.display_name.as_str(), updated.tags.len()), ("An attic", 2));
+
+    request.update_mask = Some(FieldMask { paths: ["note", "tags"].map(str::to_owned).to_vec() });
+    let wrong: [(fn(&mut wire::Study), &str); 4] = [
+        (|s| s.note = "x".repeat(4097), "note must be at most 4096 bytes"),
+        (|s| s.note = "a\rb".to_owned(), "without control characters"),
+        (|s| s.tags = vec!["two words".to_owned()], "tags: \"two words\" must be 1 to 32 letters"),
+        (|s| s.tags = (0..17).map(|n| n.to_string()).collect(), "tags has 17; give at most 16"),
+    ];
+    for (break_it, problem) in wrong {
+        let mut request = request.clone();
+        break_it(request.study.as_mut().unwrap());
+        let answer = client.update_study(request.clone()).await;
+        assert_refused(answer, Code::InvalidArgument, problem);
+        let given = request.study.unwrap();
+        let given = wire::Study { note: given.note, tags: given.tags, ..study() };
+        let answer = client.create_study(create_request("other", given)).await;
+        assert_refused(answer, Code::InvalidArgument, problem);
+    }
+    let stored = client.get_study(wire::GetStudyRequest { name: "studies/hall".to_owned() }).await;
+    assert_eq!(stored.unwrap().into_inner().tags.len(), 2);
+}
+
+#[tokio::test]
 async fn a_policy_changes_field_by_field_and_takes_effect() {
     let (_server, mut client) = Server::with_hall().await;
     let first = suggest(&mut client, "a", 10.0).await;

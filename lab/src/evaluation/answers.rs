@@ -7,7 +7,7 @@
 //! answers: a study with the default policy, to which a client brings the same iterations. States, portfolio
 //! and proof take part there.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use treewright_client::{Configuration, Indicator, Outcome};
@@ -313,6 +313,8 @@ fn tuner(space: &Space, schema: &IndicatorSchema, state_tolerance: f64) -> Resul
     let term = ObjectiveTerm { metric: COST.to_owned(), weight: 1.0 };
     let spec = StudySpec {
         display_name: "evaluation".to_owned(),
+        note: String::new(),
+        tags: BTreeSet::new(),
         space: space.clone(),
         indicators: schema.clone(),
         objective: StudyObjective::new(vec![term]).map_err(not_judged)?,

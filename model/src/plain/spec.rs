@@ -1,5 +1,7 @@
 //! Spaces and specifications of studies, with plain values.
 
+use std::collections::BTreeSet;
+
 use serde::{Serialize, Serializer};
 
 use super::Plain;
@@ -72,6 +74,10 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
         #[derive(Serialize)]
         struct Shown<'a> {
             display_name: &'a str,
+            #[serde(skip_serializing_if = "str::is_empty")]
+            note: &'a str,
+            #[serde(skip_serializing_if = "BTreeSet::is_empty")]
+            tags: &'a BTreeSet<String>,
             space: Plain<'a, Space>,
             indicators: &'a [Indicator],
             objective: &'a [ObjectiveTerm],
@@ -87,9 +93,21 @@ impl Serialize for Plain<'_, StudySpec<PolicySettings>> {
             policy: &'a PolicySettings,
             seed: u64,
         }
-        let StudySpec { display_name, space, indicators, objective, state_tolerance, policy, seed } = self.0;
+        let StudySpec {
+            display_name,
+            note,
+            tags,
+            space,
+            indicators,
+            objective,
+            state_tolerance,
+            policy,
+            seed,
+        } = self.0;
         Shown {
             display_name,
+            note,
+            tags,
             space: Plain(space),
             indicators: indicators.indicators(),
             objective: objective.terms(),
@@ -162,6 +180,8 @@ mod tests {
             prop_assert_eq!(&json["policy"], &policy);
             let again = StudySpec {
                 display_name: read(&json["display_name"]),
+                note: json.get("note").map(read).unwrap_or_default(),
+                tags: json.get("tags").map(read).unwrap_or_default(),
                 space: read(&json["space"]),
                 indicators: read(&json["indicators"]),
                 objective: read(&objective),

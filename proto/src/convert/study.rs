@@ -55,10 +55,12 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
         policy_differs: Vec::new(),
         uid: String::new(),
         space_revision: 0,
+        note: spec.note.clone(),
+        tags: spec.tags.iter().cloned().collect(),
     }
 }
 
-/// Reads a specification, checked but for its display name and its policy.
+/// Reads a specification, checked but for its texts for people and its policy.
 ///
 /// # Errors
 /// [`Malformed`] with the field.
@@ -80,6 +82,8 @@ pub fn spec_from_wire(study: v1::Study) -> Result<StudySpec<PolicySettings>, Mal
     let indicators = study.indicators.into_iter().map(indicator).collect::<Result<_, _>>()?;
     Ok(StudySpec {
         display_name: study.display_name,
+        note: study.note,
+        tags: study.tags.into_iter().collect(),
         space: space_from_wire("study.space", space)?,
         indicators: IndicatorSchema::new(indicators)
             .map_err(|error| Malformed::new("study.indicators", error))?,

@@ -5,6 +5,6 @@
 pub mod from_proto;
 mod insight;
 pub mod names;
-pub mod policy;
 pub mod policy_differences;
+pub mod study_update;
 pub mod to_proto;

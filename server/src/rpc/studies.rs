@@ -9,8 +9,8 @@ use treewright_store::{StoreError, StudyRecord, cursor};
 use super::reach;
 use crate::access::caller::Caller;
 use crate::convert::from_proto::{self, required};
-use crate::convert::policy::PolicyUpdate;
 use crate::convert::policy_differences::policy_differences;
+use crate::convert::study_update::StudyUpdate;
 use crate::convert::{names, to_proto};
 use crate::error::Error;
 use crate::limits::PAGE_BYTES;
@@ -133,8 +133,8 @@ pub(crate) async fn update(
 ) -> Result<wire::Study, Error> {
     let study = request.study.ok_or_else(|| required("study"))?;
     let name = reach::study(tuning, caller, "study.name", &study.name).await?;
-    let update = PolicyUpdate::read(study.policy.unwrap_or_default(), request.update_mask)?;
-    let record = tuning.update_policy(&name, &update).await?;
+    let update = StudyUpdate::read(study, request.update_mask)?;
+    let record = tuning.update_study(&name, &update).await?;
     Ok(to_proto::study(&record))
 }
 

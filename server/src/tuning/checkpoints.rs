@@ -115,7 +115,7 @@ pub(super) mod tests {
     use crate::clock::ManualClock;
     use crate::convert::from_proto::{Report, Suggest};
     use crate::convert::names::TrialName;
-    use crate::convert::policy::PolicyUpdate;
+    use crate::convert::study_update::StudyUpdate;
 
     pub(in crate::tuning) fn spec() -> StudySpec {
         let space = Space::builder().integer("a", 0..=9).default(4).integer("b", 0..=9).default(4);
@@ -163,9 +163,10 @@ pub(super) mod tests {
 
     async fn change_predictor(tuning: &Tuning, predictor: v1::PredictorMethod) {
         let policy = v1::Policy { predictor: predictor.into(), ..v1::Policy::default() };
+        let study = v1::Study { policy: Some(policy), ..v1::Study::default() };
         let mask = FieldMask { paths: vec!["policy.predictor".to_owned()] };
-        let update = PolicyUpdate::read(policy, Some(mask)).expect("valid");
-        tuning.update_policy(&"hall".into(), &update).await.expect("changed");
+        let update = StudyUpdate::read(study, Some(mask)).expect("valid");
+        tuning.update_study(&"hall".into(), &update).await.expect("changed");
     }
 
     #[tokio::test]

@@ -1,4 +1,4 @@
-//! Use cases of a study: create, read, list, change its policy, delete, and end leases everywhere.
+//! Use cases of a study: create, read, list, change its policy and texts, delete, and end leases everywhere.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use treewright_store::{Created, StoreError, StudyRecord};
 
 use super::Tuning;
 use crate::convert::names::StudyName;
-use crate::convert::policy::PolicyUpdate;
+use crate::convert::study_update::StudyUpdate;
 use crate::error::Error;
 
 impl Tuning {
@@ -92,33 +92,26 @@ impl Tuning {
         Ok(self.store().list_studies(after, size).await?)
     }
 
-    /// Changes a study's policy. It holds from the next suggestion on.
+    /// Changes a study's policy, which holds from the next suggestion on, and its texts for people.
     ///
     /// # Errors
     /// As the wire contract names them.
-    pub async fn update_policy(
-        &self,
-        study: &StudyName,
-        update: &PolicyUpdate,
-    ) -> Result<StudyRecord, Error> {
+    pub async fn update_study(&self, study: &StudyName, update: &StudyUpdate) -> Result<StudyRecord, Error> {
         let receipt = self
             .with_tuner(&study.id, |live, store, _| {
                 // The name may have gone to another study meanwhile.
                 live.is_meant(study)?;
-                let spec = live.tuner.spec();
-                let policy = update.apply(&spec.policy, &spec.space)?;
-                let policy_set = live.tuner.set_policy(policy.clone());
+                let spec = update.apply(live.tuner.spec())?;
+                let policy_set = live.tuner.set_policy(spec.policy.clone());
                 live.is_stale = policy_set.map_err(|error| Error::invalid("study", error))?;
-                debug_assert_eq!(
-                    live.tuner.spec().policy,
-                    policy,
-                    "one policy decides and another is stored"
-                );
-                Ok::<_, Error>(store.update_policy(live.fence(), &policy, live.tuner.models_since()))
+                live.tuner.set_texts(&spec);
+                debug_assert_eq!(**live.tuner.spec(), spec, "one study decides and another is stored");
+                let models_since = live.tuner.models_since();
+                Ok::<_, Error>(store.update_study(live.fence(), &spec, &live.earlier, models_since))
             })
             .await??;
         self.metrics().durable(receipt).await?;
-        tracing::info!(study = study.id, "policy changed");
+        tracing::info!(study = study.id, "study changed");
         let study = self.find(study.clone()).await?;
         self.get_study(&study.id).await
     }
@@ -200,8 +193,8 @@ mod tests {
         tuning.rename_study(&"hall".into(), "attic").await.expect("renamed");
         let namesake = tuning.create_study("hall", &spec()).await.expect("created").study;
         let meant = StudyName { id: "hall".to_owned(), uid: Some(uid) };
-        let update = PolicyUpdate::read(v1::Policy::default(), None).expect("valid");
-        let refused = tuning.update_policy(&meant, &update).await.expect_err("it is another's");
+        let update = StudyUpdate::read(v1::Study::default(), None).expect("valid");
+        let refused = tuning.update_study(&meant, &update).await.expect_err("it is another's");
         assert_eq!(refused, Error::Replaced { study: "hall".to_owned() });
         tuning.rename_study(&meant, "loft").await.expect_err("it is another's");
         tuning.delete_study(&meant).await.expect_err("it is another's");

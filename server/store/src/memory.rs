@@ -6,7 +6,6 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use async_trait::async_trait;
 use treewright_core::ids::StudyUid;
-use treewright_core::policy::Policy;
 use treewright_core::space::{EarlierSpaces, SpaceError};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial, TrialState};
@@ -320,11 +319,16 @@ impl Store for MemoryStore {
         Receipt::settled(result)
     }
 
-    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
+    fn update_study(
+        &self,
+        fence: &Fence,
+        spec: &StudySpec,
+        earlier: &EarlierSpaces,
+        models_since: u64,
+    ) -> Receipt {
         let result = self.lock().and_then(|mut inner| {
             let study = inner.fenced(fence)?;
-            study.spec.policy = policy.clone();
-            study.models_since = models_since;
+            (study.spec, study.earlier, study.models_since) = (spec.clone(), earlier.clone(), models_since);
             Ok(())
         });
         if result.is_err() {

@@ -329,7 +329,7 @@ pub(crate) fn specification(
     Ok(texts)
 }
 
-pub(crate) fn policy(policy: &Policy) -> Result<String, StoreError> {
+fn policy(policy: &Policy) -> Result<String, StoreError> {
     let text = write(policy)?;
     debug_assert_eq!(read("policy", &text), Ok(policy.to_raw()), "it is read as another");
     Ok(text)

@@ -2,7 +2,6 @@
 
 use async_trait::async_trait;
 use treewright_core::ids::StudyUid;
-use treewright_core::policy::Policy;
 use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial};
@@ -126,7 +125,7 @@ pub struct ClosedTrial {
 /// Keeps studies, states, trials and visits.
 ///
 /// Two kinds of methods: the `async` ones are whole use cases. [`commit`](Store::commit),
-/// [`update_policy`](Store::update_policy), [`change_space`](Store::change_space) and
+/// [`update_study`](Store::update_study), [`change_space`](Store::change_space) and
 /// [`exclude_trial`](Store::exclude_trial) only take their place in the order of writes and return at once,
 /// so that a caller can hold a lock while it queues and let go before it waits.
 #[async_trait]
@@ -190,8 +189,15 @@ pub trait Store: Send + Sync + 'static {
     /// Queues changes that are stored all or none. An empty list, too, waits for every earlier change.
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt;
 
-    /// Queues a new policy, and with it [`Snapshot::models_since`].
-    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt;
+    /// Queues a new policy and new texts for people, and with them [`Snapshot::models_since`]. The spaces are
+    /// those that are stored.
+    fn update_study(
+        &self,
+        fence: &Fence,
+        spec: &StudySpec,
+        earlier: &EarlierSpaces,
+        models_since: u64,
+    ) -> Receipt;
 
     /// Queues a new space of a study, with its policy as it is in that space, and the spaces before. The
     /// searches of all states and the checkpoint are dropped, because they are of another space. The tuner

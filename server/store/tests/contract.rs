@@ -52,7 +52,7 @@ contract!(
     who_holds_an_open_trial_is_kept,
     a_commit_is_stored_whole_or_not_at_all,
     a_newer_load_breaks_the_fence,
-    policies_change_and_stay,
+    policies_and_texts_change_and_stay,
     a_changed_space_keeps_trials_as_they_ran,
     deleting_takes_everything_along,
     a_study_that_is_created_again_is_another,
@@ -94,9 +94,10 @@ async fn creating_is_idempotent_for_equal_specifications(store: &dyn Store) {
     assert_eq!(first.study.spec, spec());
     assert_eq!(first.study.create_ms, 5);
 
-    // Name and policy are not compared, and the stored ones stay.
+    // Texts and policy are not compared, and the stored ones stay.
     let mut renamed = spec();
     renamed.display_name = "Another name".to_owned();
+    renamed.note = "Another note".to_owned();
     renamed.policy.epsilon = 0.5;
     let again = store.create_study("hall", &renamed, 9).await.unwrap();
     assert!(!again.is_new);
@@ -347,7 +348,7 @@ async fn a_newer_load_breaks_the_fence(store: &dyn Store) {
     assert_eq!(commit(store, &loaded.fence, &[]).await, Ok(()));
 }
 
-async fn policies_change_and_stay(store: &dyn Store) {
+async fn policies_and_texts_change_and_stay(store: &dyn Store) {
     let held = fence(store, "hall").await;
     let policy = Policy {
         epsilon: 1.0,
@@ -355,11 +356,12 @@ async fn policies_change_and_stay(store: &dyn Store) {
         pinned: Some(open(1).configuration),
         ..Policy::default()
     };
-    store.update_policy(&held, &policy, 3).durable().await.unwrap();
+    let (note, tags) = ("loud \"fan\"\n\tat 80 °C".to_owned(), ["gpu", "層"].map(str::to_owned).into());
+    let changed = StudySpec { display_name: "An attic".to_owned(), note, tags, policy, ..spec() };
+    store.update_study(&held, &changed, &EarlierSpaces::default(), 3).durable().await.unwrap();
     assert!(held.holds());
     let stored = store.get_study("hall").await.unwrap();
-    assert_eq!(stored.spec.policy, policy);
-    assert_eq!(stored.spec.first_difference(&spec()), None);
+    assert_eq!((&stored.spec, stored.spec.first_difference(&spec())), (&changed, None));
     assert_eq!(store.load("hall").await.unwrap().snapshot.models_since, 3);
 }
 

@@ -8,6 +8,7 @@ use std::time::Duration;
 use common::{change, completed, open, postgres, spec};
 use sqlx::{AssertSqlSafe, Executor as _, PgConnection};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use treewright_core::space::EarlierSpaces;
 use treewright_core::trial::Outcome;
 use treewright_store::{Loaded, OpenError, PostgresAddress, PostgresStore, Store, StoreError, limits};
 use treewright_test_postgres::Database;
@@ -169,8 +170,8 @@ async fn the_epoch_in_the_database_decides_and_not_the_notice() {
     assert_eq!(good.durable().await, Ok(()));
     assert!(!held.holds());
     assert_eq!(store.get_study("hall").await.unwrap().statistics.trials, 0);
-    let policy = store.update_policy(&held, &spec().policy, 0).durable().await;
-    assert!(matches!(policy, Err(StoreError::Fenced { .. })));
+    let update = store.update_study(&held, &spec(), &EarlierSpaces::default(), 0).durable().await;
+    assert!(matches!(update, Err(StoreError::Fenced { .. })));
 }
 
 #[tokio::test]

@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use treewright_core::ids::StudyUid;
-use treewright_core::policy::Policy;
 use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
@@ -69,8 +68,14 @@ impl Store for Flaky {
         }
         self.inner.commit(fence, changes)
     }
-    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
-        self.inner.update_policy(fence, policy, models_since)
+    fn update_study(
+        &self,
+        fence: &Fence,
+        spec: &StudySpec,
+        earlier: &EarlierSpaces,
+        models_since: u64,
+    ) -> Receipt {
+        self.inner.update_study(fence, spec, earlier, models_since)
     }
     fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
         self.inner.change_space(fence, spec, earlier)

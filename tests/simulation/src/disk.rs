@@ -16,7 +16,6 @@ use async_trait::async_trait;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::sleep;
 use treewright_core::ids::StudyUid;
-use treewright_core::policy::Policy;
 use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
@@ -341,9 +340,17 @@ impl Store for SimulatedDisk {
         self.write(fence, true, move |store, durable| store.commit(durable, &changes))
     }
 
-    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
-        let policy = policy.clone();
-        self.write(fence, false, move |store, durable| store.update_policy(durable, &policy, models_since))
+    fn update_study(
+        &self,
+        fence: &Fence,
+        spec: &StudySpec,
+        earlier: &EarlierSpaces,
+        models_since: u64,
+    ) -> Receipt {
+        let (spec, earlier) = (spec.clone(), earlier.clone());
+        self.write(fence, false, move |store, durable| {
+            store.update_study(durable, &spec, &earlier, models_since)
+        })
     }
 
     fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {

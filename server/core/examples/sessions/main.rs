@@ -5,7 +5,7 @@
 //! then `diff`. A section does not depend on the place of its policy, search or predictor among the others.
 //! The last column is the text for people; the others hold the clients' data and the learnt values.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use rand::{RngExt, SeedableRng};
@@ -53,6 +53,8 @@ fn spec(policy: Policy) -> StudySpec {
     let terms = vec![ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }];
     StudySpec {
         display_name: "sessions".into(),
+        note: String::new(),
+        tags: BTreeSet::new(),
         space: space(),
         indicators: IndicatorSchema::new(vec![indicator("x"), indicator("y")]).expect("valid"),
         objective: Objective::new(terms).expect("valid"),

@@ -163,7 +163,8 @@ impl Tuner {
 
 /// A number for the version and for all of a specification on which learning depends.
 fn mark(spec: &StudySpec) -> u64 {
-    let learning = StudySpec { policy: Policy::default(), display_name: String::new(), ..spec.clone() };
+    let (display_name, note, tags) = <_>::default();
+    let learning = StudySpec { policy: Policy::default(), display_name, note, tags, ..spec.clone() };
     let text = serde_json::to_vec(&learning).expect("a specification is plain data");
     sum_of(&text) ^ sum_of(&VERSION.to_le_bytes()) ^ sum_of(env!("CARGO_PKG_VERSION").as_bytes())
 }
@@ -257,6 +258,8 @@ mod tests {
         assert_eq!(refusal(spec.clone(), &snapshot, damaged), "it is damaged");
         let other = StudySpec { seed: spec.seed + 1, ..spec.clone() };
         assert_eq!(refusal(other, &snapshot, bytes.clone()), "it is of another version or specification");
+        let told = StudySpec { note: "a\nb".into(), tags: BTreeSet::from(["a".to_owned()]), ..spec.clone() };
+        assert_eq!(mark(&told), mark(spec), "nothing is learnt from texts");
         let fewer = Snapshot { states: snapshot.states[..2].to_vec(), ..snapshot.clone() };
         assert_eq!(refusal(spec.clone(), &fewer, bytes.clone()), "it knows states that do not exist");
         let policy = Policy { predictor: PredictorMethod::Auto, ..Policy::default() };

@@ -399,6 +399,13 @@ impl Tuner {
         &self.spec
     }
 
+    /// Takes over the texts for people of another specification. No decision depends on them.
+    pub fn set_texts(&mut self, from: &StudySpec) {
+        let StudySpec { display_name, note, tags, .. } = from.clone();
+        let spec = Arc::make_mut(&mut self.spec);
+        (spec.display_name, spec.note, spec.tags) = (display_name, note, tags);
+    }
+
     /// Replaces the policy. It takes effect with the next suggestion; trials that are out stay as they are.
     ///
     /// Only the models that the policy's predictor needs are kept. Where the new predictor needs others, they

@@ -33,7 +33,6 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use treewright_core::ids::StudyUid;
-use treewright_core::policy::Policy;
 use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
@@ -253,13 +252,20 @@ impl Store for PostgresStore {
         }
     }
 
-    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
-        match rows::policy(policy).and_then(|policy| Ok((policy, rows::signed(models_since)?))) {
-            Ok((policy, models_since)) => {
+    fn update_study(
+        &self,
+        fence: &Fence,
+        spec: &StudySpec,
+        earlier: &EarlierSpaces,
+        models_since: u64,
+    ) -> Receipt {
+        let texts = rows::specification(spec, earlier);
+        match texts.and_then(|texts| Ok((texts, rows::signed(models_since)?))) {
+            Ok(((specification, policy), models_since)) => {
                 let (answer, receipt) = oneshot::channel();
-                let fence = fence.clone();
-                let study = fence.study().to_owned();
-                self.enqueue(&study, StudyJob::Policy { fence, policy, models_since, answer });
+                let (fence, study) = (fence.clone(), fence.study().to_owned());
+                let job = StudyJob::Study { fence, specification, policy, models_since, answer };
+                self.enqueue(&study, job);
                 Receipt(receipt)
             }
             Err(error) => Receipt::refused(fence, error),

@@ -174,7 +174,8 @@ pub(super) const STUDY_CLAIM: &str = concat!(
     "', 'claimed ' || id || ' ' || epoch)"
 );
 
-pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $3::json, models_since = $4 \
+pub(super) const STUDY_UPDATE: &str = "UPDATE studies \
+     SET specification = $3::json, policy = $4::json, models_since = $5 \
      WHERE id = $1 AND epoch = $2 AND name IS NOT NULL";
 
 /// A new space, and the removal of what is of the earlier one: searches and the checkpoint.
@@ -342,7 +343,7 @@ mod tests {
     #[test]
     fn every_write_under_a_fence_asks_for_its_epoch() {
         for statement in
-            [POLICY_UPDATE, SPACE_UPDATE, TRIAL_EXCLUDE, PART_UPSERT, OTHER_CHECKPOINTS_DELETE, TRIALS_DELETE]
+            [STUDY_UPDATE, SPACE_UPDATE, TRIAL_EXCLUDE, PART_UPSERT, OTHER_CHECKPOINTS_DELETE, TRIALS_DELETE]
         {
             assert!(statement.contains("epoch = $2 AND name IS NOT NULL"), "{statement}");
         }

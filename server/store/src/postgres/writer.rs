@@ -39,8 +39,10 @@ pub(super) enum StudyJob {
         rows: Rows,
         answer: oneshot::Sender<Result<(), StoreError>>,
     },
-    Policy {
+    /// The specification and the policy of a study that keeps its space.
+    Study {
         fence: Fence,
+        specification: String,
         policy: String,
         models_since: i64,
         answer: oneshot::Sender<Result<(), StoreError>>,
@@ -77,7 +79,7 @@ impl StudyJob {
     pub(super) fn refuse(self, error: StoreError) {
         match self {
             Self::Commit { fence, answer, .. }
-            | Self::Policy { fence, answer, .. }
+            | Self::Study { fence, answer, .. }
             | Self::Space { fence, answer, .. }
             | Self::Exclude { fence, answer, .. } => {
                 fence.break_up();
@@ -91,7 +93,7 @@ impl StudyJob {
 
     fn stored(self) {
         if let Self::Commit { answer, .. }
-        | Self::Policy { answer, .. }
+        | Self::Study { answer, .. }
         | Self::Space { answer, .. }
         | Self::Exclude { answer, .. }
         | Self::Part { answer, .. } = self
@@ -241,15 +243,14 @@ impl Writer {
         claimed
     }
 
-    /// A write that shares no statement: a policy, a space, the exclusion of a trial, a part of a checkpoint,
+    /// A write that shares no statement: a study, a space, the exclusion of a trial, a part of a checkpoint,
     /// or a commit under a fence that is broken, which is refused.
     async fn alone(&mut self, job: &StudyJob) -> Result<(), StoreError> {
         match job {
-            StudyJob::Policy { fence, policy, models_since, .. } => {
+            StudyJob::Study { fence, specification, policy, models_since, .. } => {
                 fence.check()?;
-                let query = sqlx::query(sql::POLICY_UPDATE);
-                let query = query.bind(fence.key()).bind(fence.epoch()).bind(policy).bind(models_since);
-                self.execute_held(fence, query).await
+                let query = sqlx::query(sql::STUDY_UPDATE).bind(fence.key()).bind(fence.epoch());
+                self.execute_held(fence, query.bind(specification).bind(policy).bind(models_since)).await
             }
             StudyJob::Space { fence, specification, policy, .. } => {
                 fence.check()?;

@@ -37,8 +37,10 @@ pub(super) enum WriteCommand {
     Fence {
         study: String,
     },
-    Policy {
+    /// The specification and the policy of a study that keeps its space.
+    Study {
         fence: Fence,
+        specification: String,
         policy: String,
         models_since: u64,
     },
@@ -116,10 +118,10 @@ pub(super) async fn apply(
             }
             Ok(WriteResult::Fenced(fence))
         }
-        WriteCommand::Policy { fence, policy, models_since } => {
+        WriteCommand::Study { fence, specification, policy, models_since } => {
             fence.check()?;
             debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
-            let update = sqlx::query(sql::POLICY_UPDATE).bind(fence.key()).bind(policy);
+            let update = sqlx::query(sql::STUDY_UPDATE).bind(fence.key()).bind(specification).bind(policy);
             let update = update.bind(rows::signed(*models_since)?).execute(connection);
             one_at_most(update.await.map_err(refused)?.rows_affected());
             Ok(WriteResult::Nothing)

@@ -29,7 +29,6 @@ use sqlx::sqlite::{Sqlite, SqliteConnection, SqlitePool};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 use treewright_core::ids::StudyUid;
-use treewright_core::policy::Policy;
 use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
@@ -213,10 +212,18 @@ impl Store for SqliteStore {
         }
     }
 
-    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
+    fn update_study(
+        &self,
+        fence: &Fence,
+        spec: &StudySpec,
+        earlier: &EarlierSpaces,
+        models_since: u64,
+    ) -> Receipt {
         let fence = fence.clone();
-        match rows::policy(policy) {
-            Ok(policy) => self.enqueue_change(WriteCommand::Policy { fence, policy, models_since }),
+        match rows::specification(spec, earlier) {
+            Ok((specification, policy)) => {
+                self.enqueue_change(WriteCommand::Study { fence, specification, policy, models_since })
+            }
             Err(error) => Receipt::refused(&fence, error),
         }
     }

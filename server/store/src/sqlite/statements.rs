@@ -75,7 +75,8 @@ pub(super) const STUDY_DELETE: &str = "UPDATE studies SET name = '~' || id WHERE
 /// A study whose rows are to be removed.
 pub(super) const DELETED_STUDY: &str = "SELECT id FROM studies WHERE name >= '~' ORDER BY name LIMIT 1";
 
-pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $2, models_since = $3 WHERE id = $1";
+pub(super) const STUDY_UPDATE: &str =
+    "UPDATE studies SET specification = $2, policy = $3, models_since = $4 WHERE id = $1";
 
 /// A new space, and the removal of what is of the earlier one: searches and the checkpoint.
 pub(super) const SPACE_UPDATE: &str = "UPDATE studies SET specification = $2, policy = $3 WHERE id = $1";

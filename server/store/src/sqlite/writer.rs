@@ -40,7 +40,7 @@ impl Reply {
 impl WriteJob {
     pub(super) fn refuse(self, error: StoreError) {
         // The caller's change is lost, so no later change computed on it may be stored.
-        if let WriteCommand::Policy { fence, .. }
+        if let WriteCommand::Study { fence, .. }
         | WriteCommand::Space { fence, .. }
         | WriteCommand::Exclude { fence, .. }
         | WriteCommand::Commit { fence, .. } = &self.command

@@ -59,6 +59,8 @@ pub(super) fn spec_of(space: Space, policy: Policy) -> StudySpec {
     let terms = vec![ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }];
     StudySpec {
         display_name: "test".into(),
+        note: String::new(),
+        tags: BTreeSet::new(),
         space,
         indicators: IndicatorSchema::new(vec![indicator("x"), indicator("y")]).expect("valid"),
         objective: Objective::new(terms).expect("valid"),
