@@ -14,7 +14,8 @@ use crate::core::Core;
 use crate::pages::{TrialPages, TrialQuery};
 use crate::{
     Best, ChangedSpace, ClientError, Configuration, Fingerprint, Indicators, Options, PolicyChange,
-    Prediction, Space, Stats, Study, StudyRecord, StudySpec, TrialRecord, delivery, limits, local, wire,
+    Prediction, Space, Stats, Study, StudyRecord, StudySpec, TextChange, TrialRecord, delivery, limits,
+    local, wire,
 };
 
 /// A connection to the tuning service. Cheap to clone; clones share the connection, the outbox and the
@@ -183,6 +184,33 @@ impl Client {
         }
         let policy = policy_to_wire(change.values());
         let study = v1::Study { name: study_name(id), policy: Some(policy), ..v1::Study::default() };
+        self.update_study(study, paths).await
+    }
+
+    /// Changes a stored study's texts for people, and nothing else.
+    ///
+    /// Errors: [`ClientError::Invalid`] for a change of nothing; [`ClientError::Refused`] for one beyond a
+    /// limit, too; [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn update_texts(&self, id: &str, change: &TextChange) -> Result<StudyRecord, ClientError> {
+        let TextChange { display_name, note, tags } = change.clone();
+        let given =
+            [("display_name", display_name.is_some()), ("note", note.is_some()), ("tags", tags.is_some())];
+        let paths: Vec<String> =
+            given.iter().filter(|(_, is_given)| *is_given).map(|(path, _)| (*path).to_owned()).collect();
+        if paths.is_empty() {
+            return Err(ClientError::invalid("note", "nothing to change; give at least one text"));
+        }
+        let study = v1::Study {
+            name: study_name(id),
+            display_name: display_name.unwrap_or_default(),
+            note: note.unwrap_or_default(),
+            tags: tags.into_iter().flatten().collect(),
+            ..v1::Study::default()
+        };
+        self.update_study(study, paths).await
+    }
+
+    async fn update_study(&self, study: v1::Study, paths: Vec<String>) -> Result<StudyRecord, ClientError> {
         let request = v1::UpdateStudyRequest {
             study: Some(study),
             update_mask: Some(prost_types::FieldMask { paths }),

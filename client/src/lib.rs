@@ -86,7 +86,7 @@ pub use pages::{TrialPages, TrialQuery};
 pub use paired::{Paired, Side};
 pub use prefetching::PrefetchingTuner;
 pub use records::{
-    Best, ChangedSpace, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TrialRecord,
+    Best, ChangedSpace, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TextChange, TrialRecord,
 };
 pub use stats::Stats;
 pub use stored_front::FrontQuery;

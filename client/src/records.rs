@@ -1,5 +1,6 @@
 //! Records of studies and trials from the service, in types of this crate.
 
+use std::collections::BTreeSet;
 use std::time::SystemTime;
 
 use serde::{Serialize, Serializer};
@@ -110,6 +111,12 @@ pub struct StudyRecord {
     pub uid: String,
     /// A line for people; may be empty.
     pub display_name: String,
+    /// A text for people of several lines; may be empty.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub note: String,
+    /// Words by which people group studies.
+    #[serde(skip_serializing_if = "BTreeSet::is_empty")]
+    pub tags: BTreeSet<String>,
     /// How the service decides.
     pub policy: Policy,
     /// The revision of its space, from 1; 0 from a daemon that does not say. In the answer to its creation
@@ -150,6 +157,17 @@ impl StudyRecord {
     pub fn id(&self) -> &str {
         self.name.strip_prefix("studies/").unwrap_or(&self.name)
     }
+}
+
+/// New texts for people of a study; what is `None` stays as it is.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct TextChange {
+    /// A line, at most 200 characters.
+    pub display_name: Option<String>,
+    /// A text of several lines, at most 4096 bytes.
+    pub note: Option<String>,
+    /// All tags from now on, at most 16, each of 1 to 32 letters and digits of any script, `_`, `-` and `.`.
+    pub tags: Option<BTreeSet<String>>,
 }
 
 /// A study's changed space, and what that means for its trials.

@@ -21,7 +21,7 @@ use runtime::RuntimeThread;
 use crate::{
     Best, ChangedSpace, ClientError, Configuration, Fingerprint, Finished, FrontQuery, Indicators,
     Measurements, Options, Outcome, ParetoFront, PolicyChange, Prediction, Question, SessionPolicy, Side,
-    Space, Stats, Status, StudyRecord, StudySpec, Suggestion, TrialQuery, TrialRecord,
+    Space, Stats, Status, StudyRecord, StudySpec, Suggestion, TextChange, TrialQuery, TrialRecord,
 };
 
 /// See [`crate::Client`]. Cheap to clone.
@@ -71,6 +71,7 @@ impl Client {
         fn list_studies() -> Vec<StudyRecord>;
         fn get_study(id: &str) -> StudyRecord;
         fn update_policy(id: &str, change: &PolicyChange) -> StudyRecord;
+        fn update_texts(id: &str, change: &TextChange) -> StudyRecord;
         fn rename_study(id: &str, to: &str) -> StudyRecord;
         fn change_space(id: &str, revision: u32, space: &Space, fixed: &Configuration,
             only_try: bool) -> ChangedSpace;

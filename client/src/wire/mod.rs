@@ -25,6 +25,8 @@ pub(crate) fn study_from_wire(study: v1::Study) -> Result<StudyRecord, Problem> 
         name: study.name.clone(),
         uid: study.uid.clone(),
         display_name: study.display_name.clone(),
+        note: study.note.clone(),
+        tags: study.tags.iter().cloned().collect(),
         policy: policy.map_err(|problem| problem.to_string())?,
         create_time: time_from_wire(study.create_time),
         policy_differs: study.policy_differs.clone(),

@@ -2,7 +2,7 @@
 
 use treewright_client::{
     Client, ClientError, Configuration, Front, FrontQuery, Indicators, Mode, Options, Outcome, Policy,
-    PolicyChange, Question, Space, StudySpec, TrialQuery,
+    PolicyChange, Question, Space, StudySpec, TextChange, TrialQuery,
 };
 
 use crate::support::{Fake, measured, patient, spec, state};
@@ -35,6 +35,14 @@ async fn studies_are_listed_changed_and_deleted() {
         client.update_policy("scene", &PolicyChange::default()).await,
         Err(ClientError::Invalid { .. })
     ));
+    let note = Some("at\nnight".to_owned());
+    client.update_texts("scene", &TextChange { note, ..TextChange::default() }).await.unwrap();
+    let tags = Some(["gpu".to_owned()].into());
+    let changed = client.update_texts("scene", &TextChange { tags, ..TextChange::default() }).await.unwrap();
+    assert_eq!((changed.note.as_str(), changed.tags.contains("gpu")), ("at\nnight", true));
+    assert_eq!(changed.spec().unwrap().note, changed.note);
+    let nothing = client.update_texts("scene", &TextChange::default()).await;
+    assert!(matches!(nothing, Err(ClientError::Invalid { .. })));
     assert_eq!(study.record().await.unwrap(), client.get_study("studies/scene").await.unwrap());
     client.delete_study("scene").await.unwrap();
     assert!(client.get_study("scene").await.unwrap_err().is_not_found());

@@ -223,9 +223,10 @@ impl Book {
     }
 }
 
-/// A specification with the name for people of a stored one, which is not compared.
+/// A specification with the texts for people of a stored one, which are not compared.
 fn named_like(stored: &v1::Study, study: &v1::Study) -> v1::Study {
-    v1::Study { display_name: stored.display_name.clone(), ..study.clone() }
+    let v1::Study { display_name, note, tags, .. } = stored.clone();
+    v1::Study { display_name, note, tags, ..study.clone() }
 }
 
 pub(super) fn find<'a>(trials: &'a mut [v1::Trial], name: &str) -> Result<&'a mut v1::Trial, Status> {

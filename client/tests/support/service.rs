@@ -100,6 +100,8 @@ impl TuningService for Service {
                 "policy.pinned" => policy.pinned.clone_from(&wanted.pinned),
                 "policy.lease_s" => policy.lease_s = wanted.lease_s,
                 "policy.search" => policy.search = wanted.search,
+                "note" => study.note.clone_from(&change.note),
+                "tags" => study.tags.clone_from(&change.tags),
                 other => return Err(Status::invalid_argument(format!("update_mask: {other}"))),
             }
         }
