@@ -87,6 +87,9 @@ Examples:
         /// Also show in how many states something better than the default is proven, and the median gain
         #[arg(long)]
         standing: bool,
+        /// Only studies with all these tags, which `treewright study edit --tag` sets
+        #[arg(long = "tag", value_name = "TAG,…", value_delimiter = ',')]
+        tags: Vec<String>,
     },
     /// Creates, shows, changes, copies, renames or deletes a study
     #[command(subcommand)]

@@ -48,19 +48,21 @@ pub(crate) enum StudyCommand {
     },
     /// Prints the JSON schema of study files
     Schema,
-    /// Changes the parameters and constraints of a study, which keeps its trials
+    /// Changes the parameters and constraints of a study, which keeps its trials, or its note and tags
     #[command(after_help = "\
 Without --yes it only shows what would change. Trials from before count with the default of each new \
 parameter, or with what it kept if it was there before; those with a value that the file no longer has \
 are kept and left out, until another change takes them in again. Programs that work with the \
 parameters from before go on. For other changes, such as another indicator, use `study clone --spec`; \
-for the policy, `treewright policy`.
+for the policy, `treewright policy`. The note, the tags and the display name change at once; a file's are \
+not read.
 
 Examples:
   treewright study show sponza --format toml > sponza.toml
   treewright study edit sponza sponza.toml
   treewright study edit sponza sponza.toml --yes
-  treewright study edit sponza sponza.toml --fixed compact=true")]
+  treewright study edit sponza sponza.toml --fixed compact=true
+  treewright study edit sponza --note 'with the new driver' --tag gpu --untag draft")]
     Edit(EditStudy),
     /// Copies a study and what it learnt, optionally with a changed specification
     #[command(after_help = "\
@@ -91,20 +93,37 @@ Examples:
     },
 }
 
+/// The flags that change texts.
+const TEXTS: [&str; 4] = ["display_name", "note", "tags", "untags"];
+
 /// What to change.
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("edit").multiple(true).required(true).arg("file").args(TEXTS))]
 pub(crate) struct EditStudy {
     /// Its id, e.g. `sponza`
     pub(crate) name: String,
     /// A study file with the new parameters and constraints; - for standard input
-    pub(crate) file: PathBuf,
+    #[arg(conflicts_with_all = TEXTS)]
+    pub(crate) file: Option<PathBuf>,
     /// What all trials before had of a new parameter, or all later ones have of one that is gone; repeat for
     /// each. Default: its default
-    #[arg(long, value_name = "NAME=VALUE", value_parser = parameter)]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = parameter, requires = "file")]
     pub(crate) fixed: Vec<(String, Value)>,
     /// Make the change
-    #[arg(long)]
+    #[arg(long, requires = "file")]
     pub(crate) yes: bool,
+    /// A line about the study, by which a front is found again
+    #[arg(long, value_name = "TEXT")]
+    pub(crate) display_name: Option<String>,
+    /// A note of several lines
+    #[arg(long, value_name = "TEXT")]
+    pub(crate) note: Option<String>,
+    /// Add tags, by which `treewright studies --tag` finds the study
+    #[arg(long = "tag", value_name = "TAG,…", value_delimiter = ',')]
+    pub(crate) tags: Vec<String>,
+    /// Remove tags
+    #[arg(long = "untag", value_name = "TAG,…", value_delimiter = ',')]
+    pub(crate) untags: Vec<String>,
 }
 
 /// What to copy.

@@ -108,8 +108,8 @@ fn ask(client: &Client, address: &Address, arguments: &Arguments) -> Result<Stri
         }
         Command::Suggest(ask) => shell::suggest(client, ask, json),
         Command::Report(report) => shell::report(client, report, json),
-        Command::Studies { standing: false } => studies::list(client, json),
-        Command::Studies { standing: true } => studies::standings(client, json),
+        Command::Studies { standing: false, tags } => studies::list(client, tags, json),
+        Command::Studies { standing: true, tags } => studies::standings(client, tags, json),
         Command::Study(command) => studies::run(client, command, json),
         Command::Trials(which) => trials::list(client, which, json),
         Command::Analyze(wanted) => analyze::run(client, wanted, json),

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use treewright_client::blocking::Client;
-use treewright_client::{Best, Configuration, StudyRecord, TrialQuery};
+use treewright_client::{Best, Configuration, StudyRecord, TextChange, TrialQuery};
 
 use super::carry::create_with_trials;
 use crate::arguments::study::{CloneStudy, EditStudy, StudyCommand};
@@ -15,24 +15,39 @@ use crate::show;
 use crate::study_file::StudyFile;
 use crate::study_file::find::id_of;
 
-pub(super) fn list(client: &Client, json: bool) -> Result<String, Failure> {
-    let studies = client.list_studies()?;
-    either(json, &studies, || show::studies(&studies))
+pub(super) fn list(client: &Client, tags: &[String], json: bool) -> Result<String, Failure> {
+    let studies = tagged(client, tags)?;
+    either(json, &studies, || some_or_none(&studies, tags, show::studies))
+}
+
+/// The studies with all these tags.
+fn tagged(client: &Client, tags: &[String]) -> Result<Vec<StudyRecord>, Failure> {
+    let mut studies = client.list_studies()?;
+    studies.retain(|study| tags.iter().all(|tag| study.tags.contains(tag)));
+    Ok(studies)
+}
+
+fn some_or_none<T>(studies: &[T], tags: &[String], show: impl Fn(&[T]) -> String) -> String {
+    match (studies.is_empty(), tags.is_empty()) {
+        (false, _) => show(studies),
+        (true, true) => "no studies yet".to_owned(),
+        (true, false) => format!("no study is tagged {}", tags.join(", ")),
+    }
 }
 
 /// Most states of a study whose standings are read.
 const STATES_READ: i64 = 12;
 
 /// The standing of each study. The daemon reads every study into its memory for that.
-pub(super) fn standings(client: &Client, json: bool) -> Result<String, Failure> {
+pub(super) fn standings(client: &Client, tags: &[String], json: bool) -> Result<String, Failure> {
     let mut all = Vec::new();
-    for study in client.list_studies()? {
+    for study in tagged(client, tags)? {
         let found = best_of_states(client, &study, STATES_READ)?;
         all.push((study, found));
     }
     let records: Vec<_> =
         all.iter().map(|(study, best)| serde_json::json!({ "study": study.name, "best": best })).collect();
-    either(json, &records, || show::standings(&all))
+    either(json, &records, || some_or_none(&all, tags, show::standings))
 }
 
 /// The best of each of the first states in which something was measured.
@@ -66,7 +81,10 @@ pub(super) fn run(client: &Client, command: &StudyCommand, json: bool) -> Result
             let tally = clone(client, copy)?;
             either(json, &tally, || tally.words())
         }
-        StudyCommand::Edit(change) => edit(client, change, json),
+        StudyCommand::Edit(change) => match &change.file {
+            Some(file) => edit_space(client, change, file, json),
+            None => edit_texts(client, change, json),
+        },
         StudyCommand::Rename { name, to } => rename(client, name, to, json),
         StudyCommand::Delete { name, yes } => delete(client, name, *yes, json),
     }
@@ -115,9 +133,22 @@ fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally, Failure> {
     })
 }
 
+/// Changes the texts for people of a study.
+fn edit_texts(client: &Client, change: &EditStudy, json: bool) -> Result<String, Failure> {
+    let EditStudy { display_name, note, tags: added, untags: removed, .. } = change;
+    let study = client.get_study(&change.name)?;
+    let mut tags = study.tags.clone();
+    tags.extend(added.iter().cloned());
+    tags.retain(|tag| !removed.contains(tag));
+    let tags = (!added.is_empty() || !removed.is_empty()).then_some(tags);
+    let texts = TextChange { display_name: display_name.clone(), note: note.clone(), tags };
+    let study = client.update_texts(&study.identified_name(), &texts)?;
+    either(json, &study, || show::texts(&study))
+}
+
 /// Changes the space of a study, or shows what that would mean.
-fn edit(client: &Client, change: &EditStudy, json: bool) -> Result<String, Failure> {
-    let (study, file) = (client.get_study(&change.name)?, StudyFile::read(&change.file)?.spec()?);
+fn edit_space(client: &Client, change: &EditStudy, file: &Path, json: bool) -> Result<String, Failure> {
+    let (study, file) = (client.get_study(&change.name)?, StudyFile::read(file)?.spec()?);
     let before = study.spec()?;
     let others = [
         ("indicators", file.indicators == before.indicators),

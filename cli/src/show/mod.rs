@@ -39,11 +39,8 @@ pub(crate) fn view(study: &StudyRecord) -> CostView {
 }
 
 pub(crate) fn studies(studies: &[StudyRecord]) -> String {
-    if studies.is_empty() {
-        return "no studies yet".to_owned();
-    }
-    let mut table =
-        table(&["study", "states", "trials", "completed", "open", "created", "what"], &[1, 2, 3, 4]);
+    let header = ["study", "states", "trials", "completed", "open", "created", "what", "tags"];
+    let mut table = table(&header, &[1, 2, 3, 4]);
     for study in studies {
         let counts = study.statistics;
         table.add_row([
@@ -55,6 +52,7 @@ pub(crate) fn studies(studies: &[StudyRecord]) -> String {
             // The day, so that the table is narrow.
             time(study.create_time).chars().take(10).collect(),
             study.display_name.clone(),
+            tags(study),
         ]);
     }
     table.trim_fmt()
@@ -62,9 +60,6 @@ pub(crate) fn studies(studies: &[StudyRecord]) -> String {
 
 /// The standing of each study: the number of its states at each standing, and the median of their gains.
 pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
-    if studies.is_empty() {
-        return "no studies yet".to_owned();
-    }
     let [proven, likely, nothing] =
         [StandingVerdict::Proven, StandingVerdict::Likely, StandingVerdict::NothingBetter]
             .map(StandingVerdict::in_short);
@@ -97,9 +92,23 @@ pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
     table.trim_fmt()
 }
 
-pub(crate) fn study(study: &StudyRecord, found: &[Best]) -> String {
+fn tags(study: &StudyRecord) -> String {
+    study.tags.iter().cloned().collect::<Vec<_>>().join(", ")
+}
+
+/// The texts of a study for people.
+pub(crate) fn texts(study: &StudyRecord) -> String {
     let mut text = String::new();
     line(&mut text, &format!("{}  {}", study.name, study.display_name));
+    study.note.lines().for_each(|said| line(&mut text, &format!("  {said}")));
+    if !study.tags.is_empty() {
+        line(&mut text, &format!("tagged {}", tags(study)));
+    }
+    text
+}
+
+pub(crate) fn study(study: &StudyRecord, found: &[Best]) -> String {
+    let mut text = texts(study);
     let counts = study.statistics;
     let (states, trials, completed, open) =
         (counts.states, counts.trials, counts.completed_trials, counts.open_trials);

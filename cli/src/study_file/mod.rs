@@ -10,7 +10,7 @@ mod inline;
 mod policy;
 mod schema;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use schemars::JsonSchema;
@@ -36,6 +36,12 @@ pub(crate) struct StudyFile {
     /// A line for people, at most 200 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) display_name: Option<String>,
+    /// A text for people of several lines, at most 4096 bytes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) note: Option<String>,
+    /// Words by which people group studies, at most 16, each of 1 to 32 letters, digits, `_`, `-` and `.`.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    pub(crate) tags: BTreeSet<String>,
     /// Two inputs are one state when every normalised indicator differs by at most this much, 0 to 1. Default
     /// 0.01.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -370,6 +376,8 @@ impl StudyFile {
         }
         let mut builder = StudySpec::builder(space.build()?)
             .display_name(self.display_name.clone().unwrap_or_default())
+            .note(self.note.clone().unwrap_or_default())
+            .tags(&self.tags)
             .seed(self.seed.as_ref().map_or(Ok(0), Seed::number)?)
             .episode_frames(self.episode_frames.unwrap_or(1))
             .policy(self.policy_settings()?);
@@ -421,6 +429,8 @@ impl StudyFile {
         Self {
             id: None,
             display_name: Some(spec.display_name.clone()).filter(|name| !name.is_empty()),
+            note: Some(spec.note.clone()).filter(|note| !note.is_empty()),
+            tags: spec.tags.clone(),
             state_tolerance: Some(spec.state_tolerance),
             seed: Some(spec.seed.into()),
             auxiliary: spec.objective.auxiliary().to_vec(),

@@ -13,6 +13,10 @@ mod testing;
 const FILE: &str = r#"
 id = "zstd"
 display_name = "a compressor"
+note = """
+of the nightly archive,
+at 4 °C"""
+tags = ["zstd", "archive", "zstd"]
 state_tolerance = 0.02
 seed = 7
 episode_frames = 24
@@ -93,6 +97,7 @@ fn a_file_is_read_as_people_write_it() {
     assert_eq!(spec.space.parameters()[4].domain, sizes, "numbers, not words");
     assert_eq!(spec.objective.auxiliary(), ["cpu_ms", "page_faults"]);
     assert_eq!(spec.objective.episode_frames(), 24);
+    assert_eq!((spec.note.as_str(), spec.tags.len()), ("of the nightly archive,\nat 4 °C", 2));
     let limits: Vec<String> = spec.objective.limits().iter().map(ToString::to_string).collect();
     let levels: Vec<_> =
         spec.objective.fidelities().iter().map(|one| (one.name.as_str(), one.cost)).collect();

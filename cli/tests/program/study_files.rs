@@ -87,6 +87,27 @@ fn a_change_is_shown_and_made_once_it_is_confirmed() {
 }
 
 #[test]
+fn notes_and_tags_are_edited_and_find_studies() {
+    let (fake, folder) = (with_trials(), tempfile::tempdir().expect("a folder"));
+    let edited = answer(&fake, &["study", "edit", "sponza", "--note", "at\nnight", "--tag", "gpu,b"]);
+    assert_eq!(edited, "studies/sponza  a scene\n  at\n  night\ntagged b, gpu\n");
+    let edited = answer(&fake, &["study", "edit", "sponza", "--tag", "c", "--untag", "b", "--untag", "d"]);
+    assert!(edited.ends_with("night\ntagged c, gpu\n"), "{edited}");
+    let shown = answer(&fake, &["study", "show", "sponza"]);
+    assert!(shown.starts_with(&edited), "{shown}");
+    let file = write(folder.path(), "zstd.toml", STUDY);
+    answer(&fake, &["study", "create", &file]);
+    let listed = |tags: &str| answer(&fake, &["studies", "--tag", tags]);
+    assert!(listed("gpu,c").contains("c, gpu") && !listed("gpu").contains("zstd"));
+    assert_eq!(listed("gpu,b"), "no study is tagged gpu, b\n");
+    assert_eq!(answer(&fake, &["studies", "--tag", "b", "--json"]).trim(), "[]");
+    for wrong in [&["--note", "x", &file][..], &["--tag", "x", "--yes"], &[]] {
+        let output = run(&fake, &[&["study", "edit", "sponza"][..], wrong].concat());
+        assert_eq!(output.status.code(), Some(2), "{wrong:?}");
+    }
+}
+
+#[test]
 fn a_copy_has_the_trials_and_the_rest_of_what_was_learnt() {
     let fake = with_trials();
     let cloned = answer(&fake, &["study", "clone", "sponza", "copy"]);
