@@ -265,13 +265,13 @@ pub const DASHBOARD_PEER_WAIT: Duration = Duration::from_secs(1);
 pub const DASHBOARD_PEER_AGE: Duration = Duration::from_secs(2);
 
 /// Largest list that another dashboard may send, in bytes.
-pub const DASHBOARD_PEER_BYTES: usize = 2 << 20;
+pub const DASHBOARD_PEER_BYTES: usize = 4 << 20;
 
 /// Largest file of a token for other dashboards, in bytes.
 pub const DASHBOARD_TOKEN_BYTES: usize = 4 << 10;
 
-/// Largest form that a browser may send, in bytes: a token.
-pub const DASHBOARD_FORM_BYTES: usize = 8 << 10;
+/// Largest form that a browser may send, in bytes: a note and tags of which every byte is escaped.
+pub const DASHBOARD_FORM_BYTES: usize = 24 << 10;
 
 /// The head of a request for metrics or for a page must arrive within this time, and a form within as long
 /// again.

@@ -214,6 +214,8 @@ async fn a_form_at_another_replica_says_which_one_holds_the_study() {
     for (form, sent, command) in [
         ("policy", "field=operation&value=freeze", "treewright policy hall --operation freeze"),
         ("policy", "field=pinned&value=", "treewright policy hall --unpin"),
+        ("texts", "note=cold&tags=gpu", "treewright study edit hall --note=cold --tag=gpu"),
+        ("texts", "note=&tags=b", "--tag=b --untag=gpu"),
         ("trials/1/pin", "", "treewright pin hall max_leaf="),
         ("trials/1/exclude", "reason=cold", "treewright exclude hall/trials/1 cold"),
         ("trials/1/include", "", "treewright include hall/trials/1"),
@@ -237,6 +239,40 @@ async fn a_form_at_another_replica_says_which_one_holds_the_study() {
     assert!(!holder.get("/").await.1.contains(">Daemon</a>"), "it holds the study itself");
     holder.server.stop().await;
     other.server.stop().await;
+}
+
+#[tokio::test]
+async fn a_note_and_tags_are_shown_and_changed_and_tags_lead_to_their_studies() {
+    let guarded = Guarded::start(Arc::new(MemoryStore::new())).await;
+    let mut caller = guarded.caller().await;
+    measured(&mut caller).await;
+    let request = wire::CreateStudyRequest { study_id: "attic".to_owned(), study: Some(study()) };
+    caller.create_study(request).await.expect("created");
+    let page = guarded.get("/studies/hall").await.1;
+    let form = actions(&page)[0].to_owned();
+    assert!(form.ends_with("/texts"), "{form}");
+    let (status, answer) = guarded.post(&form, "note=%3Cb%3Eone%0D%0Atwo&tags=gpu%2C+b++gpu").await;
+    assert!(status == 303 && answer.to_lowercase().contains("location: /studies/hall\r\n"), "{answer}");
+    let name = "studies/hall".to_owned();
+    let stored = caller.get_study(wire::GetStudyRequest { name }).await.expect("there").into_inner();
+    assert_eq!((stored.note.as_str(), stored.tags.join(" ").as_str()), ("<b>one\ntwo", "b gpu"));
+    let page = guarded.get("/studies/hall").await.1;
+    for part in [
+        "<p class=\"lines\">&#60;b&#62;one\ntwo</p>",
+        "<a href=\"/?tag=gpu\">gpu</a>",
+        "value=\"b gpu\"",
+        "maxlength=\"4096\">\n&#60;b&#62;one\ntwo</textarea>",
+    ] {
+        assert!(page.contains(part), "{part} is not in {page}");
+    }
+    let rows = |list: &str| list.matches("<th scope=\"row\">").count();
+    let list = guarded.get("/?tag=gpu").await.1;
+    assert!(rows(&list) == 1 && list.contains("<a href=\"/?tag=b\">b</a>"), "{list}");
+    assert_eq!(rows(&guarded.get("/").await.1), 2);
+    assert!(guarded.get("/?tag=g").await.1.contains("There are none."));
+    assert_eq!(guarded.get("/?tags=gpu").await.0, 400, "a mistyped name");
+    let (status, answer) = guarded.post(&form, "note=&tags=a%2Fb").await;
+    assert!(status == 400 && answer.contains("must be 1 to 32 letters"), "{answer}");
 }
 
 #[tokio::test]

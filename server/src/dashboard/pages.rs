@@ -138,6 +138,11 @@ async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(
     Ok((head, study))
 }
 
+/// Each tag with the address of the list of the studies that have it.
+fn tag_links(tags: &[String]) -> Vec<(String, String)> {
+    tags.iter().map(|tag| (tag.clone(), format!("/?{}", Query::written(&[("tag", tag)])))).collect()
+}
+
 /// The front that a study was made for, as `exec --front` makes them.
 fn front_of(spec: &StudySpec) -> Option<Front> {
     let is_direction = spec.indicators.indicators().iter().any(|one| one.name == Front::DIRECTION);

@@ -35,25 +35,26 @@ struct FormChange {
 
 /// The request that a form stands for.
 enum FormRequest {
-    Study(Box<v1::UpdateStudyRequest>),
+    /// A change of a study, and the end of the address of the page that shows it.
+    Study(Box<v1::UpdateStudyRequest>, &'static str),
     Exclusion(v1::ExcludeTrialRequest),
 }
 
 impl FormRequest {
     /// A change of these fields of a study.
-    fn of_study(study: v1::Study, paths: Vec<String>) -> Self {
+    fn of_study(study: v1::Study, paths: Vec<String>, page: &'static str) -> Self {
         let update_mask = Some(FieldMask { paths });
-        Self::Study(Box::new(v1::UpdateStudyRequest { study: Some(study), update_mask }))
+        Self::Study(Box::new(v1::UpdateStudyRequest { study: Some(study), update_mask }), page)
     }
 
     /// Sends it as its RPC, and returns the page that shows the change.
     async fn send(&self, visitor: &Visitor<'_>) -> Result<String, Error> {
         let Visitor { tuning, caller, .. } = visitor;
         match self {
-            Self::Study(request) => {
+            Self::Study(request, page) => {
                 let study =
                     rpc::studies::update(tuning, caller, v1::UpdateStudyRequest::clone(request)).await?;
-                Ok(format!("/studies/{}/policy", pages::id(&study.name)))
+                Ok(format!("/studies/{}{page}", pages::id(&study.name)))
             }
             Self::Exclusion(request) => {
                 let trial = rpc::trials::exclude(tuning, caller, request.clone()).await?;
@@ -67,6 +68,8 @@ impl FormRequest {
 pub(super) enum SteeringForm<'a> {
     /// A field of the policy.
     Field,
+    /// The note and the tags.
+    Texts,
     /// Pins the configuration of a trial.
     Pin(&'a str),
     /// Excludes a trial.
@@ -80,6 +83,7 @@ impl<'a> SteeringForm<'a> {
     pub(super) fn at(parts: &[&'a str]) -> Option<(&'a str, Self)> {
         Some(match *parts {
             ["studies", study, "policy"] => (study, Self::Field),
+            ["studies", study, "texts"] => (study, Self::Texts),
             ["studies", study, "trials", number, "pin"] => (study, Self::Pin(number)),
             ["studies", study, "trials", number, "exclude"] => (study, Self::Exclude(number)),
             ["studies", study, "trials", number, "include"] => (study, Self::Include(number)),
@@ -96,6 +100,7 @@ impl<'a> SteeringForm<'a> {
     ) -> Result<Steered, Error> {
         let change = match self {
             Self::Field => set_field(study, form)?,
+            Self::Texts => texts(visitor, study, form).await?,
             Self::Pin(number) => pin(visitor, study, number).await?,
             Self::Exclude(number) => exclusion(study, number, Some(form.text("reason"))),
             Self::Include(number) => exclusion(study, number, None),
@@ -148,7 +153,27 @@ fn policy_change(
     command: (&'static str, String),
 ) -> FormChange {
     let study = v1::Study { name: format!("studies/{study}"), policy: Some(policy), ..v1::Study::default() };
-    FormChange { changed: paths.join(", "), request: FormRequest::of_study(study, paths), command }
+    FormChange { changed: paths.join(", "), request: FormRequest::of_study(study, paths, "/policy"), command }
+}
+
+/// Sets the note and all tags of a study.
+async fn texts(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<FormChange, Error> {
+    let name = format!("studies/{study}");
+    let request = v1::GetStudyRequest { name: name.clone() };
+    let before = rpc::studies::get(visitor.tuning, visitor.caller, request).await?.tags;
+    // Browsers end lines in this way.
+    let note = form.text("note").replace("\r\n", "\n");
+    let words = form.text("tags").replace(',', " ");
+    let tags: Vec<String> = words.split_whitespace().map(str::to_owned).collect();
+    let mut said = format!(" --note={}", shell_word(&note));
+    for (flag, these, others) in [("tag", &tags, &before), ("untag", &before, &tags)] {
+        for tag in these.iter().filter(|tag| !others.contains(tag)) {
+            said += &format!(" --{flag}={}", shell_word(tag));
+        }
+    }
+    let study = v1::Study { name, note, tags, ..v1::Study::default() };
+    let request = FormRequest::of_study(study, vec!["note".to_owned(), "tags".to_owned()], "");
+    Ok(FormChange { changed: "note, tags".to_owned(), request, command: ("study edit", said) })
 }
 
 /// Excludes a trial for a reason, or counts it again without one.

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::{Value, json};
 use treewright_core::ids::StudyUid;
+use treewright_core::limits::TAGS_MAX;
 use treewright_core::standing::Gain;
 
 use crate::convert::names;
@@ -17,6 +18,7 @@ pub(super) struct IndexRow {
     pub(super) id: String,
     pub(super) uid: String,
     pub(super) what: String,
+    pub(super) tags: Vec<String>,
     pub(super) status: String,
     /// The gain over the default as the study tells it; `None` where that is not known.
     pub(super) gain: Option<Gain>,
@@ -39,6 +41,7 @@ impl IndexRow {
             "id": self.id,
             "uid": self.uid,
             "description": self.what,
+            "tags": self.tags,
             "status": self.status,
             "gain": gain,
             "gain_note": self.gain_note,
@@ -54,8 +57,9 @@ impl IndexRow {
 
     /// Reads what another dashboard tells; `None` where it names no study.
     pub(super) fn of_json(told: &Value) -> Option<Self> {
-        let text =
-            |name: &str| told[name].as_str().unwrap_or_default().chars().take(TEXT).collect::<String>();
+        let cut = |text: &str| text.chars().take(TEXT).collect::<String>();
+        let text = |name: &str| cut(told[name].as_str().unwrap_or_default());
+        let tags = told["tags"].as_array().into_iter().flatten().filter_map(Value::as_str);
         let count = |name: &str| told[name].as_i64().unwrap_or_default().max(0);
         let end = |name: &str| told["gain"][name].as_f64();
         let gain = |share| Gain { share, low: end("low"), high: end("high"), probability_better: None };
@@ -63,6 +67,7 @@ impl IndexRow {
             id: names::study_id("id", told["id"].as_str()?).ok()?,
             uid: told["uid"].as_str()?.parse::<StudyUid>().ok()?.to_string(),
             what: text("description"),
+            tags: tags.take(TAGS_MAX).map(cut).collect(),
             status: text("status"),
             gain: end("share").map(gain),
             gain_note: text("gain_note"),
@@ -97,6 +102,7 @@ mod tests {
             id: "hall".to_owned(),
             uid: "0000000000000abc".to_owned(),
             what: "<b>".to_owned(),
+            tags: vec!["gpu".to_owned(), "层".to_owned()],
             status: "searching".to_owned(),
             gain: Some(Gain { share: 0.1, low, high, probability_better: None }),
             gain_note: "below the default, proven better".to_owned(),
@@ -130,6 +136,9 @@ mod tests {
         assert!(IndexRow::of_json(&json!({})).is_none() && IndexRow::of_json(&json!([1])).is_none());
         let long = with("description", json!("ä".repeat(500))).expect("a study");
         assert_eq!(long.what.chars().count(), TEXT);
+        let many = with("tags", json!(vec!["x"; 500])).expect("a study");
+        assert_eq!(many.tags.len(), TAGS_MAX);
+        assert!(with("tags", json!(7)).expect("an older daemon's").tags.is_empty());
         assert_eq!(with("trials", json!(-4)).expect("a study").trials, 0);
     }
 

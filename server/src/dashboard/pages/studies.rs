@@ -12,7 +12,7 @@ use super::super::{Query, Visitor};
 use super::index::{IndexRow, unite};
 use super::others::{OtherDaemon, OtherDaemons};
 use super::summaries::{STATES, StudySummary, Summaries};
-use super::{PageFrame, id, render, seconds, time};
+use super::{PageFrame, id, render, seconds, tag_links, time};
 use crate::config::DashboardPeer;
 use crate::error::Error;
 use crate::limits::{DASHBOARD_ROWS, DASHBOARD_STUDIES};
@@ -49,6 +49,8 @@ struct Page {
     has_daemons: bool,
     /// The daemons that do not answer, each with its address and the reason.
     away: Vec<(String, String, String)>,
+    /// The tag that all rows have; empty where all studies are listed.
+    tag: String,
     is_cut: bool,
     states_most: i64,
     /// The number of this page and of the last one.
@@ -85,13 +87,19 @@ impl ShownRow {
     fn place(&self) -> &str {
         if self.daemon.is_empty() { &self.row.holder } else { &self.daemon }
     }
+
+    fn tags(&self) -> Vec<(String, String)> {
+        tag_links(&self.row.tags)
+    }
 }
 
-/// The order of the rows.
+/// The rows that are listed, and their order.
 #[derive(Clone, Copy)]
-struct IndexOrder {
+struct IndexOrder<'a> {
     column: &'static str,
     reverse: bool,
+    /// The tag that they have; empty for all rows.
+    tag: &'a str,
 }
 
 /// The inputs of the list.
@@ -114,9 +122,9 @@ impl StudyIndex {
 
     /// The list as a page.
     pub(in super::super) async fn page(&self, visitor: &Visitor<'_>, query: &Query) -> Result<String, Error> {
-        query.only(&["order", "reverse", "page"])?;
-        let column = query.word("order", &COLUMNS)?;
-        let order = IndexOrder { column, reverse: query.word("reverse", &["0", "1"])? == "1" };
+        query.only(&["order", "reverse", "page", "tag"])?;
+        let (column, tag) = (query.word("order", &COLUMNS)?, query.text("tag"));
+        let order = IndexOrder { column, reverse: query.word("reverse", &["0", "1"])? == "1", tag: &tag };
         let asked = query.number("page")?;
         let (studies, others) = tokio::join!(read_studies(visitor), self.read_others(visitor));
         let (studies, is_cut) = studies?;
@@ -151,6 +159,7 @@ impl StudyIndex {
             rows: rows.drain(range).collect(),
             has_daemons,
             away: away.collect(),
+            tag: tag.clone(),
             is_cut,
             states_most: STATES,
             page,
@@ -178,7 +187,7 @@ impl StudyIndex {
         self.others.read().await
     }
 
-    fn rows(&self, studies: &[v1::Study], others: &[OtherDaemon], order: IndexOrder) -> Vec<ShownRow> {
+    fn rows(&self, studies: &[v1::Study], others: &[OtherDaemon], order: IndexOrder<'_>) -> Vec<ShownRow> {
         let own = studies.iter().map(|study| ShownRow {
             row: self.row(study),
             daemon: String::new(),
@@ -193,6 +202,7 @@ impl StudyIndex {
         });
         let mut rows: Vec<ShownRow> = own.chain(theirs).collect();
         unite(&mut rows, |shown| &shown.row);
+        rows.retain(|shown| order.tag.is_empty() || shown.row.tags.iter().any(|tag| tag == order.tag));
         rows.sort_by(|a, b| order.compare(a, b));
         rows
     }
@@ -204,6 +214,7 @@ impl StudyIndex {
             id: id(&study.name).to_owned(),
             uid: study.uid.clone(),
             what: study.display_name.clone(),
+            tags: study.tags.clone(),
             status: status(study, &summary, self.tuning.now_ms() as f64 / 1e3).to_owned(),
             gain: summary.gain,
             gain_note: summary.gain_note,
@@ -252,7 +263,7 @@ fn status(study: &v1::Study, summary: &StudySummary, now_s: f64) -> &'static str
     }
 }
 
-impl IndexOrder {
+impl IndexOrder<'_> {
     /// Rows without a gain come last in both directions.
     fn compare(self, a: &ShownRow, b: &ShownRow) -> Ordering {
         let by = |ordering: Ordering| if self.reverse { ordering.reverse() } else { ordering };
@@ -280,7 +291,7 @@ impl IndexOrder {
         let column = |name: &'static str| {
             let is_order = name == self.column;
             let rises = ["Study", "Daemon", "Status"].contains(&name) != self.reverse;
-            let other = Self { column: name, reverse: is_order && !self.reverse };
+            let other = Self { column: name, reverse: is_order && !self.reverse, tag: self.tag };
             Column {
                 name,
                 sorted: is_order.then_some(if rises { "ascending" } else { "descending" }),
@@ -298,6 +309,7 @@ impl IndexOrder {
         Query::written(&[
             ("order", &self.column.to_owned()),
             ("reverse", &reverse.to_owned()),
+            ("tag", &self.tag.to_owned()),
             ("page", &page),
         ])
     }
@@ -317,7 +329,7 @@ mod tests {
 
     fn ordered(column: &'static str, reverse: bool) -> String {
         let mut rows = [shown("b", 3, Some(0.1)), shown("c", 2, None), shown("a", 1, Some(0.3))];
-        rows.sort_by(|a, b| IndexOrder { column, reverse }.compare(a, b));
+        rows.sort_by(|a, b| IndexOrder { column, reverse, tag: "" }.compare(a, b));
         rows.iter().map(|shown| shown.row.id.as_str()).collect()
     }
 
@@ -334,7 +346,7 @@ mod tests {
 
     #[test]
     fn heads_lead_to_their_order_and_back() {
-        let order = IndexOrder { column: "Trials", reverse: false };
+        let order = IndexOrder { column: "Trials", reverse: false, tag: "" };
         let columns = order.columns(false);
         let of = |name: &str| columns.iter().find(|column| column.name == name).expect("a column");
         assert!(columns.iter().all(|column| column.name != "Daemon"));
@@ -343,10 +355,10 @@ mod tests {
             (Some("descending"), "order=Trials&reverse=1")
         );
         assert_eq!((of("Gain").sorted, of("Last activity").query.as_str()), (None, "order=Last+activity"));
-        let back = IndexOrder { column: "Study", reverse: true };
+        let back = IndexOrder { column: "Study", reverse: true, tag: "gpu" };
         let study = &back.columns(true)[0];
-        assert_eq!((study.sorted, study.query.as_str()), (Some("descending"), "order=Study"));
-        assert_eq!(back.query(Some(2)), "order=Study&reverse=1&page=2");
+        assert_eq!((study.sorted, study.query.as_str()), (Some("descending"), "order=Study&tag=gpu"));
+        assert_eq!(back.query(Some(2)), "order=Study&reverse=1&tag=gpu&page=2");
     }
 
     #[test]

@@ -15,7 +15,7 @@ use super::super::{Query, Visitor, may_steer};
 use super::standing::{StateStands, benefits, read_state, roofline};
 use super::{
     Defaults, Head, PageFrame, TRIALS, TrialRow, asked_state, head, machine, number, read_trials, render,
-    row, seconds,
+    row, seconds, tag_links,
 };
 use crate::error::Error;
 
@@ -31,6 +31,13 @@ const SPANS: usize = 300;
 struct Page {
     frame: PageFrame,
     head: Head,
+    note: String,
+    /// Each tag with its address.
+    tags: Vec<(String, String)>,
+    /// The tags as the form has them.
+    words: String,
+    /// Whether the visitor may change these.
+    may_steer: bool,
     state: Option<i64>,
     best: Option<BestCard>,
     curve: String,
@@ -126,6 +133,10 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
     saved.values().for_each(|one| total += *one);
     let page = Page {
         frame: visitor.frame,
+        tags: tag_links(&study.tags),
+        words: study.tags.join(" "),
+        note: study.note,
+        may_steer: may_steer(visitor.caller),
         best: chosen.and_then(|chosen| card(chosen, &head.view)),
         curve: charts::curve(&points(&in_state), &levels, &head.view),
         curve_note,
