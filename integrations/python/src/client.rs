@@ -7,8 +7,8 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use treewright_client::{
-    Credentials, Front, FrontQuery, Operation, Options, Policy, PolicyChange, TrialQuery, blocking,
-    local::LocalDaemon,
+    Credentials, Front, FrontQuery, Operation, Options, Policy, PolicyChange, TextChange, TrialQuery,
+    blocking, local::LocalDaemon,
 };
 
 use crate::best::Best;
@@ -364,6 +364,30 @@ impl Study {
             }
         }
         self.change(python, &change)
+    }
+
+    /// The note for people, as it is stored.
+    fn note(&self, python: Python<'_>) -> PyResult<String> {
+        Ok(python.detach(|| self.0.record()).map_err(raised)?.note)
+    }
+
+    /// The words by which people group studies, sorted, as they are stored.
+    fn tags(&self, python: Python<'_>) -> PyResult<Vec<String>> {
+        Ok(python.detach(|| self.0.record()).map_err(raised)?.tags.into_iter().collect())
+    }
+
+    /// Changes the texts for people; what is None stays as it is. ``tags`` are all from now on. Raises
+    /// Refused for what is too long, or no tag.
+    #[pyo3(signature = (*, display_name=None, note=None, tags=None))]
+    fn set_texts(
+        &self,
+        python: Python<'_>,
+        display_name: Option<String>,
+        note: Option<String>,
+        tags: Option<Vec<String>>,
+    ) -> PyResult<()> {
+        let change = TextChange { display_name, note, tags: tags.map(|tags| tags.into_iter().collect()) };
+        python.detach(|| self.1.update_texts(self.0.name(), &change)).map(drop).map_err(raised)
     }
 
     /// Neither explores nor learns any more, until ``thaw``: answers stay what they are.

@@ -193,6 +193,9 @@ def steering(url: str) -> None:
     study.set_policy(epsilon=None, confirm_rounds=0)
     usual = study.policy()
     assert usual["epsilon"] != "0.5" and usual["confirm_rounds"] == "0" and usual["operation"] == "tune", usual
+    study.set_texts(note="at\nnight", tags=["b", "a", "b"])
+    study.set_texts(display_name="leaves")
+    assert (study.note(), study.tags()) == ("at\nnight", ["a", "b"])
     study.pin({"leaf": 3})
     assert study.suggest().configuration == {"leaf": 3, "compact": False}
     study.unpin()

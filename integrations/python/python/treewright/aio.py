@@ -186,6 +186,18 @@ class Study:
         """Changes fields of the policy for all clients; None gives one its default back."""
         await _beside(self._study.set_policy, **fields)
 
+    async def note(self) -> str:
+        """The note for people, as it is stored."""
+        return await _beside(self._study.note)
+
+    async def tags(self) -> "list[str]":
+        """The words by which people group studies, sorted, as they are stored."""
+        return await _beside(self._study.tags)
+
+    async def set_texts(self, **texts: Any) -> None:
+        """Changes the texts for people; see ``treewright.Study.set_texts``."""
+        await _beside(self._study.set_texts, **texts)
+
     async def freeze(self) -> None:
         """Neither explores nor learns any more, until ``thaw``."""
         await _beside(self._study.freeze)
