@@ -115,7 +115,7 @@ pub(crate) struct EditStudy {
     /// A line about the study, by which a front is found again
     #[arg(long, value_name = "TEXT")]
     pub(crate) display_name: Option<String>,
-    /// A note of several lines
+    /// A note of several lines, in place of the one before; an empty one removes it
     #[arg(long, value_name = "TEXT")]
     pub(crate) note: Option<String>,
     /// Add tags, by which `treewright studies --tag` finds the study

@@ -159,7 +159,7 @@ fn a_field_of_an_earlier_version_is_ignored() {
 fn mistakes_are_named() {
     let parse = |text: &str| StudyFile::parse(text, Language::Toml).expect_err("a mistake");
     assert!(parse(&FILE.replace("display_name", "colour")).contains("colour"));
-    assert!(parse(&FILE.replace("seed = 7", "seed = -7")).contains("line 5"));
+    assert!(parse(&FILE.replace("seed = 7", "seed = -7")).contains("line 9"));
     let spec = |text: &str| read(text).spec().expect_err("a mistake").to_string();
     assert!(spec(&FILE.replace("seed = 7", "seed = \"x\"")).contains("seed"));
     assert!(spec(&FILE.replace("level*2 <= 40", "level*2 <=")).contains("at character 11: a name, a value"));

@@ -93,8 +93,14 @@ fn notes_and_tags_are_edited_and_find_studies() {
     assert_eq!(edited, "studies/sponza  a scene\n  at\n  night\ntagged b, gpu\n");
     let edited = answer(&fake, &["study", "edit", "sponza", "--tag", "c", "--untag", "b", "--untag", "d"]);
     assert!(edited.ends_with("night\ntagged c, gpu\n"), "{edited}");
+    let edited = answer(&fake, &["study", "edit", "sponza", "--display-name", "a hall"]);
+    assert!(edited.starts_with("studies/sponza  a hall\n  at\n") && edited.contains("c, gpu"), "{edited}");
     let shown = answer(&fake, &["study", "show", "sponza"]);
     assert!(shown.starts_with(&edited), "{shown}");
+    answer(&fake, &["study", "clone", "sponza", "copy"]);
+    assert_eq!(fake.book().studies["studies/copy"].note, "at\nnight");
+    assert_eq!(fake.book().studies["studies/copy"].tags, ["c", "gpu"]);
+    answer(&fake, &["study", "delete", "copy", "--yes"]);
     let file = write(folder.path(), "zstd.toml", STUDY);
     answer(&fake, &["study", "create", &file]);
     let listed = |tags: &str| answer(&fake, &["studies", "--tag", tags]);

@@ -100,6 +100,7 @@ impl TuningService for Service {
                 "policy.pinned" => policy.pinned.clone_from(&wanted.pinned),
                 "policy.lease_s" => policy.lease_s = wanted.lease_s,
                 "policy.search" => policy.search = wanted.search,
+                "display_name" => study.display_name.clone_from(&change.display_name),
                 "note" => study.note.clone_from(&change.note),
                 "tags" => study.tags.clone_from(&change.tags),
                 other => return Err(Status::invalid_argument(format!("update_mask: {other}"))),

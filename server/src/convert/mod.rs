@@ -1,6 +1,6 @@
 //! Between the wire and the tuner. `from_proto` reads requests and names a wrong field, `to_proto` and
-//! `insight` write answers, `names` reads and writes resource names, `policy` reads update masks. Types of
-//! the model become messages in `treewright_proto::convert`.
+//! `insight` write answers, `names` reads and writes resource names, `study_update` reads update masks.
+//! Types of the model become messages in `treewright_proto::convert`.
 
 pub mod from_proto;
 mod insight;

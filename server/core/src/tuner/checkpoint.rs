@@ -163,7 +163,7 @@ impl Tuner {
 
 /// A number for the version and for all of a specification on which learning depends.
 fn mark(spec: &StudySpec) -> u64 {
-    let (display_name, note, tags) = <_>::default();
+    let (display_name, note, tags) = <(String, String, BTreeSet<String>)>::default();
     let learning = StudySpec { policy: Policy::default(), display_name, note, tags, ..spec.clone() };
     let text = serde_json::to_vec(&learning).expect("a specification is plain data");
     sum_of(&text) ^ sum_of(&VERSION.to_le_bytes()) ^ sum_of(env!("CARGO_PKG_VERSION").as_bytes())
