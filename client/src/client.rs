@@ -51,8 +51,9 @@ impl Client {
     /// connect in the background and does not wait for that: an absent daemon is no error but shows in
     /// [`Client::status`].
     ///
-    /// Errors: [`ClientError::BadUrl`]; [`ClientError::Invalid`] for an option out of range;
-    /// [`ClientError::NoRuntime`] outside a tokio runtime.
+    /// Errors: [`ClientError::BadUrl`]; [`ClientError::Invalid`] for an option out of range, and for
+    /// credentials that need TLS where the address has none; [`ClientError::NoRuntime`] outside a tokio
+    /// runtime.
     pub fn connect(url: &str, options: Options) -> Result<Self, ClientError> {
         let runtime = tokio::runtime::Handle::try_current()
             .map_err(|error| ClientError::NoRuntime { reason: error.to_string() })?;

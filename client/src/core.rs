@@ -291,7 +291,13 @@ fn endpoint(url: &str, credentials: &Credentials) -> Result<Endpoint, ClientErro
         return endpoint.tls_config(credentials.tls()).map_err(problem);
     }
     if credentials.bearer().is_some() && !uri.host().is_some_and(is_here) {
-        return Err(bad("a token would travel there in plain text; use https://".into()));
+        let problem = format!("it would travel to {url} in plain text; write https://{rest}");
+        return Err(ClientError::invalid("token", problem));
+    }
+    if let Some(what) = credentials.only_for_tls() {
+        let problem =
+            format!("it is only used with TLS, and {url} has none; write https://{rest}, or leave it out");
+        return Err(ClientError::invalid(what, problem));
     }
     Ok(endpoint)
 }
@@ -326,6 +332,25 @@ mod tests {
         }
         let refused = endpoint("http://render-farm:1", &token).err().map(|error| error.to_string());
         assert!(refused.is_some_and(|text| text.contains("https://") && !text.contains("tw1_1_2")));
+    }
+
+    #[test]
+    fn nothing_that_needs_tls_is_unused_in_plain_text() {
+        let empty = std::path::Path::new("/dev/null");
+        for (what, credentials) in [
+            ("client certificate", Credentials::new().certificate_files(empty, empty)),
+            ("certificate authority", Credentials::new().authority_file(empty)),
+            ("server name", Ok(Credentials::new().server_name("farm"))),
+        ] {
+            let credentials = credentials.unwrap();
+            let words = |url: &str| endpoints(url, &credentials).err().map(|error| error.to_string());
+            for url in ["http://localhost:1", "unix:/run/a.sock,http://localhost:1"] {
+                let told = words(url).unwrap();
+                assert!(told.starts_with(what) && told.contains("write https://localhost:1"), "{told}");
+            }
+            assert_eq!(words("unix:/run/a.sock"), None);
+            assert!(!words("https://localhost:1").is_some_and(|told| told.contains("only used")));
+        }
     }
 
     #[test]

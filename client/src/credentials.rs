@@ -60,7 +60,8 @@ impl Credentials {
         self.token(&text)
     }
 
-    /// Trusts a daemon whose certificate comes from an authority of this PEM file, and no other.
+    /// Trusts a daemon whose certificate comes from an authority of this PEM file, and no other. Only for
+    /// `https:` addresses.
     ///
     /// Errors: [`ClientError::Invalid`] when it cannot be read.
     pub fn authority_file(mut self, path: &Path) -> Result<Self, ClientError> {
@@ -68,7 +69,7 @@ impl Credentials {
         Ok(self)
     }
 
-    /// Shows the certificate of these PEM files to a daemon that asks for one.
+    /// Shows the certificate of these PEM files to a daemon that asks for one. Only for `https:` addresses.
     ///
     /// Errors: [`ClientError::Invalid`] when they cannot be read.
     pub fn certificate_files(mut self, certificate: &Path, key: &Path) -> Result<Self, ClientError> {
@@ -77,7 +78,8 @@ impl Credentials {
         Ok(self)
     }
 
-    /// Expects this name in the daemon's certificate instead of the one in its address.
+    /// Expects this name in the daemon's certificate instead of the one in its address. Only for `https:`
+    /// addresses.
     #[must_use]
     pub fn server_name(mut self, name: impl Into<String>) -> Self {
         self.server_name = Some(name.into());
@@ -86,6 +88,13 @@ impl Credentials {
 
     pub(crate) fn bearer(&self) -> Option<MetadataValue<Ascii>> {
         self.token.clone()
+    }
+
+    /// What a connection in plain text would leave unused, if there is something.
+    pub(crate) fn only_for_tls(&self) -> Option<&'static str> {
+        let certificate = self.certificate.as_ref().map(|_| "client certificate");
+        let authority = self.authority.as_ref().map(|_| "certificate authority");
+        certificate.or(authority).or(self.server_name.as_ref().map(|_| "server name"))
     }
 
     pub(crate) fn tls(&self) -> ClientTlsConfig {

@@ -112,9 +112,9 @@ void tw_options_software(tw_options *options, const char *name, const char *vers
 /* Shows a token, as `treewrightd token create` printed it; or the one that a file holds. */
 void tw_options_token(tw_options *options, const char *token);
 void tw_options_token_file(tw_options *options, const char *path);
-/* Trusts a daemon whose certificate comes from an authority of this PEM file, and no other. */
+/* Trusts a daemon whose certificate comes from an authority of this PEM file, and no other. Only for https: addresses. */
 void tw_options_authority_file(tw_options *options, const char *path);
-/* Shows the certificate of these PEM files. */
+/* Shows the certificate of these PEM files. Only for https: addresses. */
 void tw_options_certificate_files(tw_options *options, const char *certificate, const char *key);
 
 /* ---- what a study is; a mistake is told by tw_client_study ---------------------------------------------------------- */

@@ -103,6 +103,16 @@ static void mistakes(const tw_client *client) {
   expect(error, TW_INVALID, "deadline of NaN ms");
   tw_options_free(options);
   error = NULL;
+  options = tw_options_new();
+  tw_options_authority_file(options, "/dev/null");
+  CHECK(!tw_client_connect("http://127.0.0.1:1", options, &error));
+  expect(error, TW_INVALID, "certificate authority: it is only used with TLS");
+  tw_options_certificate_files(options, "/dev/null", "/dev/null");
+  error = NULL;
+  CHECK(!tw_client_connect("http://127.0.0.1:1", options, &error));
+  expect(error, TW_INVALID, "client certificate: it is only used with TLS");
+  tw_options_free(options);
+  error = NULL;
   tw_spec *spec = new_spec();
   tw_spec_integer(spec, "leaf", 0, 3, 1, TW_LINEAR);
   CHECK(!tw_client_study(client, "twice", spec, &error));

@@ -61,6 +61,8 @@ export class Client {
     const [, scheme, host] = found;
     if (options.token && scheme === "http" && !isLocal(host))
       throw new TreewrightError("invalid", "a token is only sent over https, or to this machine");
+    if (options.authority && scheme === "http")
+      throw new TreewrightError("invalid", `an authority is only used with TLS, and ${url} has none: write https://${host}, or leave it out`);
     this.url = url;
     // Worker threads have a copy of this module each.
     const thread = threadId === 0 ? "" : `.${threadId}`;

@@ -155,6 +155,7 @@ async function withoutDaemon() {
   await rejects(study.best(), "unreachable", "start one with");
   client.close();
   assert.throws(() => new Client("not an address"), /not an address/);
+  assert.throws(() => new Client("http://localhost:1", { authority: "PEM" }), /only used with TLS.*https:\/\/localhost:1/);
   // Names that only begin like this machine are other machines.
   for (const host of ["example.com", "localhost.example.com", "127.example.com", "127.0.0.1.example.com", "localhost@example.com"])
     assert.throws(() => new Client(`http://${host}:1`, { token: "x" }), /https/, host);

@@ -128,6 +128,13 @@ def trials(url: str) -> None:
             assert isinstance(error, (treewright.TreewrightError, IndexError)) and str(error)
         else:
             raise AssertionError(problem)
+    for unused in ({"authority_file": __file__}, {"certificate_file": __file__, "key_file": __file__}):
+        try:
+            treewright.Client("http://localhost:1", **unused)
+        except treewright.Invalid as error:
+            assert "only used with TLS" in str(error) and "write https://localhost:1" in str(error), error
+        else:
+            raise AssertionError(unused)
     client.flush(20000)
     stats = client.stats()
     assert stats["acknowledged"] >= 31 and stats["abandoned"] >= 2 and stats["dropped"] == 0, stats

@@ -43,7 +43,7 @@ impl CliError {
 impl From<ClientError> for CliError {
     fn from(error: ClientError) -> Self {
         match error {
-            ClientError::BadUrl { .. } => Self::Usage(error.to_string()),
+            ClientError::BadUrl { .. } | ClientError::Invalid { .. } => Self::Usage(error.to_string()),
             _ if error.is_unreachable() => Self::Unreachable(error.to_string()),
             _ => Self::Failed(error.to_string()),
         }
