@@ -285,6 +285,9 @@ async fn the_command_line_client_shows_token_and_checks_certificate() {
     );
     let untrusted = run("treewright", &["studies", "--server", &url, "--token-file", &token_file]);
     assert_eq!(untrusted.status.code(), Some(3), "{}", stderr(&untrusted));
+    let plain = run("treewright", &["studies", "--server", "http://localhost:1", "--tls-ca", &ca]);
+    assert_eq!(plain.status.code(), Some(2), "{}", stderr(&plain));
+    assert!(stderr(&plain).contains("certificate authority"), "{}", stderr(&plain));
 }
 
 #[test]
