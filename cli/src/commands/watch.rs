@@ -27,7 +27,7 @@ pub(super) fn run(client: &Client, watch: &Watch, json: bool) -> Result<String, 
 }
 
 fn all(client: &Client, watch: &Watch, json: bool) -> Result<String, Failure> {
-    repeat(watch, || super::studies::list(client, json))
+    repeat(watch, || super::studies::list(client, &[], json))
 }
 
 /// Draws until it is ended. A daemon that was there once and is away, because it is started again, is waited
