@@ -4,14 +4,17 @@
     python3 -m venv target/peers/env && target/peers/env/bin/pip install optuna==5.0.0 numpy
     target/peers/env/bin/python tests/peers/front.py --bin target/release --seeds 5
 
-Problems have four parameters from 0 to 1 and two objectives above 0: ZDT1 (convex), ZDT2 (concave) and ZDT3 (in pieces) of
-Zitzler, Deb and Thiele (2000), and a made-up tree with a build time and a frame time, all with log-normal noise of 2 %. Every
-method runs each problem so many times with the same default as its first run. What counts is the hypervolume below the
-point (2, 2) that the runs dominate without their noise, on logarithmic axes down to the least value of each objective, over
-that of 200,000 random points.
+The made-up problems have four parameters from 0 to 1 and two objectives above 0: ZDT1 (convex), ZDT2 (concave) and ZDT3 (in
+pieces) of Zitzler, Deb and Thiele (2000), and a tree with a build time and a frame time. `--recorded` takes pairs that were
+measured (`record_pairs.py`; trees by `record.py`) on grids, each as a multiple of what the default needs. All have log-normal
+noise of 2 %, and every method begins with the default. What counts is the hypervolume below the point (2, 2) that the runs
+dominate without their noise, on logarithmic axes down to a floor, over that of 200,000 random points (made-up problems) or of
+the whole grid.
 """
 
 import argparse
+import dataclasses
+import itertools
 import json
 import math
 import os
@@ -20,8 +23,11 @@ import subprocess
 import sys
 import tempfile
 import time
+import typing
 
 import numpy
+
+from problems import Recorded
 
 FLOOR, CEILING, NOISE = 0.1, 2.0, 0.02
 
@@ -41,8 +47,62 @@ def tree(x):
     return build, frame
 
 
-PROBLEMS = {"zdt1": lambda x: zdt(x, 1), "zdt2": lambda x: zdt(x, 2), "zdt3": lambda x: zdt(x, 3), "tree": tree}
-AXES, DEFAULT = 4, 0.5
+@dataclasses.dataclass
+class Problem:
+    """Parameters with their values, or None for 0 to 1; their default; and a function of both objectives."""
+
+    parameters: dict
+    default: dict
+    of: typing.Callable
+
+    def volume(self, ran):
+        return volume(self.of(list(of.values())) for of in ran)
+
+    def whole(self):
+        """The hypervolume that the shares are of."""
+        if None in self.parameters.values():
+            return volume(self.of(x) for x in numpy.random.default_rng(1).random((200_000, len(self.parameters))))
+        return volume(self.of(list(values)) for values in itertools.product(*self.parameters.values()))
+
+
+def made_up(of):
+    names = [f"x{axis}" for axis in range(4)]
+    return Problem(dict.fromkeys(names), dict.fromkeys(names, 0.5), of)
+
+
+MADE_UP = {"zdt1": made_up(lambda x: zdt(x, 1)), "zdt2": made_up(lambda x: zdt(x, 2)), "zdt3": made_up(lambda x: zdt(x, 3)),
+           "tree": made_up(tree)}
+
+
+def zlib_pair(path):
+    """What `record_pairs.py` wrote."""
+    pair = json.loads(path.read_text())
+    every = itertools.product(*pair["parameters"].values())
+    known = dict(zip(every, zip(pair["first"], pair["second"])))
+    return Problem(pair["parameters"], pair["default"], lambda x: known[tuple(x)])
+
+
+def tree_pair(path):
+    """Frames beside frames with a whole build, as `record.py` wrote both; what has no tree costs three times the default."""
+    both = [Recorded(path.parent / f"quick-{what}.json") for what in ("render", "total")]
+    grid = both[0].parameters
+    parameters = {each.name: [False, True] if each.kind == "switch" else list(each.values) for each in grid}
+
+    def costs(x):
+        of = dict(zip(parameters, x))
+        return [min(each.gap(of) * each.best, 3.0) for each in both]
+
+    return Problem(parameters, {each.name: each.default for each in grid}, costs)
+
+
+RECORDED = {"zlib-words-size": zlib_pair, "zlib-mesh-size": zlib_pair, "zlib-words-memory": zlib_pair, "quick-tree": tree_pair}
+
+
+def load(name):
+    return MADE_UP[name] if name in MADE_UP else RECORDED[name](FOLDER / f"{name}.json")
+
+
+FOLDER = pathlib.Path(__file__).resolve().parent / "recorded"
 
 
 def volume(points):
@@ -57,7 +117,7 @@ def volume(points):
 
 
 def measured(problem, x, random):
-    return [value * math.exp(NOISE * random.standard_normal()) for value in PROBLEMS[problem](x)]
+    return [value * math.exp(NOISE * random.standard_normal()) for value in problem.of(x)]
 
 
 def by_optuna(sampler, problem, trials, random):
@@ -65,27 +125,42 @@ def by_optuna(sampler, problem, trials, random):
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     study = optuna.create_study(directions=["minimize"] * 2, sampler=sampler)
-    study.enqueue_trial({f"x{axis}": DEFAULT for axis in range(AXES)})
+    # Numbers of a grid are told as places, so that samplers know their order.
+    ordered = {name: values and not isinstance(values[0], (str, bool)) for name, values in problem.parameters.items()}
+    first = {name: problem.parameters[name].index(value) if ordered[name] else value for name, value in problem.default.items()}
+    study.enqueue_trial(first)
     ran = []
 
+    def suggest(trial, name, values):
+        if values is None:
+            return trial.suggest_float(name, 0, 1)
+        return values[trial.suggest_int(name, 0, len(values) - 1)] if ordered[name] else trial.suggest_categorical(name, values)
+
     def objective(trial):
-        x = [trial.suggest_float(f"x{axis}", 0, 1) for axis in range(AXES)]
-        ran.append(x)
-        return measured(problem, x, random)
+        ran.append({name: suggest(trial, name, values) for name, values in problem.parameters.items()})
+        return measured(problem, list(ran[-1].values()), random)
 
     study.optimize(objective, n_trials=trials)
     return ran
 
 
-def by_treewright(arguments, problem, trials, seed):
+def domain(values, default):
+    """How `--tune` writes it."""
+    if values is None:
+        return f"0.0..1.0:{default}"
+    write = lambda value: str(value).lower() if isinstance(value, bool) else str(value)
+    return "|".join(map(write, values)) + f":{write(default)}"
+
+
+def by_treewright(arguments, name, problem, trials, seed):
     with tempfile.TemporaryDirectory() as folder:
         log = pathlib.Path(folder) / "runs"
-        command = [arguments.bin / "treewright", "--server", arguments.server, "exec", f"{problem}-{seed}-{os.getpid()}"]
+        command = [arguments.bin / "treewright", "--server", arguments.server, "exec", f"{name}-{seed}-{os.getpid()}"]
         command += ["--front", "first,second", "--metric", "json", "--trials", trials]
-        for axis in range(AXES):
-            command += ["--tune", f"x{axis}=0.0..1.0:{DEFAULT}"]
-        own = [sys.executable, os.path.abspath(__file__), "--evaluate", problem, "--seeds", seed, "--log", log]
-        command += ["--", *own, *(f"{{x{axis}}}" for axis in range(AXES))]
+        for parameter, values in problem.parameters.items():
+            command += ["--tune", f"{parameter}={domain(values, problem.default[parameter])}"]
+        own = [sys.executable, os.path.abspath(__file__), "--evaluate", name, "--seeds", seed, "--log", log]
+        command += ["--", *own, *(f"{{{parameter}}}" for parameter in problem.parameters)]
         done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
         if done.returncode:
             sys.exit(done.stderr)
@@ -93,11 +168,13 @@ def by_treewright(arguments, problem, trials, seed):
 
 
 def evaluate(arguments):
-    x = [float(value) for value in arguments.values]
+    problem = load(arguments.evaluate)
+    value = lambda values, text: float(text) if values is None else next(of for of in values if str(of).lower() == text)
+    of = {name: value(values, text) for (name, values), text in zip(problem.parameters.items(), arguments.values)}
     with open(arguments.log, "a") as log:
-        log.write(json.dumps(x) + "\n")
-    random = numpy.random.default_rng([arguments.seeds, *(int(1e9 * value) for value in x), time.time_ns()])
-    first, second = measured(arguments.evaluate, x, random)
+        log.write(json.dumps(of) + "\n")
+    random = numpy.random.default_rng([arguments.seeds, time.time_ns()])
+    first, second = measured(problem, list(of.values()), random)
     print(json.dumps({"first": first, "second": second}))
 
 
@@ -107,6 +184,7 @@ def main():
     parser.add_argument("--server", default="local", help="the daemon")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--trials", type=int, default=80)
+    parser.add_argument("--recorded", action="store_true", help="measured pairs in place of the made-up problems")
     parser.add_argument("--evaluate", help=argparse.SUPPRESS)
     parser.add_argument("--log", help=argparse.SUPPRESS)
     parser.add_argument("values", nargs="*", help=argparse.SUPPRESS)
@@ -125,20 +203,21 @@ def main():
     print("| problem | " + " | ".join(methods) + " |")
     print("|---|" + "--:|" * len(methods))
     everything = {method: [] for method in methods}
-    for problem, of in PROBLEMS.items():
-        reference = volume(of(x) for x in numpy.random.default_rng(1).random((200_000, AXES)))
+    for name in RECORDED if arguments.recorded else MADE_UP:
+        problem = load(name)
+        reference = problem.whole()
         shares = {method: [] for method in methods}
         for seed in range(arguments.seeds):
             for method in methods:
                 random = numpy.random.default_rng(seed)
                 if method == "treewright":
-                    ran = by_treewright(arguments, problem, arguments.trials, seed)
+                    ran = by_treewright(arguments, name, problem, arguments.trials, seed)
                 else:
                     ran = by_optuna(samplers[method](seed), problem, arguments.trials, random)
                 assert len(ran) == arguments.trials, f"{method} ran {len(ran)} times"
-                shares[method].append(volume(of(x) for x in ran) / reference)
+                shares[method].append(problem.volume(ran) / reference)
         cells = (f"{numpy.mean(shares[method]):.3f} ± {numpy.std(shares[method], ddof=1) / math.sqrt(arguments.seeds):.3f}" for method in methods)
-        print(f"| {problem} | " + " | ".join(cells) + " |", flush=True)
+        print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
         for method in methods:
             everything[method] += shares[method]
     print("| all | " + " | ".join(f"{numpy.mean(everything[method]):.3f}" for method in methods) + " |")
