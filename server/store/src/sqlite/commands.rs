@@ -95,18 +95,15 @@ pub(super) async fn apply(
         }
         WriteCommand::Delete { study, uid } => {
             let key = key_of(&mut *connection, study, *uid).await?;
-            if let Some(fence) = fences.remove(&key) {
-                fence.break_up();
-            }
+            break_up(fences, key);
             leave_name(connection, key).await.map_err(refused)?;
             let done = sqlx::query(sql::STUDY_DELETE).bind(key).execute(connection).await.map_err(refused)?;
             one_at_most(done.rows_affected());
             Ok(WriteResult::Nothing)
         }
         WriteCommand::Rename { study, uid, to } => {
-            let key = rename(connection, (study.as_str(), *uid), to).await?;
-            if let Some(fence) = key.and_then(|key| fences.remove(&key)) {
-                fence.break_up();
+            if let Some(key) = rename(connection, (study.as_str(), *uid), to).await? {
+                break_up(fences, key);
             }
             Ok(WriteResult::Nothing)
         }
@@ -119,22 +116,19 @@ pub(super) async fn apply(
             Ok(WriteResult::Fenced(fence))
         }
         WriteCommand::Study { fence, specification, policy, models_since } => {
-            fence.check()?;
-            debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
+            check_in_force(fences, fence)?;
             let update = sqlx::query(sql::STUDY_UPDATE).bind(fence.key()).bind(specification).bind(policy);
             let update = update.bind(rows::signed(*models_since)?).execute(connection);
             one_at_most(update.await.map_err(refused)?.rows_affected());
             Ok(WriteResult::Nothing)
         }
         WriteCommand::Space { fence, specification, policy } => {
-            fence.check()?;
-            debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
+            check_in_force(fences, fence)?;
             change_space(connection, fence.key(), specification, policy).await.map_err(refused)?;
             Ok(WriteResult::Nothing)
         }
         WriteCommand::Exclude { fence, number, reason } => {
-            fence.check()?;
-            debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
+            check_in_force(fences, fence)?;
             exclude(connection, fence, *number, reason.as_deref()).await?;
             Ok(WriteResult::Nothing)
         }
@@ -151,8 +145,7 @@ pub(super) async fn apply(
                 .map_err(refused)
         }
         WriteCommand::Commit { fence, rows } => {
-            fence.check()?;
-            debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
+            check_in_force(fences, fence)?;
             let stored = script::rows(fence.key(), rows).execute(connection).await;
             stored.map_err(|error| refused(error).in_study(fence.study()))?;
             Ok(WriteResult::Nothing)
@@ -163,6 +156,20 @@ pub(super) async fn apply(
 /// Whether a fence that holds is the one that the last load of its study set up.
 pub(super) fn is_in_force(fences: &GroupFences, fence: &Fence) -> bool {
     fences.get(&fence.key()).is_some_and(|last| last.is_same(fence))
+}
+
+/// Checks that a fence holds, which then is the one in force.
+fn check_in_force(fences: &GroupFences, fence: &Fence) -> Result<(), StoreError> {
+    fence.check()?;
+    debug_assert!(is_in_force(fences, fence), "two fences of {} hold", fence.study());
+    Ok(())
+}
+
+/// Breaks the fence in force for a study, if there is one.
+fn break_up(fences: &mut GroupFences, study: i64) {
+    if let Some(fence) = fences.remove(&study) {
+        fence.break_up();
+    }
 }
 
 /// Checks the rows of a statement that names one by its key.
