@@ -106,9 +106,14 @@ pub(super) fn predict(client: &Client, state: &State, json: bool) -> Result<Stri
     Ok(show::prediction(&prediction, study.spec()?))
 }
 
-/// A trial's name, with or without `studies/`, as studies are named everywhere here.
+/// A trial's name without `studies/`, with which it may begin, as names of studies may everywhere here. The
+/// study itself may be called `studies`.
+fn short(name: &str) -> &str {
+    name.strip_prefix("studies/").filter(|rest| rest.contains("/trials/")).unwrap_or(name)
+}
+
 fn trial_name(name: &str) -> String {
-    format!("studies/{}", name.trim_start_matches("studies/"))
+    format!("studies/{}", short(name))
 }
 
 /// Excludes a trial for a reason, or counts it again without one.
@@ -121,7 +126,7 @@ pub(super) fn exclude(
     let stored = client.exclude(&trial_name(trial), reason)?;
     either(json, &stored, || match reason {
         Some(_) => {
-            let name = stored.name.trim_start_matches("studies/");
+            let name = short(&stored.name);
             format!("nothing is learnt from {name} any more; undo this with `treewright include {name}`")
         }
         None => format!("{} counts again", stored.name),
@@ -139,4 +144,22 @@ pub(super) fn explain(client: &Client, state: &State, json: bool) -> Result<Stri
     }
     let (prediction, study) = predicted(client, state)?;
     either(json, &prediction, || show::explanation(&prediction, &show::view(&study)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trials_are_named_with_or_without_the_prefix_even_those_of_a_study_called_like_it() {
+        for (said, meant) in [
+            ("hall/trials/3", "studies/hall/trials/3"),
+            ("studies/hall/trials/3", "studies/hall/trials/3"),
+            ("studies/trials/3", "studies/studies/trials/3"),
+            ("studies/studies/trials/3", "studies/studies/trials/3"),
+        ] {
+            assert_eq!(trial_name(said), meant);
+            assert_eq!(trial_name(short(meant)), meant, "the short name is the same trial's");
+        }
+    }
 }
