@@ -54,8 +54,8 @@ Without --yes it only shows what would change. Trials from before count with the
 parameter, or with what it kept if it was there before; those with a value that the file no longer has \
 are kept and left out, until another change takes them in again. Programs that work with the \
 parameters from before go on. For other changes, such as another indicator, use `study clone --spec`; \
-for the policy, `treewright policy`. The note, the tags and the display name change at once; a file's are \
-not read.
+for the policy, `treewright policy`. The note, the tags and the display name change at once. Where a file \
+has another policy or other texts, these stay, and it says so.
 
 Examples:
   treewright study show sponza --format toml > sponza.toml

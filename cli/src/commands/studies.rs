@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use treewright_client::blocking::Client;
-use treewright_client::{Best, Configuration, StudyRecord, TextChange, TrialQuery};
+use treewright_client::{Best, Configuration, Policy, StudyRecord, StudySpec, TextChange, TrialQuery};
 
 use super::carry::create_with_trials;
 use crate::arguments::study::{CloneStudy, EditStudy, StudyCommand};
@@ -11,6 +11,7 @@ use crate::carry::{CarriedTrial, Importer, Tally};
 use crate::failure::Failure;
 use crate::files;
 use crate::output::either;
+use crate::progress;
 use crate::show;
 use crate::study_file::StudyFile;
 use crate::study_file::find::id_of;
@@ -160,6 +161,9 @@ fn edit_space(client: &Client, change: &EditStudy, file: &Path, json: bool) -> R
         let message = format!("{what}: not as in {}, which keeps it; use `study clone --spec`", study.name);
         return Err(Failure::Data(message));
     }
+    if let Some(words) = kept_words(&file, &study) {
+        progress::note(&words);
+    }
     let fixed: Configuration = change.fixed.iter().cloned().collect();
     let differences = show::space::differences(&before.space, &file.space, &fixed);
     let (name, revision) = (study.identified_name(), study.space_revision);
@@ -174,6 +178,28 @@ fn edit_space(client: &Client, change: &EditStudy, file: &Path, json: bool) -> R
         "given_back_trials": changed.given_back_trials,
     });
     either(json, &record, || show::space::changed(&differences, &changed, change.yes))
+}
+
+/// What the study keeps though its file says otherwise, and the commands that change it.
+fn kept_words(file: &StudySpec, study: &StudyRecord) -> Option<String> {
+    let differs = |name: &str, unset: &str| {
+        let said = file.policy.show(name);
+        said.is_some_and(|said| study.policy.show(name).as_deref().unwrap_or(unset) != said)
+    };
+    let policy = Policy::FIELDS.iter().filter(|field| differs(field.name, field.unset));
+    let mut kept: Vec<_> = policy.map(|field| format!("policy.{}", field.name)).collect();
+    let texts = [
+        ("display_name", !file.display_name.is_empty() && file.display_name != study.display_name),
+        ("note", !file.note.is_empty() && file.note != study.note),
+        ("tags", !file.tags.is_empty() && file.tags != study.tags),
+    ];
+    kept.extend(texts.iter().filter(|(_, differs)| *differs).map(|(name, _)| (*name).to_owned()));
+    let (kept, id) = ((!kept.is_empty()).then(|| kept.join(", "))?, study.id());
+    Some(format!(
+        "{kept}: not as in {}, and not changed by the file; use `treewright policy {id}` for the policy, \
+         `treewright study edit {id} --note`, `--tag` or `--display-name` for the texts",
+        study.name
+    ))
 }
 
 fn rename(client: &Client, name: &str, to: &str, json: bool) -> Result<String, Failure> {

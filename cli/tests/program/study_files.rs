@@ -80,6 +80,16 @@ fn a_change_is_shown_and_made_once_it_is_confirmed() {
     answer(&fake, &["suggest", "zstd"]);
     assert_eq!(fake.book().revisions, [2], "it is answered in the space whose names it prints");
     assert!(answer(&fake, &["study", "edit", "zstd", &more]).contains("has this space already"));
+    let words_of = |text: &str| {
+        let output = run(&fake, &["study", "edit", "zstd", &write(folder.path(), "kept.toml", text)]);
+        assert!(output.status.success());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let words = words_of(&format!("note = \"x\"\n{}", STUDY.replace("epsilon = 0.25", "epsilon = 0.5")));
+    assert!(words.contains("policy.epsilon, note: not as in studies/zstd"), "{words}");
+    assert!(words.contains("`treewright policy zstd`") && words.contains("--note"), "{words}");
+    assert_eq!(words_of(STUDY), "");
+    assert_eq!(words_of(&STUDY.replace("epsilon = 0.25", "")), "", "what a file leaves out stays");
     let other = STUDY.replace("render_ms", "bytes");
     let output = run(&fake, &["study", "edit", "zstd", &write(folder.path(), "other.toml", &other)]);
     let words = String::from_utf8_lossy(&output.stderr).into_owned();
