@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 
+use tokio::sync::SemaphorePermit;
 use treewright_core::tuner::Learnt;
 use treewright_store::{Fence, Receipt, Store};
 
@@ -51,8 +52,16 @@ impl Tuning {
         self.save_where(|saved, completed| completed.saturating_sub(saved.stored) >= many).await;
     }
 
+    /// Waits until no checkpoint is being saved; none is until the permit is dropped.
+    ///
+    /// # Errors
+    /// [`Error::Defect`], as the semaphore is never closed.
+    pub(super) async fn pause_checkpoints(&self) -> Result<SemaphorePermit<'_>, Error> {
+        self.saving.acquire().await.map_err(|_| Error::Defect("checkpoints are saved no more"))
+    }
+
     async fn save_where(&self, is_due: impl Fn(Saved, u64) -> bool) {
-        let Ok(_alone) = self.saving.acquire().await else { return };
+        let Ok(_alone) = self.pause_checkpoints().await else { return };
         for (study, runtime) in self.in_memory() {
             let due = runtime.peek(|live| live.take_due(self.store(), &is_due)).flatten();
             let Some(due) = due else {
@@ -101,6 +110,7 @@ pub(super) mod tests {
     use std::collections::BTreeMap;
 
     use prost_types::FieldMask;
+    use treewright_core::configuration::RawConfiguration;
     use treewright_core::limits::CHECKPOINT_TRIALS_MIN;
     use treewright_core::policy::{Policy, SearchMethod};
     use treewright_core::space::{Scale, Space};
@@ -113,7 +123,7 @@ pub(super) mod tests {
 
     use super::*;
     use crate::clock::ManualClock;
-    use crate::convert::from_proto::{Report, Suggest};
+    use crate::convert::from_proto::{Report, SpaceChange, Suggest};
     use crate::convert::names::TrialName;
     use crate::convert::study_update::StudyUpdate;
 
@@ -204,6 +214,27 @@ pub(super) mod tests {
         last.await;
         let checkpoint = store.load("hall").await.expect("loaded").checkpoint;
         assert_eq!(checkpoint.map(|checkpoint| checkpoint.completion), Some(many));
+    }
+
+    /// One that is under way as the space changes is of the space of before.
+    #[tokio::test]
+    async fn a_change_of_the_space_waits_for_who_saves() {
+        let tuning = Tuning::new(Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
+        tuning.create_study("hall", &spec()).await.expect("created");
+        let space = Space::builder().integer("a", 0..=9).default(4).integer("b", 0..=8).default(4);
+        let change = SpaceChange {
+            revision: 1,
+            space: space.build().expect("valid"),
+            fixed: RawConfiguration::new(),
+            validate_only: false,
+        };
+        let study = "hall".into();
+        let other = tuning.saving.acquire().await.expect("it is never closed");
+        let mut changed = std::pin::pin!(tuning.change_space(&study, &change));
+        let early = tokio::time::timeout(std::time::Duration::from_millis(50), &mut changed).await;
+        assert!(early.is_err(), "somebody saves");
+        drop(other);
+        assert_eq!(changed.await.expect("changed").0.earlier.revision(), 2);
     }
 
     /// The daemon's answers do not depend on its checkpoints, nor on when it starts.

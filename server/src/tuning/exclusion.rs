@@ -30,8 +30,7 @@ impl Tuning {
     /// # Errors
     /// As the wire contract names them.
     pub async fn exclude_trial(&self, name: &TrialName, reason: Option<&str>) -> Result<RawTrial, Error> {
-        let closed = Error::Defect("checkpoints are saved no more");
-        let _alone = self.saving.acquire().await.map_err(|_| closed)?;
+        let _alone = self.pause_checkpoints().await?;
         let mut found = self
             .with_tuner(&name.study.id, |live, store, _| {
                 live.knows(name)?;

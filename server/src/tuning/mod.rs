@@ -49,7 +49,7 @@ pub struct Tuning {
     /// Permits for plans that are computed at once.
     planning_permits: Arc<Semaphore>,
     /// One caller at a time saves checkpoints: a slow one must not replace a newer checkpoint, on whose
-    /// ground trials may have been removed. Nor is one saved while a trial is excluded.
+    /// ground trials may have been removed. Nor is one saved while a trial is excluded or the space changes.
     saving: Semaphore,
     runtimes: Mutex<Runtimes>,
 }

@@ -94,8 +94,10 @@ impl Tuning {
         }
     }
 
-    /// Stores a change, unless it was stored meanwhile.
+    /// Stores a change, unless it was stored meanwhile. No checkpoint is saved meanwhile: one from before the
+    /// change could be taken for one of the same space after a further change.
     async fn store_change(&self, study: &StudyName, change: &SpaceChange) -> Result<(), Error> {
+        let _alone = self.pause_checkpoints().await?;
         let receipts = self
             .with_tuner(&study.id, |live, store, _| {
                 // The name may have gone to another study meanwhile.
