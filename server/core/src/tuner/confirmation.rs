@@ -9,7 +9,7 @@
 //! From then on the verdict is exploited without further computation. The default runs in every race, so that
 //! the winner's gain is measured beside it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
@@ -55,6 +55,9 @@ pub(super) struct Confirming {
     disturbances: u64,
     /// The contender of each open trial, by trial number.
     open: BTreeMap<u64, usize>,
+    /// The challengers of which a run was stopped below their known cost.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    stopped: BTreeSet<usize>,
     /// Its consequences have been decided.
     settled: bool,
 }
@@ -87,6 +90,7 @@ impl Confirming {
             tried: results.tried(),
             disturbances: results.disturbances(),
             open: BTreeMap::new(),
+            stopped: BTreeSet::new(),
             settled: false,
         }
     }
@@ -107,14 +111,15 @@ impl Confirming {
         Some((place, (self.race.rounds(place) + running(place)) as u64 + 1))
     }
 
-    /// Takes a trial out, with its cost if it has one, or with the finding that its contender cannot be run.
+    /// Takes a trial out, with what it found of its contender if it found anything.
     pub(super) fn release(&mut self, trial: u64, finding: Option<Finding>) {
         let Some(place) = self.open.remove(&trial) else {
             return;
         };
         match finding {
             Some(Finding::Cost(cost)) => self.race.tell(place, cost),
-            Some(Finding::Fails) => self.race.fail(place),
+            Some(Finding::Stopped { known }) if self.stopped.insert(place) => self.race.tell(place, known),
+            Some(Finding::Stopped { .. } | Finding::Fails) => self.race.fail(place),
             None => {}
         }
     }
@@ -178,7 +183,13 @@ impl Confirming {
 pub(super) enum Finding {
     /// A cost.
     Cost(f64),
-    /// The contender cannot be run, or is never run to its end.
+    /// A challenger was stopped below its known cost. Once may be chance, and counts as that cost; who is
+    /// stopped so twice is never run to its end.
+    Stopped {
+        /// The mean cost of its runs before.
+        known: f64,
+    },
+    /// The contender cannot be run.
     Fails,
 }
 
@@ -388,12 +399,12 @@ impl Tuner {
             _ if trial.decision.silent => None,
             (Some(Outcome::Ok), Some(cost)) => Some(Finding::Cost(cost)),
             // A contender did well before, so a trial that was stopped is one dear measurement like others. A
-            // bound below the known cost is none, and speaks for nobody.
+            // bound below the known cost is none.
             (Some(Outcome::Aborted { .. }), Some(bound)) => {
                 let known = record.map_or(0.0, |record| record.mean_cost);
                 let is_incumbent = trial.configuration == *self.incumbent(state);
                 let counts = is_incumbent || bound >= known;
-                Some(if counts { Finding::Cost(bound.max(known)) } else { Finding::Fails })
+                Some(if counts { Finding::Cost(bound.max(known)) } else { Finding::Stopped { known } })
             }
             (Some(Outcome::Failed { .. }), _) if gives_up => Some(Finding::Fails),
             _ => None,
@@ -449,5 +460,53 @@ impl Tuner {
             measurements: race.map_or(0, |race| race.race.measurements() as u64),
             gain: race.and_then(|race| race.gain(&answered.configuration, self.spec.space.default_ref())),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::policy::Policy;
+    use crate::tuner::tests::{ask, cost, measured, spec};
+
+    #[test]
+    fn a_challenger_leaves_when_it_is_stopped_below_its_known_cost_a_second_time() {
+        let policy = Policy { epsilon: 1.0, trials_per_state: 12, ..Policy::default() };
+        let mut tuner = Tuner::new(Arc::new(spec(policy))).expect("valid");
+        let state = StateId(1);
+        let of_challenger = (0..100).find_map(|frame| {
+            let trial = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid").0;
+            let place = tuner.race(state).and_then(|race| race.open.get(&trial.number).copied());
+            if let Some(place) = place.filter(|&place| place > 0) {
+                return Some((trial, place));
+            }
+            let noise = 1.0 + 0.01 * f64::from(frame % 3);
+            assert!(tuner.report(&trial, measured(noise * cost(&trial)), Outcome::Ok, 1).is_ok());
+            None
+        });
+        let (trial, place) = of_challenger.expect("a race");
+        let known = tuner.states.results(state).record(&trial.configuration).expect("it ran").mean_cost;
+        let stopped = Trial { outcome: Some(Outcome::Aborted { lower_bound: 0.001 }), ..trial };
+        let mut race = tuner.race(state).expect("a race").clone();
+        race.race = Race::new(race.contenders.len(), Some(1.0), 10);
+        let mut stop = |race: Confirming| {
+            let own = tuner.searches.change(state).expect("a search");
+            own.confirming.insert(race).open.insert(stopped.number, place);
+            tuner.tell_race(&stopped, Some(0.001));
+            tuner.race(state).expect("the same").clone()
+        };
+        let stands =
+            |race: &Confirming| race.race.next(|other| if other == place { 0 } else { 100 }) == Some(place);
+        let mut once = stop(race);
+        assert!(stands(&once) && once.race.rounds(place) == 1 && once.open.is_empty(), "{once:?}");
+        let text = serde_json::to_string(&once).expect("plain data");
+        assert_eq!(serde_json::from_str::<Confirming>(&text).expect("own text"), once);
+        let twice = stop(once.clone());
+        assert!(!stands(&twice) && twice.race.rounds(place) == 1, "{twice:?}");
+        once.race.tell(0, known);
+        let gain = once.race.gain(place, 0).expect("a round of both");
+        assert!(gain.log_ratio.abs() < 1e-12, "it counts as {known}: {gain:?}");
     }
 }
