@@ -78,12 +78,14 @@ pub struct FrontHistory {
     /// Number of runs at the beginning.
     before: usize,
     over: BTreeSet<usize>,
+    /// Repeats that were excluded by themselves, each as its run and its direction.
+    spared: BTreeSet<(u64, usize)>,
 }
 
 impl FrontHistory {
     /// Goes on from the stored trials of one input and one machine. Those that are excluded do not count, nor
-    /// what repeats them, nor trials at cheaper levels. In the first quarter of the `planned` runs only the
-    /// metrics themselves are minimised, unless that was over before.
+    /// what repeats them, nor trials at cheaper levels; an excluded repeat is not made again. In the first
+    /// quarter of the `planned` runs only the metrics themselves are minimised, unless that was over before.
     #[must_use]
     pub fn new(front: Front, trials: Vec<TrialRecord>, planned: u32) -> Self {
         let excluded = trials.iter().filter(|trial| trial.exclusion.is_some());
@@ -93,9 +95,13 @@ impl FrontHistory {
             let is_out = is_excluded(trial.number()) || is_excluded(carried_from(trial));
             trial.outcome.is_some() && trial.fidelity.is_none() && !is_out
         };
-        let trials: Vec<_> = trials.into_iter().filter(counts).collect();
+        let (trials, left): (Vec<_>, Vec<_>) = trials.into_iter().partition(counts);
         let before = trials.iter().filter(|trial| carried_from(trial).is_none()).count();
-        Self { front, trials, planned, before, over: BTreeSet::new() }
+        let (over, spared) = (BTreeSet::new(), BTreeSet::new());
+        let mut history = Self { front, trials, planned, before, over, spared };
+        let spared = left.iter().filter(|trial| trial.exclusion.is_some());
+        history.spared = spared.filter_map(|trial| history.repeated(trial)).collect();
+        history
     }
 
     /// The trials.
@@ -175,8 +181,8 @@ impl FrontHistory {
     /// [`crate::Client::ask`], each with its report. These trials are not run.
     #[must_use]
     pub fn owed(&self) -> Vec<(Question, Measurements, Outcome)> {
-        let carried = |trial: &TrialRecord| Some((carried_from(trial)?, self.direction(trial)?));
-        let known: BTreeSet<(u64, usize)> = self.trials.iter().filter_map(carried).collect();
+        let known = self.trials.iter().filter_map(|trial| self.repeated(trial));
+        let known: BTreeSet<(u64, usize)> = known.chain(self.spared.iter().copied()).collect();
         let ideal = self.ideal();
         let count = if ideal.is_some() { self.front.directions() } else { self.front.metrics().count() };
         let mut owed = Vec::new();
@@ -216,6 +222,11 @@ impl FrontHistory {
     fn direction(&self, trial: &TrialRecord) -> Option<usize> {
         let direction = trial.indicators.get(Front::DIRECTION)?.round();
         self.front.range().contains(&direction).then_some(direction as usize)
+    }
+
+    /// The run that a trial repeats, and the direction for which it does.
+    fn repeated(&self, trial: &TrialRecord) -> Option<(u64, usize)> {
+        Some((carried_from(trial)?, self.direction(trial)?))
     }
 
     fn runs(&self) -> impl Iterator<Item = &TrialRecord> {

@@ -123,3 +123,16 @@ fn a_history_leaves_out_what_is_excluded_with_its_repetitions_and_cheaper_levels
     let told = history.owed();
     assert_eq!(told.len(), 1, "the second metric's direction of the one run that counts: {told:?}");
 }
+
+#[test]
+fn a_repeat_that_was_excluded_by_itself_is_not_made_again() {
+    let mut trials = vec![
+        trial(1, 0, 1, &measured(1), ""),
+        trial(2, 1, 1, &measured(1), "studies/toy@0123456789abcdef/trials/1"),
+    ];
+    trials[1].exclusion = Some("it ran while the machine was busy".to_owned());
+    let history = FrontHistory::new(front(), trials.clone(), 80);
+    assert_eq!((history.runs().count(), history.owed().len()), (1, 0));
+    trials.truncate(1);
+    assert_eq!(FrontHistory::new(front(), trials, 80).owed().len(), 1, "one that is missing is made");
+}

@@ -86,6 +86,8 @@ class History {
     const excluded = new Set(trials.filter(({ trial }) => trial.exclusion).map(({ number }) => number));
     this.metrics = metrics;
     this.trials = trials.filter(({ trial, number, repeats }) => !trial.fidelity && !excluded.has(number) && !excluded.has(repeats));
+    // Repeats that were excluded by themselves are not made again.
+    this.spared = trials.filter(({ trial, repeats }) => trial.exclusion && repeats !== undefined);
     this.planned = planned;
     this.before = this.runs().length;
   }
@@ -151,7 +153,8 @@ class History {
 
   /** The results to carry over, so that every direction knows of every run: questions, each with its report. They are not run. */
   owed() {
-    const known = new Set(this.trials.filter(({ repeats }) => repeats !== undefined).map((one) => `${one.repeats} ${this.direction(one)}`));
+    const repeats = [...this.spared, ...this.trials.filter(({ repeats }) => repeats !== undefined)];
+    const known = new Set(repeats.map((one) => `${one.repeats} ${this.direction(one)}`));
     const ideal = this.ideal();
     const owed = [];
     for (const run of this.runs()) {

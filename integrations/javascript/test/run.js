@@ -492,6 +492,14 @@ async function fronts() {
   assert.deepEqual([await study.front(), await study.front({ metrics: definition.metrics })], [found, found]);
   assert.equal((await study.front({ reference: [1e-9, 1e9] })).hypervolume, 0);
   await rejects(study.front({ reference: [1] }), "invalid", "for each metric");
+  // A repeat that is excluded by itself is not made again.
+  const request = { study: "studies/node-front", filter: "state = COMPLETED", pageSize: 1000 };
+  const repeats = async () => (await client.call("queryTrials", request)).trials.filter(({ origin }) => origin);
+  const before = await repeats();
+  const repeat = before.find(({ indicators }) => indicators.direction < 2);
+  await client.call("excludeTrial", { trial: repeat.name, reason: "the machine was busy" });
+  await (await (await Front.open(client, "node-front", { ...definition, trials: 1 })).suggest()).abandon();
+  assert.equal((await repeats()).length, before.length);
   // An excluded run counts nowhere, nor does what repeats it for other directions.
   await client.call("excludeTrial", { trial: one.trial, reason: "the machine was busy" });
   const rest = await again();
