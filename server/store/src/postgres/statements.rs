@@ -236,13 +236,15 @@ pub(super) const COMPLETED_TRIALS: &str = concat!(
 // Background work that replicas share: a row in use by one replica is skipped by the others.
 
 /// The studies with leases that ended before `$1`: those of replica `$2`, and those without a living owner,
-/// which it takes over.
+/// which it takes over. A row that another replica took meanwhile is judged again by its new owner, which a
+/// question within the question finds; a join would compare that owner with the replica of before.
 pub(super) const STUDIES_WITH_DUE_LEASES: &str = concat!(
-    "WITH orphans AS (SELECT s.id FROM studies s LEFT JOIN replicas r ON r.id = s.owner ",
+    "WITH orphans AS (SELECT s.id FROM studies s ",
     "WHERE s.name IS NOT NULL AND s.owner IS DISTINCT FROM $2 AND EXISTS (SELECT 1 FROM trials t ",
-    "WHERE t.study = s.id AND t.state = 'OPEN' AND t.lease_expire_ms < $1) AND NOT ",
+    "WHERE t.study = s.id AND t.state = 'OPEN' AND t.lease_expire_ms < $1) ",
+    "AND NOT EXISTS (SELECT 1 FROM replicas r WHERE r.id = s.owner AND ",
     lives!("$3"),
-    " ORDER BY s.id LIMIT $4 FOR NO KEY UPDATE OF s SKIP LOCKED), ",
+    ") ORDER BY s.id LIMIT $4 FOR NO KEY UPDATE OF s SKIP LOCKED), ",
     "adopted AS (UPDATE studies s SET owner = $2 FROM orphans WHERE s.id = orphans.id RETURNING s.name) ",
     "SELECT name FROM adopted UNION ALL (SELECT s.name FROM studies s WHERE s.owner = $2 ",
     "AND s.name IS NOT NULL AND EXISTS (SELECT 1 FROM trials t WHERE t.study = s.id ",
