@@ -4,6 +4,7 @@
 //! was outside after one change may be inside again after the next. So nothing is checked on the way: only
 //! the present space decides, and a change that is undone brings every trial back.
 
+use std::collections::BTreeMap;
 use std::mem::discriminant;
 
 use serde::{Deserialize, Serialize};
@@ -95,10 +96,11 @@ impl EarlierSpaces {
             Err(SpaceError::Value { parameter: name, value, allowed })
         });
         let mut fixed = fixed.collect::<Result<RawConfiguration, _>>()?;
+        let changes = self.changes_from(1, from);
         for Parameter { name, domain, default, .. } in to.parameters() {
             if from.parameter(name).is_none()
                 && !fixed.contains_key(name)
-                && let Some((_, kept)) = self.since(1, name, from)
+                && let Some((_, kept)) = changes.removed.get(name.as_str())
             {
                 let kept = in_kind(domain, kept);
                 if kept != *default && domain.contains(&kept) {
@@ -123,19 +125,18 @@ impl EarlierSpaces {
         mut values: RawConfiguration,
         present: &Space,
     ) -> Option<Configuration> {
-        if !self.had_what_is_gone(revision, &values, present) {
+        let changes = self.changes_from(revision, present);
+        if !self.had_what_is_gone(revision, &values, present, &changes) {
             return None;
         }
         let mut adopted = RawConfiguration::new();
         for parameter in present.parameters() {
             let name = &parameter.name;
-            let is_its = |value: &Value| {
-                is_of_kind(parameter, value) || !self.is_kept(revision, (name, value), present)
-            };
+            let is_its = |value: &Value| is_of_kind(parameter, value) || !changes.is_kept(name, value);
             let value = values.remove(name).filter(is_its);
             match (is_active(parameter, &adopted), value) {
                 (true, value) => {
-                    let value = value.as_ref().unwrap_or_else(|| self.before(revision, parameter, present));
+                    let value = value.as_ref().unwrap_or_else(|| changes.before(parameter));
                     adopted.insert(parameter.name.clone(), in_kind(&parameter.domain, value));
                 }
                 // It has no effect any more; what it had must be what is usual.
@@ -145,7 +146,7 @@ impl EarlierSpaces {
                 (false, _) => {}
             }
         }
-        if !values.iter().all(|left| self.is_kept(revision, left, present)) {
+        if !values.iter().all(|(name, value)| changes.is_kept(name, value)) {
             return None;
         }
         present.configuration(adopted).ok()
@@ -182,14 +183,14 @@ impl EarlierSpaces {
         configuration: &Configuration,
         present: &Space,
     ) -> Option<(Configuration, Configuration)> {
-        let space = self.space(revision)?;
+        let (space, changes) = (self.space(revision)?, self.changes_from(revision, present));
         let mut values = RawConfiguration::new();
         for parameter in space.parameters() {
             if is_active(parameter, &values) {
                 let default = present.parameter(&parameter.name).map(|here| &here.default);
                 let value = configuration.get(&parameter.name).or(default);
                 let value = value.filter(|value| is_of_kind(parameter, value));
-                let kept = || self.since(revision, &parameter.name, present).map(|(_, kept)| kept);
+                let kept = || changes.removed.get(parameter.name.as_str()).map(|(_, kept)| *kept);
                 let value = value.or_else(kept).unwrap_or(&parameter.default);
                 let value = in_kind(&parameter.domain, value);
                 let is_there = parameter.domain.contains(&value);
@@ -204,28 +205,33 @@ impl EarlierSpaces {
 
     /// Whether a configuration of a revision had what all have since then of each parameter that came after
     /// it and is gone again.
-    fn had_what_is_gone(&self, revision: u32, values: &RawConfiguration, present: &Space) -> bool {
+    fn had_what_is_gone<'a>(
+        &'a self,
+        revision: u32,
+        values: &RawConfiguration,
+        present: &'a Space,
+        changes: &Changes<'a>,
+    ) -> bool {
         let Some(own) = self.space(revision) else { return true };
+        let (own, present_ones) = (by_name(own), by_name(present));
+        let stays = |name: &str| own.contains_key(name) || present_ones.contains_key(name);
+        if changes.removed.keys().all(|&name| stays(name)) {
+            return true;
+        }
         self.changes(revision, present).skip(1).all(|(then, ..)| {
             let mut held = RawConfiguration::new();
             then.parameters().iter().all(|parameter| {
-                let name = &parameter.name;
-                let is_of = |space: &Space| space.parameter(name).is_some();
-                let unnamed = present.parameter(name).or((!is_of(own)).then_some(parameter));
-                let before = || unnamed.map(|unnamed| self.before(revision, unnamed, present));
+                let name = parameter.name.as_str();
+                let unnamed = present_ones.get(name).copied();
+                let unnamed = unnamed.or((!own.contains_key(name)).then_some(parameter));
+                let before = || unnamed.map(|unnamed| changes.before(unnamed));
                 let value = values.get(name).or_else(before).filter(|_| is_active(parameter, &held));
                 let Some(value) = value else { return true };
-                let is_kept = is_of(own) || is_of(present) || self.is_kept(revision, (name, value), present);
-                held.insert(name.clone(), in_kind(&parameter.domain, value));
+                let is_kept = stays(name) || changes.is_kept(name, value);
+                held.insert(name.to_owned(), in_kind(&parameter.domain, value));
                 is_kept
             })
         })
-    }
-
-    /// Whether a value of a parameter is the one that all have since the parameter was removed.
-    fn is_kept(&self, revision: u32, (name, value): (&String, &Value), present: &Space) -> bool {
-        let since = self.since(revision, name, present);
-        since.is_some_and(|(removed, kept)| in_kind(&removed.domain, value) == *kept)
     }
 
     /// The changes from a revision on, each as the space before, the space after, and its fixed values.
@@ -233,7 +239,7 @@ impl EarlierSpaces {
         &'a self,
         revision: u32,
         present: &'a Space,
-    ) -> impl DoubleEndedIterator<Item = (&'a Space, &'a Space, &'a RawConfiguration)> {
+    ) -> impl Iterator<Item = (&'a Space, &'a Space, &'a RawConfiguration)> {
         let from = (revision.max(1) as usize - 1).min(self.0.len());
         (from..self.0.len()).map(move |place| {
             let EarlierSpace { space, fixed, .. } = &self.0[place];
@@ -241,29 +247,46 @@ impl EarlierSpaces {
         })
     }
 
-    /// The value of a parameter that configurations of a revision have without naming it: that of the first
-    /// change that added it.
-    fn before<'a>(&'a self, revision: u32, parameter: &'a Parameter, present: &'a Space) -> &'a Value {
-        let name = &parameter.name;
-        let added = self.changes(revision, present).find_map(|(before, after, fixed)| {
-            let added = after.parameter(name).filter(|_| before.parameter(name).is_none())?;
-            Some(fixed.get(name).unwrap_or(&added.default))
-        });
-        added.unwrap_or(&parameter.default)
+    /// What the changes from a revision on added and removed.
+    fn changes_from<'a>(&'a self, revision: u32, present: &'a Space) -> Changes<'a> {
+        let mut changes = Changes::default();
+        for (before, after, fixed) in self.changes(revision, present) {
+            let (earlier, later) = (by_name(before), by_name(after));
+            for (&name, &added) in later.iter().filter(|(name, _)| !earlier.contains_key(**name)) {
+                changes.added.entry(name).or_insert(fixed.get(name).unwrap_or(&added.default));
+            }
+            for (&name, &removed) in earlier.iter().filter(|(name, _)| !later.contains_key(**name)) {
+                changes.removed.insert(name, (removed, fixed.get(name).unwrap_or(&removed.default)));
+            }
+        }
+        changes
+    }
+}
+
+/// What the changes from a revision on added and removed, by name.
+#[derive(Default)]
+struct Changes<'a> {
+    /// What all trials before the first change that added a parameter had of it.
+    added: BTreeMap<&'a str, &'a Value>,
+    /// A parameter as the last change that removed it found it, and its value since then.
+    removed: BTreeMap<&'a str, (&'a Parameter, &'a Value)>,
+}
+
+impl<'a> Changes<'a> {
+    /// The value of a parameter that configurations of the revision have without naming it.
+    fn before(&self, parameter: &'a Parameter) -> &'a Value {
+        self.added.get(parameter.name.as_str()).copied().unwrap_or(&parameter.default)
     }
 
-    /// The last change that removed a parameter: the parameter, and its value since then.
-    fn since<'a>(
-        &'a self,
-        revision: u32,
-        name: &str,
-        present: &'a Space,
-    ) -> Option<(&'a Parameter, &'a Value)> {
-        self.changes(revision, present).rev().find_map(|(before, after, fixed)| {
-            let removed = before.parameter(name).filter(|_| after.parameter(name).is_none())?;
-            Some((removed, fixed.get(name).unwrap_or(&removed.default)))
-        })
+    /// Whether a value of a parameter is the one that all have since the parameter was removed.
+    fn is_kept(&self, name: &str, value: &Value) -> bool {
+        let removed = self.removed.get(name);
+        removed.is_some_and(|(removed, kept)| in_kind(&removed.domain, value) == **kept)
     }
+}
+
+fn by_name(space: &Space) -> BTreeMap<&str, &Parameter> {
+    space.parameters().iter().map(|parameter| (parameter.name.as_str(), parameter)).collect()
 }
 
 /// A value in the kind of a domain, in which a whole number may be either.
@@ -301,6 +324,7 @@ mod tests {
 
     use super::*;
     use crate::assignment::Assignment;
+    use crate::limits::PARAMETERS_MAX;
     use crate::space::{Constraint, Scale};
     use crate::testing::{cases, spaces};
 
@@ -388,6 +412,33 @@ mod tests {
         assert_eq!(between.to_raw(), raw(&[("a", 7), ("b", 8)]));
         let twice = [(&one, none()), (&two, none()), (&one, raw(&[("b", 8)])), (&two, none())];
         assert_eq!(adopted(&twice, raw(&[("a", 7)])).as_deref(), Some("a=7 b=1"));
+    }
+
+    /// As many changes as there may be, each of all parameters but one.
+    #[test]
+    fn trials_are_read_through_the_longest_history() {
+        let parameter = |name: String| Parameter {
+            name,
+            domain: Domain::Boolean,
+            default: Value::Boolean(false),
+            active_if: None,
+        };
+        let space = |revision: usize| {
+            let names = (1..PARAMETERS_MAX).map(|place| format!("of_{revision}_{place}"));
+            let parameters = ["a".to_owned()].into_iter().chain(names).map(parameter).collect();
+            Space::new(parameters, Vec::new()).expect("a space")
+        };
+        let (mut earlier, mut present) = (EarlierSpaces::default(), space(1));
+        for revision in 2..=SPACE_REVISIONS_MAX {
+            let to = space(revision);
+            earlier = earlier.changed(&present, &to, 9, RawConfiguration::new()).expect("a change");
+            present = to;
+        }
+        let mut values = RawConfiguration::from([("a".to_owned(), Value::Boolean(true))]);
+        let adopted = earlier.adopt(1, values.clone(), &present).expect("all else is as it was");
+        assert_eq!(adopted.get("a"), Some(&Value::Boolean(true)));
+        values.insert("of_1_5".to_owned(), Value::Boolean(true));
+        assert_eq!(earlier.adopt(1, values, &present), None, "it had another value");
     }
 
     #[test]
