@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _};
 use serde::{Deserialize, Serialize};
-use treewright_client::without_empty_variables;
+use treewright_client::{CredentialArguments, without_empty_variables};
 
 use crate::arguments::Arguments;
 use crate::failure::Failure;
@@ -17,6 +17,8 @@ use crate::files;
 const VARIABLE: &str = "TREEWRIGHT_CONFIG";
 /// The file's name in its folder.
 const NAME: &str = "config.toml";
+/// The settings that only an `https:` address uses.
+const TLS: [&str; 3] = ["tls_ca", "tls_cert", "tls_key"];
 
 /// The settings; each has the name of its argument.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -115,7 +117,26 @@ impl Settings {
         }
         let matches = without_empty_variables(command).try_get_matches_from(from)?;
         self.note_sources(&matches);
-        Arguments::from_arg_matches(&matches)
+        let mut arguments = Arguments::from_arg_matches(&matches)?;
+        self.leave_out_tls(&matches, &mut arguments);
+        Ok(arguments)
+    }
+
+    /// Leaves out TLS settings that an address without TLS overrules: they are for another daemon. Where one
+    /// comes from the same place as the address, or goes before it, all stay, and connecting refuses them.
+    fn leave_out_tls(&mut self, matches: &ArgMatches, arguments: &mut Arguments) {
+        let server = arguments.server.as_deref().unwrap_or_default();
+        let has_tls = server.split(',').any(|url| url.trim().starts_with("https://"));
+        let place = |name: &str| matches.value_source(name);
+        if has_tls || !TLS.iter().all(|name| place(name) < place("server")) {
+            return;
+        }
+        let CredentialArguments { tls_ca, tls_cert, tls_key, .. } = &mut arguments.credentials;
+        for (name, path) in TLS.into_iter().zip([tls_ca, tls_cert, tls_key]) {
+            if path.take().is_some() {
+                self.sources.insert(name, "left out, as the address has no TLS");
+            }
+        }
     }
 
     fn note_sources(&mut self, matches: &ArgMatches) {
@@ -207,6 +228,27 @@ mod tests {
             ("the file", "the command line")
         );
         assert_eq!(settings.sources["tls_ca"], "not set");
+    }
+
+    #[test]
+    fn tls_settings_are_left_out_where_an_address_without_tls_overrules_theirs() {
+        let read = |more: &[&str]| {
+            let mut found =
+                settings("server = \"https://a:1\"\ntls_ca = \"c\"\ntls_cert = \"d\"\ntls_key = \"e\"\n");
+            let line = ["treewright", "ping"].iter().chain(more).copied();
+            let credentials = found.arguments(line).expect("arguments").credentials;
+            let given = [credentials.tls_ca, credentials.tls_cert, credentials.tls_key];
+            (given.map(|path| path.is_some()), found.sources["tls_ca"])
+        };
+        assert_eq!(read(&[]), ([true; 3], "the file"));
+        assert_eq!(read(&["--server", "https://b:1"]), ([true; 3], "the file"));
+        let left_out = ([false; 3], "left out, as the address has no TLS");
+        for url in ["http://b:1", "unix:/run/a.sock,http://b:1", "local"] {
+            assert_eq!(read(&["--server", url]), left_out, "{url}");
+        }
+        // Who gives one with the address means this daemon, and is told.
+        let given = read(&["--server", "http://b:1", "--tls-ca", "f"]);
+        assert_eq!(given, ([true; 3], "the command line"));
     }
 
     #[test]
