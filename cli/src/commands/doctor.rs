@@ -175,12 +175,38 @@ fn studies(client: &Client) -> Finding {
     }
 }
 
-fn encryption(url: &str) -> Finding {
-    let host = url.split_once("://").map_or("", |(_, rest)| rest);
-    let is_here = ["127.", "localhost", "[::1]"].iter().any(|name| host.starts_with(name));
-    match (url.starts_with("https://"), is_here) {
-        (true, _) => good("encryption", "TLS"),
-        (false, true) => good("encryption", "none, on this machine"),
-        (false, false) => bad("encryption", "none: anyone on the network can read and change everything"),
+fn encryption(urls: &str) -> Finding {
+    let has_tls = |url: &str| url.starts_with("https://");
+    let is_here = |url: &str| {
+        let host = url.split_once("://").map_or("", |(_, rest)| rest);
+        url.starts_with("unix:") || ["127.", "localhost", "[::1]"].iter().any(|name| host.starts_with(name))
+    };
+    let urls = || urls.split(',').map(str::trim);
+    if urls().all(has_tls) {
+        good("encryption", "TLS")
+    } else if urls().all(|url| has_tls(url) || is_here(url)) {
+        good("encryption", "none, on this machine")
+    } else {
+        bad("encryption", "none: anyone on the network can read and change everything")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plain_text_is_a_fault_where_one_address_leads_to_another_machine() {
+        for (urls, is_good, found) in [
+            ("https://farm:1,https://other:1", true, "TLS"),
+            ("http://127.0.0.1:1", true, "none, on this machine"),
+            ("unix:/run/a.sock, http://localhost:1", true, "none, on this machine"),
+            ("http://localhost:1,http://farm:1", false, "none: anyone"),
+            ("https://farm:1,http://other:1", false, "none: anyone"),
+        ] {
+            let finding = encryption(urls);
+            assert_eq!(finding.is_good, is_good, "{urls}");
+            assert!(finding.found.starts_with(found), "{urls}: {}", finding.found);
+        }
     }
 }
