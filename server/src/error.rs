@@ -50,6 +50,14 @@ pub enum Error {
         /// The revision in the request.
         given: u32,
     },
+    /// A text of the study was changed since the form for it was shown.
+    #[error("somebody else has changed the {text} of study {study:?} meanwhile; load its page again")]
+    TextChanged {
+        /// The study's id.
+        study: String,
+        /// `note` or `tags`.
+        text: &'static str,
+    },
     /// The trial was handed out under a name that another study had at that time.
     #[error(
         "trial {number} was handed out before study {study:?} was created or renamed, and this is another study; \

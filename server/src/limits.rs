@@ -270,8 +270,9 @@ pub const DASHBOARD_PEER_BYTES: usize = 4 << 20;
 /// Largest file of a token for other dashboards, in bytes.
 pub const DASHBOARD_TOKEN_BYTES: usize = 4 << 10;
 
-/// Largest form that a browser may send, in bytes: the longest note and tags that the page takes, escaped.
-pub const DASHBOARD_FORM_BYTES: usize = 48 << 10;
+/// Largest form that a browser may send, in bytes: the longest note and tags that the page takes, and those
+/// that it showed, escaped.
+pub const DASHBOARD_FORM_BYTES: usize = 64 << 10;
 
 /// The head of a request for metrics or for a page must arrive within this time, and a form within as long
 /// again.

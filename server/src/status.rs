@@ -23,7 +23,7 @@ pub fn code(error: &Error) -> Code {
         Error::Tuner(error) => tuner_code(error),
         Error::Store(error) => store_code(error),
         Error::NothingMeasured { .. } | Error::Replaced { .. } | Error::EarlierTrial { .. } => Code::NotFound,
-        Error::SpaceChanged { .. } => Code::FailedPrecondition,
+        Error::SpaceChanged { .. } | Error::TextChanged { .. } => Code::FailedPrecondition,
         Error::Loading { .. } | Error::Reloading { .. } | Error::Draining => Code::Unavailable,
         Error::Busy { .. } | Error::Quota { .. } => Code::ResourceExhausted,
         Error::Tokens(_) => Code::Unavailable,
@@ -123,7 +123,10 @@ pub fn reason(error: &Error) -> &'static str {
         Error::Loading { .. } => "loading",
         Error::Reloading { .. } => "reloading",
         Error::NothingMeasured { .. } => "nothing_measured",
-        Error::Replaced { .. } | Error::EarlierTrial { .. } | Error::SpaceChanged { .. } => "replaced",
+        Error::Replaced { .. }
+        | Error::EarlierTrial { .. }
+        | Error::SpaceChanged { .. }
+        | Error::TextChanged { .. } => "replaced",
         Error::Tuner(_) => "tuner",
         Error::Store(error) => store_reason(error),
         Error::Tokens(_) => "store",

@@ -262,9 +262,18 @@ async fn a_note_and_tags_are_shown_and_changed_and_tags_lead_to_their_studies() 
         "<a href=\"/?tag=gpu\">gpu</a>",
         "value=\"b gpu\"",
         "maxlength=\"4096\">\n&#60;b&#62;one\ntwo</textarea>",
+        "name=\"note_shown\" value=\"&#60;b&#62;one\ntwo\"",
     ] {
         assert!(page.contains(part), "{part} is not in {page}");
     }
+    // Of a page that is older than what is stored.
+    let old = "note_shown=cold&tags_shown=gpu+b";
+    let (status, answer) = guarded.post(&form, &format!("note=cold&tags=b+gpu&{old}")).await;
+    assert_eq!(status, 303, "nothing was written: {answer}");
+    let (status, answer) = guarded.post(&form, &format!("note=colder&tags=gpu+b&{old}")).await;
+    assert!(status == 409 && answer.contains("changed the note of study"), "{answer}");
+    let page = guarded.get("/studies/hall").await.1;
+    assert!(page.contains("one\ntwo</p>") && page.contains("value=\"b gpu\""), "{page}");
     let rows = |list: &str| list.matches("<th scope=\"row\">").count();
     let list = guarded.get("/?tag=gpu").await.1;
     assert!(rows(&list) == 1 && list.contains("<a href=\"/?tag=b\">b</a>"), "{list}");

@@ -14,8 +14,12 @@ impl Query {
 
     /// The first value of a name; empty where there is none.
     pub(super) fn text(&self, name: &str) -> String {
-        let found = self.0.iter().find(|(known, _)| known == name);
-        found.map(|(_, value)| value.trim().to_owned()).unwrap_or_default()
+        self.given(name).map(|value| value.trim().to_owned()).unwrap_or_default()
+    }
+
+    /// The first value of a name with its blanks; `None` where the name is not given.
+    pub(super) fn given(&self, name: &str) -> Option<&str> {
+        self.0.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
     }
 
     /// All values of a name, in order.

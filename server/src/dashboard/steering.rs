@@ -4,6 +4,8 @@
 //! form has to come from a page of this port ([`is_own_form`]). Forms name their study by its identity, so
 //! that one from an old page does not change another study that was created under the same id.
 
+use std::collections::BTreeSet;
+
 use http::{HeaderMap, header};
 use prost_types::FieldMask;
 use treewright_core::policy::{PolicyChange, PolicySettings};
@@ -156,24 +158,45 @@ fn policy_change(
     FormChange { changed: paths.join(", "), request: FormRequest::of_study(study, paths, "/policy"), command }
 }
 
-/// Sets the note and all tags of a study.
+/// Sets the note and the tags of a study where somebody wrote others than the page had shown.
 async fn texts(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<FormChange, Error> {
     let name = format!("studies/{study}");
     let request = v1::GetStudyRequest { name: name.clone() };
-    let before = rpc::studies::get(visitor.tuning, visitor.caller, request).await?.tags;
+    let stored = rpc::studies::get(visitor.tuning, visitor.caller, request).await?;
+    let changed = |text| Error::TextChanged { study: pages::id(&stored.name).to_owned(), text };
     // Browsers end lines in this way.
-    let note = form.text("note").replace("\r\n", "\n");
-    let words = form.text("tags").replace(',', " ");
-    let tags: Vec<String> = words.split_whitespace().map(str::to_owned).collect();
-    let mut said = format!(" --note={}", shell_word(&note));
+    let note = |field: &str| form.given(field).map(|text| text.replace("\r\n", "\n"));
+    let note = merged(note("note"), note("note_shown"), &stored.note).ok_or_else(|| changed("note"))?;
+    let words = |text: &str| -> BTreeSet<String> {
+        text.replace(',', " ").split_whitespace().map(str::to_owned).collect()
+    };
+    let tags = |field: &str| form.given(field).map(words);
+    let before: BTreeSet<String> = stored.tags.iter().cloned().collect();
+    let tags = merged(tags("tags"), tags("tags_shown"), &before).ok_or_else(|| changed("tags"))?;
+    let mut said = String::new();
+    if note != stored.note {
+        said += &format!(" --note={}", shell_word(&note));
+    }
     for (flag, these, others) in [("tag", &tags, &before), ("untag", &before, &tags)] {
-        for tag in these.iter().filter(|tag| !others.contains(tag)) {
+        for tag in these.difference(others) {
             said += &format!(" --{flag}={}", shell_word(tag));
         }
     }
-    let study = v1::Study { name, note, tags, ..v1::Study::default() };
+    let study = v1::Study { name, note, tags: tags.into_iter().collect(), ..v1::Study::default() };
     let request = FormRequest::of_study(study, vec!["note".to_owned(), "tags".to_owned()], "");
     Ok(FormChange { changed: "note, tags".to_owned(), request, command: ("study edit", said) })
+}
+
+/// What becomes of a stored value by a form, which tells what its page had shown: it stays where the form
+/// does not change it. `None` where somebody else has changed it as well.
+fn merged<T: Clone + PartialEq>(given: Option<T>, shown: Option<T>, stored: &T) -> Option<T> {
+    match given {
+        Some(given) if shown.as_ref() != Some(&given) => {
+            let is_free = given == *stored || shown.is_none_or(|shown| shown == *stored);
+            is_free.then_some(given)
+        }
+        _ => Some(stored.clone()),
+    }
 }
 
 /// Excludes a trial for a reason, or counts it again without one.
@@ -315,6 +338,22 @@ mod tests {
         let excludes = exclusion("hall", "7", Some("the fan failed".to_owned())).command;
         let said = advice("hall", "http://10.0.0.7:7878", &excludes);
         assert!(said.ends_with(": treewright exclude hall/trials/7 'the fan failed'"), "{said}");
+    }
+
+    #[test]
+    fn a_form_changes_what_somebody_wrote_and_undoes_nobody_elses_change() {
+        for (given, shown, stored, becomes) in [
+            (Some("new"), Some("old"), "old", Some("new")),
+            (Some("old"), Some("old"), "another's", Some("another's")),
+            (Some("new"), Some("old"), "another's", None),
+            (Some("new"), Some("old"), "new", Some("new")),
+            (Some(""), Some("old"), "old", Some("")),
+            // From programs.
+            (Some("new"), None, "old", Some("new")),
+            (None, None, "old", Some("old")),
+        ] {
+            assert_eq!(merged(given, shown, &stored), becomes, "{given:?} {shown:?} {stored}");
+        }
     }
 
     #[test]
