@@ -69,7 +69,7 @@ pub enum StudyError {
     DisplayName,
     /// Too long, or holds control characters.
     #[error(
-        "note must be at most {NOTE_BYTES_MAX} bytes without control characters but line breaks and tabs"
+        "note must be at most {NOTE_BYTES_MAX} bytes without control characters but tabs and \\n (not \\r\\n)"
     )]
     Note,
     /// Too many.

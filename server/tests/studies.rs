@@ -178,7 +178,7 @@ async fn texts_for_people_change_and_are_not_compared() {
     request.update_mask = Some(FieldMask { paths: ["note", "tags"].map(str::to_owned).to_vec() });
     let wrong: [(fn(&mut wire::Study), &str); 4] = [
         (|s| s.note = "x".repeat(4097), "note must be at most 4096 bytes"),
-        (|s| s.note = "a\rb".to_owned(), "without control characters"),
+        (|s| s.note = "a\r\nb".to_owned(), r"control characters but tabs and \n (not \r\n)"),
         (|s| s.tags = vec!["two words".to_owned()], "tags: \"two words\" must be 1 to 32 letters"),
         (|s| s.tags = (0..17).map(|n| n.to_string()).collect(), "tags has 17; give at most 16"),
     ];
