@@ -50,6 +50,8 @@ for _ in $(seq 100); do
     fi
     sleep 0.1
 done
+# Certificates are for other daemons: this one has no TLS.
+unset TREEWRIGHT_TLS_CA TREEWRIGHT_CLIENT_CERT TREEWRIGHT_CLIENT_KEY
 url=$(sed -n 's/.*\(http:[^ ]*\).*/\1/p' "$folder/daemon.out" | head -n 1)
 if [ -z "$url" ]; then
     echo "demo: the daemon did not say where it listens; see $folder/daemon.log" >&2
