@@ -270,6 +270,9 @@ async fn a_note_and_tags_are_shown_and_changed_and_tags_lead_to_their_studies() 
     let old = "note_shown=cold&tags_shown=gpu+b";
     let (status, answer) = guarded.post(&form, &format!("note=cold&tags=b+gpu&{old}")).await;
     assert_eq!(status, 303, "nothing was written: {answer}");
+    let name = "studies/hall".to_owned();
+    let now = caller.get_study(wire::GetStudyRequest { name }).await.expect("there").into_inner();
+    assert_eq!((now.note, now.tags, now.policy), (stored.note, stored.tags, stored.policy));
     let (status, answer) = guarded.post(&form, &format!("note=colder&tags=gpu+b&{old}")).await;
     assert!(status == 409 && answer.contains("changed the note of study"), "{answer}");
     let page = guarded.get("/studies/hall").await.1;

@@ -173,8 +173,13 @@ async fn texts(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<FormC
     let tags = |field: &str| form.given(field).map(words);
     let before: BTreeSet<String> = stored.tags.iter().cloned().collect();
     let tags = merged(tags("tags"), tags("tags_shown"), &before).ok_or_else(|| changed("tags"))?;
-    let mut said = String::new();
-    if note != stored.note {
+    let (mut paths, mut said) = (Vec::new(), String::new());
+    if tags != before {
+        paths.push("tags".to_owned());
+    }
+    // Where nothing was written the note stays what it is: a mask of nothing would mean the policy.
+    if note != stored.note || paths.is_empty() {
+        paths.push("note".to_owned());
         said += &format!(" --note={}", shell_word(&note));
     }
     for (flag, these, others) in [("tag", &tags, &before), ("untag", &before, &tags)] {
@@ -183,8 +188,8 @@ async fn texts(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<FormC
         }
     }
     let study = v1::Study { name, note, tags: tags.into_iter().collect(), ..v1::Study::default() };
-    let request = FormRequest::of_study(study, vec!["note".to_owned(), "tags".to_owned()], "");
-    Ok(FormChange { changed: "note, tags".to_owned(), request, command: ("study edit", said) })
+    let (changed, request) = (paths.join(", "), FormRequest::of_study(study, paths, ""));
+    Ok(FormChange { changed, request, command: ("study edit", said) })
 }
 
 /// What becomes of a stored value by a form, which tells what its page had shown: it stays where the form
