@@ -156,13 +156,15 @@ impl FrontHistory {
     /// The measurements of a run with its cost in the direction of its trial.
     ///
     /// # Errors
-    /// [`ClientError::Invalid`] where a metric is missing or not above 0, and for trials without a direction.
+    /// [`ClientError::Invalid`] where a metric is missing, infinite or not above 0, and for trials without a
+    /// direction.
     pub fn with_cost(
         &self,
         trial: &TrialRecord,
         measured: Measurements,
     ) -> Result<Measurements, ClientError> {
-        let missing = self.front.metrics().find(|name| measured.get(name).is_none_or(|value| value <= 0.0));
+        let missing =
+            self.front.metrics().find(|name| measured.get(name).is_none_or(|value| !Front::is_usable(value)));
         let costs = || {
             let minimised = self.front.values(&measured.0)?;
             self.front.cost(self.direction(trial)?, &minimised, self.ideal().as_deref())
@@ -171,7 +173,7 @@ impl FrontHistory {
             (None, Some(cost)) => Ok(measured.with(Front::COST, cost)),
             (Some(name), _) => Err(ClientError::invalid(
                 format!("measurement `{name}`"),
-                "a front needs it in every run, above 0",
+                "a front needs it in every run, finite and above 0",
             )),
             (None, None) => Err(ClientError::invalid("trial", "it has no direction of this front")),
         }

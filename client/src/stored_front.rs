@@ -51,7 +51,7 @@ async fn read(core: &Arc<Core>, name: &str, query: &FrontQuery) -> Result<Pareto
         return Err(ClientError::invalid("metrics of a front", problem));
     };
     let reference = query.reference.as_deref();
-    let is_value = |value: &f64| *value > 0.0 && value.is_finite();
+    let is_value = |value: &f64| Front::is_usable(*value);
     if reference.is_some_and(|all| all.len() != front.metrics().count() || !all.iter().all(is_value)) {
         return Err(ClientError::invalid("reference of a front", "give one number above 0 for each metric"));
     }

@@ -174,9 +174,15 @@ impl Front {
         if self.metrics.len() == 2 { TWO } else { THREE }
     }
 
+    /// Whether a metric can be weighed at this value: above 0 and finite, as is its reciprocal.
+    #[must_use]
+    pub fn is_usable(value: f64) -> bool {
+        value > 0.0 && value.is_finite() && value.recip().is_finite()
+    }
+
     /// The metrics of a run, where all were measured and are above 0.
     fn measured(&self, measured: &BTreeMap<String, f64>) -> Option<Vec<f64>> {
-        let usable = |value: &f64| *value > 0.0 && value.is_finite() && value.recip().is_finite();
+        let usable = |value: &f64| Self::is_usable(*value);
         self.metrics.iter().map(|(name, _)| measured.get(name).copied().filter(usable)).collect()
     }
 

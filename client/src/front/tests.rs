@@ -136,3 +136,16 @@ fn a_repeat_that_was_excluded_by_itself_is_not_made_again() {
     trials.truncate(1);
     assert_eq!(FrontHistory::new(front(), trials, 80).owed().len(), 1, "one that is missing is made");
 }
+
+#[test]
+fn a_metric_that_cannot_be_weighed_is_named() {
+    let history = FrontHistory::new(front(), Vec::new(), 8);
+    let open = trial(1, 0, 1, &Measurements::new(), "");
+    let least = f64::from_bits(1);
+    for rate in [None, Some(0.0), Some(f64::INFINITY), Some(f64::NAN), Some(least)] {
+        let mut measured = Measurements::from([("time_ms", 1.0)]);
+        measured.0.extend(rate.map(|rate| ("rate".to_owned(), rate)));
+        let error = history.with_cost(&open, measured).expect_err("it cannot be weighed").to_string();
+        assert!(error.contains("`rate`") && error.contains("finite and above 0"), "{rate:?}: {error}");
+    }
+}
