@@ -32,10 +32,10 @@ impl TrialRecord {
     }
 
     /// Its configuration and its measurements for [`Front::of`]; `None` where it is no full run that
-    /// succeeded.
+    /// succeeded, or repeats one.
     #[must_use]
     pub fn measured_run(&self) -> Option<(&Configuration, &BTreeMap<String, f64>)> {
-        let counts = is_measured(self) && carried_from(self).is_none();
+        let counts = is_measured(self) && !self.repeats_a_run();
         counts.then_some((&self.configuration, &self.measurements.0))
     }
 }

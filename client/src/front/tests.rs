@@ -103,6 +103,9 @@ fn a_front_counts_each_run_once() {
     let found = front().of(trials.iter().filter_map(TrialRecord::measured_run), &default, None);
     assert_eq!((found.runs, found.configurations, found.points.len()), (2, 2, 2));
     assert!(trials.iter().map(TrialRecord::repeats_a_run).eq([false, false, false, true]));
+    // Where there are no directions, it was carried over from another study of the database.
+    trials[3].indicators = Indicators::from([("triangles", 5.0)]);
+    assert!(trials[3].measured_run().is_some());
 }
 
 #[test]

@@ -29,8 +29,9 @@ const isUsable = (value) => value > 0 && Number.isFinite(value) && Number.isFini
 /** A trial as the service has stored it, with what a front wants to know of it. */
 function recorded(trial) {
   const number = (name) => (name === undefined ? undefined : Number(name));
-  // Such a trial is no run: it tells another direction of one.
-  const repeats = number(/^studies\/.*\/(\d+)$/.exec(trial.origin ?? "")?.[1]);
+  // Such a trial is no run: it tells another direction of one. Without directions, it comes from another study.
+  const origin = trial.indicators?.[DIRECTION] === undefined ? undefined : trial.origin;
+  const repeats = number(/^studies\/.*\/(\d+)$/.exec(origin ?? "")?.[1]);
   const isMeasured = trial.outcome?.kind === "ok" && !trial.fidelity && !trial.exclusion;
   return { trial, number: number(/\/trials\/(\d+)$/.exec(trial.name)?.[1]), repeats, isMeasured, measurements: trial.measurements ?? {} };
 }

@@ -518,8 +518,8 @@ async function frontsOfStoredTrials() {
   });
   const trials = [
     trial(1, 5, 4, 4), trial(2, 1, 1, 2), trial(3, 2, 2, 1), trial(4, 3, 3, 3), trial(5, 2, 4, 3), trial(6, 2, 2, 1),
-    trial(7, 4, 0.5, 0.5, { fidelity: "small" }), trial(8, 4, 0.1, 0.1, { origin: "studies/box@1/trials/2" }),
-    trial(9, 4, 0.1, 0.1, { exclusion: "the machine was busy" }),
+    trial(7, 4, 0.5, 0.5, { fidelity: "small" }), trial(9, 4, 0.1, 0.1, { exclusion: "the machine was busy" }),
+    trial(8, 4, 0.1, 0.1, { origin: "studies/box@1/trials/2", indicators: { direction: 0 } }),
   ];
   const space = { parameters: [{ name: "level", integer: { min: 1, max: 9 }, defaultValue: { integer: 5 } }] };
   const box = { name: "studies/box", space };
@@ -549,6 +549,9 @@ async function frontsOfStoredTrials() {
   trials[3].fingerprint = { cpuModel: "another" };
   await rejects(study.front(), "invalid", "on 2 machine(s)");
   assert.equal((await study.front({ state: 1 })).runs, 6);
+  // Where there are no directions, it was carried over from another study of the database.
+  trials.push(trial(10, 1, 1, 2, { origin: "studies/other/trials/1" }));
+  assert.equal((await study.front({ state: 1 })).runs, 7);
   client.close();
   server.forceShutdown();
 }

@@ -169,7 +169,8 @@ async fn newest(
 
 /// A full run of this study, not one that is told to another direction.
 fn run(trial: &v1::Trial) -> Option<(Assignment, BTreeMap<String, f64>)> {
-    if !trial.fidelity.is_empty() || Front::repeated_run(&trial.origin).is_some() {
+    let has_direction = trial.indicators.contains_key(Front::DIRECTION);
+    if !trial.fidelity.is_empty() || has_direction && Front::repeated_run(&trial.origin).is_some() {
         return None;
     }
     let values = configuration_from_wire("configuration", trial.configuration.clone()?).ok()?;
@@ -186,5 +187,17 @@ mod tests {
         assert_eq!(written(&front), "time_ms,1/rate");
         let error = asked_front("time_ms").expect_err("one metric").to_string();
         assert!(error.starts_with("metrics: ") && error.contains("two or three"), "{error}");
+    }
+
+    #[test]
+    fn only_directions_repeat_runs() {
+        let mut trial = v1::Trial {
+            configuration: Some(v1::Configuration::default()),
+            origin: "studies/before/trials/1".to_owned(),
+            ..v1::Trial::default()
+        };
+        assert!(run(&trial).is_some());
+        trial.indicators.insert(Front::DIRECTION.to_owned(), 0.0);
+        assert!(run(&trial).is_none());
     }
 }
