@@ -78,6 +78,15 @@ class Metrics {
   }
 }
 
+/** The metrics that a study of this display name was made for; none for any other name. */
+function ofStudy(displayName = "") {
+  try {
+    return displayName.startsWith(NAME) ? new Metrics(displayName.slice(NAME.length).split(", ")) : undefined;
+  } catch {
+    return undefined;
+  }
+}
+
 /** The trials of a front so far, and what follows from them. */
 class History {
   #over = new Set();
@@ -374,9 +383,8 @@ export class FrontTrial {
 /** The front of what a study has stored, whatever it minimises. */
 export async function storedFront(client, name, { metrics, state, reference } = {}) {
   const study = await client.untilReady((deadlineMs) => client.call("getStudy", { name }, deadlineMs));
-  const named = metrics ?? (study.displayName?.startsWith(NAME) ? study.displayName.slice(NAME.length).split(", ") : undefined);
-  if (named === undefined) throw wrong(`${study.name} was made for none; name two or three of its measurements`);
-  const wanted = new Metrics(named);
+  const wanted = metrics ? new Metrics(metrics) : ofStudy(study.displayName);
+  if (wanted === undefined) throw wrong(`${study.name} was made for none; name two or three of its measurements`);
   if (reference !== undefined && !(reference.length === wanted.names.length && reference.every(isUsable)))
     throw new TreewrightError("invalid", "reference of a front: give one number above 0 for each metric");
   const all = (await allTrials(client, name)).map(recorded).filter(({ isMeasured }) => isMeasured);
