@@ -2,7 +2,7 @@
 // `direction` says how the metrics are weighed; model/src/front.rs and client/src/front.rs say why, and other languages do the same.
 
 import { TreewrightError } from "./error.js";
-import { configurationFromWire, defaultConfiguration, defaultOfSpace } from "./wire.js";
+import { configurationFromWire, defaultOfSpace } from "./wire.js";
 
 /** The weights of the directions, the metrics themselves first. */
 const WEIGHTS = {
@@ -255,22 +255,26 @@ export class Front {
   #client;
   #study;
   #history;
+  #default;
   #left;
   /** What is under way: calls follow each other. */
   #turn = Promise.resolve();
 
-  static async open(client, id, { metrics, trials = 80, ...space }) {
+  static async open(client, id, { metrics, trials = 80, ...definition }) {
     const front = new Front();
     const named = new Metrics(metrics);
     if (!(Number.isSafeInteger(trials) && trials >= 0)) throw new TreewrightError("invalid", `trials is ${trials}; give the number of planned runs`);
-    const study = await client.study(id, named.spec(space));
+    const study = await client.study(id, named.spec(definition));
     if (!study.created) throw new TreewrightError("unreachable", client.stats.lastError);
     if (study.displayName !== named.studyName)
       throw new TreewrightError("invalid", `${study.name} is no ${named.studyName}, but \`${study.displayName}\`; give another id`);
+    // Trials are read as they are in the present space, of which the program may know an earlier one.
+    const { space: present } = await storedStudy(client, study.asked);
     const known = await allTrials(client, study.asked);
     // Costs of different machines are never mixed.
     const own = known.filter(({ fingerprint }) => machine(fingerprint) === machine(client.fingerprint));
     [front.#client, front.#study, front.#history, front.#left] = [client, study, new History(named, own, trials), trials];
+    front.#default = defaultOfSpace(present);
     return front;
   }
 
@@ -333,7 +337,7 @@ export class Front {
   }
 
   found() {
-    return paretoFront(this.#history.metrics, this.#history.trials, defaultConfiguration(this.#study.spec));
+    return paretoFront(this.#history.metrics, this.#history.trials, this.#default);
   }
 }
 
@@ -382,7 +386,7 @@ export class FrontTrial {
 
 /** The front of what a study has stored, whatever it minimises. */
 export async function storedFront(client, name, { metrics, state, reference } = {}) {
-  const study = await client.untilReady((deadlineMs) => client.call("getStudy", { name }, deadlineMs));
+  const study = await storedStudy(client, name);
   const wanted = metrics ? new Metrics(metrics) : ofStudy(study.displayName);
   if (wanted === undefined) throw wrong(`${study.name} was made for none; name two or three of its measurements`);
   if (reference !== undefined && !(reference.length === wanted.names.length && reference.every(isUsable)))
@@ -399,6 +403,10 @@ export async function storedFront(client, name, { metrics, state, reference } = 
   // The directions of a front are states of one machine, too.
   const isMeant = (one) => state === undefined || stateOf(one) === state || (!hasInputs && chosen && machineOf(one) === machineOf(chosen));
   return paretoFront(wanted, all.filter(isMeant), defaultOfSpace(study.space), reference);
+}
+
+function storedStudy(client, name) {
+  return client.untilReady((deadlineMs) => client.call("getStudy", { name }, deadlineMs));
 }
 
 /** All completed trials of a study, as they are in its present space. Excluded ones are among them: what repeats them does not count either. */

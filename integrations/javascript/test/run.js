@@ -556,6 +556,28 @@ async function frontsOfStoredTrials() {
   server.forceShutdown();
 }
 
+/** A program that knows an earlier space still has the default beside its front, as it is in the present one. */
+async function aFrontOfAnEarlierSpace() {
+  const parameters = [{ name: "level", type: "integer", min: 1, max: 9, default: 5 }];
+  const [level, threads] = ["level", "threads"].map((name) => ({ name, integer: { min: 1, max: 9 }, defaultValue: { integer: 5 } }));
+  const wider = { name: "studies/wider", displayName: "front of time_ms, mb", space: { parameters: [level, threads] } };
+  const trial = (number, level, time_ms) => ({
+    name: `studies/wider/trials/${number}`, configuration: { values: { level: { integer: level }, threads: { integer: 5 } } },
+    indicators: { direction: 0 }, measurements: { time_ms, mb: 4 }, outcome: { ok: {} }, fingerprint: client.fingerprint,
+  });
+  const handlers = {
+    CreateStudy: (call, answer) => answer(null, { ...wider, space: { parameters: [level] }, spaceRevision: 1 }),
+    GetStudy: (call, answer) => answer(null, { ...wider, spaceRevision: 2 }),
+    QueryTrials: (call, answer) => answer(null, { trials: [trial(1, 5, 4), trial(2, 1, 2)] }),
+  };
+  const { server, address } = await served(handlers);
+  const client = new Client(address, { callDeadlineMs: 20000 });
+  const found = (await Front.open(client, "wider", { parameters, metrics: ["time_ms", "mb"], trials: 0 })).found();
+  assert.deepEqual([found.default?.configuration, found.points[0].ratios?.time_ms], [{ level: 5, threads: 5 }, 0.5]);
+  client.close();
+  server.forceShutdown();
+}
+
 /** The best has the status that every other surface has, and the ends of a rate's interval in their order. */
 async function statuses() {
   let standing;
@@ -635,6 +657,7 @@ await inEpisodes();
 await acrossAChangeOfTheSpace();
 await fronts();
 await frontsOfStoredTrials();
+await aFrontOfAnEarlierSpace();
 await statuses();
 await byAnOlderDaemon();
 await byANewerDaemon();

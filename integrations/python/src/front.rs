@@ -51,11 +51,13 @@ impl Front {
         let mut known = client.trials(&study, query).collect::<Result<Vec<_>, _>>()?;
         // Costs of different machines are never mixed.
         known.retain(|trial| trial.fingerprint.as_ref() == Some(client.fingerprint()));
+        // Trials are read as they are in the present space, of which the program may know an earlier one.
+        let default = client.get_study(&study)?.spec()?.space.default_configuration().into();
         Ok(Self {
             client,
             study,
             space_revision: record.space_revision,
-            default: spec.space.default_configuration().into(),
+            default,
             runs: Mutex::new(Runs { history: FrontHistory::new(front, known, planned), left: planned }),
         })
     }

@@ -381,6 +381,11 @@ def fronts(url: str) -> None:
         except treewright.TreewrightError:
             continue
         raise AssertionError(wrong)
+    # A program that knows an earlier space still has the default beside its front, as it is in the present one.
+    wider = treewright.Space().integer("level", 1, 50, default=25).integer("threads", 1, 4, default=2)
+    client.change_space("python-front", wider)
+    again = treewright.Front(client, "python-front", space, metrics, trials=0).found()
+    assert again.default["configuration"] == {"level": 25, "threads": 2} and again.hypervolume == found.hypervolume, again.default
     if importlib.util.find_spec("pandas") is not None:
         assert len(found.to_pandas(dominated=True)) == len(found)
     if importlib.util.find_spec("matplotlib") is not None:
