@@ -92,6 +92,25 @@ fn a_front_holds_the_ends_and_what_lies_between() {
     assert_eq!((count("state = COMPLETED AND mode != PINNED"), count("mode = PINNED")), (runs, 8 * runs));
 }
 
+#[test]
+fn a_front_of_an_earlier_space_keeps_its_default() {
+    let site = Site::new();
+    let script = r#"l={level}; echo "{\"time_ms\": $l, \"memory_mb\": $(( 40 - l ))}""#;
+    let exec =
+        ["exec", "toy", "--tune", "level=1..30:28", "--metric", "json", "--front", "time_ms,memory_mb"];
+    let call = |runs: &str| {
+        let done = ask(site.url(), &[&exec[..], &["--trials", runs, "--", "sh", "-c", script]].concat());
+        done["front"]["default"]["configuration"].clone()
+    };
+    assert_eq!(call("6")["level"], 28);
+    let threads = "[[parameters]]\nname = \"threads\"\ntype = \"integer\"\nmin = 1\nmax = 4\ndefault = 2\n\n";
+    let text = say(site.url(), &["study", "show", "toy", "--format", "toml"]);
+    let text = text.replacen("[[objective]]", &format!("{threads}[[objective]]"), 1);
+    say(site.url(), &["study", "edit", "toy", &site.write("toy.toml", &text), "--yes"]);
+    let default = call("1");
+    assert!(default["level"] == 28 && default["threads"] == 2, "{default}");
+}
+
 /// `docs/exec.md` describes every field of the JSON.
 fn all_fields_are_documented(done: &Value) {
     let page = std::fs::read_to_string(workspace().join("docs/exec.md")).expect("the page");

@@ -35,8 +35,9 @@ fn planned(exec: &Exec, policy: &Policy) -> u32 {
 }
 
 impl Job<'_> {
-    /// The study's trials of the front so far.
-    pub(super) fn front(&self, front: Front, exec: &Exec) -> Result<FrontHistory, Failure> {
+    /// The study's trials of the front so far, and its default, as they are in the present space, of which
+    /// this call may know an earlier one.
+    pub(super) fn front(&self, front: Front, exec: &Exec) -> Result<(FrontHistory, Configuration), Failure> {
         let wanted = front.study_name();
         if self.study.display_name != wanted {
             let found = &self.study.display_name;
@@ -50,7 +51,9 @@ impl Job<'_> {
         // Costs of different machines are never mixed.
         let machine = detect_fingerprint();
         known.retain(|trial| trial.fingerprint.as_ref() == Some(&machine));
-        Ok(FrontHistory::new(front, known, planned(exec, &self.study.policy)))
+        let present = self.daemon.ask(|client| client.get_study(&self.study.identified_name()))?;
+        let default = present.spec()?.space.default_configuration().into();
+        Ok((FrontHistory::new(front, known, planned(exec, &self.study.policy)), default))
     }
 
     fn next_in(&self, direction: usize, history: &FrontHistory) -> Result<TrialRecord, Failure> {

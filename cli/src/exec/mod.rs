@@ -144,18 +144,19 @@ pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, 
         runner,
         session_policy,
     };
+    let (front, present_default) = front.map(|front| job.front(front, exec)).transpose()?.unzip();
     let mut session = Session {
         job: &job,
         own: OwnRuns::default(),
-        front: front.map(|front| job.front(front, exec)).transpose()?,
+        front,
         failures_in_vain: 0,
         full_runs: 0.0,
         left_out: BTreeSet::new(),
     };
     let mut summary = Summary::new(job.id(), &spec);
     let done = session.tune(exec, &mut summary);
-    match &session.front {
-        Some(history) => summary.found(history, &job.default),
+    match session.front.as_ref().zip(present_default.as_ref()) {
+        Some((history, default)) => summary.found(history, default),
         None if summary.best.is_none() => summary.best = session.winner(),
         None => {}
     }
