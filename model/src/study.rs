@@ -7,6 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize, de};
 use thiserror::Error;
 
 use crate::fidelity::Fidelity;
+use crate::front::Front;
 use crate::indicator::{Indicator, IndicatorError, IndicatorSchema};
 use crate::limits::{DISPLAY_NAME_CHARACTERS_MAX, NOTE_BYTES_MAX, TAG_CHARACTERS_MAX, TAGS_MAX};
 use crate::objective::{MeasurementLimit, Objective, ObjectiveError, ObjectiveTerm};
@@ -152,6 +153,13 @@ impl<P> StudySpec<P> {
 }
 
 impl StudySpec {
+    /// The front that the study was made for, as its display name says; `None` where it was made for none.
+    pub fn front(&self) -> Option<Front> {
+        let is_direction = self.indicators.indicators().iter().any(|one| one.name == Front::DIRECTION);
+        let is_cost = self.objective.terms().iter().any(|term| term.metric == Front::COST);
+        Front::of_study(&self.display_name).filter(|_| is_direction && is_cost)
+    }
+
     /// Checks the rules beyond the types of the parts.
     pub fn validate(&self) -> Result<(), StudyError> {
         self.check_texts_and_tolerance()?;

@@ -151,6 +151,35 @@ async fn studies_are_listed_page_by_page() {
 }
 
 #[tokio::test]
+async fn the_study_of_a_front_keeps_its_display_name() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await;
+    let mut made = study();
+    made.display_name = "front of time_ms, 1/rate".to_owned();
+    made.indicators = vec![wire::Indicator { name: "direction".to_owned(), min: 0.0, max: 8.0, scale: 0 }];
+    made.objective = Some(wire::Objective {
+        terms: vec![wire::ObjectiveTerm { metric: "front_cost".to_owned(), weight: 1.0 }],
+        ..wire::Objective::default()
+    });
+    client.create_study(create_request("lists", made.clone())).await.unwrap();
+    let texts = |display_name: &str| wire::UpdateStudyRequest {
+        study: Some(wire::Study {
+            name: "studies/lists".to_owned(),
+            display_name: display_name.to_owned(),
+            note: "of linked lists".to_owned(),
+            ..wire::Study::default()
+        }),
+        update_mask: Some(FieldMask { paths: ["display_name", "note"].map(str::to_owned).to_vec() }),
+    };
+    for other in ["linked lists", "front of time_ms, memory_mb"] {
+        let answer = client.update_study(texts(other)).await;
+        assert_refused(answer, Code::InvalidArgument, "says which metrics the front has");
+    }
+    let updated = client.update_study(texts(&made.display_name)).await.unwrap().into_inner();
+    assert_eq!((updated.display_name, updated.note.as_str()), (made.display_name, "of linked lists"));
+}
+
+#[tokio::test]
 async fn texts_for_people_change_and_are_not_compared() {
     let (_server, mut client) = Server::with_hall().await;
     let policy = wire::Policy { epsilon: Some(0.9), ..wire::Policy::default() };

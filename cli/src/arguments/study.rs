@@ -112,7 +112,7 @@ pub(crate) struct EditStudy {
     /// Make the change
     #[arg(long, requires = "file")]
     pub(crate) yes: bool,
-    /// A line about the study, by which a front is found again
+    /// A line about the study; a front is found by its own, and keeps that
     #[arg(long, value_name = "TEXT")]
     pub(crate) display_name: Option<String>,
     /// A note of several lines, in place of the one before; an empty one removes it

@@ -50,7 +50,8 @@ impl StudyUpdate {
     /// The specification that results from `current`, checked.
     ///
     /// # Errors
-    /// [`Error::Invalid`] with the field that does not fit.
+    /// [`Error::Invalid`] with the field that does not fit, and for another display name of a front's study,
+    /// which is found by it.
     pub fn apply(&self, current: &StudySpec) -> Result<StudySpec, Error> {
         let mut spec = current.clone();
         let policy = self.merged(spec.policy.to_raw())?.check(&spec.space);
@@ -62,6 +63,11 @@ impl StudyUpdate {
                 "tags" => spec.tags.clone_from(&self.tags),
                 _ => {}
             }
+        }
+        if current.front().is_some_and(|front| spec.front() != Some(front)) {
+            let name = &current.display_name;
+            let problem = format!("{name:?} says which metrics the front has; use note or tags for more");
+            return Err(Error::invalid("study.display_name", problem));
         }
         spec.validate().map_err(|error| Error::invalid("study", error))?;
         Ok(spec)

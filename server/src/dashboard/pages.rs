@@ -18,7 +18,6 @@ use std::collections::BTreeMap;
 use askama::Template;
 use treewright_core::cost_view::CostView;
 use treewright_core::front::Front;
-use treewright_core::study::StudySpec;
 use treewright_proto::v1;
 
 use super::charts::figure;
@@ -128,7 +127,7 @@ async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(
         tab,
         defaults: Defaults::of(&study),
         view: spec.objective.view(),
-        front: front_of(&spec),
+        front: spec.front(),
         query: String::new(),
         states: counts.states,
         trials: counts.trials,
@@ -141,13 +140,6 @@ async fn head(visitor: &Visitor<'_>, asked: &str, tab: &'static str) -> Result<(
 /// Each tag with the address of the list of the studies that have it.
 fn tag_links(tags: &[String]) -> Vec<(String, String)> {
     tags.iter().map(|tag| (tag.clone(), format!("/?{}", Query::written(&[("tag", tag)])))).collect()
-}
-
-/// The front that a study was made for, as `exec --front` makes them.
-fn front_of(spec: &StudySpec) -> Option<Front> {
-    let is_direction = spec.indicators.indicators().iter().any(|one| one.name == Front::DIRECTION);
-    let is_cost = spec.objective.terms().iter().any(|term| term.metric == Front::COST);
-    Front::of_study(&spec.display_name).filter(|_| is_direction && is_cost)
 }
 
 /// The state that an address asks for.
