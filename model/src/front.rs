@@ -332,7 +332,9 @@ fn non_dominated(points: &[Vec<f64>]) -> Vec<usize> {
     for place in places {
         let one = &points[place];
         let dominates = |other: &Vec<f64>| other != one && other.iter().zip(one).all(|(a, b)| a <= b);
-        if !kept.iter().any(|&other| dominates(&points[other])) {
+        // Of two values, the last one that was kept has the least second one.
+        let rivals = if one.len() == 2 { kept.len().saturating_sub(1) } else { 0 };
+        if !kept[rivals..].iter().any(|&other| dominates(&points[other])) {
             kept.push(place);
         }
     }
@@ -343,14 +345,14 @@ fn non_dominated(points: &[Vec<f64>]) -> Vec<usize> {
 /// across the last dimension.
 fn hypervolume(points: &[&[f64]], dimensions: usize) -> f64 {
     let last = dimensions - 1;
-    if last == 0 {
-        return points.iter().map(|point| 1.0 - point[0]).fold(0.0, f64::max);
-    }
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a[last].total_cmp(&b[last]));
+    let mut least: f64 = 1.0;
     let slice = |index: usize| {
         let end = sorted.get(index + 1).map_or(1.0, |next| next[last]);
-        hypervolume(&sorted[..=index], last) * (end - sorted[index][last])
+        least = least.min(sorted[index][0]);
+        let behind = if last == 1 { 1.0 - least } else { hypervolume(&sorted[..=index], last) };
+        behind * (end - sorted[index][last])
     };
     (0..sorted.len()).map(slice).sum()
 }

@@ -199,9 +199,13 @@ function median(values) {
 /** The volume of the unit cube between the points and its far corner, by slices across the last dimension. */
 function hypervolume(points, dimensions) {
   const last = dimensions - 1;
-  if (last === 0) return Math.max(0, ...points.map(([value]) => 1 - value));
   const sorted = [...points].sort((one, other) => one[last] - other[last]);
-  const slice = (point, place) => hypervolume(sorted.slice(0, place + 1), last) * ((sorted[place + 1]?.[last] ?? 1) - point[last]);
+  let least = 1;
+  const slice = (point, place) => {
+    least = Math.min(least, point[0]);
+    const behind = last === 1 ? 1 - least : hypervolume(sorted.slice(0, place + 1), last);
+    return behind * ((sorted[place + 1]?.[last] ?? 1) - point[last]);
+  };
   return sorted.map(slice).reduce((sum, volume) => sum + volume, 0);
 }
 
@@ -231,8 +235,9 @@ function paretoFront(metrics, trials, defaults, reference) {
   const beats = ({ values: one }, { values: other }) => one.every((value, place) => value <= other[place]) && one.some((value, place) => value < other[place]);
   const inOrder = (one, other) => one.values.map((value, place) => value - other.values[place]).find((difference) => difference !== 0) ?? 0;
   const [members, dominated] = [[], []];
-  // What is dominated is so by one that comes earlier in this order and is itself not dominated.
-  for (const one of each.sort(inOrder)) (members.some((other) => beats(other, one)) ? dominated : members).push(one);
+  // What is dominated is so by one that comes earlier in this order and is itself not dominated; of two metrics, by the last of these.
+  const rivals = () => (metrics.names.length === 2 ? members.slice(-1) : members);
+  for (const one of each.sort(inOrder)) (rivals().some((other) => beats(other, one)) ? dominated : members).push(one);
   const given = reference ?? ofDefault?.medians;
   const ends = given && metrics.minimised(given);
   const shares = ({ values }) => values.map((value, place) => Math.min(value / ends[place], 1));

@@ -523,12 +523,13 @@ async function frontsOfStoredTrials() {
   ];
   const space = { parameters: [{ name: "level", integer: { min: 1, max: 9 }, defaultValue: { integer: 5 } }] };
   const box = { name: "studies/box", space };
+  let perPage = 3;
   const handlers = {
     CreateStudy: (call, answer) => answer(null, box),
     GetStudy: (call, answer) => answer(null, box),
     QueryTrials: ({ request: { pageToken } }, answer) => {
-      const end = Number(pageToken || 0) + 3;
-      answer(null, { trials: trials.slice(end - 3, end), nextPageToken: end < trials.length ? `${end}` : "" });
+      const end = Number(pageToken || 0) + perPage;
+      answer(null, { trials: trials.slice(end - perPage, end), nextPageToken: end < trials.length ? `${end}` : "" });
     },
   };
   const { server, address } = await served(handlers);
@@ -552,6 +553,15 @@ async function frontsOfStoredTrials() {
   // Where there are no directions, it was carried over from another study of the database.
   trials.push(trial(10, 1, 1, 2, { origin: "studies/other/trials/1" }));
   assert.equal((await study.front({ state: 1 })).runs, 7);
+  // Many trials, none of them dominated: the program does not stand still for seconds.
+  const all = [...Array(20000).keys()].map((each) => each + 1);
+  trials.splice(0, trials.length, ...all.map((each) => trial(each, each, each / 20000, 1 / each)));
+  perPage = 1000;
+  const started = performance.now();
+  const large = await study.front({ reference: [1, 1] });
+  const staircase = all.slice(1).reduce((sum, each) => sum + (1 - 1 / (each - 1)) / 20000, 0);
+  assert.ok(large.points.length === 20000 && Math.abs(large.hypervolume - staircase) < 1e-9, `${large.hypervolume} and ${staircase}`);
+  assert.ok(performance.now() - started < 5000);
   client.close();
   server.forceShutdown();
 }
