@@ -17,7 +17,7 @@ True
 
 import asyncio
 from functools import partial
-from typing import Any, Mapping, Optional
+from typing import Any, Mapping, Optional, Sequence
 
 from . import _native
 from ._native import Best, Prediction, Space, Suggestion
@@ -170,7 +170,7 @@ class Study:
         """The stored trials that match; see ``treewright.Study.trials``."""
         return await _beside(self._study.trials, filter, order_by)
 
-    async def front(self, metrics: "Optional[list[str]]" = None, **options: Any) -> ParetoFront:
+    async def front(self, metrics: Optional[Sequence[str]] = None, **options: Any) -> ParetoFront:
         """The Pareto front of the stored trials; see ``treewright.Study.front``."""
         return await _beside(self._study.front, metrics, **options)
 
