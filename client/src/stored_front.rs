@@ -28,8 +28,8 @@ impl Client {
     /// level, or are outside the study's present space.
     ///
     /// Errors: [`ClientError::Invalid`] where no metrics are named and the study was made for none, for
-    /// trials that do not compare, and for a reference that is none; [`ClientError::Refused`],
-    /// [`ClientError::Away`], [`ClientError::Late`].
+    /// trials that do not compare, for a state without trials, and for a reference that is none;
+    /// [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn front(&self, study: &str, query: &FrontQuery) -> Result<ParetoFront, ClientError> {
         read(&self.core, &study_name(study), query).await
     }
@@ -70,6 +70,11 @@ fn comparable(
     mut trials: Vec<TrialRecord>,
     state: Option<i64>,
 ) -> Result<Vec<TrialRecord>, ClientError> {
+    if let Some(state) = state.filter(|state| trials.iter().all(|trial| trial.state_id != *state)) {
+        let problem =
+            format!("{} has no completed trial in state {state}; each trial has its number", study.name);
+        return Err(ClientError::invalid("state", problem));
+    }
     trials.retain(is_measured);
     let has_inputs = spec.indicators.indicators().iter().any(|indicator| indicator.name != Front::DIRECTION);
     let machine = |trial: &TrialRecord| trial.fingerprint.as_ref().map(|machine| format!("{machine:?}"));

@@ -125,8 +125,10 @@ async fn a_front_is_read_from_the_trials_that_count() {
     fake.book().trials[0].fingerprint = None;
     let mixed = asked(query.clone()).await;
     assert!(mixed.contains("on 2 machine(s)"), "{mixed}");
-    let of_state = study.front(&FrontQuery { state: Some(1), ..query }).await.unwrap();
+    let of_state = study.front(&FrontQuery { state: Some(1), ..query.clone() }).await.unwrap();
     assert_eq!(of_state, found);
+    let nowhere = asked(FrontQuery { state: Some(9), ..query }).await;
+    assert!(nowhere.contains("no completed trial in state 9"), "{nowhere}");
 }
 
 #[tokio::test]

@@ -396,9 +396,12 @@ export async function storedFront(client, name, { metrics, state, reference } = 
   if (wanted === undefined) throw wrong(`${study.name} was made for none; name two or three of its measurements`);
   if (reference !== undefined && !(reference.length === wanted.names.length && reference.every(isUsable)))
     throw new TreewrightError("invalid", "reference of a front: give one number above 0 for each metric");
-  const all = (await allTrials(client, name)).map(recorded).filter(({ isMeasured }) => isMeasured);
-  const hasInputs = (study.indicators ?? []).some((indicator) => indicator.name !== DIRECTION);
   const [stateOf, machineOf] = [({ trial }) => Number(trial.stateId ?? 0), ({ trial }) => machine(trial.fingerprint)];
+  const completed = (await allTrials(client, name)).map(recorded);
+  if (state !== undefined && !completed.some((one) => stateOf(one) === state))
+    throw new TreewrightError("invalid", `state: ${study.name} has no completed trial in state ${state}; each trial has its number`);
+  const all = completed.filter(({ isMeasured }) => isMeasured);
+  const hasInputs = (study.indicators ?? []).some((indicator) => indicator.name !== DIRECTION);
   const count = (of) => new Set(all.map(of)).size;
   if (state === undefined && (count(machineOf) > 1 || (hasInputs && count(stateOf) > 1))) {
     const where = `${count(stateOf)} states, on ${count(machineOf)} machine(s)`;

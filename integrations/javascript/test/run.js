@@ -550,6 +550,7 @@ async function frontsOfStoredTrials() {
   trials[3].fingerprint = { cpuModel: "another" };
   await rejects(study.front(), "invalid", "on 2 machine(s)");
   assert.equal((await study.front({ state: 1 })).runs, 6);
+  for (const state of [9, null]) await rejects(study.front({ state }), "invalid", `no completed trial in state ${state}`);
   // Where there are no directions, it was carried over from another study of the database.
   trials.push(trial(10, 1, 1, 2, { origin: "studies/other/trials/1" }));
   assert.equal((await study.front({ state: 1 })).runs, 7);
