@@ -39,6 +39,12 @@ impl PendingPoints {
         Some(point)
     }
 
+    /// Takes the oldest withdrawn point up again, to be measured in full.
+    pub(super) fn resume_in_full(&mut self) -> Option<Point> {
+        self.withdrawn.first_entry()?.get_mut().level = None;
+        self.resume()
+    }
+
     /// Removes a point that has its result; `None` if it is not pending.
     pub(super) fn finish(&mut self, id: u64) -> Option<Point> {
         self.pending.remove(&id)

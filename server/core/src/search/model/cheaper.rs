@@ -22,7 +22,7 @@ use super::{FITTED_THEN, ModelSearch, ModelledPoint, Observed, coordinates, step
 use crate::gp::acquisition::log_expected_improvement;
 use crate::gp::{Posterior, Process};
 use crate::limits::{CHEAPER_RUNS_MAX, REWARD_COST_MIN};
-use crate::search::{Feedback, Search, Verdict};
+use crate::search::{Feedback, Point, Search, Verdict};
 
 /// The most that is spent at cheaper levels between two full measurements, in full ones. It bounds the loss
 /// by a level that says nothing, until that is known.
@@ -64,6 +64,11 @@ impl CheaperLevels {
         self.shares.len()
     }
 
+    /// The level of a point for the client that asks: in full where it measures at none.
+    pub(super) fn if_open(&self, level: Option<u32>) -> Option<u32> {
+        level.filter(|_| self.is_open)
+    }
+
     /// The number of measurements there.
     pub(super) fn measurements(&self) -> u64 {
         self.runs.len() as u64
@@ -81,6 +86,11 @@ impl ModelSearch {
             self.setup.layout.set_cheaper(shares.len());
             self.begin_models();
         }
+    }
+
+    /// The oldest withdrawn point once more; in full where the client that asks measures at no level.
+    pub(super) fn resumed(&mut self) -> Option<Point> {
+        if self.cheaper.is_open { self.pending.resume() } else { self.pending.resume_in_full() }
     }
 
     /// The next level at which nothing was measured yet. The best so far is: it ties the level to full costs.
@@ -232,8 +242,9 @@ impl ModelSearch {
 
 #[cfg(test)]
 mod tests {
+    use super::super::PlannedPoint;
     use super::*;
-    use crate::search::{Point, SearchSetup, Step};
+    use crate::search::{SearchSetup, Step};
 
     const SHARES: [f64; 2] = [0.1, 0.4];
 
@@ -318,6 +329,31 @@ mod tests {
         let seen = search.seen.iter().find(|seen| seen.x == crashed);
         assert_eq!(seen.map(|seen| seen.observed), Some(Observed::Infeasible));
         assert_eq!(search.design_level(), Some(0), "the level is still of use");
+    }
+
+    #[test]
+    fn a_point_at_a_level_is_in_full_for_a_client_without_levels() {
+        let mut search = search();
+        walk(&mut search, 1);
+        let cheap = ask(&mut search);
+        search.withdraw(cheap.id);
+        search.open_levels(&[]);
+        let again = search.ask().expect("the withdrawn one");
+        assert_eq!((cheap.level, again.id, again.level), (Some(0), cheap.id, None));
+        search.tell(again.id, Feedback { verdict: Verdict::Cost(1.16), fresh: false });
+        walk(&mut search, 7);
+        let at_level = |plan: &PlannedPoint| plan.point.as_ref().is_some_and(|(_, _, level)| level.is_some());
+        let plan = (0..40).find_map(|_| {
+            search.open_levels(&SHARES);
+            let plan = search.plan(0).filter(at_level);
+            if plan.is_none() {
+                walk(&mut search, 1);
+            }
+            plan
+        });
+        search.open_levels(&[]);
+        search.adopt(plan.expect("a point at a level"));
+        assert_eq!(search.ask().expect("the planned one").level, None);
     }
 
     #[test]

@@ -201,7 +201,7 @@ impl ModelSearch {
     }
 
     /// Makes a point pending at the place of its configuration, on the grid, so that its result can be
-    /// matched to it. The default is not moved.
+    /// matched to it. The default is not moved. A plan's level may be unknown to the client that asks.
     fn make_pending(&mut self, (mut x, step, level): Proposed) -> Point {
         self.setup.layout.canonical(&mut x);
         let grid = steps(&x);
@@ -211,7 +211,7 @@ impl ModelSearch {
         } else {
             coordinates(&grid)
         };
-        self.pending.add_at(x, step, level)
+        self.pending.add_at(x, step, self.cheaper.if_open(level))
     }
 
     /// Canonical coordinates of a point in steps of the grid, and its features.
@@ -369,7 +369,7 @@ fn steps(x: &[f64]) -> Vec<u32> {
 impl Search for ModelSearch {
     fn ask(&mut self) -> Option<Point> {
         let planned = self.planned.take();
-        if let Some(point) = self.pending.resume() {
+        if let Some(point) = self.resumed() {
             return Some(point);
         }
         // The best point from elsewhere comes first, then the default, by which states are compared, then the

@@ -96,6 +96,17 @@ fn a_client_that_knows_levels_no_more_gets_a_full_trial() {
     let mut tuner = climber(explore_always());
     let default = tuner.suggest(&knowing(), 0).expect("valid").0;
     finish(&mut tuner, &default, Outcome::Ok);
+    let probe = tuner.suggest(&knowing(), 0).expect("valid").0;
+    assert_eq!(probe.decision.fidelity.as_deref(), Some("16"));
+    let other = suggest(&mut tuner, "a", 0.5, 0.5);
+    assert_ne!(other.configuration, probe.configuration, "it is measured in full");
+    assert_eq!(other.decision.fidelity, None);
+    finish(&mut tuner, &other, Outcome::Ok);
+    for level in ["16", "64"] {
+        let probe = tuner.suggest(&knowing(), 0).expect("valid").0;
+        assert_eq!(probe.decision.fidelity.as_deref(), Some(level));
+        finish(&mut tuner, &probe, Outcome::Ok);
+    }
     let cheap = tuner.suggest(&knowing(), 0).expect("valid").0;
     assert_eq!(cheap.decision.fidelity.as_deref(), Some("16"));
     assert_eq!(tuner.suggest(&knowing(), 0).expect("valid").0.number, cheap.number, "its answer was lost");
