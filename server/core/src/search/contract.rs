@@ -135,6 +135,16 @@ fn a_withdrawn_point_is_asked_again_and_answers_count_once() {
 }
 
 #[test]
+fn a_point_without_a_level_that_was_measured_at_one_is_asked_again() {
+    for method in methods() {
+        let mut search = AnySearch::new(method, setup(3, 3, 40));
+        let first = search.ask().expect("the first point");
+        search.tell_cheaper(first.id, Some(Verdict::Cost(1.0)));
+        assert_eq!(search.ask(), Some(first), "{method:?}");
+    }
+}
+
+#[test]
 fn states_and_seeds_draw_different_points() {
     for method in methods() {
         let points = |setup| run(&mut AnySearch::new(method, setup), 5, 1.0);

@@ -126,8 +126,11 @@ pub trait Search {
     }
 
     /// Answers a point that was measured at its level. Without a verdict the measurement failed, and the
-    /// point is asked for in full.
-    fn tell_cheaper(&mut self, _id: u64, _verdict: Option<Verdict>) {}
+    /// point is asked for in full. A point without a level is asked again: of a search without a model, or as
+    /// earlier versions stored it.
+    fn tell_cheaper(&mut self, id: u64, _verdict: Option<Verdict>) {
+        self.withdraw(id);
+    }
 
     /// The number of answers to [`Step::Replicate`], which added no configuration. A search without
     /// replicates has none.

@@ -210,12 +210,17 @@ impl ModelSearch {
         level
     }
 
-    /// Takes the result of a point at its level. What cannot run there cannot run.
+    /// Takes the result of a point at its level. What cannot run there cannot run. A point without a level,
+    /// as earlier versions stored it, is asked again.
     pub(super) fn take_cheaper(&mut self, id: u64, verdict: Option<Verdict>) {
-        let point = self.pending.points().find(|point| point.id == id);
-        let Some((level, x)) = point.and_then(|point| Some((point.level?, self.grid(&point.x).0))) else {
+        let Some(point) = self.pending.points().find(|point| point.id == id) else {
             return;
         };
+        let Some(level) = point.level else {
+            self.pending.withdraw(id);
+            return;
+        };
+        let x = self.grid(&point.x).0;
         let share = self.cheaper.shares.get(level as usize).copied().unwrap_or_default();
         let spent = self.cheaper.spent + share;
         let is_known = self.seen.iter().any(|seen| seen.x == x);
