@@ -330,7 +330,7 @@ impl Tuner {
     /// Asks the search until a point is worth a measurement. Points that fall on configurations with a
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
     /// whose configuration runs just now in this state go back until it is reported. A point at a cheaper
-    /// level is measured whatever is known of its configuration in full.
+    /// level is measured unless its configuration cannot be run.
     fn walk(&mut self, (ask, room): (&Ask, usize), state: StateId, planned: &mut Planned) -> NextPoint {
         let shares = self.open_levels(ask, room);
         let (space, policy) = (&self.spec.space, &self.spec.policy);
@@ -363,10 +363,13 @@ impl Tuner {
             let settled = match point.step {
                 // The search knows the point and wants another measurement.
                 Step::Replicate => None,
-                _ if is_cheaper => None,
-                _ => results.settled(&configuration, policy.replicates),
+                _ => results
+                    .settled(&configuration, policy.replicates)
+                    .filter(|verdict| !is_cheaper || *verdict == Verdict::Infeasible),
             };
-            if let Some(verdict) = settled {
+            if let Some(verdict) = settled.filter(|_| is_cheaper) {
+                search.tell_cheaper(point.id, Some(verdict));
+            } else if let Some(verdict) = settled {
                 search.tell(point.id, Feedback { verdict, fresh: false });
             } else if !is_cheaper && self.trials.runs(state, &configuration) {
                 waiting.push(point.id);

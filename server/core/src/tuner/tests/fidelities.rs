@@ -92,6 +92,26 @@ fn a_level_knows_no_limits_and_its_crashes_are_not_tried_in_full() {
 }
 
 #[test]
+fn what_crashed_beside_the_search_does_not_run_at_a_level() {
+    let begun = || {
+        let mut tuner = climber(explore_always());
+        for _ in 0..3 {
+            let trial = tuner.suggest(&knowing(), 0).expect("valid").0;
+            finish(&mut tuner, &trial, Outcome::Ok);
+        }
+        tuner
+    };
+    let next = |tuner: &mut Tuner| tuner.suggest(&knowing(), 0).expect("valid").0;
+    let (mut plain, mut tuner) = (begun(), begun());
+    let design = next(&mut plain);
+    assert_eq!(design.decision.fidelity.as_deref(), Some("16"));
+    let wanted = design.configuration.to_raw();
+    let crashes = tuner.suggest_wanted(&ask("b", 0.5, 0.5), wanted, 0).expect("valid").0;
+    assert!(tuner.report(&crashes, BTreeMap::new(), infeasible(), 1).is_ok());
+    assert_ne!(next(&mut tuner).configuration, design.configuration);
+}
+
+#[test]
 fn a_client_that_knows_levels_no_more_gets_a_full_trial() {
     let mut tuner = climber(explore_always());
     let default = tuner.suggest(&knowing(), 0).expect("valid").0;
