@@ -301,11 +301,11 @@ impl Layout {
         true
     }
 
-    /// The features of a canonical point, measured in full: the place of each value by size in 0..1, the cell of a choice
-    /// without order, [`INACTIVE`] where the axis does not count. Choices among more than two numbers are
-    /// seen twice, by size and by cell: values such as block sizes follow their order in part only, and the
-    /// model weighs the two. Then come the prediction of other states, the levels, and the parts of that
-    /// prediction.
+    /// The features of a canonical point, measured in full: the place of each value by size in 0..1, the cell
+    /// of a choice without order, [`INACTIVE`] where the axis does not count. Choices among more than two
+    /// numbers are seen twice, by size and by cell: values such as block sizes follow their order in part
+    /// only, and the model weighs the two. Then come the prediction of other states, the levels, and the
+    /// parts of that prediction.
     pub(crate) fn features(&self, x: &[f64], active: &[bool]) -> Vec<f64> {
         let feature = |index: usize| match &self.axes[index].kind {
             _ if !active[index] => INACTIVE,

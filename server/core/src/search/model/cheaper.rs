@@ -13,7 +13,8 @@
 //! which configuration is best, as in the knowledge gradient (Frazier, Powell and Dayanik, INFORMS Journal on
 //! Computing 21, 2009). A level that says nothing of full costs moves no belief, and is of no value.
 //!
-//! The default runs at each level first, then the rest of the design runs at the cheapest.
+//! The best so far, at first the default, runs at each level first. Then the rest of the design runs at the
+//! cheapest.
 
 use serde::{Deserialize, Serialize};
 
@@ -25,7 +26,8 @@ use crate::limits::{CHEAPER_RUNS_MAX, REWARD_COST_MIN};
 use crate::search::{Feedback, Point, Search, Verdict};
 
 /// The most that is spent at cheaper levels between two full measurements, in full ones. It bounds the loss
-/// by a level that says nothing, until that is known.
+/// by a level that says nothing, until that is known. The design, which runs at the cheapest level as a
+/// whole, may spend more.
 const SPENT_MAX: f64 = 1.0;
 
 /// What is known of cheaper levels. The default knows of none.
