@@ -252,8 +252,7 @@ impl Process {
         self.factor.forward(&mut at_other.others);
         let shared = between - dot(&at_one.others, &at_other.others);
         let own = (at_other.own - dot(&at_other.others, &at_other.others)).max(VARIANCE_MIN);
-        let moved =
-            self.variance.sqrt() * shared.max(0.0) / (own + self.noise / self.variance / count).sqrt();
+        let moved = self.variance.sqrt() * shared.abs() / (own + self.noise / self.variance / count).sqrt();
         assert!(moved >= 0.0, "a deviation of {moved}");
         moved
     }

@@ -42,10 +42,10 @@ fn covariance(kinds: &[FeatureKind], hyper: &Hyperparameters, a: &[f64], b: &[f6
             _ => {}
         }
     }
-    // The coefficient of a part deviates from that of the linear feature by half as much as that from zero.
+    // The coefficient of a part deviates from that of the linear feature as far as that from zero.
     let linear = kinds.iter().position(|kind| *kind == FeatureKind::Linear);
     for (a, b) in a[kinds.len()..].iter().zip(&b[kinds.len()..]) {
-        sum += 0.25 * linear.map_or(0.0, |linear| weights[linear]) * a * b;
+        sum += linear.map_or(0.0, |linear| weights[linear]) * a * b;
     }
     sum + hyper.trend(kinds.len()) * within * within
 }

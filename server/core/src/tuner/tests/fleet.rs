@@ -134,8 +134,8 @@ fn a_machine_whose_optimum_differs_drifts_to_its_own() {
     println!(
         "regret: {with:.2} frames with the fleet, {alone:.2} alone; at the end {end_with:.4}, {end_alone:.4}"
     );
-    // The others may cost it two frames of their favourites, which are twice as dear as the best here.
-    assert!(with <= alone + 2.0, "{with} and {alone}");
+    // The others may cost it three frames of their favourites, which are twice as dear as the best here.
+    assert!(with <= alone + 3.0, "{with} and {alone}");
     assert!(end_with <= end_alone + 0.02, "{end_with} and {end_alone}");
 }
 
