@@ -205,7 +205,8 @@ async fn texts_for_people_change_and_are_not_compared() {
     assert_eq!((updated.display_name.as_str(), updated.tags.len()), ("An attic", 2));
 
     request.update_mask = Some(FieldMask { paths: ["note", "tags"].map(str::to_owned).to_vec() });
-    let wrong: [(fn(&mut wire::Study), &str); 4] = [
+    type Break = fn(&mut wire::Study);
+    let wrong: [(Break, &str); 4] = [
         (|s| s.note = "x".repeat(4097), "note must be at most 4096 bytes"),
         (|s| s.note = "a\r\nb".to_owned(), r"control characters but tabs and \n (not \r\n)"),
         (|s| s.tags = vec!["two words".to_owned()], "tags: \"two words\" must be 1 to 32 letters"),
