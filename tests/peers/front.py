@@ -148,8 +148,9 @@ def domain(values, default):
     """How `--tune` writes it."""
     if values is None:
         return f"0.0..1.0:{default}"
-    write = lambda value: str(value).lower() if isinstance(value, bool) else str(value)
-    return "|".join(map(write, values)) + f":{write(default)}"
+    if isinstance(default, bool):
+        return f"bool:{str(default).lower()}"
+    return "|".join(map(str, values)) + f":{default}"
 
 
 def by_treewright(arguments, name, problem, trials, seed):
