@@ -107,7 +107,8 @@ pub(crate) struct EditStudy {
     pub(crate) file: Option<PathBuf>,
     /// What all trials before had of a new parameter, or all later ones have of one that is gone; repeat for
     /// each. Default: its default
-    #[arg(long, value_name = "NAME=VALUE", value_parser = parameter, requires = "file", conflicts_with_all = TEXTS)]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = parameter)]
+    #[arg(requires = "file", conflicts_with_all = TEXTS)]
     pub(crate) fixed: Vec<(String, Value)>,
     /// Make the change
     #[arg(long, requires = "file", conflicts_with_all = TEXTS)]

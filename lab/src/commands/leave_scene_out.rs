@@ -5,15 +5,17 @@ use std::time::Instant;
 
 use clap::Args;
 use serde::Serialize;
+use treewright_client::Configuration;
 use treewright_render_cli::error::{CliError, write_file};
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
 use treewright_render_cli::server::machine;
 use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::who::Who;
 
 use super::evaluate_setup::{SceneArguments, with_versions};
-use crate::leave_scene_out::book::{Book, OpenBook, RecordedContender, RecordedRounds, SceneFacts};
+use crate::leave_scene_out::book::{Book, OpenBook, RecordedRounds, SceneFacts};
 use crate::leave_scene_out::judge::{self, ALONE, CANDIDATES, FINAL, LEFT_OUT, Overall, Row, key};
 use crate::leave_scene_out::steps::{CHECKPOINTS, Stage, first_answer};
 use crate::leave_scene_out::suite::{Context, built_in};
@@ -137,20 +139,15 @@ fn first_answers(book: &Book, context: Context) -> Result<(), CliError> {
             let Some(rounds) = book.rounds.get(&name(CANDIDATES)) else { continue };
             let Some(answer) = first_answer(book, objective, scene, context)? else { continue };
             let costs = judge::relative_costs(rounds, objective.frames_per_build());
-            let own = costs.get(&answer.configuration.to_string()).map(|(_, cost)| *cost);
+            let cost = |configuration: &Configuration| Some(costs.get(&configuration.to_string())?.1);
+            let own = cost(&answer.configuration);
             let fixed = judge::fixed_of_others(book, objective, scene, &context.to_string());
-            let fixed =
-                fixed.and_then(|fixed| costs.get(&fixed.configuration.to_string()).map(|(_, cost)| *cost));
-            let natives = ["low", "medium", "high"].map(|quality| {
-                let is_it =
-                    |one: &&RecordedContender| one.who.to_string() == format!("native used well {quality}");
-                let text = rounds.contenders.iter().find(is_it)?.configuration.as_ref()?.to_string();
-                costs.get(&text).map(|(_, cost)| *cost)
-            });
-            let used_well = natives.into_iter().flatten().reduce(f64::min);
-            let over = |other: Option<f64>| {
-                own.zip(other)
-                    .map_or_else(|| "not measured".to_owned(), |(own, other)| format!("{:.3}", other / own))
+            let fixed = fixed.and_then(|fixed| cost(&fixed.configuration));
+            let uses = rounds.contenders.iter().filter(|one| matches!(one.who, Who::UsedWellIn(_)));
+            let used_well = uses.filter_map(|one| cost(one.configuration.as_ref()?)).reduce(f64::min);
+            let over = |other: Option<f64>| match (own, other) {
+                (Some(own), Some(other)) => format!("{:.3}", other / own),
+                _ => "not measured".to_owned(),
             };
             table.add_row([
                 objective.name().to_owned(),

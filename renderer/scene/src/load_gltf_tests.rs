@@ -174,7 +174,8 @@ fn copies_of_a_mesh_stand_where_they_are_put() {
     let mut file = GltfFile::new();
     file.floats("VEC3", &[0.0, 0.0, 0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 7.0]);
     file.floats("VEC4", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    file.json["nodes"] = json!([{"mesh": 0, "scale": [2, 2, 2], "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 2, "ROTATION": 3}}}}]);
+    let placed = json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 2, "ROTATION": 3}}});
+    file.json["nodes"] = json!([{"mesh": 0, "scale": [2, 2, 2], "extensions": placed}]);
     let scene = file.load();
     assert_eq!(scene.triangles.len(), 3);
     let first = |triangle: usize| scene.triangles.corners(triangle).map(Vec3::from);
