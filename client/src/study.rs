@@ -48,10 +48,19 @@ impl Study {
         Self { outstanding: Arc::default(), shared, _last_handle: Arc::clone(&client.last_handle) }
     }
 
-    /// The resource name, `studies/{study}`.
+    /// The resource name, `studies/{study}`, at the time when this handle was made: by now another study may
+    /// have it. [`Study::identified_name`] names this one.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.shared.context.name
+    }
+
+    /// `studies/{study}@{uid}`, by which this handle asks the daemon, and which no other study ever has: for
+    /// calls of the client about this study. Until the daemon has answered for the first time it is
+    /// [`Study::name`].
+    #[must_use]
+    pub fn identified_name(&self) -> String {
+        self.shared.context.asked_name().to_string()
     }
 
     /// Its specification.

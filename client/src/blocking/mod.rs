@@ -194,6 +194,12 @@ impl Study {
         self.study.first().name()
     }
 
+    /// See [`crate::Study::identified_name`].
+    #[must_use]
+    pub fn identified_name(&self) -> String {
+        self.here().unwrap_or_else(|_| self.study.first()).identified_name()
+    }
+
     /// See [`crate::Study::spec`].
     #[must_use]
     pub fn spec(&self) -> &StudySpec {

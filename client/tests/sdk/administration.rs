@@ -51,6 +51,26 @@ async fn studies_are_listed_changed_and_deleted() {
 }
 
 #[tokio::test]
+async fn a_handle_names_its_study_after_the_name_went_to_another() {
+    let (fake, client, _unidentified) = Fake::with_study().await;
+    fake.book().studies.get_mut("studies/scene").unwrap().uid = "00000000000000aa".to_owned();
+    let study = client.existing_study("scene").await.unwrap();
+    assert_eq!(study.identified_name(), "studies/scene@00000000000000aa");
+    client.rename_study("scene", "hall").await.unwrap();
+    client.create_study("scene", &spec()).await.unwrap();
+    let note = Some("of the hall".to_owned());
+    let change = TextChange { note, ..TextChange::default() };
+    client.update_texts(&study.identified_name(), &change).await.unwrap();
+    let change = PolicyChange::set(Policy::new().epsilon(0.75));
+    let changed = client.update_policy(&study.identified_name(), &change).await.unwrap();
+    assert_eq!(changed, study.record().await.unwrap());
+    assert_eq!((changed.name.as_str(), changed.note.as_str()), ("studies/hall", "of the hall"));
+    let other = client.get_study(study.name()).await.unwrap();
+    assert_eq!(other.note, "");
+    assert_ne!(other.policy.epsilon, Some(0.75));
+}
+
+#[tokio::test]
 async fn a_space_is_changed_and_programs_name_the_one_that_they_know() {
     let (fake, client) = Fake::with_client();
     let old = client.study("scene", spec()).await.unwrap();

@@ -62,7 +62,10 @@ impl Book {
     /// By its name, with or without its identity.
     pub fn study(&self, name: &str) -> Result<&v1::Study, Status> {
         let (plain, uid) = name.split_once('@').unwrap_or((name, ""));
-        let found = self.studies.get(plain).filter(|study| uid.is_empty() || study.uid == uid);
+        let found = match uid {
+            "" => self.studies.get(plain),
+            uid => self.studies.values().find(|study| study.uid == uid),
+        };
         found.ok_or_else(|| Status::not_found(format!("{name} does not exist")))
     }
 

@@ -88,11 +88,9 @@ impl TuningService for Service {
         let v1::UpdateStudyRequest { study, update_mask } = request.into_inner();
         let (change, mask) = (study.unwrap_or_default(), update_mask.unwrap_or_default());
         let mut book = self.book();
-        let name = change.name;
+        let name = book.study(&change.name)?.name.clone();
         let wanted = change.policy.unwrap_or_default();
-        book.study(&name)?;
-        let plain = name.split('@').next().unwrap_or_default();
-        let study = book.studies.get_mut(plain).expect("it was just there");
+        let study = book.studies.get_mut(&name).expect("it was just there");
         let policy = study.policy.get_or_insert_default();
         for path in mask.paths {
             match path.as_str() {

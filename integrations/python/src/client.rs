@@ -279,7 +279,7 @@ pub(crate) struct Study(blocking::Study, blocking::Client);
 
 impl Study {
     fn change(&self, python: Python<'_>, change: &PolicyChange) -> PyResult<()> {
-        python.detach(|| self.1.update_policy(self.0.name(), change)).map(drop).map_err(raised)
+        python.detach(|| self.1.update_policy(&self.0.identified_name(), change)).map(drop).map_err(raised)
     }
 }
 
@@ -387,7 +387,7 @@ impl Study {
         tags: Option<Vec<String>>,
     ) -> PyResult<()> {
         let change = TextChange { display_name, note, tags: tags.map(|tags| tags.into_iter().collect()) };
-        python.detach(|| self.1.update_texts(self.0.name(), &change)).map(drop).map_err(raised)
+        python.detach(|| self.1.update_texts(&self.0.identified_name(), &change)).map(drop).map_err(raised)
     }
 
     /// Neither explores nor learns any more, until ``thaw``: answers stay what they are.
@@ -469,7 +469,7 @@ impl Study {
     #[pyo3(signature = (filter="", order_by=""))]
     fn trials<'py>(&self, python: Python<'py>, filter: &str, order_by: &str) -> PyResult<Bound<'py, PyAny>> {
         let query = TrialQuery::all().filter(filter).order_by(order_by);
-        crate::trials::read(python, &self.1, self.0.name(), query)
+        crate::trials::read(python, &self.1, &self.0.identified_name(), query)
     }
 
     /// The Pareto front of the stored trials, as a ``treewright.front.ParetoFront``, whatever the study

@@ -220,6 +220,32 @@ def steering(url: str) -> None:
     assert kinds.policy()["pinned"] == "splitKind=SAH" and kinds.policy()["track_speed"] == "true", kinds.policy()
 
 
+def only_its_own_study(url: str) -> None:
+    """A handle goes by the identity of its study: no call of it reaches another that has the name by now."""
+    import treewright
+
+    client = treewright.Client(url, client_id="python-identity", deadline_ms=20000)
+    space = lambda: treewright.Space().integer("leaf", 1, 32, default=8)
+    before = client.study("python-identity", space(), minimise={"ms": 1.0})
+    client.delete_study("python-identity")
+    after = client.study("python-identity", space(), minimise={"ms": 2.0})
+    policy = after.policy()
+    for call in (
+        lambda: before.set_texts(note="of before"),
+        lambda: before.set_policy(epsilon=0.5),
+        lambda: before.pin({"leaf": 3}),
+        *(before.unpin, before.freeze, before.thaw, before.trials, before.note, before.tags, before.policy),
+    ):
+        try:
+            call()
+        except treewright.Refused as problem:
+            assert "created again" in str(problem), problem
+        else:
+            raise AssertionError(call)
+    assert (after.note(), after.policy(), after.trials().rows()) == ("", policy, [])
+    client.delete_study("python-identity")
+
+
 def across_a_change_of_the_space(url: str) -> None:
     """A program of before goes on in the space that it knows, and one of today gets the new parameter."""
     import treewright
@@ -880,6 +906,7 @@ if __name__ == "__main__":
     stubs()
     trials(sys.argv[1])
     steering(sys.argv[1])
+    only_its_own_study(sys.argv[1])
     across_a_change_of_the_space(sys.argv[1])
     leases(sys.argv[1])
     loop(sys.argv[1])
