@@ -193,11 +193,12 @@ impl Client {
     /// Errors: [`ClientError::Invalid`] for a change of nothing; [`ClientError::Refused`] for one beyond a
     /// limit, too; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn update_texts(&self, id: &str, change: &TextChange) -> Result<StudyRecord, ClientError> {
-        let TextChange { display_name, note, tags } = change.clone();
+        let TextChange { display_name, note, tags, added_tags, removed_tags } = change.clone();
         let given =
             [("display_name", display_name.is_some()), ("note", note.is_some()), ("tags", tags.is_some())];
-        let paths: Vec<String> =
+        let mut paths: Vec<String> =
             given.iter().filter(|(_, is_given)| *is_given).map(|(path, _)| (*path).to_owned()).collect();
+        paths.extend(added_tags.union(&removed_tags).map(|tag| format!("tags.{tag}")));
         if paths.is_empty() {
             return Err(ClientError::invalid("note", "nothing to change; give at least one text"));
         }
@@ -205,7 +206,12 @@ impl Client {
             name: study_name(id),
             display_name: display_name.unwrap_or_default(),
             note: note.unwrap_or_default(),
-            tags: tags.into_iter().flatten().collect(),
+            tags: tags
+                .into_iter()
+                .flatten()
+                .chain(added_tags)
+                .filter(|tag| !removed_tags.contains(tag))
+                .collect(),
             ..v1::Study::default()
         };
         self.update_study(study, paths).await

@@ -168,6 +168,10 @@ pub struct TextChange {
     pub note: Option<String>,
     /// All tags from now on, at most 16, each of 1 to 32 letters and digits of any script, `_`, `-` and `.`.
     pub tags: Option<BTreeSet<String>>,
+    /// Tags to add. Those that others add or remove at the same time are not concerned.
+    pub added_tags: BTreeSet<String>,
+    /// Tags to remove, where they are there. One that is also added is removed.
+    pub removed_tags: BTreeSet<String>,
 }
 
 /// A study's changed space, and what that means for its trials.

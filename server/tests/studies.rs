@@ -227,6 +227,36 @@ async fn texts_for_people_change_and_are_not_compared() {
 }
 
 #[tokio::test]
+async fn who_sets_one_tag_undoes_nobody_elses_change() {
+    let (_server, mut client) = Server::with_hall().await;
+    let request = |given: &[String], set: &[String]| wire::UpdateStudyRequest {
+        study: Some(wire::Study {
+            name: "studies/hall".to_owned(),
+            tags: given.to_vec(),
+            ..wire::Study::default()
+        }),
+        update_mask: Some(FieldMask { paths: set.iter().map(|tag| format!("tags.{tag}")).collect() }),
+    };
+    let words = |text: &str| text.split(',').map(str::to_owned).collect::<Vec<_>>();
+    for (given, set, there) in [
+        ("gpu", "gpu", "gpu"),
+        ("b", "b", "b gpu"),
+        ("層.1,x", "層.1,c", "b gpu 層.1"),
+        ("c", "c,b", "c gpu 層.1"),
+    ] {
+        let updated = client.update_study(request(&words(given), &words(set))).await.unwrap().into_inner();
+        assert_eq!(updated.tags.join(" "), there);
+        assert_eq!(updated.policy.unwrap().epsilon, study().policy.unwrap().epsilon);
+    }
+    let many: Vec<String> = (0..14).map(|number| number.to_string()).collect();
+    let answer = client.update_study(request(&many, &many)).await;
+    assert_refused(answer, Code::InvalidArgument, "tags has 17; give at most 16");
+    let wrong = ["two words".to_owned()];
+    let answer = client.update_study(request(&wrong, &wrong)).await;
+    assert_refused(answer, Code::InvalidArgument, "tags: \"two words\" must be 1 to 32 letters");
+}
+
+#[tokio::test]
 async fn a_policy_changes_field_by_field_and_takes_effect() {
     let (_server, mut client) = Server::with_hall().await;
     let first = suggest(&mut client, "a", 10.0).await;

@@ -136,14 +136,14 @@ fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally, Failure> {
 
 /// Changes the texts for people of a study.
 fn edit_texts(client: &Client, change: &EditStudy, json: bool) -> Result<String, Failure> {
-    let EditStudy { display_name, note, tags: added, untags: removed, .. } = change;
-    let study = client.get_study(&change.name)?;
-    let mut tags = study.tags.clone();
-    tags.extend(added.iter().cloned());
-    tags.retain(|tag| !removed.contains(tag));
-    let tags = (!added.is_empty() || !removed.is_empty()).then_some(tags);
-    let texts = TextChange { display_name: display_name.clone(), note: note.clone(), tags };
-    let study = client.update_texts(&study.identified_name(), &texts)?;
+    let texts = TextChange {
+        display_name: change.display_name.clone(),
+        note: change.note.clone(),
+        tags: None,
+        added_tags: change.tags.iter().cloned().collect(),
+        removed_tags: change.untags.iter().cloned().collect(),
+    };
+    let study = client.update_texts(&change.name, &texts)?;
     either(json, &study, || show::texts(&study))
 }
 

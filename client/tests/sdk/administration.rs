@@ -41,6 +41,15 @@ async fn studies_are_listed_changed_and_deleted() {
     let changed = client.update_texts("scene", &TextChange { tags, ..TextChange::default() }).await.unwrap();
     assert_eq!((changed.note.as_str(), changed.tags.contains("gpu")), ("at\nnight", true));
     assert_eq!(changed.spec().unwrap().note, changed.note);
+    // Each of two who add a tag knows nothing of the other's.
+    for tag in ["b", "c"] {
+        let added_tags = [tag.to_owned()].into();
+        client.update_texts("scene", &TextChange { added_tags, ..TextChange::default() }).await.unwrap();
+    }
+    let removed_tags = ["b", "d"].map(str::to_owned).into();
+    let change = TextChange { removed_tags, ..TextChange::default() };
+    let changed = client.update_texts("scene", &change).await.unwrap();
+    assert!(changed.tags.iter().eq(["c", "gpu"]), "{:?}", changed.tags);
     let nothing = client.update_texts("scene", &TextChange::default()).await;
     assert!(matches!(nothing, Err(ClientError::Invalid { .. })));
     assert_eq!(study.record().await.unwrap(), client.get_study("studies/scene").await.unwrap());

@@ -101,7 +101,12 @@ impl TuningService for Service {
                 "display_name" => study.display_name.clone_from(&change.display_name),
                 "note" => study.note.clone_from(&change.note),
                 "tags" => study.tags.clone_from(&change.tags),
-                other => return Err(Status::invalid_argument(format!("update_mask: {other}"))),
+                other => {
+                    let wrong = || Status::invalid_argument(format!("update_mask: {other}"));
+                    let tag = other.strip_prefix("tags.").ok_or_else(wrong)?;
+                    study.tags.retain(|known| known != tag);
+                    study.tags.extend(change.tags.iter().find(|given| *given == tag).cloned());
+                }
             }
         }
         Ok(Response::new(study.clone()))

@@ -386,7 +386,8 @@ impl Study {
         note: Option<String>,
         tags: Option<Vec<String>>,
     ) -> PyResult<()> {
-        let change = TextChange { display_name, note, tags: tags.map(|tags| tags.into_iter().collect()) };
+        let tags = tags.map(|tags| tags.into_iter().collect());
+        let change = TextChange { display_name, note, tags, ..TextChange::default() };
         python.detach(|| self.1.update_texts(&self.0.identified_name(), &change)).map(drop).map_err(raised)
     }
 

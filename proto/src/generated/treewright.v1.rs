@@ -936,8 +936,8 @@ pub struct UpdateStudyRequest {
     /// `study.name` selects it; of the rest only what the mask names is read. REQUIRED.
     #[prost(message, optional, tag = "1")]
     pub study: ::core::option::Option<Study>,
-    /// Paths `policy` (replaces the whole policy), `policy.FIELD`, `display_name`, `note` and `tags` (replaces all tags).
-    /// Unset means `policy`.
+    /// Paths `policy` (replaces the whole policy), `policy.FIELD`, `display_name`, `note`, `tags` (replaces all tags) and
+    /// `tags.TAG` (adds this tag if `study.tags` has it, and removes it if not; other tags stay). Unset means `policy`.
     #[prost(message, optional, tag = "2")]
     pub update_mask: ::core::option::Option<::prost_types::FieldMask>,
 }

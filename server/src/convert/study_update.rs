@@ -12,6 +12,8 @@ use crate::error::Error;
 
 /// The paths beside the policy's.
 const TEXTS: [&str; 3] = ["display_name", "note", "tags"];
+/// The beginning of the path of one tag, so that who adds one undoes nobody else's change.
+const TAG: &str = "tags.";
 
 /// A change of a study: the given values, and the fields that count.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,7 +63,12 @@ impl StudyUpdate {
                 "display_name" => spec.display_name.clone_from(&self.display_name),
                 "note" => spec.note.clone_from(&self.note),
                 "tags" => spec.tags.clone_from(&self.tags),
-                _ => {}
+                other => {
+                    if let Some(tag) = other.strip_prefix(TAG) {
+                        spec.tags.remove(tag);
+                        spec.tags.extend(self.tags.get(tag).cloned());
+                    }
+                }
             }
         }
         if current.front().is_some_and(|front| spec.front() != Some(front)) {
@@ -80,12 +87,13 @@ impl StudyUpdate {
             if path == "policy" {
                 policy = self.given.clone();
             } else if TEXTS.contains(&path.as_str())
+                || path.starts_with(TAG)
                 || field.is_some_and(|field| PolicySettings::RETIRED.contains(&field))
             {
                 // A text changes no policy. A retired field may still be set, to no effect.
             } else if field.is_none_or(|field| policy.replace_field(field, &self.given).is_err()) {
                 let problem = format!(
-                    "{path:?} cannot be changed; use {}, policy, or policy.FIELD with one of {}",
+                    "{path:?} cannot be changed; use {}, tags.TAG, policy, or policy.FIELD with one of {}",
                     TEXTS.join(", "),
                     field_names()
                 );
@@ -130,7 +138,7 @@ mod tests {
 
     #[test]
     fn other_paths_and_values_are_refused() {
-        for path in ["seed", "policy.colour", "*", "policy.pinned.values", "policy.note", "tags.a", ""] {
+        for path in ["seed", "policy.colour", "*", "policy.pinned.values", "policy.note", "note.a", ""] {
             let error = StudyUpdate::read(v1::Study::default(), mask(&[path])).unwrap_err();
             assert!(error.to_string().starts_with("update_mask: "), "{error}");
         }

@@ -174,16 +174,14 @@ async fn texts(visitor: &Visitor<'_>, study: &str, form: &Query) -> Result<FormC
     let before: BTreeSet<String> = stored.tags.iter().cloned().collect();
     let tags = merged(tags("tags"), tags("tags_shown"), &before).ok_or_else(|| changed("tags"))?;
     let (mut paths, mut said) = (Vec::new(), String::new());
-    if tags != before {
-        paths.push("tags".to_owned());
-    }
     // Where nothing was written the note stays what it is: a mask of nothing would mean the policy.
-    if note != stored.note || paths.is_empty() {
+    if note != stored.note || tags == before {
         paths.push("note".to_owned());
         said += &format!(" --note={}", shell_word(&note));
     }
     for (flag, these, others) in [("tag", &tags, &before), ("untag", &before, &tags)] {
         for tag in these.difference(others) {
+            paths.push(format!("tags.{tag}"));
             said += &format!(" --{flag}={}", shell_word(tag));
         }
     }
