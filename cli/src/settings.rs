@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _};
 use serde::{Deserialize, Serialize};
-use treewright_client::{CredentialArguments, without_empty_variables};
+use treewright_client::{CredentialArguments, TLS_ARGUMENTS, overrules_tls, without_empty_variables};
 
 use crate::arguments::Arguments;
 use crate::failure::Failure;
@@ -17,8 +17,6 @@ use crate::files;
 const VARIABLE: &str = "TREEWRIGHT_CONFIG";
 /// The file's name in its folder.
 const NAME: &str = "config.toml";
-/// The settings that only an `https:` address uses.
-const TLS: [&str; 3] = ["tls_ca", "tls_cert", "tls_key"];
 
 /// The settings; each has the name of its argument.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -122,17 +120,13 @@ impl Settings {
         Ok(arguments)
     }
 
-    /// Leaves out TLS settings that an address without TLS overrules: they are for another daemon. Where one
-    /// comes from the same place as the address, or goes before it, all stay, and connecting refuses them.
+    /// Leaves out TLS settings that the address overrules.
     fn leave_out_tls(&mut self, matches: &ArgMatches, arguments: &mut Arguments) {
-        let server = arguments.server.as_deref().unwrap_or_default();
-        let has_tls = server.split(',').any(|url| url.trim().starts_with("https://"));
-        let place = |name: &str| matches.value_source(name);
-        if has_tls || !TLS.iter().all(|name| place(name) < place("server")) {
+        if !overrules_tls(matches) {
             return;
         }
         let CredentialArguments { tls_ca, tls_cert, tls_key, .. } = &mut arguments.credentials;
-        for (name, path) in TLS.into_iter().zip([tls_ca, tls_cert, tls_key]) {
+        for (name, path) in TLS_ARGUMENTS.into_iter().zip([tls_ca, tls_cert, tls_key]) {
             if path.take().is_some() {
                 self.sources.insert(name, "left out, as the address has no TLS");
             }

@@ -8,6 +8,9 @@ use crate::{ClientError, Credentials};
 /// the arguments of every program.
 const TOKEN_VARIABLE: &str = "TREEWRIGHT_TOKEN";
 
+/// The arguments that only an address with TLS uses.
+pub const TLS_ARGUMENTS: [&str; 3] = ["tls_ca", "tls_cert", "tls_key"];
+
 /// Token and certificates. The heading stands at each argument: one for the whole would also hold for what a
 /// program lists after them.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -70,16 +73,74 @@ impl CredentialArguments {
     }
 }
 
+/// Whether the argument `server` overrules the TLS settings, which are for another daemon then and are left
+/// out: its addresses have no TLS, and it comes from a place that goes before theirs. Where one of them comes
+/// from the same place as the address, or goes before it, all stay, and connecting refuses them. `matches`
+/// are those of the command that has the arguments.
+#[must_use]
+pub fn overrules_tls(matches: &clap::ArgMatches) -> bool {
+    let Ok(Some(server)) = matches.try_get_one::<String>("server") else { return false };
+    let has_tls = server.split(',').any(|url| url.trim().starts_with("https://"));
+    let place = matches.value_source("server");
+    // A command with an address may have no credentials.
+    let is_given = |name: &str| matches.try_contains_id(name).is_ok_and(|is_given| is_given);
+    let is_lower = |name: &str| !is_given(name) || matches.value_source(name) < place;
+    !has_tls && TLS_ARGUMENTS.iter().all(|name| is_lower(name))
+}
+
+/// The command, which reads no TLS settings from the environment.
+pub fn without_tls_variables(command: clap::Command) -> clap::Command {
+    without_variables(command, &|argument| TLS_ARGUMENTS.contains(&argument.get_id().as_str()))
+}
+
 /// The command, for which an empty variable is as one that is not set: `VARIABLE=` in a file of settings, or
 /// `${VARIABLE:-}` in one for containers, means just that.
 pub fn without_empty_variables(command: clap::Command) -> clap::Command {
-    let command = command.mut_args(|argument| {
-        let value = argument.get_env().and_then(std::env::var_os);
-        if value.is_some_and(|value| value.is_empty()) {
-            argument.env(None::<&'static str>)
-        } else {
-            argument
+    without_variables(command, &|argument| {
+        argument.get_env().and_then(std::env::var_os).is_some_and(|value| value.is_empty())
+    })
+}
+
+/// The command, whose arguments of this kind are not read from the environment.
+fn without_variables(command: clap::Command, is_meant: &dyn Fn(&clap::Arg) -> bool) -> clap::Command {
+    let command = command
+        .mut_args(|argument| if is_meant(&argument) { argument.env(None::<&'static str>) } else { argument });
+    command.mut_subcommands(|inner| without_variables(inner, is_meant))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::{Arg, Args as _, Command};
+
+    use super::*;
+
+    #[test]
+    fn an_address_overrules_tls_settings_of_lower_places_and_no_others() {
+        let server = Arg::new("server").long("server").default_value("http://a:1");
+        let own = CredentialArguments::augment_args(Command::new("own").arg(server));
+        let overrules = |command: &Command, line: &[&str]| {
+            let line = ["own"].iter().chain(line);
+            overrules_tls(&command.clone().try_get_matches_from(line).expect("a command line"))
+        };
+        let lower = own.clone().mut_arg("tls_ca", |argument| argument.default_value("ca.pem"));
+        for url in ["http://b:1", "unix:/run/a.sock,http://b:1"] {
+            assert!(overrules(&lower, &["--server", url]), "{url}");
         }
-    });
-    command.mut_subcommands(without_empty_variables)
+        assert!(!overrules(&lower, &["--server", "http://b:1,https://c:1"]));
+        assert!(!overrules(&lower, &[]), "both are defaults");
+        assert!(!overrules(&lower, &["--server", "http://b:1", "--tls-ca", "d.pem"]));
+        assert!(!overrules(&own, &["--tls-ca", "d.pem"]), "it goes before the address");
+        assert!(!overrules(&Command::new("own"), &[]), "it has no address");
+        let all = Command::new("all").subcommand(own);
+        let inner = |command: &Command| command.find_subcommand("own").cloned().expect("it is there");
+        let read = |command: &Command, name: &str| {
+            let mut all = command.get_arguments();
+            all.any(|argument| argument.get_id() == name && argument.get_env().is_some())
+        };
+        let without = inner(&without_tls_variables(all.clone()));
+        for name in TLS_ARGUMENTS {
+            assert!(read(&inner(&all), name) && !read(&without, name), "{name}");
+        }
+        assert!(read(&without, "token_file"));
+    }
 }

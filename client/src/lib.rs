@@ -69,7 +69,9 @@ mod wire;
 mod workers;
 
 #[cfg(feature = "arguments")]
-pub use arguments::{CredentialArguments, without_empty_variables};
+pub use arguments::{
+    CredentialArguments, TLS_ARGUMENTS, overrules_tls, without_empty_variables, without_tls_variables,
+};
 pub use by_name::Question;
 pub use circuit_breaker::Status;
 pub use client::Client;

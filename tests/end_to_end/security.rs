@@ -4,6 +4,7 @@
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use tonic::metadata::MetadataValue;
@@ -11,7 +12,7 @@ use tonic::transport::{Certificate, Channel, ClientTlsConfig, Identity};
 use tonic::{Code, Request, Status};
 use treewright_proto::v1 as pb;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
-use treewright_tests::programs::{run, stderr, token};
+use treewright_tests::programs::{program, run, stderr, token};
 
 use crate::guard::{self, Authority, Caller, in_force, until};
 use crate::site::{Site, path_text, wait_until};
@@ -288,6 +289,16 @@ async fn the_command_line_client_shows_token_and_checks_certificate() {
     let plain = run("treewright", &["studies", "--server", "http://localhost:1", "--tls-ca", &ca]);
     assert_eq!(plain.status.code(), Some(2), "{}", stderr(&plain));
     assert!(stderr(&plain).contains("certificate authority"), "{}", stderr(&plain));
+    // An authority in the environment is for another daemon than the one that is named.
+    for (name, asks) in [("treewright", "ping"), ("treewright-render", "best --scene builtin:quick")] {
+        let mut command = Command::new(program(name));
+        command.args(asks.split(' ')).args(["--server", "http://localhost:1"]).env("TREEWRIGHT_TLS_CA", &ca);
+        let absent = command.output().expect("it starts");
+        assert_eq!(absent.status.code(), Some(3), "{name}: {}", stderr(&absent));
+        command.arg("--tls-ca").arg(&ca);
+        let refused = command.output().expect("it starts");
+        assert_eq!(refused.status.code(), Some(2), "{name}: {}", stderr(&refused));
+    }
 }
 
 #[test]

@@ -34,7 +34,7 @@ use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use treewright_accel::Isa;
-use treewright_client::without_empty_variables;
+use treewright_client::{overrules_tls, without_empty_variables, without_tls_variables};
 
 use commands::{animate, bench, best, image, info, play, rays, sample, tune};
 use error::CliError;
@@ -114,12 +114,21 @@ pub fn main() -> ExitCode {
     carry_out("treewright-render", || run(&parse::<Cli>().command))
 }
 
-/// The process's arguments, and the environment where a variable holds something. Ends the process where they
-/// are wrong.
+/// The process's arguments, and the environment where a variable holds something. TLS settings of the
+/// environment are left out where an address among the arguments has no TLS. Ends the process where they are
+/// wrong.
 #[must_use]
 pub fn parse<T: Parser>() -> T {
     let mut command = without_empty_variables(T::command());
-    let matches = command.get_matches_mut();
+    let mut matches = command.get_matches_mut();
+    let mut chosen = &matches;
+    while let Some((_, inner)) = chosen.subcommand() {
+        chosen = inner;
+    }
+    if overrules_tls(chosen) {
+        command = without_tls_variables(without_empty_variables(T::command()));
+        matches = command.get_matches_mut();
+    }
     T::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit())
 }
 
