@@ -11,6 +11,7 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Checkpoint, Snapshot, StateRecord, StudyCounts, Visit};
 
+use crate::assembly::study_not_found;
 use crate::error::StoreError;
 use crate::fence::{Fence, Receipt};
 use crate::limits;
@@ -65,17 +66,29 @@ impl MemoryStore {
         let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         if inner.closed { Err(StoreError::Closed) } else { Ok(inner) }
     }
+
+    /// Changes a study whose fence holds; a failure breaks it.
+    fn change(
+        &self,
+        fence: &Fence,
+        apply: impl FnOnce(&mut MemoryStudy) -> Result<(), StoreError>,
+    ) -> Receipt {
+        match self.lock().and_then(|mut inner| apply(inner.fenced(fence)?)) {
+            Ok(()) => Receipt::settled(Ok(())),
+            Err(error) => Receipt::refused(fence, error),
+        }
+    }
 }
 
 impl MemoryTables {
     fn study(&self, id: &str) -> Result<&MemoryStudy, StoreError> {
-        self.studies.get(id).ok_or_else(|| not_found(id))
+        self.studies.get(id).ok_or_else(|| study_not_found(id))
     }
 
     /// Checks that a study has the identity, where one is given.
     fn identified(&self, id: &str, uid: Option<StudyUid>) -> Result<(), StoreError> {
         let found = self.study(id)?.uid;
-        if uid.is_none_or(|uid| uid == found) { Ok(()) } else { Err(not_found(id)) }
+        if uid.is_none_or(|uid| uid == found) { Ok(()) } else { Err(study_not_found(id)) }
     }
 
     /// The highest trial number that earlier studies have handed out under a name.
@@ -86,7 +99,7 @@ impl MemoryTables {
 
     /// Takes a study away from its name, which is noted with the last number under it, and breaks its fence.
     fn take(&mut self, id: &str) -> Result<MemoryStudy, StoreError> {
-        let mut study = self.studies.remove(id).ok_or_else(|| not_found(id))?;
+        let mut study = self.studies.remove(id).ok_or_else(|| study_not_found(id))?;
         if let Some(fence) = study.fence.take() {
             fence.break_up();
         }
@@ -115,17 +128,13 @@ impl MemoryTables {
         self.studies
             .get_mut(fence.study())
             .filter(|study| study.key == fence.key())
-            .ok_or_else(|| not_found(fence.study()))
+            .ok_or_else(|| study_not_found(fence.study()))
     }
 }
 
 /// A new identity. The standard library's hashes are keyed with randomness from the system.
 fn random_uid() -> StudyUid {
     StudyUid(RandomState::new().build_hasher().finish())
-}
-
-fn not_found(id: &str) -> StoreError {
-    StoreError::StudyNotFound { study: id.to_owned() }
 }
 
 impl MemoryStudy {
@@ -282,7 +291,7 @@ impl Store for MemoryStore {
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
         let mut inner = self.lock()?;
-        let found = inner.studies.get_mut(study).ok_or_else(|| not_found(study))?;
+        let found = inner.studies.get_mut(study).ok_or_else(|| study_not_found(study))?;
         let fence = Fence::new(study, found.key);
         if let Some(earlier) = found.fence.replace(fence.clone()) {
             earlier.break_up();
@@ -311,12 +320,7 @@ impl Store for MemoryStore {
     }
 
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        let result = self.lock().and_then(|mut inner| inner.fenced(fence)?.apply(changes));
-        let result = result.map_err(|error| error.in_study(fence.study()));
-        if result.is_err() {
-            fence.break_up();
-        }
-        Receipt::settled(result)
+        self.change(fence, |study| study.apply(changes))
     }
 
     fn update_study(
@@ -326,43 +330,28 @@ impl Store for MemoryStore {
         earlier: &EarlierSpaces,
         models_since: u64,
     ) -> Receipt {
-        let result = self.lock().and_then(|mut inner| {
-            let study = inner.fenced(fence)?;
+        self.change(fence, |study| {
             (study.spec, study.earlier, study.models_since) = (spec.clone(), earlier.clone(), models_since);
             Ok(())
-        });
-        if result.is_err() {
-            fence.break_up();
-        }
-        Receipt::settled(result)
+        })
     }
 
     fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
-        let result = self.lock().and_then(|mut inner| {
-            let study = inner.fenced(fence)?;
+        self.change(fence, |study| {
             (study.spec, study.earlier, study.checkpoint) = (spec.clone(), earlier.clone(), None);
             study.states.values_mut().for_each(|state| state.search = None);
             Ok(())
-        });
-        if result.is_err() {
-            fence.break_up();
-        }
-        Receipt::settled(result)
+        })
     }
 
     fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
-        let result = self.lock().and_then(|mut inner| {
-            let study = inner.fenced(fence)?;
+        self.change(fence, |study| {
             let trial = study.trials.get_mut(&number).filter(|trial| trial.state == TrialState::Completed);
             let missing = || StoreError::TrialNotFound { study: fence.study().to_owned(), number };
             trial.ok_or_else(missing)?.exclusion = reason.map(str::to_owned);
             study.checkpoint = None;
             Ok(())
-        });
-        if result.is_err() {
-            fence.break_up();
-        }
-        Receipt::settled(result)
+        })
     }
 
     async fn completed_trials(
@@ -444,15 +433,15 @@ impl Store for MemoryStore {
             .map(|trial| raw_trial(trial.clone()))
             .filter(|trial| query.filter.matches(trial))
             .collect();
-        found.sort_by(|a, b| query.order.compare(&query.order.place(a), &query.order.place(b)));
+        let compare =
+            |a: &RawTrial, b: &RawTrial| query.order.compare(&query.order.place(a), &query.order.place(b));
+        found.sort_by(compare);
         if let Some(after) = &query.after {
             found.retain(|trial| query.order.compare(&query.order.place(trial), after).is_gt());
         }
         let more = found.len() > size;
         found.truncate(size);
         assert!(found.len() <= size && (found.len() == size || !more));
-        let compare =
-            |a: &RawTrial, b: &RawTrial| query.order.compare(&query.order.place(a), &query.order.place(b));
         debug_assert!(
             found.is_sorted_by(|a, b| compare(a, b).is_lt()),
             "an order leaves two trials in one place"
