@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use treewright_core::trial::Trial;
 
 use super::FilterError;
-use super::parse;
+use super::parse::{self, unexpected};
 use super::token::{FilterToken, tokens};
 use crate::cursor::Cursor;
 
@@ -47,9 +47,6 @@ impl Order {
         let mut tokens = tokens(text)?.into_iter();
         let Some(first) = tokens.next() else {
             return Ok(Self::default());
-        };
-        let unexpected = |position, token: &FilterToken, expected| {
-            FilterError::new(position, format!("found {} instead of {expected}", token.shown()))
         };
         let key = match &first.token {
             FilterToken::Word(word) if word == "number" => OrderKey::Number,

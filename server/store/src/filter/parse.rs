@@ -80,12 +80,18 @@ impl Parser {
         Ok(placed)
     }
 
+    /// Takes the next token as what `read` makes of it, or says that it is not `expected`.
+    fn read<T>(
+        &mut self,
+        expected: &str,
+        read: impl FnOnce(&FilterToken) -> Option<T>,
+    ) -> Result<T, FilterError> {
+        let placed = self.take(expected)?;
+        read(&placed.token).ok_or_else(|| unexpected(placed.position, &placed.token, expected))
+    }
+
     fn and(&mut self) -> Result<(), FilterError> {
-        let placed = self.take("`AND`")?;
-        match placed.token {
-            FilterToken::Word(word) if word == "AND" => Ok(()),
-            other => Err(unexpected(placed.position, &other, "`AND`")),
-        }
+        self.read("`AND`", |token| matches!(token, FilterToken::Word(word) if word == "AND").then_some(()))
     }
 
     fn comparison(&mut self) -> Result<FieldComparison, FilterError> {
@@ -164,21 +170,17 @@ impl Parser {
     fn word<T: Copy>(&mut self, words: &[(T, &str)], what: &str) -> Result<T, FilterError> {
         let list: Vec<&str> = words.iter().map(|(_, word)| *word).collect();
         let expected = format!("{what}: {}", list.join(", "));
-        let placed = self.take(&expected)?;
-        let found = match &placed.token {
+        self.read(&expected, |token| match token {
             FilterToken::Word(word) => words.iter().find(|(_, known)| known == word).map(|(value, _)| *value),
             _ => None,
-        };
-        found.ok_or_else(|| unexpected(placed.position, &placed.token, &expected))
+        })
     }
 
     fn text(&mut self) -> Result<String, FilterError> {
-        const EXPECTED: &str = "text in double quotes";
-        let placed = self.take(EXPECTED)?;
-        match placed.token {
-            FilterToken::Text(text) => Ok(text),
-            other => Err(unexpected(placed.position, &other, EXPECTED)),
-        }
+        self.read("text in double quotes", |token| match token {
+            FilterToken::Text(text) => Some(text.clone()),
+            _ => None,
+        })
     }
 
     fn number(&mut self) -> Result<f64, FilterError> {
@@ -191,14 +193,10 @@ impl Parser {
     }
 
     fn whole_number(&mut self) -> Result<i64, FilterError> {
-        const EXPECTED: &str = "a whole number";
-        let placed = self.take(EXPECTED)?;
-        match &placed.token {
-            FilterToken::Number(written) => {
-                written.parse().map_err(|_| unexpected(placed.position, &placed.token, EXPECTED))
-            }
-            other => Err(unexpected(placed.position, other, EXPECTED)),
-        }
+        self.read("a whole number", |token| match token {
+            FilterToken::Number(written) => written.parse().ok(),
+            _ => None,
+        })
     }
 
     fn literal(&mut self) -> Result<Literal, FilterError> {
@@ -240,7 +238,7 @@ fn finite(written: &str, position: usize) -> Result<f64, FilterError> {
     }
 }
 
-fn unexpected(position: usize, found: &FilterToken, expected: &str) -> FilterError {
+pub(super) fn unexpected(position: usize, found: &FilterToken, expected: &str) -> FilterError {
     FilterError::new(position, format!("found {} instead of {expected}", found.shown()))
 }
 
