@@ -5,7 +5,7 @@ mod common;
 
 use std::cell::Cell;
 
-use common::{change, completed, decided, open, spec};
+use common::{change, completed, decided, open, pages, spec};
 use proptest::prelude::*;
 use proptest::test_runner::{RngAlgorithm, TestRng, TestRunner};
 use treewright_core::configuration::RawConfiguration;
@@ -128,19 +128,6 @@ fn order() -> impl Strategy<Value = String> {
         "measurement.build_ms desc",
         "measurement.absent desc",
     ])
-}
-
-/// All pages of an answer, as lists of numbers.
-async fn pages(store: &dyn Store, study: &str, mut query: TrialQuery) -> Vec<Vec<u64>> {
-    let mut pages = Vec::new();
-    loop {
-        let page = store.query_trials(study, &query).await.expect("an answer");
-        pages.push(page.trials.iter().map(|trial| trial.number).collect());
-        match page.next {
-            Some(next) => query.after = Some(next),
-            None => return pages,
-        }
-    }
 }
 
 #[test]

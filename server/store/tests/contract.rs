@@ -1,8 +1,9 @@
 //! The promises of every store, run against each implementation. The memory store is the oracle.
 
+#[macro_use]
 mod common;
 
-use common::{change, completed, decided, open, spec, state, visit};
+use common::{ask, change, completed, decided, numbers, open, pages, spec, state, visit};
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::policy::{Policy, SearchMethod};
 use treewright_core::space::{Domain, EarlierSpaces, Parameter, Space};
@@ -10,34 +11,7 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::{Mode, Outcome, RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Checkpoint, Visit};
 use treewright_core::value::Value;
-use treewright_store::filter::{Filter, Order};
-use treewright_store::{Fence, MemoryStore, SqliteStore, Store, StoreError, TrialQuery};
-
-/// Runs each function of the suite on each store.
-macro_rules! contract {
-    ($($name:ident),* $(,)?) => {
-        mod memory {
-            $(#[tokio::test] async fn $name() {
-                super::$name(&super::MemoryStore::new()).await;
-            })*
-        }
-        mod sqlite {
-            $(#[tokio::test] async fn $name() {
-                let directory = tempfile::tempdir().expect("a directory");
-                let path = directory.path().join("studies.db");
-                let store = super::SqliteStore::open(&path).await.expect("a new database");
-                super::$name(&store).await;
-            })*
-        }
-        mod postgres {
-            $(#[tokio::test] async fn $name() {
-                let database = treewright_test_postgres::Database::create().await;
-                let store = super::common::postgres(&database).await;
-                super::$name(&store).await;
-            })*
-        }
-    };
-}
+use treewright_store::{Fence, Store, StoreError};
 
 contract!(
     creating_is_idempotent_for_equal_specifications,
@@ -72,20 +46,6 @@ async fn fence(store: &dyn Store, study: &str) -> Fence {
 
 async fn commit(store: &dyn Store, fence: &Fence, changes: &[Change]) -> Result<(), StoreError> {
     store.commit(fence, changes).durable().await
-}
-
-fn ask(filter: &str, order: &str, size: u32) -> TrialQuery {
-    TrialQuery {
-        filter: Filter::parse(filter).expect("a filter"),
-        order: Order::parse(order).expect("an order"),
-        after: None,
-        size,
-    }
-}
-
-async fn numbers(store: &dyn Store, filter: &str) -> Vec<u64> {
-    let page = store.query_trials("hall", &ask(filter, "", 1000)).await.expect("an answer");
-    page.trials.iter().map(|trial| trial.number).collect()
 }
 
 async fn creating_is_idempotent_for_equal_specifications(store: &dyn Store) {
@@ -518,18 +478,9 @@ async fn pages_follow_each_other_in_every_order(store: &dyn Store) {
         ("measurement.absent", [1, 2, 3, 4, 5, 6, 7, 8, 9]),
     ] {
         for size in [1, 2, 4, 9, 20] {
-            let mut query = ask("", order, size);
-            let mut found = Vec::new();
-            loop {
-                let page = store.query_trials("hall", &query).await.unwrap();
-                assert!(page.trials.len() <= size as usize);
-                found.extend(page.trials.iter().map(|trial| trial.number));
-                query.after = page.next;
-                if query.after.is_none() {
-                    break;
-                }
-            }
-            assert_eq!(found, expected, "{order}, {size} to a page");
+            let found = pages(store, "hall", ask("", order, size)).await;
+            assert!(found.iter().all(|page| page.len() <= size as usize));
+            assert_eq!(found.concat(), expected, "{order}, {size} to a page");
         }
     }
 }
@@ -544,17 +495,8 @@ async fn both_zeros_are_one_place_in_an_order(store: &dyn Store) {
     }
     commit(store, &held, &[change(trials)]).await.unwrap();
     for order in ["measurement.render_ms", "measurement.render_ms desc"] {
-        let mut query = ask("", order, 1);
-        let mut found = Vec::new();
-        loop {
-            let page = store.query_trials("hall", &query).await.unwrap();
-            found.extend(page.trials.iter().map(|trial| trial.number));
-            query.after = page.next;
-            if query.after.is_none() {
-                break;
-            }
-        }
-        assert_eq!(found, [1, 2, 3], "{order}");
+        let found = pages(store, "hall", ask("", order, 1)).await;
+        assert_eq!(found.concat(), [1, 2, 3], "{order}");
     }
 }
 

@@ -1,20 +1,14 @@
 //! In every store a completed trial is excluded and counts again, and its data stays as it was.
 
+#[macro_use]
 mod common;
 
-use common::{change, completed, open, spec};
+use common::{change, completed, numbers, open, spec};
 use treewright_core::trial::{Outcome, RawTrial};
 use treewright_core::tuner::Checkpoint;
-use treewright_store::filter::{Filter, Order};
-use treewright_store::{MemoryStore, SqliteStore, Store, TrialQuery};
+use treewright_store::Store;
 
-async fn numbers(store: &dyn Store, filter: &str) -> Vec<u64> {
-    let filter = Filter::parse(filter).expect("a filter");
-    let order = Order::parse("").expect("an order");
-    let query = TrialQuery { filter, order, after: None, size: 10 };
-    let page = store.query_trials("hall", &query).await.expect("an answer");
-    page.trials.iter().map(|trial| trial.number).collect()
-}
+contract!(a_trial_is_excluded_and_counts_again);
 
 async fn a_trial_is_excluded_and_counts_again(store: &dyn Store) {
     store.create_study("hall", &spec(), 5).await.expect("created");
@@ -49,23 +43,4 @@ async fn a_trial_is_excluded_and_counts_again(store: &dyn Store) {
     }
     store.exclude_trial(&held, 2, Some("?")).durable().await.expect_err("the study was loaded since");
     assert_eq!(numbers(store, "excluded = true").await, [0; 0]);
-}
-
-#[tokio::test]
-async fn a_trial_is_excluded_and_counts_again_in_memory() {
-    a_trial_is_excluded_and_counts_again(&MemoryStore::new()).await;
-}
-
-#[tokio::test]
-async fn a_trial_is_excluded_and_counts_again_in_sqlite() {
-    let directory = tempfile::tempdir().expect("a directory");
-    let store = SqliteStore::open(&directory.path().join("studies.db")).await.expect("a new database");
-    a_trial_is_excluded_and_counts_again(&store).await;
-}
-
-#[tokio::test]
-async fn a_trial_is_excluded_and_counts_again_in_postgres() {
-    let database = treewright_test_postgres::Database::create().await;
-    let store = common::postgres(&database).await;
-    a_trial_is_excluded_and_counts_again(&store).await;
 }

@@ -4,8 +4,7 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use common::{change, completed, open, spec};
-use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
+use common::{NEWER_MIGRATION, alter, change, completed, foreign, open, spec};
 use treewright_core::trial::Outcome;
 use treewright_store::maintenance::{self, Inventory, MaintenanceError};
 use treewright_store::{OpenError, SqliteStore, Store};
@@ -45,11 +44,6 @@ async fn trials(path: &Path) -> u64 {
     let statistics = store.get_study("hall").await.unwrap().statistics;
     store.close().await;
     statistics.trials
-}
-
-/// Another program's connection.
-async fn foreign(path: &Path) -> sqlx::SqliteConnection {
-    sqlx::sqlite::SqliteConnectOptions::new().filename(path).connect().await.unwrap()
 }
 
 #[tokio::test]
@@ -148,11 +142,7 @@ async fn what_cannot_be_restored_changes_nothing() {
     std::fs::write(&scratched, damaged).unwrap();
     let newer = folder.join("newer");
     std::fs::copy(&place.backup, &newer).unwrap();
-    let mut other = foreign(&newer).await;
-    let insert = "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
-                  VALUES (9999, 'from the future', 1, x'00', 1)";
-    other.execute(insert).await.unwrap();
-    other.close().await.unwrap();
+    alter(&newer, NEWER_MIGRATION).await;
     let in_use = folder.join("in_use");
     let user = store(&in_use, 1).await;
     let link = folder.join("link");
@@ -190,9 +180,7 @@ async fn a_check_finds_what_a_start_need_not() {
     // A text that SQLite takes for one, and an index that lacks a row.
     let unreadable = place.database.with_file_name("unreadable.db");
     std::fs::copy(&place.database, &unreadable).unwrap();
-    let mut other = foreign(&unreadable).await;
-    other.execute("UPDATE trials SET indicators = '{\"x\": ' WHERE state = 'OPEN'").await.unwrap();
-    other.close().await.unwrap();
+    alter(&unreadable, "UPDATE trials SET indicators = '{\"x\": ' WHERE state = 'OPEN'").await;
     let error = maintenance::check(&unreadable).await.unwrap_err();
     assert!(error.to_string().contains("trial 301 of study 1 cannot be read"), "{error}");
     for (damage, found) in [
@@ -207,18 +195,14 @@ async fn a_check_finds_what_a_start_need_not() {
         ),
     ] {
         std::fs::copy(&place.database, &unreadable).unwrap();
-        let mut other = foreign(&unreadable).await;
-        other.execute(damage).await.unwrap();
-        other.close().await.unwrap();
+        alter(&unreadable, damage).await;
         let error = maintenance::check(&unreadable).await.unwrap_err();
         assert!(error.to_string().contains(found), "{error}");
     }
 
     let stray = place.database.with_file_name("stray.db");
     std::fs::copy(&place.database, &stray).unwrap();
-    let mut other = foreign(&stray).await;
-    other.execute("PRAGMA foreign_keys = OFF; DELETE FROM states").await.unwrap();
-    other.close().await.unwrap();
+    alter(&stray, "PRAGMA foreign_keys = OFF; DELETE FROM states").await;
     let error = maintenance::check(&stray).await.unwrap_err();
     assert!(error.to_string().contains("missing row of states"), "{error}");
     SqliteStore::open(&stray).await.expect("its pages are sound").close().await;
@@ -239,10 +223,8 @@ async fn trials_of_a_deleted_study_count_no_more() {
 #[tokio::test]
 async fn the_copy_of_a_file_that_cannot_shrink_can() {
     let place = Place::new();
-    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(&place.database).create_if_missing(true);
-    let mut old = options.connect().await.unwrap();
-    old.execute("PRAGMA application_id = 0x54577274; CREATE TABLE t (x); DROP TABLE t").await.unwrap();
-    old.close().await.unwrap();
+    let old = "PRAGMA application_id = 0x54577274; CREATE TABLE t (x); DROP TABLE t";
+    alter(&place.database, old).await;
     store(&place.database, 5).await.close().await;
     maintenance::back_up(&place.database, &place.backup, false).await.unwrap();
     for (file, expected) in [(&place.database, 0), (&place.backup, 2)] {
@@ -259,16 +241,12 @@ async fn a_restore_looks_at_what_its_schema_says() {
     let place = Place::new();
     store(&place.database, 20).await.close().await;
     maintenance::back_up(&place.database, &place.backup, false).await.unwrap();
-    let mut other = foreign(&place.backup).await;
-    other.execute("ALTER TABLE visits ADD COLUMN stray TEXT").await.unwrap();
-    other.close().await.unwrap();
+    alter(&place.backup, "ALTER TABLE visits ADD COLUMN stray TEXT").await;
     let error = maintenance::restore(&place.backup, &place.database).await.unwrap_err();
     assert!(error.to_string().contains("visits"), "{error}");
     assert_eq!(trials(&place.database).await, 21, "nothing was changed");
 
-    let mut other = foreign(&place.backup).await;
-    other.execute("DELETE FROM _sqlx_migrations WHERE version > 1").await.unwrap();
-    other.close().await.unwrap();
+    alter(&place.backup, "DELETE FROM _sqlx_migrations WHERE version > 1").await;
     let restored = maintenance::restore(&place.backup, &place.database).await.unwrap();
     assert_eq!(restored.inventory.trials, 21);
 }

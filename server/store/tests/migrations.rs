@@ -11,9 +11,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use common::{change, completed, open, spec};
+use common::{alter, change, completed, foreign, open, spec};
 use sqlx::migrate::{Migrate, Migrator};
-use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _, Executor as _};
+use sqlx::{AssertSqlSafe, Connection as _, Executor as _};
 use treewright_core::decision::Decision;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Explanation, Outcome, Rule, Trial};
@@ -167,8 +167,7 @@ async fn goes_on(store: &dyn Store, version: usize) {
 /// A file of version `version`.
 async fn file(folder: &Path, version: usize) -> PathBuf {
     let path = folder.join(format!("version_{version}.db"));
-    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(&path).create_if_missing(true);
-    let mut connection = options.connect().await.unwrap();
+    let mut connection = foreign(&path).await;
     connection.execute("PRAGMA application_id = 0x54577274; PRAGMA journal_mode = WAL").await.unwrap();
     first("sqlite", version).await.run(&mut connection).await.unwrap();
     let hex = |bytes: &[u8]| {
@@ -234,15 +233,12 @@ async fn a_migration_of_a_file_happens_whole_or_not_at_all() {
         (3, "CREATE TABLE token_revision (x)", "DROP TABLE token_revision", "tokens"),
     ] {
         let path = file(folder.path(), version).await;
-        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(&path);
-        let mut other = options.connect().await.unwrap();
-        other.execute(obstacle).await.unwrap();
-        other.close().await.unwrap();
+        alter(&path, obstacle).await;
         for _ in 0..2 {
             let error = SqliteStore::open(&path).await.expect_err("an obstacle");
             assert!(matches!(error, OpenError::Other { .. }), "{error}");
         }
-        let mut other = options.connect().await.unwrap();
+        let mut other = foreign(&path).await;
         let applied: i64 = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
             .fetch_one(&mut other)
             .await
@@ -318,9 +314,7 @@ async fn a_migration_of_postgresql_happens_whole_or_not_at_all() {
 async fn a_search_that_cannot_be_read_begins_anew() {
     let folder = tempfile::tempdir().unwrap();
     let path = file(folder.path(), 4).await;
-    let mut other = sqlx::sqlite::SqliteConnectOptions::new().filename(&path).connect().await.unwrap();
-    other.execute("UPDATE states SET search_packed = x'00ff00ff'").await.unwrap();
-    other.close().await.unwrap();
+    alter(&path, "UPDATE states SET search_packed = x'00ff00ff'").await;
     let store = SqliteStore::open(&path).await.unwrap();
     let loaded = store.load("hall").await.unwrap();
     assert_eq!(loaded.snapshot.states.iter().filter(|state| state.search.is_some()).count(), 0);

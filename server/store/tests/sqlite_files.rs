@@ -4,8 +4,8 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use common::{change, completed, open, spec, state};
-use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
+use common::{NEWER_MIGRATION, alter, change, completed, foreign, open, spec, state};
+use sqlx::{Connection as _, Executor as _};
 use treewright_core::trial::Outcome;
 use treewright_core::tuner::{Change, Checkpoint};
 use treewright_store::{Fence, OpenError, SqliteStore, Store};
@@ -19,16 +19,6 @@ fn file() -> (tempfile::TempDir, PathBuf) {
 
 async fn refusal(path: &Path) -> OpenError {
     SqliteStore::open(path).await.expect_err("this file cannot be opened")
-}
-
-/// Another program's connection.
-async fn foreign(path: &Path) -> sqlx::SqliteConnection {
-    sqlx::sqlite::SqliteConnectOptions::new()
-        .filename(path)
-        .create_if_missing(true)
-        .connect()
-        .await
-        .expect("a connection")
 }
 
 /// A database of one study, and the right to write it.
@@ -65,12 +55,7 @@ async fn a_checkpoint_that_lacks_a_part_is_passed_over() {
     let (store, fence) = hall(&path).await;
     let first = Checkpoint { completion: 5, bytes: vec![1; 10] };
     store.save_checkpoint(&fence, &first).await.unwrap();
-    let mut other = foreign(&path).await;
-    other
-        .execute("INSERT INTO checkpoints SELECT id, 9, 0, 2, x'0102' FROM studies")
-        .await
-        .expect("a part of two");
-    other.close().await.unwrap();
+    alter(&path, "INSERT INTO checkpoints SELECT id, 9, 0, 2, x'0102' FROM studies").await;
     let loaded = store.load("hall").await.unwrap();
     assert_eq!(loaded.checkpoint, Some(first));
     // The next whole one clears it away.
@@ -321,9 +306,7 @@ async fn a_damaged_database_is_refused() {
 async fn another_programs_database_is_refused_and_left_alone() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("album.db");
-    let mut other = foreign(&path).await;
-    other.execute("CREATE TABLE photographs (id INTEGER)").await.unwrap();
-    other.close().await.unwrap();
+    alter(&path, "CREATE TABLE photographs (id INTEGER)").await;
     let before = std::fs::read(&path).unwrap();
     let error = refusal(&path).await;
     assert!(matches!(error, OpenError::Foreign { .. }), "{error}");
@@ -334,15 +317,7 @@ async fn another_programs_database_is_refused_and_left_alone() {
 async fn a_newer_schema_is_refused() {
     let (_directory, path) = file();
     SqliteStore::open(&path).await.unwrap().close().await;
-    let mut other = foreign(&path).await;
-    other
-        .execute(
-            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
-             VALUES (9999, 'from the future', 1, x'00', 1)",
-        )
-        .await
-        .unwrap();
-    other.close().await.unwrap();
+    alter(&path, NEWER_MIGRATION).await;
     let error = refusal(&path).await;
     assert!(matches!(error, OpenError::Newer { version: 9999, known: 1..9999, .. }), "{error}");
 }
@@ -369,9 +344,7 @@ async fn altered_tables_and_scratched_pages_are_refused_at_the_start() {
         ("DROP TRIGGER trials_completed_are_final", "trigger trials_completed_are_final is missing"),
     ] {
         let altered = copy();
-        let mut other = foreign(&altered).await;
-        other.execute(sql).await.unwrap();
-        other.close().await.unwrap();
+        alter(&altered, sql).await;
         let error = refusal(&altered).await;
         assert!(
             matches!(&error, OpenError::Damaged { problems, .. } if problems.starts_with(problem)),
@@ -380,9 +353,7 @@ async fn altered_tables_and_scratched_pages_are_refused_at_the_start() {
     }
     // An operator's own additions for questions are ignored.
     let altered = copy();
-    let mut other = foreign(&altered).await;
-    other.execute("CREATE INDEX mine ON trials (cost)").await.unwrap();
-    other.close().await.unwrap();
+    alter(&altered, "CREATE INDEX mine ON trials (cost)").await;
     SqliteStore::open(&altered).await.expect("it is ours still").close().await;
 
     let mut bytes = std::fs::read(&path).unwrap();

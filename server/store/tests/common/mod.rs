@@ -1,9 +1,12 @@
 //! Studies and changes to store.
-#![allow(dead_code)] // Each test file uses its own part.
+#![allow(dead_code, unused_macros)] // Each test file uses its own part.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::Duration;
 
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::decision::{
     BudgetStatus, Choice, Decision, Exploit, ExploitRule, ExploitSource, ExplorationEstimate, Explore,
@@ -15,12 +18,85 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::{Fingerprint, Mode, Neighbour, Outcome, Trial, TrialState};
 use treewright_core::tuner::{Account, Change, StateRecord, Visit, VisitDecision};
 use treewright_core::value::Value;
-use treewright_store::{PostgresAddress, PostgresStore};
+use treewright_store::filter::{Filter, Order};
+use treewright_store::{PostgresAddress, PostgresStore, Store, TrialQuery};
+
+/// Runs each function of the suite on each store.
+macro_rules! contract {
+    ($($name:ident),* $(,)?) => {
+        mod memory {
+            $(#[tokio::test] async fn $name() {
+                super::$name(&treewright_store::MemoryStore::new()).await;
+            })*
+        }
+        mod sqlite {
+            $(#[tokio::test] async fn $name() {
+                let directory = tempfile::tempdir().expect("a directory");
+                let path = directory.path().join("studies.db");
+                let store = treewright_store::SqliteStore::open(&path).await.expect("a new database");
+                super::$name(&store).await;
+            })*
+        }
+        mod postgres {
+            $(#[tokio::test] async fn $name() {
+                let database = treewright_test_postgres::Database::create().await;
+                let store = crate::common::postgres(&database).await;
+                super::$name(&store).await;
+            })*
+        }
+    };
+}
 
 /// A store on a database, as one replica of several.
 pub(crate) async fn postgres(database: &treewright_test_postgres::Database) -> PostgresStore {
     let address = PostgresAddress::parse(database.url()).expect("an address");
     PostgresStore::open(address, "http://127.0.0.1:1", Duration::ZERO).await.expect("a new database")
+}
+
+/// Another program's connection to a database file.
+pub(crate) async fn foreign(path: &Path) -> SqliteConnection {
+    let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
+    options.connect().await.expect("a connection")
+}
+
+/// Has another program change a database file.
+pub(crate) async fn alter(path: &Path, sql: &'static str) {
+    let mut other = foreign(path).await;
+    other.execute(sql).await.expect("it is done");
+    other.close().await.expect("closed");
+}
+
+/// The migration of a program that is newer than this one.
+pub(crate) const NEWER_MIGRATION: &str = "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
+     VALUES (9999, 'from the future', true, x'00', 1)";
+
+/// A question for trials.
+pub(crate) fn ask(filter: &str, order: &str, size: u32) -> TrialQuery {
+    TrialQuery {
+        filter: Filter::parse(filter).expect("a filter"),
+        order: Order::parse(order).expect("an order"),
+        after: None,
+        size,
+    }
+}
+
+/// The trials of the study "hall" that a filter finds.
+pub(crate) async fn numbers(store: &dyn Store, filter: &str) -> Vec<u64> {
+    let page = store.query_trials("hall", &ask(filter, "", 1000)).await.expect("an answer");
+    page.trials.iter().map(|trial| trial.number).collect()
+}
+
+/// All pages of an answer, as lists of numbers.
+pub(crate) async fn pages(store: &dyn Store, study: &str, mut query: TrialQuery) -> Vec<Vec<u64>> {
+    let mut pages = Vec::new();
+    loop {
+        let page = store.query_trials(study, &query).await.expect("an answer");
+        pages.push(page.trials.iter().map(|trial| trial.number).collect());
+        match page.next {
+            Some(next) => query.after = Some(next),
+            None => return pages,
+        }
+    }
 }
 
 /// A study with a parameter of each kind.
