@@ -1,7 +1,6 @@
 //! File system tools of backup and restore: names beside a name, copies that vanish unless they are kept, and
 //! durable names.
 
-use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
@@ -9,13 +8,7 @@ use std::path::{Path, PathBuf};
 
 use super::MaintenanceError;
 use crate::error::OpenError;
-
-/// `PATH` with something behind its name.
-pub(super) fn beside(path: &Path, suffix: &str) -> PathBuf {
-    let mut name = OsString::from(path);
-    name.push(suffix);
-    PathBuf::from(name)
-}
+pub(super) use crate::sqlite::file::{beside, folder};
 
 /// Whether a write-ahead log that holds something lies beside a file. SQLite leaves empty ones behind.
 pub(super) fn has_log(path: &Path) -> bool {
@@ -35,14 +28,6 @@ pub(super) fn are_same(one: &Path, other: &Path) -> bool {
     match (fs::metadata(one), fs::metadata(other)) {
         (Ok(one), Ok(other)) => (one.dev(), one.ino()) == (other.dev(), other.ino()),
         _ => false,
-    }
-}
-
-/// The folder that a file lies in.
-pub(super) fn folder(path: &Path) -> &Path {
-    match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
     }
 }
 

@@ -5,7 +5,7 @@
 //! the rest.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use sqlx::Connection as _;
 use sqlx::sqlite::SqliteConnection;
@@ -14,26 +14,6 @@ use crate::limits;
 
 /// Number of steps after which SQLite asks whether it should go on; each is at most a page.
 const STEPS: i32 = 256;
-
-/// The extent of a check.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Depth {
-    /// For at most this time.
-    For(Duration),
-    /// Pages, but not whether indexes and tables agree: enough for a copy that was just written.
-    Pages,
-    /// Everything.
-    Whole,
-}
-
-/// The extent of a check that found no problems.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Looked {
-    /// Everything in the extent was checked.
-    Through,
-    /// The time ended before.
-    InPart,
-}
 
 /// Why a check failed.
 #[derive(Debug)]
@@ -60,37 +40,31 @@ impl Unsound {
     }
 }
 
-/// Checks a database whose schema is up to date.
-pub(crate) async fn check(connection: &mut SqliteConnection, depth: Depth) -> Result<Looked, Unsound> {
-    Unsound::unless_empty(schema(connection).await?)?;
-    match depth {
-        Depth::For(time) => check_for(connection, time).await,
-        Depth::Pages => check_pages(connection).await.map(|()| Looked::Through),
-        Depth::Whole => {
-            look(connection, "PRAGMA integrity_check(20)").await?;
-            Unsound::unless_empty(strays(connection).await?)?;
-            Unsound::unless_empty(contents(connection).await?)?;
-            Ok(Looked::Through)
-        }
-    }
+/// Checks everything in a database whose schema is up to date.
+pub(crate) async fn check(connection: &mut SqliteConnection) -> Result<(), Unsound> {
+    check_schema(connection).await?;
+    look(connection, "PRAGMA integrity_check(20)").await?;
+    Unsound::unless_empty(strays(connection).await?)?;
+    Unsound::unless_empty(contents(connection).await?)
 }
 
-/// Checks the pages alone, for any schema.
+/// Checks the pages alone, for any schema, but not whether indexes and tables agree: enough for a copy that
+/// was just written.
 pub(crate) async fn check_pages(connection: &mut SqliteConnection) -> Result<(), Unsound> {
     look(connection, "PRAGMA quick_check(20)").await
 }
 
-async fn check_for(connection: &mut SqliteConnection, time: Duration) -> Result<Looked, Unsound> {
-    let until = Instant::now() + time;
+/// The check at a start: for a moment, and no longer. Returns whether there was time for all pages.
+pub(super) async fn at_start(connection: &mut SqliteConnection) -> Result<bool, Unsound> {
+    check_schema(connection).await?;
+    let until = Instant::now() + limits::START_CHECK;
     connection.lock_handle().await?.set_progress_handler(STEPS, move || Instant::now() < until);
     let looked = check_pages(connection).await;
     connection.lock_handle().await?.remove_progress_handler();
     match looked {
-        Ok(()) => Ok(Looked::Through),
+        Ok(()) => Ok(true),
         // SQLITE_INTERRUPT: the time is over.
-        Err(Unsound::Unreadable(error)) if super::codes::primary_code(&error) == Some(9) => {
-            Ok(Looked::InPart)
-        }
+        Err(Unsound::Unreadable(error)) if super::codes::primary_code(&error) == Some(9) => Ok(false),
         Err(other) => Err(other),
     }
 }
@@ -127,9 +101,9 @@ async fn contents(connection: &mut SqliteConnection) -> Result<Vec<String>, Unso
     Ok(sqlx::query_scalar(sql).fetch_all(connection).await?)
 }
 
-/// Tables, indexes and triggers that are missing or differ from those of the migrations. An operator's own
-/// indexes and views are ignored.
-async fn schema(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
+/// Looks for tables, indexes and triggers that are missing or differ from those of the migrations. An
+/// operator's own indexes and views are ignored.
+pub(crate) async fn check_schema(connection: &mut SqliteConnection) -> Result<(), Unsound> {
     let found = objects(connection).await?;
     let mut fresh = SqliteConnection::connect("sqlite::memory:").await?;
     let migrated = crate::migrations::sqlite().run(&mut fresh).await;
@@ -145,7 +119,7 @@ async fn schema(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsoun
             Some(_) => None,
         }
     };
-    Ok(expected.into_iter().filter_map(problem).collect())
+    Unsound::unless_empty(expected.into_iter().filter_map(problem).collect())
 }
 
 /// All objects of the schema but SQLite's and the migrator's own: kind, name, and SQL.
@@ -156,9 +130,4 @@ async fn objects(
                AND name <> '_sqlx_migrations'";
     let rows: Vec<(String, String, String)> = sqlx::query_as(sql).fetch_all(connection).await?;
     Ok(rows.into_iter().map(|(kind, name, sql)| ((kind, name), sql)).collect())
-}
-
-/// The check at a start: for a moment, and no longer.
-pub(super) async fn at_start(connection: &mut SqliteConnection) -> Result<Looked, Unsound> {
-    check(connection, Depth::For(limits::START_CHECK)).await
 }

@@ -8,6 +8,7 @@ use std::fs;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
+use super::place::beside;
 use crate::error::StoreError;
 
 /// SQLite has the file open still, under another name or under none.
@@ -39,9 +40,7 @@ impl FileIdentity {
         // A link to the database stands for the file that it names, and the others lie beside that.
         let database = database.canonicalize().unwrap_or_else(|_| database.to_owned());
         let file = |suffix: &str, remedy| {
-            let mut name = database.clone().into_os_string();
-            name.push(suffix);
-            let name = PathBuf::from(name);
+            let name = beside(&database, suffix);
             KnownFile { is: identity(&name), name, remedy }
         };
         Self([file("", DATABASE_REMEDY), file("-wal", LOG_REMEDY), file("-shm", LOG_REMEDY)])

@@ -25,7 +25,8 @@ pub(crate) struct DatabaseLock {
 impl DatabaseLock {
     /// Takes the lock, or names the process that holds it.
     pub(crate) fn take(database: &Path) -> Result<Self, OpenError> {
-        let path = lock_path(database);
+        // Beside the file itself, should `database` be a link to it.
+        let path = place::beside(&database.canonicalize().unwrap_or_else(|_| database.to_owned()), ".lock");
         let failed = |error: std::io::Error| not_writable(&path, &error);
         let mut named = open(&path).map_err(failed)?;
         match named.try_lock() {
@@ -85,12 +86,4 @@ fn is_daemon(pid: u32) -> bool {
 
 fn not_writable(path: &Path, error: &std::io::Error) -> OpenError {
     OpenError::NotWritable { path: path.to_owned(), problem: error.to_string() }
-}
-
-/// Beside the file itself, should `database` be a link to it.
-fn lock_path(database: &Path) -> PathBuf {
-    let file = database.canonicalize();
-    let mut name = file.unwrap_or_else(|_| database.to_owned()).into_os_string();
-    name.push(".lock");
-    PathBuf::from(name)
 }

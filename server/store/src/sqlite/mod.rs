@@ -45,13 +45,13 @@ use writer::{Reply, WriteJob};
 
 /// Tools for files, used by [`maintenance`](crate::maintenance).
 pub(crate) mod file {
-    pub(crate) use super::check::{check, check_pages};
+    pub(crate) use super::check::{check, check_pages, check_schema};
     pub(crate) use super::codes::message;
     pub(crate) use super::lock::DatabaseLock;
     pub(crate) use super::open::{explain, known_version, options, owner};
-    pub(crate) use super::place::{check as check_place, check_name, check_names};
+    pub(crate) use super::place::{beside, check as check_place, check_name, check_names, folder};
 }
-pub(crate) use check::{Depth, Looked, Unsound};
+pub(crate) use check::Unsound;
 pub(crate) use open::FileOwner;
 
 /// Keeps everything in one SQLite file and survives being killed at any moment: acknowledged writes are on
@@ -197,10 +197,8 @@ impl Store for SqliteStore {
 
     async fn size(&self) -> Option<StoreSize> {
         let bytes = |path: &Path| std::fs::metadata(path).map(|file| file.len());
-        let mut log = self.path.clone().into_os_string();
-        log.push("-wal");
         // Before the first write there is no log.
-        let log_bytes = bytes(Path::new(&log)).unwrap_or(0);
+        let log_bytes = bytes(&place::beside(&self.path, "-wal")).unwrap_or(0);
         Some(StoreSize { database_bytes: bytes(&self.path).ok()?, log_bytes })
     }
 

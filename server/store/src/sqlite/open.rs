@@ -9,7 +9,7 @@ use sqlx::sqlite::{
 };
 use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
 
-use super::check::{self, Looked, Unsound};
+use super::check::{self, Unsound};
 use super::codes::{message, primary_code};
 use super::lock::DatabaseLock;
 use super::place;
@@ -68,8 +68,8 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
 /// A short check of the file: damage should show at the start, not at some client's request.
 async fn look_at(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenError> {
     match check::at_start(writer).await {
-        Ok(Looked::Through) => Ok(()),
-        Ok(Looked::InPart) => {
+        Ok(true) => Ok(()),
+        Ok(false) => {
             tracing::info!(
                 "the database is large and was checked in part only; `treewrightd check` looks at all of it"
             );

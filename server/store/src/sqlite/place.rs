@@ -6,6 +6,7 @@
 //! delete it (<https://sqlite.org/howtocorrupt.html>, 2.2). So every check here works on the name: `stat(2)`,
 //! `statx(2)`, `statfs(2)`, `access(2)`, `chmod(2)`.
 
+use std::ffi::OsString;
 use std::fs::{self, OpenOptions, Permissions};
 use std::io::ErrorKind;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
@@ -100,9 +101,7 @@ pub(super) fn make_private(path: &Path) -> Result<(), OpenError> {
     }
     let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     for suffix in ["", "-wal", "-shm"] {
-        let mut name = path.clone().into_os_string();
-        name.push(suffix);
-        tighten(&PathBuf::from(name));
+        tighten(&beside(&path, suffix));
     }
     Ok(())
 }
@@ -162,11 +161,19 @@ fn network(number: u64) -> Option<&'static str> {
     })
 }
 
-fn folder(path: &Path) -> &Path {
+/// The folder that a file lies in.
+pub(crate) fn folder(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     }
+}
+
+/// `PATH` with something behind its name.
+pub(crate) fn beside(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(suffix);
+    PathBuf::from(name)
 }
 
 #[cfg(test)]
