@@ -12,7 +12,9 @@ use treewright_core::policy::Policy;
 use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Explanation, Outcome, OutcomeKind, RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, Exploration, RawVisit, RecordedVisitDecision, StateRecord, Visit};
+use treewright_core::tuner::{
+    Change, Checkpoint, Exploration, RawVisit, RecordedVisitDecision, StateRecord, Visit,
+};
 use treewright_core::value::Value;
 use treewright_core::words::Word;
 
@@ -70,22 +72,18 @@ pub(crate) struct PartRow {
 }
 
 impl PartRow {
-    /// The bytes of a checkpoint, cut into parts that are written at once.
-    pub(crate) fn cut(bytes: &[u8]) -> Vec<&[u8]> {
-        assert!(!bytes.is_empty(), "a checkpoint of nothing has no parts to be found by");
-        let parts: Vec<&[u8]> = bytes.chunks(CHECKPOINT_PART_BYTES).collect();
-        assert_eq!(parts.iter().map(|part| part.len()).sum::<usize>(), bytes.len());
-        parts
-    }
-
-    pub(crate) fn of(completion: u64, part: usize, parts: usize, bytes: &[u8]) -> Result<Self, StoreError> {
-        assert!(part < parts, "part {part} of {parts}");
-        assert!((1..=CHECKPOINT_PART_BYTES).contains(&bytes.len()), "a part of {} bytes", bytes.len());
-        Ok(Self {
-            completion: signed(completion)?,
-            part: signed(part as u64)?,
-            parts: signed(parts as u64)?,
-            bytes: bytes.to_vec(),
+    /// The parts of a checkpoint, each of which is written at once.
+    pub(crate) fn cut(checkpoint: &Checkpoint) -> impl Iterator<Item = Result<Self, StoreError>> + '_ {
+        assert!(!checkpoint.bytes.is_empty(), "a checkpoint of nothing has no parts to be found by");
+        let parts = checkpoint.bytes.chunks(CHECKPOINT_PART_BYTES);
+        let count = parts.len() as u64;
+        (0..).zip(parts).map(move |(part, bytes)| {
+            Ok(Self {
+                completion: signed(checkpoint.completion)?,
+                part: signed(part)?,
+                parts: signed(count)?,
+                bytes: bytes.to_vec(),
+            })
         })
     }
 }
@@ -409,6 +407,11 @@ pub(crate) fn signed(number: u64) -> Result<i64, StoreError> {
 
 pub(crate) fn unsigned(number: i64) -> Result<u64, StoreError> {
     u64::try_from(number).map_err(|_| inconsistent("a number is negative"))
+}
+
+/// Checks the rows of a statement that names one by its key.
+pub(crate) fn one_at_most(rows: u64) {
+    assert!(rows <= 1, "{rows} rows have one key");
 }
 
 pub(crate) fn inconsistent(problem: impl Into<String>) -> StoreError {

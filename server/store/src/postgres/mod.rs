@@ -41,10 +41,10 @@ use treewright_core::tuner::{Change, Checkpoint};
 use crate::error::{OpenError, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
-use crate::rows::{self, Rows};
+use crate::rows::{self, PartRow, Rows};
 use crate::store::{ClosedTrial, Created, Loaded, Store, StoreSize, StudyRecord, TrialPage, TrialQuery};
 use shared::SharedState;
-use writer::StudyJob;
+use writer::{ChangeJob, StudyChange, StudyJob};
 
 pub use open::PostgresAddress;
 pub use tokens::PostgresTokens;
@@ -138,6 +138,19 @@ impl PostgresStore {
             }
         };
         job.refuse(error);
+    }
+
+    /// Gives a change under a fence its place, unless its rows cannot be written.
+    fn change(&self, fence: &Fence, change: Result<StudyChange, StoreError>) -> Receipt {
+        match change {
+            Ok(change) => {
+                let (answer, receipt) = Receipt::pending();
+                let job = ChangeJob { fence: fence.clone(), change, answer };
+                self.enqueue(fence.study(), StudyJob::Change(job));
+                receipt
+            }
+            Err(error) => Receipt::refused(fence, error),
+        }
     }
 
     async fn reader(&self) -> Result<PoolConnection<Postgres>, StoreError> {
@@ -242,14 +255,7 @@ impl Store for PostgresStore {
     }
 
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        match Rows::of(changes) {
-            Ok(rows) => {
-                let (answer, receipt) = oneshot::channel();
-                self.enqueue(fence.study(), StudyJob::Commit { fence: fence.clone(), rows, answer });
-                Receipt(receipt)
-            }
-            Err(error) => Receipt::refused(fence, error),
-        }
+        self.change(fence, Rows::of(changes).map(StudyChange::Commit))
     }
 
     fn update_study(
@@ -259,42 +265,21 @@ impl Store for PostgresStore {
         earlier: &EarlierSpaces,
         models_since: u64,
     ) -> Receipt {
-        let texts = rows::specification(spec, earlier);
-        match texts.and_then(|texts| Ok((texts, rows::signed(models_since)?))) {
-            Ok(((specification, policy), models_since)) => {
-                let (answer, receipt) = oneshot::channel();
-                let (fence, study) = (fence.clone(), fence.study().to_owned());
-                let job = StudyJob::Study { fence, specification, policy, models_since, answer };
-                self.enqueue(&study, job);
-                Receipt(receipt)
-            }
-            Err(error) => Receipt::refused(fence, error),
-        }
+        let change = rows::specification(spec, earlier).and_then(|(specification, policy)| {
+            let models_since = rows::signed(models_since)?;
+            Ok(StudyChange::Study { specification, policy, models_since })
+        });
+        self.change(fence, change)
     }
 
     fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
-        match rows::specification(spec, earlier) {
-            Ok((specification, policy)) => {
-                let (answer, receipt) = oneshot::channel();
-                let (fence, study) = (fence.clone(), fence.study().to_owned());
-                self.enqueue(&study, StudyJob::Space { fence, specification, policy, answer });
-                Receipt(receipt)
-            }
-            Err(error) => Receipt::refused(fence, error),
-        }
+        let texts = rows::specification(spec, earlier);
+        self.change(fence, texts.map(|(specification, policy)| StudyChange::Space { specification, policy }))
     }
 
     fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
-        match rows::signed(number) {
-            Ok(number) => {
-                let (answer, receipt) = oneshot::channel();
-                let (fence, study) = (fence.clone(), fence.study().to_owned());
-                let reason = reason.map(batch::without_nul);
-                self.enqueue(&study, StudyJob::Exclude { fence, number, reason, answer });
-                Receipt(receipt)
-            }
-            Err(error) => Receipt::refused(fence, error),
-        }
+        let reason = reason.map(batch::without_nul);
+        self.change(fence, rows::signed(number).map(|number| StudyChange::Exclude { number, reason }))
     }
 
     async fn completed_trials(
@@ -308,14 +293,9 @@ impl Store for PostgresStore {
     }
 
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
-        let Checkpoint { completion, bytes } = checkpoint;
-        let parts = rows::PartRow::cut(bytes);
-        for (part, bytes) in parts.iter().enumerate() {
-            let row = rows::PartRow::of(*completion, part, parts.len(), bytes)?;
-            let (answer, saved) = oneshot::channel();
-            // The parts go one after the other, so that other writes come in between.
-            self.enqueue(fence.study(), StudyJob::Part { fence: fence.clone(), row, answer });
-            saved.await.unwrap_or(Err(StoreError::Closed))?;
+        // The parts go one after the other, so that other writes come in between.
+        for row in PartRow::cut(checkpoint) {
+            self.change(fence, Ok(StudyChange::Part(row?))).durable().await?;
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use crate::assembly::study_not_found;
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
-use crate::rows::{self, signed, unsigned};
+use crate::rows::{self, one_at_most, signed, unsigned};
 use crate::store::Created;
 
 /// Creates a study, or finds an equal one. If two replicas try at once, one of them creates it, and both
@@ -45,11 +45,6 @@ pub(super) async fn create(
         found => found?,
     };
     Ok(Created { is_new, ..stored.found(spec)? })
-}
-
-/// Checks the rows of a statement that names one by its key.
-fn one_at_most(rows: u64) {
-    assert!(rows <= 1, "{rows} rows have one key");
 }
 
 /// Makes a study unfindable, and returns its key. [`reap`] removes its rows.

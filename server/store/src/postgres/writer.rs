@@ -22,7 +22,7 @@ use super::{claim, failed, statements as sql};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
-use crate::rows::{PartRow, Rows, inconsistent};
+use crate::rows::{PartRow, Rows, inconsistent, one_at_most};
 
 /// The time after a failure to reach the database in which writes are refused without another try.
 const FAIL_FAST: Duration = Duration::from_millis(100);
@@ -32,74 +32,61 @@ const TRIES: usize = 4;
 
 type Statement<'q> = Query<'q, Postgres, PgArguments>;
 
-/// A write and the receiver of its answer.
+/// A write of one study.
 pub(super) enum StudyJob {
-    Commit {
-        fence: Fence,
-        rows: Rows,
-        answer: oneshot::Sender<Result<(), StoreError>>,
-    },
+    Change(ChangeJob),
+    Claim { study: String, answer: oneshot::Sender<Result<Fence, StoreError>> },
+}
+
+/// A write under a fence, and the receiver of its answer.
+pub(super) struct ChangeJob {
+    pub(super) fence: Fence,
+    pub(super) change: StudyChange,
+    pub(super) answer: oneshot::Sender<Result<(), StoreError>>,
+}
+
+pub(super) enum StudyChange {
+    Commit(Rows),
     /// The specification and the policy of a study that keeps its space.
     Study {
-        fence: Fence,
         specification: String,
         policy: String,
         models_since: i64,
-        answer: oneshot::Sender<Result<(), StoreError>>,
     },
     /// The specification and the policy of a changed space.
     Space {
-        fence: Fence,
         specification: String,
         policy: String,
-        answer: oneshot::Sender<Result<(), StoreError>>,
     },
     /// The reason for which a completed trial is excluded; none where it counts.
     Exclude {
-        fence: Fence,
         number: i64,
         reason: Option<String>,
-        answer: oneshot::Sender<Result<(), StoreError>>,
     },
     /// A part of a checkpoint. Its failure breaks no fence.
-    Part {
-        fence: Fence,
-        row: PartRow,
-        answer: oneshot::Sender<Result<(), StoreError>>,
-    },
-    Claim {
-        study: String,
-        answer: oneshot::Sender<Result<Fence, StoreError>>,
-    },
+    Part(PartRow),
 }
 
 impl StudyJob {
-    /// Answers with an error. The caller's change is lost, so the fence breaks: no later change computed on
-    /// it may be stored.
     pub(super) fn refuse(self, error: StoreError) {
         match self {
-            Self::Commit { fence, answer, .. }
-            | Self::Study { fence, answer, .. }
-            | Self::Space { fence, answer, .. }
-            | Self::Exclude { fence, answer, .. } => {
-                fence.break_up();
-                tracing::warn!(study = fence.study(), %error, "a change was not stored");
-                drop(answer.send(Err(error)));
-            }
-            Self::Part { answer, .. } => drop(answer.send(Err(error))),
+            Self::Change(job) => job.finish(Err(error)),
             Self::Claim { answer, .. } => drop(answer.send(Err(error))),
         }
     }
+}
 
-    fn stored(self) {
-        if let Self::Commit { answer, .. }
-        | Self::Study { answer, .. }
-        | Self::Space { answer, .. }
-        | Self::Exclude { answer, .. }
-        | Self::Part { answer, .. } = self
+impl ChangeJob {
+    /// Answers. After an error the caller's change is lost, so the fence breaks: no later change computed on
+    /// it may be stored.
+    fn finish(self, result: Result<(), StoreError>) {
+        if let Err(error) = &result
+            && !matches!(self.change, StudyChange::Part(_))
         {
-            drop(answer.send(Ok(())));
+            self.fence.break_up();
+            tracing::warn!(study = self.fence.study(), %error, "a change was not stored");
         }
+        drop(self.answer.send(result));
     }
 }
 
@@ -139,8 +126,11 @@ impl Writer {
         loop {
             let together = leading_commits(&group);
             if together > 0 {
-                let jobs = group.drain(..together).collect();
-                self.store(jobs).await;
+                let jobs = group.drain(..together).filter_map(|job| match job {
+                    StudyJob::Change(job) => Some(job),
+                    StudyJob::Claim { .. } => None,
+                });
+                self.store(jobs.collect()).await;
                 continue;
             }
             match group.pop_front() {
@@ -149,58 +139,53 @@ impl Writer {
                     // A caller that has left does not hear the answer; the claim is then useless.
                     drop(answer.send(self.claim(&study).await));
                 }
-                Some(job) => match self.alone(&job).await {
-                    Ok(()) => job.stored(),
-                    Err(error) => job.refuse(error),
-                },
+                Some(StudyJob::Change(job)) => {
+                    let result = self.alone(&job).await;
+                    job.finish(result);
+                }
             }
         }
     }
 
     /// Stores commits that fit into one statement; where that breaks a rule, each in its own.
-    async fn store(&mut self, jobs: Vec<StudyJob>) {
-        assert!(!jobs.is_empty() && jobs.iter().all(|job| matches!(job, StudyJob::Commit { .. })));
+    async fn store(&mut self, jobs: Vec<ChangeJob>) {
+        assert!(!jobs.is_empty() && jobs.iter().all(|job| matches!(job.change, StudyChange::Commit(_))));
         match self.batch(&jobs).await {
             BatchResult::Held(held) => {
                 tracing::trace!(writes = jobs.len(), "stored");
                 for job in jobs {
-                    match &job {
-                        StudyJob::Commit { fence, .. } if !held.contains(&fence.key()) => {
-                            let error = StoreError::Fenced { study: fence.study().to_owned() };
-                            job.refuse(error);
-                        }
-                        _ => job.stored(),
-                    }
+                    let is_held = held.contains(&job.fence.key());
+                    let fenced = || StoreError::Fenced { study: job.fence.study().to_owned() };
+                    let result = if is_held { Ok(()) } else { Err(fenced()) };
+                    job.finish(result);
                 }
             }
             BatchResult::Broken(error) if jobs.len() == 1 => {
                 for job in jobs {
-                    let StudyJob::Commit { fence, .. } = &job else { continue };
-                    let error = error.clone().in_study(fence.study());
-                    job.refuse(error);
+                    let error = error.clone().in_study(job.fence.study());
+                    job.finish(Err(error));
                 }
             }
             BatchResult::Broken(_) => {
                 for job in jobs {
-                    let StudyJob::Commit { fence, .. } = &job else { continue };
-                    match fence.check() {
+                    match job.fence.check() {
                         Ok(()) => Box::pin(self.store(vec![job])).await,
-                        Err(error) => job.refuse(error),
+                        refused => job.finish(refused),
                     }
                 }
             }
             BatchResult::Failed(error) => {
                 for job in jobs {
-                    job.refuse(error.clone());
+                    job.finish(Err(error.clone()));
                 }
             }
         }
     }
 
-    async fn batch(&mut self, jobs: &[StudyJob]) -> BatchResult {
+    async fn batch(&mut self, jobs: &[ChangeJob]) -> BatchResult {
         let mut batch = Batch::default();
-        for job in jobs {
-            if let StudyJob::Commit { fence, rows, .. } = job {
+        for ChangeJob { fence, change, .. } in jobs {
+            if let StudyChange::Commit(rows) = change {
                 let is_added = batch.add(fence, rows);
                 assert!(is_added, "a commit to {} would be acknowledged and not stored", fence.study());
             }
@@ -245,51 +230,46 @@ impl Writer {
 
     /// A write that shares no statement: a study, a space, the exclusion of a trial, a part of a checkpoint,
     /// or a commit under a fence that is broken, which is refused.
-    async fn alone(&mut self, job: &StudyJob) -> Result<(), StoreError> {
-        match job {
-            StudyJob::Study { fence, specification, policy, models_since, .. } => {
-                fence.check()?;
-                let query = sqlx::query(sql::STUDY_UPDATE).bind(fence.key()).bind(fence.epoch());
-                self.execute_held(fence, query.bind(specification).bind(policy).bind(models_since)).await
+    async fn alone(&mut self, job: &ChangeJob) -> Result<(), StoreError> {
+        let fence = &job.fence;
+        fence.check()?;
+        match &job.change {
+            StudyChange::Study { specification, policy, models_since } => {
+                let query = held(sql::STUDY_UPDATE, fence).bind(specification).bind(policy);
+                self.execute_held(fence, query.bind(models_since)).await
             }
-            StudyJob::Space { fence, specification, policy, .. } => {
-                fence.check()?;
-                let query = sqlx::query(sql::SPACE_UPDATE).bind(fence.key()).bind(fence.epoch());
-                self.execute_held(fence, query.bind(specification).bind(policy)).await
+            StudyChange::Space { specification, policy } => {
+                let query = held(sql::SPACE_UPDATE, fence).bind(specification).bind(policy);
+                self.execute_held(fence, query).await
             }
-            StudyJob::Exclude { fence, number, reason, .. } => {
-                fence.check()?;
+            StudyChange::Exclude { number, reason } => {
                 // A trial that was removed meanwhile looks like a study that another replica has: it is
                 // missed when the study has been loaded again.
-                let query = sqlx::query(sql::TRIAL_EXCLUDE).bind(fence.key()).bind(fence.epoch());
-                self.execute_held(fence, query.bind(number).bind(reason.as_deref())).await
+                let query = held(sql::TRIAL_EXCLUDE, fence).bind(number).bind(reason.as_deref());
+                self.execute_held(fence, query).await
             }
-            StudyJob::Part { fence, row, .. } => {
-                fence.check()?;
+            StudyChange::Part(row) => {
                 assert!((0..row.parts).contains(&row.part), "part {} of {}", row.part, row.parts);
-                let query = sqlx::query(sql::PART_UPSERT).bind(fence.key()).bind(fence.epoch());
-                let query = query.bind(row.completion).bind(row.part).bind(row.parts).bind(&row.bytes);
-                self.execute_held(fence, query).await?;
+                let query = held(sql::PART_UPSERT, fence).bind(row.completion).bind(row.part);
+                self.execute_held(fence, query.bind(row.parts).bind(&row.bytes)).await?;
                 if row.part + 1 < row.parts {
                     return Ok(());
                 }
                 // Earlier checkpoints are removed, and the parts that a crash left. Another replica that has
                 // taken the study since keeps its own.
-                let query = sqlx::query(sql::OTHER_CHECKPOINTS_DELETE).bind(fence.key()).bind(fence.epoch());
+                let query = held(sql::OTHER_CHECKPOINTS_DELETE, fence);
                 self.execute(query.bind(row.completion).bind(row.parts)).await.map(|_| ())
             }
-            StudyJob::Commit { fence, .. } => {
-                assert!(!fence.holds(), "a commit to {} would be acknowledged and not stored", fence.study());
-                fence.check()
+            StudyChange::Commit(_) => {
+                unreachable!("a commit to {} would be acknowledged and not stored", fence.study())
             }
-            StudyJob::Claim { .. } => unreachable!("a claim has an answer of its own"),
         }
     }
 
     /// Executes a statement that changes nothing where the study's epoch no longer holds.
     async fn execute_held(&mut self, fence: &Fence, query: Statement<'_>) -> Result<(), StoreError> {
         let rows = self.execute(query).await?;
-        assert!(rows <= 1, "{rows} rows have one key");
+        one_at_most(rows);
         match rows {
             0 => Err(StoreError::Fenced { study: fence.study().to_owned() }),
             _ => Ok(()),
@@ -333,13 +313,22 @@ impl Writer {
     }
 }
 
+/// A statement whose first parameters are a study and the epoch that must still be its own.
+fn held<'q>(statement: &'static str, fence: &Fence) -> Statement<'q> {
+    sqlx::query(statement).bind(fence.key()).bind(fence.epoch())
+}
+
 /// The number of jobs at the front that can share a statement.
 fn leading_commits(group: &VecDeque<StudyJob>) -> usize {
     let mut batch = Batch::default();
     let mut count = 0;
     for job in group {
         match job {
-            StudyJob::Commit { fence, rows, .. } if fence.holds() && batch.add(fence, rows) => count += 1,
+            StudyJob::Change(ChangeJob { fence, change: StudyChange::Commit(rows), .. })
+                if fence.holds() && batch.add(fence, rows) =>
+            {
+                count += 1;
+            }
             _ => break,
         }
     }

@@ -15,7 +15,7 @@ use crate::assembly::study_not_found;
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
-use crate::rows::{self, PartRow, Rows, inconsistent};
+use crate::rows::{self, PartRow, Rows, inconsistent, one_at_most};
 use crate::store::Created;
 
 pub(super) enum WriteCommand {
@@ -170,11 +170,6 @@ fn break_up(fences: &mut GroupFences, study: i64) {
     if let Some(fence) = fences.remove(&study) {
         fence.break_up();
     }
-}
-
-/// Checks the rows of a statement that names one by its key.
-fn one_at_most(rows: u64) {
-    assert!(rows <= 1, "{rows} rows have one key");
 }
 
 /// Notes the last trial number of a study under the name that it is about to lose.

@@ -37,7 +37,7 @@ use treewright_core::tuner::{Change, Checkpoint};
 use crate::error::{OpenError, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
-use crate::rows::{self, Rows};
+use crate::rows::{self, PartRow, Rows};
 use crate::store::{ClosedTrial, Created, Loaded, Store, StoreSize, StudyRecord, TrialPage, TrialQuery};
 use commands::{WriteCommand, WriteResult};
 pub use tokens::SqliteTokens;
@@ -115,10 +115,16 @@ impl SqliteStore {
         job.refuse(error);
     }
 
-    fn enqueue_change(&self, command: WriteCommand) -> Receipt {
-        let (sender, receiver) = oneshot::channel();
-        self.enqueue(command, Reply::Stored(sender));
-        Receipt(receiver)
+    /// Gives a change under a fence its place, unless its rows cannot be written.
+    fn change(&self, fence: &Fence, command: Result<WriteCommand, StoreError>) -> Receipt {
+        match command {
+            Ok(command) => {
+                let (sender, receipt) = Receipt::pending();
+                self.enqueue(command, Reply::Stored(sender));
+                receipt
+            }
+            Err(error) => Receipt::refused(fence, error),
+        }
     }
 
     async fn write(&self, command: WriteCommand) -> Result<WriteResult, StoreError> {
@@ -203,11 +209,8 @@ impl Store for SqliteStore {
     }
 
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        let fence = fence.clone();
-        match Rows::of(changes) {
-            Ok(rows) => self.enqueue_change(WriteCommand::Commit { fence, rows }),
-            Err(error) => Receipt::refused(&fence, error),
-        }
+        let rows = Rows::of(changes);
+        self.change(fence, rows.map(|rows| WriteCommand::Commit { fence: fence.clone(), rows }))
     }
 
     fn update_study(
@@ -217,28 +220,27 @@ impl Store for SqliteStore {
         earlier: &EarlierSpaces,
         models_since: u64,
     ) -> Receipt {
-        let fence = fence.clone();
-        match rows::specification(spec, earlier) {
-            Ok((specification, policy)) => {
-                self.enqueue_change(WriteCommand::Study { fence, specification, policy, models_since })
-            }
-            Err(error) => Receipt::refused(&fence, error),
-        }
+        let command = rows::specification(spec, earlier).map(|(specification, policy)| WriteCommand::Study {
+            fence: fence.clone(),
+            specification,
+            policy,
+            models_since,
+        });
+        self.change(fence, command)
     }
 
     fn change_space(&self, fence: &Fence, spec: &StudySpec, earlier: &EarlierSpaces) -> Receipt {
-        let fence = fence.clone();
-        match rows::specification(spec, earlier) {
-            Ok((specification, policy)) => {
-                self.enqueue_change(WriteCommand::Space { fence, specification, policy })
-            }
-            Err(error) => Receipt::refused(&fence, error),
-        }
+        let command = rows::specification(spec, earlier).map(|(specification, policy)| WriteCommand::Space {
+            fence: fence.clone(),
+            specification,
+            policy,
+        });
+        self.change(fence, command)
     }
 
     fn exclude_trial(&self, fence: &Fence, number: u64, reason: Option<&str>) -> Receipt {
-        let (fence, reason) = (fence.clone(), reason.map(str::to_owned));
-        self.enqueue_change(WriteCommand::Exclude { fence, number, reason })
+        let reason = reason.map(str::to_owned);
+        self.change(fence, Ok(WriteCommand::Exclude { fence: fence.clone(), number, reason }))
     }
 
     async fn completed_trials(
@@ -252,12 +254,9 @@ impl Store for SqliteStore {
     }
 
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
-        let Checkpoint { completion, bytes } = checkpoint;
-        let parts = rows::PartRow::cut(bytes);
-        for (part, bytes) in parts.iter().enumerate() {
-            let row = rows::PartRow::of(*completion, part, parts.len(), bytes)?;
-            // The parts go one after the other, so that other writes come in between.
-            self.write(WriteCommand::Part { fence: fence.clone(), row }).await?;
+        // The parts go one after the other, so that other writes come in between.
+        for row in PartRow::cut(checkpoint) {
+            self.write(WriteCommand::Part { fence: fence.clone(), row: row? }).await?;
         }
         Ok(())
     }

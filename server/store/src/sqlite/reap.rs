@@ -8,6 +8,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::statements as sql;
 use crate::limits::{REAPED_PARTS_SQLITE, REAPED_ROWS_SQLITE};
+use crate::rows::one_at_most;
 
 /// Removes a piece of a deleted study, in a transaction of its own; false when there is none.
 pub(super) async fn reap(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
@@ -27,8 +28,7 @@ pub(super) async fn reap(connection: &mut SqliteConnection) -> Result<bool, sqlx
             return Ok(true);
         }
     }
-    let gone = sqlx::query(sql::REAP_STUDY).bind(study).execute(connection).await?.rows_affected();
-    assert!(gone <= 1, "{gone} studies have the key {study}");
+    one_at_most(sqlx::query(sql::REAP_STUDY).bind(study).execute(connection).await?.rows_affected());
     Ok(true)
 }
 
