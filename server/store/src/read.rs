@@ -1,22 +1,78 @@
-//! The questions that only read, once for both databases.
+//! The questions that only read, and the creation and naming of studies, once for both databases.
 //!
 //! They differ only in the type of a connection, but sqlx's bounds for a generic connection are longer than
 //! the questions. So [`reads!`] writes them out for each database, in a module with the database's statements
-//! as `sql`, its `filter` and its `failed`.
+//! as `sql`, its `filter`, and its errors of reads and writes as `failed` and `refused`.
 
-/// The functions that read, for one type of connection.
+/// The functions of this module, for one type of connection.
 macro_rules! reads {
     ($connection:ty) => {
         use tokio_stream::StreamExt as _;
         use treewright_core::ids::StudyUid;
+        use treewright_core::space::EarlierSpaces;
+        use treewright_core::study::StudySpec;
         use treewright_core::trial::RawTrial;
         use treewright_core::tuner::{Checkpoint, StateRecord};
 
         use crate::assembly::{self, StudyRow, StudyRows, page, study_not_found};
         use crate::error::StoreError;
         use crate::fence::Fence;
-        use crate::rows::{StateRow, TrialRow, signed, unsigned};
-        use crate::store::{ClosedTrial, Loaded, StudyRecord, TrialPage, TrialQuery};
+        use crate::limits;
+        use crate::rows::{self, StateRow, TrialRow, one_at_most, signed, unsigned};
+        use crate::store::{ClosedTrial, Created, Loaded, StudyRecord, TrialPage, TrialQuery};
+
+        /// Creates a study, or finds an equal one. If two replicas try at once, one of them creates it, and
+        /// both compare the stored study.
+        pub(super) async fn create(
+            connection: &mut $connection,
+            id: &str,
+            spec: &StudySpec,
+            now_ms: i64,
+        ) -> Result<Created, StoreError> {
+            match study(&mut *connection, id).await {
+                Ok(stored) => return stored.found(spec),
+                Err(StoreError::StudyNotFound { .. }) => {}
+                Err(error) => return Err(error),
+            }
+            let count: i64 =
+                sqlx::query_scalar(sql::STUDY_COUNT).fetch_one(&mut *connection).await.map_err(failed)?;
+            if count >= i64::from(limits::STUDIES) {
+                return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
+            }
+            let (specification, policy) = rows::specification(spec, &EarlierSpaces::default())?;
+            let inserting = sqlx::query(sql::STUDY_INSERT).bind(id).bind(specification).bind(policy);
+            let inserted = inserting.bind(now_ms).execute(&mut *connection).await.map_err(refused)?;
+            one_at_most(inserted.rows_affected());
+            let is_new = inserted.rows_affected() == 1;
+            Ok(Created { is_new, ..study(connection, id).await?.found(spec)? })
+        }
+
+        /// The key of a study that has the identity, where one is given. In PostgreSQL no replica stores its
+        /// rows until the end of the transaction.
+        pub(super) async fn lock(
+            connection: &mut $connection,
+            study: &str,
+            uid: Option<StudyUid>,
+        ) -> Result<i64, StoreError> {
+            let question =
+                sqlx::query_scalar(sql::STUDY_LOCK).bind(study).bind(uid.map(|uid| uid.to_string()));
+            let key: Option<i64> = question.fetch_optional(connection).await.map_err(failed)?;
+            key.ok_or_else(|| study_not_found(study))
+        }
+
+        /// Notes the last trial number of a study under the name that it is about to lose.
+        pub(super) async fn leave_name(connection: &mut $connection, key: i64) -> Result<(), StoreError> {
+            let noted = sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await;
+            one_at_most(noted.map_err(refused)?.rows_affected());
+            fold_names(connection, limits::FORMER_NAMES).await.map_err(refused)
+        }
+
+        /// Keeps the list of former names short.
+        async fn fold_names(connection: &mut $connection, listed: u32) -> Result<(), sqlx::Error> {
+            let folding = sqlx::query(sql::NAMES_FOLDED).bind(i64::from(listed));
+            one_at_most(folding.execute(&mut *connection).await?.rows_affected());
+            sqlx::query(sql::FOLDED_NAMES_DELETE).execute(connection).await.map(|_| ())
+        }
 
         pub(super) async fn study_key(connection: &mut $connection, study: &str) -> Result<i64, StoreError> {
             sqlx::query_scalar(sql::STUDY_KEY)

@@ -185,7 +185,7 @@ fn failed(error: sqlx::Error) -> StoreError {
 #[async_trait]
 impl Store for PostgresStore {
     async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
-        in_time(studies::create(&mut *self.reader().await?, id, spec, now_ms)).await
+        in_time(read::create(&mut *self.reader().await?, id, spec, now_ms)).await
     }
 
     async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {

@@ -1,7 +1,7 @@
-//! The questions that only read.
+//! The questions that only read, and the creation and naming of studies.
 
 use sqlx::postgres::PgConnection;
 
-use super::{failed, filter, statements as sql};
+use super::{failed, failed as refused, filter, statements as sql};
 
 crate::read::reads!(PgConnection);

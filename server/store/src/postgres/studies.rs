@@ -1,51 +1,13 @@
-//! Operations on whole studies: creating and deleting one, and sweeping due leases in all of them.
+//! Operations on whole studies: deleting and renaming one, and sweeping due leases in all of them.
 
 use sqlx::postgres::PgConnection;
 use treewright_core::ids::StudyUid;
-use treewright_core::space::EarlierSpaces;
-use treewright_core::study::StudySpec;
 
 use super::{failed, read, statements as sql};
-use crate::assembly::study_not_found;
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
-use crate::rows::{self, one_at_most, signed, unsigned};
-use crate::store::Created;
-
-/// Creates a study, or finds an equal one. If two replicas try at once, one of them creates it, and both
-/// compare the stored study.
-pub(super) async fn create(
-    connection: &mut PgConnection,
-    id: &str,
-    spec: &StudySpec,
-    now_ms: i64,
-) -> Result<Created, StoreError> {
-    let mut is_new = false;
-    let stored = match read::study(&mut *connection, id).await {
-        Err(StoreError::StudyNotFound { .. }) => {
-            let count: i64 =
-                sqlx::query_scalar(sql::STUDY_COUNT).fetch_one(&mut *connection).await.map_err(failed)?;
-            if count >= i64::from(limits::STUDIES) {
-                return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
-            }
-            let (specification, policy) = rows::specification(spec, &EarlierSpaces::default())?;
-            let inserted = sqlx::query(sql::STUDY_INSERT)
-                .bind(id)
-                .bind(specification)
-                .bind(policy)
-                .bind(now_ms)
-                .execute(&mut *connection)
-                .await
-                .map_err(failed)?;
-            one_at_most(inserted.rows_affected());
-            is_new = inserted.rows_affected() == 1;
-            read::study(connection, id).await?
-        }
-        found => found?,
-    };
-    Ok(Created { is_new, ..stored.found(spec)? })
-}
+use crate::rows::{one_at_most, signed, unsigned};
 
 /// Makes a study unfindable, and returns its key. [`reap`] removes its rows.
 pub(super) async fn delete(
@@ -54,8 +16,8 @@ pub(super) async fn delete(
     uid: Option<StudyUid>,
 ) -> Result<i64, StoreError> {
     let mut transaction = sqlx::Connection::begin(connection).await.map_err(failed)?;
-    let key = lock(&mut transaction, study, uid).await?;
-    leave_name(&mut transaction, key).await.map_err(failed)?;
+    let key = read::lock(&mut transaction, study, uid).await?;
+    read::leave_name(&mut transaction, key).await?;
     let done = sqlx::query(sql::STUDY_DELETE).bind(key).execute(&mut *transaction).await.map_err(failed)?;
     one_at_most(done.rows_affected());
     transaction.commit().await.map_err(failed)?;
@@ -70,11 +32,11 @@ pub(super) async fn rename(
     to: &str,
 ) -> Result<i64, StoreError> {
     if study == to {
-        return lock(connection, study, uid).await;
+        return read::lock(connection, study, uid).await;
     }
     let mut transaction = sqlx::Connection::begin(connection).await.map_err(failed)?;
-    let key = lock(&mut transaction, study, uid).await?;
-    leave_name(&mut transaction, key).await.map_err(failed)?;
+    let key = read::lock(&mut transaction, study, uid).await?;
+    read::leave_name(&mut transaction, key).await?;
     let renamed = sqlx::query(sql::STUDY_RENAME).bind(key).bind(to).execute(&mut *transaction).await;
     let renamed = renamed.map_err(|error| match error.as_database_error() {
         Some(database) if database.is_unique_violation() => StoreError::NameTaken { study: to.to_owned() },
@@ -83,24 +45,6 @@ pub(super) async fn rename(
     one_at_most(renamed.rows_affected());
     transaction.commit().await.map_err(failed)?;
     Ok(key)
-}
-
-/// The key of a study that has the identity, where one is given. Until the end of the transaction no replica
-/// stores its rows.
-async fn lock(connection: &mut PgConnection, study: &str, uid: Option<StudyUid>) -> Result<i64, StoreError> {
-    let question = sqlx::query_scalar(sql::STUDY_LOCK).bind(study).bind(uid.map(|uid| uid.to_string()));
-    let key: Option<i64> = question.fetch_optional(connection).await.map_err(failed)?;
-    key.ok_or_else(|| study_not_found(study))
-}
-
-/// Notes the last trial number of a study under the name that it is about to lose.
-async fn leave_name(connection: &mut PgConnection, key: i64) -> Result<(), sqlx::Error> {
-    let noted = sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await?;
-    one_at_most(noted.rows_affected());
-    let folding = sqlx::query(sql::NAMES_FOLDED).bind(i64::from(limits::FORMER_NAMES));
-    one_at_most(folding.execute(&mut *connection).await?.rows_affected());
-    sqlx::query(sql::FOLDED_NAMES_DELETE).execute(connection).await?;
-    Ok(())
 }
 
 /// Removes closed trials of a study, if its epoch still holds.

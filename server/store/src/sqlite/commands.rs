@@ -5,17 +5,16 @@ use std::collections::HashMap;
 use sqlx::AssertSqlSafe;
 use sqlx::sqlite::SqliteConnection;
 use treewright_core::ids::StudyUid;
-use treewright_core::space::EarlierSpaces;
 use treewright_core::study::StudySpec;
 use treewright_core::tuner::StudyCounts;
 
+use super::codes::refused;
 use super::statements as sql;
 use super::{read, script};
-use crate::assembly::study_not_found;
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
-use crate::rows::{self, PartRow, Rows, inconsistent, one_at_most};
+use crate::rows::{self, PartRow, Rows, one_at_most};
 use crate::store::Created;
 
 pub(super) enum WriteCommand {
@@ -91,12 +90,17 @@ pub(super) async fn apply(
 ) -> Result<WriteResult, StoreError> {
     match command {
         WriteCommand::Create { id, spec, now_ms } => {
-            create(connection, id, spec, *now_ms).await.map(|created| WriteResult::Created(Box::new(created)))
+            let created = read::create(connection, id, spec, *now_ms).await?;
+            debug_assert!(
+                !created.is_new || created.study.statistics == StudyCounts::default(),
+                "a new study holds rows of another"
+            );
+            Ok(WriteResult::Created(Box::new(created)))
         }
         WriteCommand::Delete { study, uid } => {
-            let key = key_of(&mut *connection, study, *uid).await?;
+            let key = read::lock(connection, study, *uid).await?;
             break_up(fences, key);
-            leave_name(connection, key).await.map_err(refused)?;
+            read::leave_name(connection, key).await?;
             let done = sqlx::query(sql::STUDY_DELETE).bind(key).execute(connection).await.map_err(refused)?;
             one_at_most(done.rows_affected());
             Ok(WriteResult::Nothing)
@@ -172,38 +176,13 @@ fn break_up(fences: &mut GroupFences, study: i64) {
     }
 }
 
-/// Notes the last trial number of a study under the name that it is about to lose.
-async fn leave_name(connection: &mut SqliteConnection, key: i64) -> Result<(), sqlx::Error> {
-    let noted = sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await?;
-    one_at_most(noted.rows_affected());
-    fold_names(connection, limits::FORMER_NAMES).await
-}
-
-/// Keeps the list of former names short.
-async fn fold_names(connection: &mut SqliteConnection, listed: u32) -> Result<(), sqlx::Error> {
-    let folded = sqlx::query(sql::NAMES_FOLDED).bind(i64::from(listed)).execute(&mut *connection).await?;
-    one_at_most(folded.rows_affected());
-    sqlx::query(sql::FOLDED_NAMES_DELETE).execute(connection).await.map(|_| ())
-}
-
-/// The key of a study that has the identity, where one is given.
-async fn key_of(
-    connection: &mut SqliteConnection,
-    study: &str,
-    uid: Option<StudyUid>,
-) -> Result<i64, StoreError> {
-    let question = sqlx::query_scalar(sql::STUDY_KEY_OF_UID).bind(study).bind(uid.map(|uid| uid.to_string()));
-    let key: Option<i64> = question.fetch_optional(connection).await.map_err(refused)?;
-    key.ok_or_else(|| study_not_found(study))
-}
-
 /// Gives a study another name, and returns its key; none where it has that name.
 async fn rename(
     connection: &mut SqliteConnection,
     (study, uid): (&str, Option<StudyUid>),
     to: &str,
 ) -> Result<Option<i64>, StoreError> {
-    let key = key_of(&mut *connection, study, uid).await?;
+    let key = read::lock(&mut *connection, study, uid).await?;
     if study == to {
         return Ok(None);
     }
@@ -212,7 +191,7 @@ async fn rename(
         Err(StoreError::StudyNotFound { .. }) => {}
         Err(error) => return Err(error),
     }
-    leave_name(&mut *connection, key).await.map_err(refused)?;
+    read::leave_name(&mut *connection, key).await?;
     let renaming = sqlx::query(sql::STUDY_RENAME).bind(key).bind(to).execute(connection);
     one_at_most(renaming.await.map_err(refused)?.rows_affected());
     Ok(Some(key))
@@ -298,77 +277,4 @@ async fn remove(
         sqlx::query(AssertSqlSafe(shrink)).fetch_all(connection).await?;
     }
     Ok(removed.rows_affected())
-}
-
-async fn create(
-    connection: &mut SqliteConnection,
-    id: &str,
-    spec: &StudySpec,
-    now_ms: i64,
-) -> Result<Created, StoreError> {
-    match read::study(&mut *connection, id).await {
-        Ok(stored) => return stored.found(spec),
-        Err(StoreError::StudyNotFound { .. }) => {}
-        Err(error) => return Err(error),
-    }
-    let count: i64 =
-        sqlx::query_scalar(sql::STUDY_COUNT).fetch_one(&mut *connection).await.map_err(refused)?;
-    if count >= i64::from(limits::STUDIES) {
-        return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
-    }
-    let (specification, policy) = rows::specification(spec, &EarlierSpaces::default())?;
-    let inserted = sqlx::query(sql::STUDY_INSERT)
-        .bind(id)
-        .bind(specification)
-        .bind(policy)
-        .bind(now_ms)
-        .execute(&mut *connection)
-        .await
-        .map_err(refused)?;
-    one_at_most(inserted.rows_affected());
-    let study = read::study(connection, id).await?;
-    debug_assert_eq!(study.statistics, StudyCounts::default(), "a new study holds rows of another");
-    Ok(Created { study, is_new: true })
-}
-
-/// A broken constraint is a defect of this program; any other error is the database's.
-pub(super) fn refused(error: sqlx::Error) -> StoreError {
-    use sqlx::error::ErrorKind;
-    match error.as_database_error() {
-        Some(database) if database.kind() != ErrorKind::Other => inconsistent(database.message().to_owned()),
-        // A trigger's RAISE(ABORT) is SQLITE_CONSTRAINT_TRIGGER, which sqlx does not name.
-        Some(database) if database.code().as_deref() == Some("1811") => {
-            inconsistent(database.message().to_owned())
-        }
-        _ => super::store_error(&error),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use sqlx::Connection as _;
-
-    use super::*;
-
-    #[tokio::test]
-    async fn of_too_many_former_names_one_row_stands_for_the_lowest() {
-        let mut connection = SqliteConnection::connect("sqlite::memory:").await.expect("a database");
-        crate::migrations::sqlite().run(&mut connection).await.expect("the schema");
-        let mut listed = async |names: &[(&str, i64)], limit: u32| -> Vec<(String, i64)> {
-            for (name, last) in names {
-                let row = sqlx::query("INSERT INTO former_names VALUES ($1, $2)").bind(*name).bind(*last);
-                row.execute(&mut connection).await.expect("a row");
-            }
-            fold_names(&mut connection, limit).await.expect("folded");
-            let rows = sqlx::query_as("SELECT name, last_trial FROM former_names ORDER BY last_trial, name");
-            rows.fetch_all(&mut connection).await.expect("rows")
-        };
-        let own = |rows: &[(&str, i64)]| {
-            rows.iter().map(|(name, last)| ((*name).to_owned(), *last)).collect::<Vec<_>>()
-        };
-        let few = [("a", 4), ("b", 9), ("c", 2)];
-        assert_eq!(listed(&few, 3).await, own(&[("c", 2), ("a", 4), ("b", 9)]));
-        assert_eq!(listed(&[("d", 7), ("e", 3)], 3).await, own(&[("", 3), ("a", 4), ("d", 7), ("b", 9)]));
-        assert_eq!(listed(&[("f", 8)], 2).await, own(&[("", 7), ("f", 8), ("b", 9)]), "the floor rises");
-    }
 }

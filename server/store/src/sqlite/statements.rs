@@ -13,7 +13,7 @@ pub(super) const BEGIN_READING: &str = "BEGIN";
 pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1 AND name < '~'";
 
 /// With the identity, where one is given.
-pub(super) const STUDY_KEY_OF_UID: &str =
+pub(super) const STUDY_LOCK: &str =
     "SELECT id FROM studies WHERE name = $1 AND name < '~' AND uid = coalesce($2, uid)";
 
 pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies WHERE name < '~'";

@@ -11,7 +11,7 @@ use tokio::time::{Instant, timeout_at};
 
 use super::commands::{self, GroupFences, WriteCommand, WriteResult};
 use super::identity::FileIdentity;
-use super::{reap, script};
+use super::{codes, reap, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
@@ -219,7 +219,7 @@ async fn lone_commit(
         Ok(_) => Ok(vec![WriteResult::Nothing]),
         Err(error) => {
             roll_back(connection).await;
-            Err(failed(commands::refused(error).in_study(fence.study())))
+            Err(failed(codes::refused(error).in_study(fence.study())))
         }
     }
 }
