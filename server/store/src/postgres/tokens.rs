@@ -7,23 +7,20 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use async_trait::async_trait;
 use sqlx::pool::PoolConnection;
-use sqlx::postgres::{PgPool, Postgres};
+use sqlx::postgres::{PgConnection, PgPool, Postgres};
 use sqlx::{Connection as _, Executor as _};
 
 use super::{PostgresAddress, failed as store_error, open};
 use crate::error::OpenError;
 use crate::limits;
-use crate::tokens::rows::{TokenRow, UsageRow, changed, records, signed, texts};
+use crate::tokens::rows::{UsageRow, changed, records, signed, texts, token_store};
 use crate::tokens::{TokenError, TokenRecord, TokenStore, Usage};
 
 const LIST: &str = "SELECT id, name, hash, scope, studies::text AS studies, quota::text AS quota, create_ms, \
                     expire_ms, revoke_ms FROM tokens ORDER BY create_ms, id";
 
 const INSERT: &str = "INSERT INTO tokens VALUES ($1, $2, $3, $4, $5::json, $6::json, $7, $8, $9)";
-
-const REVOKE: &str = "UPDATE tokens SET revoke_ms = coalesce(revoke_ms, $1) WHERE id = $2";
 
 /// A sum that does not fit becomes the largest number.
 const USAGE: &str = "SELECT least(coalesce(sum(studies), 0), 9223372036854775807)::bigint AS studies, \
@@ -62,84 +59,17 @@ impl PostgresTokens {
     async fn connection(&self) -> Result<PoolConnection<Postgres>, TokenError> {
         self.connections.acquire().await.map_err(failed)
     }
-}
 
-fn failed(error: sqlx::Error) -> TokenError {
-    store_error(error).into()
-}
-
-#[async_trait]
-impl TokenStore for PostgresTokens {
-    async fn create(&self, token: &TokenRecord) -> Result<(), TokenError> {
-        let (studies, quota) = texts(&token.studies, &token.quota)?;
+    async fn create_one(&self, token: &TokenRecord) -> Result<(), TokenError> {
         let mut connection = self.connection().await?;
         let mut transaction = connection.begin().await.map_err(failed)?;
         // This transaction holds the row from the count until the new token counts.
         transaction.execute("SELECT FROM token_revision FOR UPDATE").await.map_err(failed)?;
-        let count: i64 = sqlx::query_scalar("SELECT count(*) FROM tokens")
-            .fetch_one(&mut *transaction)
-            .await
-            .map_err(failed)?;
-        if count >= i64::from(limits::TOKENS) {
-            return Err(TokenError::TooMany { limit: limits::TOKENS });
-        }
-        let inserted = sqlx::query(INSERT)
-            .bind(&token.id)
-            .bind(&token.name)
-            .bind(token.hash.as_slice())
-            .bind(token.scope.word())
-            .bind(studies)
-            .bind(quota)
-            .bind(token.create_ms)
-            .bind(token.expire_ms)
-            .bind(token.revoke_ms)
-            .execute(&mut *transaction)
-            .await;
-        match inserted {
-            Ok(_) => transaction.commit().await.map_err(failed),
-            Err(error) if error.as_database_error().is_some_and(|error| error.is_unique_violation()) => {
-                Err(TokenError::Exists { id: token.id.clone() })
-            }
-            Err(error) => Err(failed(error)),
-        }
+        insert(&mut transaction, token).await?;
+        transaction.commit().await.map_err(failed)
     }
 
-    async fn list(&self) -> Result<Vec<TokenRecord>, TokenError> {
-        let rows: Vec<TokenRow> =
-            sqlx::query_as(LIST).fetch_all(&mut *self.connection().await?).await.map_err(failed)?;
-        records(rows)
-    }
-
-    async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError> {
-        let revoking = sqlx::query(REVOKE).bind(now_ms).bind(id);
-        let done = revoking.execute(&mut *self.connection().await?).await.map_err(failed)?;
-        changed(id, done.rows_affected())
-    }
-
-    async fn forget(&self, id: &str) -> Result<(), TokenError> {
-        let forgetting = sqlx::query("DELETE FROM tokens WHERE id = $1").bind(id);
-        let done = forgetting.execute(&mut *self.connection().await?).await.map_err(failed)?;
-        changed(id, done.rows_affected())
-    }
-
-    async fn revision(&self) -> Result<i64, TokenError> {
-        sqlx::query_scalar("SELECT revision FROM token_revision")
-            .fetch_one(&mut *self.connection().await?)
-            .await
-            .map_err(failed)
-    }
-
-    async fn usage(&self, id: &str, day: i64) -> Result<(Usage, Usage), TokenError> {
-        let mut connection = self.connection().await?;
-        let mut sums = [Usage::default(); 2];
-        for (sum, (first, last)) in sums.iter_mut().zip([(i64::MIN, i64::MAX), (day, day)]) {
-            let row = sqlx::query_as(USAGE).bind(id).bind(first).bind(last).fetch_one(&mut *connection).await;
-            *sum = row.map(|row: UsageRow| row.into()).map_err(failed)?;
-        }
-        Ok((sums[0], sums[1]))
-    }
-
-    async fn add_usage(&self, day: i64, used: &[(String, Usage)]) -> Result<(), TokenError> {
+    async fn count(&self, day: i64, used: &[(String, Usage)]) -> Result<(), TokenError> {
         debug_assert_eq!(
             used.iter().map(|(id, _)| id).collect::<BTreeSet<_>>().len(),
             used.len(),
@@ -158,7 +88,13 @@ impl TokenStore for PostgresTokens {
         Ok(())
     }
 
-    async fn close(&self) {
+    async fn end(&self) {
         self.connections.close().await;
     }
 }
+
+fn failed(error: sqlx::Error) -> TokenError {
+    store_error(error).into()
+}
+
+token_store!(PostgresTokens, PgConnection);

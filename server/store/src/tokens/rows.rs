@@ -113,3 +113,91 @@ pub(crate) fn texts(studies: &Studies, quota: &Quota) -> Result<(String, String)
 fn inconsistent(problem: String) -> TokenError {
     TokenError::Store(StoreError::Inconsistent { study: None, problem })
 }
+
+/// [`TokenStore`](super::TokenStore) for a store on a database, in a module with the statements `INSERT`,
+/// `LIST` and `USAGE` and the errors `failed`. The store has methods of its own for what differs:
+/// `connection`, `create_one`, `count` and `end`.
+macro_rules! token_store {
+    ($store:ident, $connection:ty) => {
+        /// Adds a token, unless there are too many.
+        async fn insert(connection: &mut $connection, token: &TokenRecord) -> Result<(), TokenError> {
+            let counting = sqlx::query_scalar("SELECT count(*) FROM tokens").fetch_one(&mut *connection);
+            let count: i64 = counting.await.map_err(failed)?;
+            if count >= i64::from(limits::TOKENS) {
+                return Err(TokenError::TooMany { limit: limits::TOKENS });
+            }
+            let (studies, quota) = texts(&token.studies, &token.quota)?;
+            let inserted = sqlx::query(INSERT)
+                .bind(&token.id)
+                .bind(&token.name)
+                .bind(token.hash.as_slice())
+                .bind(token.scope.word())
+                .bind(studies)
+                .bind(quota)
+                .bind(token.create_ms)
+                .bind(token.expire_ms)
+                .bind(token.revoke_ms)
+                .execute(connection)
+                .await;
+            match inserted {
+                Ok(_) => Ok(()),
+                Err(error) if error.as_database_error().is_some_and(|error| error.is_unique_violation()) => {
+                    Err(TokenError::Exists { id: token.id.clone() })
+                }
+                Err(error) => Err(failed(error)),
+            }
+        }
+
+        #[async_trait::async_trait]
+        impl TokenStore for $store {
+            async fn create(&self, token: &TokenRecord) -> Result<(), TokenError> {
+                self.create_one(token).await
+            }
+
+            async fn list(&self) -> Result<Vec<TokenRecord>, TokenError> {
+                let asking = sqlx::query_as(LIST);
+                records(asking.fetch_all(&mut *self.connection().await?).await.map_err(failed)?)
+            }
+
+            async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError> {
+                let revoking =
+                    sqlx::query("UPDATE tokens SET revoke_ms = coalesce(revoke_ms, $1) WHERE id = $2");
+                let revoking = revoking.bind(now_ms).bind(id);
+                let done = revoking.execute(&mut *self.connection().await?).await.map_err(failed)?;
+                changed(id, done.rows_affected())
+            }
+
+            async fn forget(&self, id: &str) -> Result<(), TokenError> {
+                let forgetting = sqlx::query("DELETE FROM tokens WHERE id = $1").bind(id);
+                let done = forgetting.execute(&mut *self.connection().await?).await.map_err(failed)?;
+                changed(id, done.rows_affected())
+            }
+
+            async fn revision(&self) -> Result<i64, TokenError> {
+                let asking = sqlx::query_scalar("SELECT revision FROM token_revision");
+                asking.fetch_one(&mut *self.connection().await?).await.map_err(failed)
+            }
+
+            async fn usage(&self, id: &str, day: i64) -> Result<(Usage, Usage), TokenError> {
+                let mut connection = self.connection().await?;
+                let mut sums = [Usage::default(); 2];
+                for (sum, (first, last)) in sums.iter_mut().zip([(i64::MIN, i64::MAX), (day, day)]) {
+                    let asking = sqlx::query_as(USAGE).bind(id).bind(first).bind(last);
+                    let row = asking.fetch_one(&mut *connection).await;
+                    *sum = row.map(|row: UsageRow| row.into()).map_err(failed)?;
+                }
+                Ok((sums[0], sums[1]))
+            }
+
+            async fn add_usage(&self, day: i64, used: &[(String, Usage)]) -> Result<(), TokenError> {
+                self.count(day, used).await
+            }
+
+            async fn close(&self) {
+                self.end().await;
+            }
+        }
+    };
+}
+
+pub(crate) use token_store;
