@@ -44,11 +44,6 @@ impl Progress {
         };
         status(&format!("{}{of}  {result}{best}{gain}  {}", self.done, trial.configuration));
     }
-
-    /// Nothing follows.
-    pub(crate) fn end(&self) {
-        status_end();
-    }
 }
 
 /// A line that the next one takes the place of, on a terminal.

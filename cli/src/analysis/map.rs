@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::table::{Column, Measured, Table, quantile};
+use super::table::{Column, Measured, Table, quantile, sorted};
 
 /// Most cells along an axis.
 const CELLS: usize = 16;
@@ -47,8 +47,8 @@ pub(super) fn of(table: &Table, pair: &(String, String), metric: &Measured) -> O
             cells.entry([cell(&edges[0], x), cell(&edges[1], y)]).or_default().push(*relative);
         }
     }
-    let cells = cells.into_iter().map(|(at, mut values)| {
-        values.sort_by(f64::total_cmp);
+    let cells = cells.into_iter().map(|(at, values)| {
+        let values = sorted(values);
         Cell { at, trials: values.len(), relative: quantile(&values, 0.5) }
     });
     let parameters = columns.map(|column| column.name.clone());
@@ -57,8 +57,7 @@ pub(super) fn of(table: &Table, pair: &(String, String), metric: &Measured) -> O
 }
 
 fn edges(column: &Column) -> Vec<f64> {
-    let mut values: Vec<f64> = column.values.iter().flatten().copied().collect();
-    values.sort_by(f64::total_cmp);
+    let mut values = sorted(column.values.iter().flatten().copied());
     values.dedup();
     let (low, high) = (values.first().copied().unwrap_or(0.0), values.last().copied().unwrap_or(1.0));
     if values.len() <= CELLS {

@@ -90,8 +90,7 @@ pub(super) fn rounded(value: f64) -> String {
 
 /// Bins of numbers, see [`Column::bins`].
 pub(super) fn bins(values: &[Option<f64>]) -> (Vec<Option<usize>>, usize) {
-    let mut sorted: Vec<f64> = values.iter().flatten().copied().collect();
-    sorted.sort_by(f64::total_cmp);
+    let sorted = sorted(values.iter().flatten().copied());
     let mut distinct = sorted.clone();
     distinct.dedup();
     let edges: Vec<f64> = if distinct.len() <= BINS {
@@ -119,10 +118,16 @@ pub(super) struct Measured {
 
 impl Measured {
     pub(super) fn quartiles(&self) -> [f64; 2] {
-        let mut sorted: Vec<f64> = self.relative.iter().flatten().copied().collect();
-        sorted.sort_by(f64::total_cmp);
+        let sorted = sorted(self.relative.iter().flatten().copied());
         [0.25, 0.75].map(|share| quantile(&sorted, share))
     }
+}
+
+/// Numbers, the least first.
+pub(super) fn sorted(numbers: impl IntoIterator<Item = f64>) -> Vec<f64> {
+    let mut numbers: Vec<f64> = numbers.into_iter().collect();
+    numbers.sort_by(f64::total_cmp);
+    numbers
 }
 
 /// The value below which a share of sorted ones lies, between neighbours in a straight line.
@@ -235,8 +240,6 @@ fn relative(name: String, spec: &StudySpec, trials: &[&TrialRecord]) -> Measured
     for (trial, value) in trials.iter().zip(&raw) {
         by_state.entry(trial.state_id).or_default().extend(value);
     }
-    let mut all: Vec<f64> = raw.iter().flatten().copied().collect();
-    all.sort_by(f64::total_cmp);
     let means: BTreeMap<i64, f64> = by_state
         .into_iter()
         .map(|(state, values)| {
@@ -253,6 +256,6 @@ fn relative(name: String, spec: &StudySpec, trials: &[&TrialRecord]) -> Measured
         higher_is_better: spec.objective.maximised().contains(&name),
         name,
         relative: trials.iter().zip(&raw).map(over).collect(),
-        median: quantile(&all, 0.5),
+        median: quantile(&sorted(raw.iter().flatten().copied()), 0.5),
     }
 }

@@ -396,7 +396,7 @@ impl Session<'_> {
             summary.failed += u64::from(matches!(step, Step::Failed(_)));
             progress.trial(&trial, result.as_ref().map(|cost| *cost).map_err(String::as_str));
         }
-        progress.end();
+        progress::status_end();
         Ok(())
     }
 

@@ -38,12 +38,6 @@ enum Piece {
     Level(String),
 }
 
-/// An argument after its places were filled.
-enum Filled {
-    Argument(String),
-    LeftOut,
-}
-
 impl Template {
     /// Reads a command for a study. The error names a place for a parameter that the study does not have.
     pub(crate) fn read(command: &[String], spec: &StudySpec) -> Result<Self, String> {
@@ -83,13 +77,7 @@ impl Template {
 
     /// The command for a configuration, at a cheaper level where one is named.
     pub(crate) fn fill(&self, configuration: &Configuration, level: Option<&str>) -> Vec<String> {
-        let filled = self.arguments.iter().map(|pieces| fill(pieces, configuration, level));
-        filled
-            .filter_map(|filled| match filled {
-                Filled::Argument(text) => Some(text),
-                Filled::LeftOut => None,
-            })
-            .collect()
+        self.arguments.iter().filter_map(|pieces| fill(pieces, configuration, level)).collect()
     }
 }
 
@@ -102,25 +90,22 @@ impl Piece {
     }
 }
 
-fn fill(pieces: &[Piece], configuration: &Configuration, level: Option<&str>) -> Filled {
+/// An argument with its places filled; `None` where it is left out.
+fn fill(pieces: &[Piece], configuration: &Configuration, level: Option<&str>) -> Option<String> {
     let mut text = String::new();
     for piece in pieces {
         match piece {
             Piece::Text(piece) => text.push_str(piece),
             Piece::Level(full) => text.push_str(level.unwrap_or(full)),
-            Piece::Value(name) => match configuration.get(name) {
-                Some(value) => text.push_str(&value.to_string()),
-                None => return Filled::LeftOut,
-            },
-            Piece::Choice { name, yes, no } => match configuration.get(name) {
-                Some(Value::Boolean(true)) => text.push_str(yes),
-                Some(_) => text.push_str(no),
-                None => return Filled::LeftOut,
+            Piece::Value(name) => text.push_str(&configuration.get(name)?.to_string()),
+            Piece::Choice { name, yes, no } => match configuration.get(name)? {
+                Value::Boolean(true) => text.push_str(yes),
+                _ => text.push_str(no),
             },
         }
     }
     let has_choice = pieces.iter().any(|piece| matches!(piece, Piece::Choice { .. }));
-    if has_choice && text.is_empty() { Filled::LeftOut } else { Filled::Argument(text) }
+    (!has_choice || !text.is_empty()).then_some(text)
 }
 
 fn pieces(argument: &str, names: &[&str], has_levels: bool) -> Vec<Piece> {
