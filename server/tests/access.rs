@@ -6,36 +6,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use common::flaky::Flaky;
-use common::{Server, ask, assert_refused, report, study};
+use common::{Caller, Server, ask, assert_refused, creation, report, study};
 use tonic::metadata::MetadataValue;
-use tonic::service::interceptor::InterceptedService;
-use tonic::transport::Channel;
 use tonic::{Code, Request, Status};
 use tonic_types::StatusExt as _;
-use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_proto::v1::{self as wire};
 use treewright_server::access::Access;
 use treewright_server::access::token::Token;
 use treewright_server::clock::ManualClock;
 use treewright_server::serve::Options;
-use treewright_store::tokens::{Quota, Scope, Studies, TokenRecord};
+use treewright_store::tokens::{Quota, Scope, TokenRecord};
 use treewright_store::{MemoryStore, MemoryTokens, Store, TokenStore};
-
-type Caller = TuningServiceClient<InterceptedService<Channel, Show>>;
-
-/// Shows a header with every request.
-#[derive(Clone)]
-struct Show(Option<String>);
-
-impl tonic::service::Interceptor for Show {
-    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
-        if let Some(value) = &self.0 {
-            let value = MetadataValue::try_from(value.as_str()).expect("a header");
-            request.metadata_mut().insert("authorization", value);
-        }
-        Ok(request)
-    }
-}
 
 struct Guarded {
     server: Server,
@@ -64,34 +45,21 @@ impl Guarded {
 
     /// Stores a token and returns its text.
     async fn token(&self, scope: Scope, studies: &[&str], quota: Quota) -> Token {
-        let token = Token::make().expect("randomness");
-        let record = TokenRecord {
-            id: token.id().to_owned(),
-            name: "a test".to_owned(),
-            hash: token.hash(),
-            scope,
-            studies: Studies(studies.iter().map(|study| (*study).to_owned()).collect()),
-            quota,
-            create_ms: common::START_MS,
-            expire_ms: Some(common::START_MS + 3_600_000),
-            revoke_ms: None,
-        };
+        let studies = studies.iter().map(|study| (*study).to_owned()).collect();
+        let (token, record) = common::token(scope, studies, quota);
+        let record = TokenRecord { expire_ms: Some(common::START_MS + 3_600_000), ..record };
         self.tokens.create(&record).await.expect("stored");
         self.access.refresh().await.expect("read");
         token
     }
 
-    async fn showing(&self, header: Option<String>) -> Caller {
-        TuningServiceClient::with_interceptor(self.server.channel().await, Show(header))
-    }
-
     async fn with(&self, token: &Token) -> Caller {
-        self.showing(Some(format!("Bearer {}", token.text()))).await
+        self.server.caller(Some(format!("Bearer {}", token.text()))).await
     }
 }
 
 fn named(id: &str) -> wire::CreateStudyRequest {
-    wire::CreateStudyRequest { study_id: id.to_owned(), study: Some(study()) }
+    creation(id, study())
 }
 
 fn get(id: &str) -> wire::GetStudyRequest {
@@ -118,11 +86,11 @@ async fn without_a_good_token_nobody_gets_in() {
         (Some(format!("Bearer {}", other.text())), "not known"),
         (Some(format!("Bearer tw1_{id}_{secret}")), "not known"),
     ] {
-        let mut caller = guarded.showing(header).await;
+        let mut caller = guarded.server.caller(header).await;
         let answer = caller.list_studies(wire::ListStudiesRequest::default()).await;
         assert_refused(answer, Code::Unauthenticated, reason);
     }
-    let mut caller = guarded.showing(Some(format!("bearer {}", good.text()))).await;
+    let mut caller = guarded.server.caller(Some(format!("bearer {}", good.text()))).await;
     caller.list_studies(wire::ListStudiesRequest::default()).await.expect("let in");
     // A load balancer asks without a token.
     let mut health = tonic_health::pb::health_client::HealthClient::new(guarded.server.channel().await);

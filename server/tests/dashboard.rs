@@ -8,37 +8,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use common::flaky::Flaky;
-use common::{START_MS, Server, ask, integer, report, study, text};
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::net::{TcpListener, TcpStream};
-use tonic::metadata::{Ascii, MetadataValue};
-use tonic::service::interceptor::InterceptedService;
-use tonic::transport::Channel;
-use tonic::{Request, Status};
-use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+use common::{Caller, START_MS, Server, ask, configuration, creation, report, study};
+use tokio::net::TcpListener;
 use treewright_proto::v1::{self as wire};
 use treewright_server::access::Access;
-use treewright_server::access::token::Token;
 use treewright_server::clock::ManualClock;
 use treewright_server::config::DashboardPeer;
 use treewright_server::limits::DASHBOARD_ROWS;
 use treewright_server::serve::Options;
-use treewright_store::tokens::{Quota, Scope, Studies, TokenRecord};
+use treewright_store::tokens::{Quota, Scope};
 use treewright_store::{MemoryStore, MemoryTokens, Store, TokenStore};
 use treewright_test_postgres::Database;
-
-type Caller = TuningServiceClient<InterceptedService<Channel, Show>>;
-
-/// Shows a header with every request.
-#[derive(Clone)]
-struct Show(MetadataValue<Ascii>);
-
-impl tonic::service::Interceptor for Show {
-    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
-        request.metadata_mut().insert("authorization", self.0.clone());
-        Ok(request)
-    }
-}
 
 /// A server with a dashboard that asks for tokens, and a token that may do everything.
 struct Guarded {
@@ -62,8 +42,7 @@ impl Guarded {
     }
 
     async fn caller(&self) -> Caller {
-        let header = MetadataValue::try_from(format!("Bearer {}", self.token).as_str()).expect("a header");
-        TuningServiceClient::with_interceptor(self.server.channel().await, Show(header))
+        self.server.caller(Some(format!("Bearer {}", self.token))).await
     }
 
     /// Asks for a page. Returns the status, and the whole answer.
@@ -80,10 +59,7 @@ impl Guarded {
         let (pages, token, length) = (self.pages, &self.token, form.len());
         let head = format!("{method} {path} HTTP/1.1\r\nHost: {pages}\r\nConnection: close\r\n");
         let rest = format!("Authorization: Bearer {token}\r\nContent-Length: {length}\r\n\r\n{form}");
-        let mut stream = TcpStream::connect(pages).await.expect("a connection");
-        stream.write_all((head + &rest).as_bytes()).await.expect("sent");
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).await.expect("text");
+        let answer = common::exchange(pages, &(head + &rest)).await;
         let status = answer.split(' ').nth(1).and_then(|code| code.parse().ok()).expect("a status");
         (status, answer)
     }
@@ -91,18 +67,7 @@ impl Guarded {
 
 /// Options with a dashboard; where it is, and a token for these studies, or for all.
 async fn options(clock: &Arc<ManualClock>, studies: Vec<String>) -> (Options, SocketAddr, String) {
-    let token = Token::make().expect("randomness");
-    let record = TokenRecord {
-        id: token.id().to_owned(),
-        name: "a test".to_owned(),
-        hash: token.hash(),
-        scope: Scope::Admin,
-        studies: Studies(studies),
-        quota: Quota::default(),
-        create_ms: START_MS,
-        expire_ms: None,
-        revoke_ms: None,
-    };
+    let (token, record) = common::token(Scope::Admin, studies, Quota::default());
     let tokens = Arc::new(MemoryTokens::new());
     tokens.create(&record).await.expect("stored");
     let access = Access::open(Arc::clone(&tokens) as _, Arc::clone(clock) as _).await.expect("opened");
@@ -119,8 +84,7 @@ async fn options(clock: &Arc<ManualClock>, studies: Vec<String>) -> (Options, So
 
 /// Creates the study `hall`, and measures a trial of it.
 async fn measured(caller: &mut Caller) -> wire::Study {
-    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study()) };
-    let created = caller.create_study(request).await.expect("created").into_inner();
+    let created = caller.create_study(creation("hall", study())).await.expect("created").into_inner();
     let trial = caller.suggest(ask("a", 10.0)).await.expect("a trial").into_inner();
     caller.report(report(&trial.name, 5.0)).await.expect("taken");
     created
@@ -195,8 +159,7 @@ async fn a_form_waits_for_its_study_to_be_loaded() {
     let load_takes = treewright_server::limits::LOADING_WAIT + Duration::from_millis(300);
     let guarded = Guarded::start(Arc::new(Flaky { load_takes, ..Flaky::default() })).await;
     let mut caller = guarded.caller().await;
-    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study()) };
-    caller.create_study(request).await.expect("created");
+    caller.create_study(creation("hall", study())).await.expect("created");
     let (status, answer) = guarded.post("/studies/hall/policy", "field=epsilon&value=0.5").await;
     assert_eq!(status, 303, "{answer}");
     let name = "studies/hall".to_owned();
@@ -246,8 +209,7 @@ async fn a_note_and_tags_are_shown_and_changed_and_tags_lead_to_their_studies() 
     let guarded = Guarded::start(Arc::new(MemoryStore::new())).await;
     let mut caller = guarded.caller().await;
     measured(&mut caller).await;
-    let request = wire::CreateStudyRequest { study_id: "attic".to_owned(), study: Some(study()) };
-    caller.create_study(request).await.expect("created");
+    caller.create_study(creation("attic", study())).await.expect("created");
     let page = guarded.get("/studies/hall").await.1;
     let form = actions(&page)[0].to_owned();
     assert!(form.ends_with("/texts"), "{form}");
@@ -315,9 +277,8 @@ async fn a_long_list_is_paged_and_told_in_json() {
     let guarded = Guarded::start(Arc::new(MemoryStore::new())).await;
     let mut caller = guarded.caller().await;
     for number in 0..=DASHBOARD_ROWS {
-        let study_id = format!("hall-{number:03}");
-        let request = wire::CreateStudyRequest { study_id, study: Some(study()) };
-        caller.create_study(request).await.expect("created");
+        let id = format!("hall-{number:03}");
+        caller.create_study(creation(&id, study())).await.expect("created");
     }
     let rows = |answer: &str| answer.matches("<th scope=\"row\">").count();
     let (status, answer) = guarded.get("/").await;
@@ -366,8 +327,7 @@ async fn a_metric_called_gain_hides_no_map() {
         ..wire::Objective::default()
     };
     let maximising = wire::Study { objective: Some(objective), ..study() };
-    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(maximising) };
-    caller.create_study(request).await.expect("created");
+    caller.create_study(creation("hall", maximising)).await.expect("created");
     let trial = caller.suggest(ask("a", 10.0)).await.expect("a trial").into_inner().name;
     let measurements = BTreeMap::from([("gain".to_owned(), 50.0)]);
     let measured = wire::ReportRequest { trial, measurements, outcome: common::ok() };
@@ -389,12 +349,10 @@ async fn a_metric_called_gain_hides_no_map() {
 
 /// A run of the study `lists`, which was made for a front.
 async fn list(caller: &mut Caller, direction: f64, max_leaf: i64, metrics: [f64; 2], origin: &str) {
-    let named = |(name, value): (&str, wire::Value)| (name.to_owned(), value);
-    let values = [("min_leaf", integer(1)), ("max_leaf", integer(max_leaf)), ("quality", text("low"))];
     let request = wire::SuggestRequest {
         study: "studies/lists".to_owned(),
         indicators: BTreeMap::from([("direction".to_owned(), direction)]),
-        wanted: Some(wire::Configuration { values: values.map(named).into() }),
+        wanted: Some(configuration(max_leaf, "low")),
         origin: origin.to_owned(),
         ..ask("a", 0.0)
     };
@@ -419,8 +377,7 @@ async fn a_front_is_shown_where_one_was_looked_for() {
         objective: Some(objective),
         ..study()
     };
-    let request = wire::CreateStudyRequest { study_id: "lists".to_owned(), study: Some(made) };
-    caller.create_study(request).await.expect("created");
+    caller.create_study(creation("lists", made)).await.expect("created");
     let (status, answer) = guarded.get("/studies/lists/front").await;
     assert!(status == 200 && answer.contains("No run measured all of time_ms, memory_mb."), "{answer}");
     list(&mut caller, 0.0, 8, [8.0, 9.0], "").await;

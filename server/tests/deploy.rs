@@ -12,8 +12,7 @@ use std::time::Duration;
 use clap::CommandFactory as _;
 use common::{START_MS, Server};
 use serde_json::Value;
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use treewright_proto::v1 as wire;
 use treewright_server::clock::ManualClock;
 use treewright_server::config::{Cli, Command, ServeConfig};
@@ -174,17 +173,13 @@ async fn samples() -> BTreeSet<String> {
     study.policy.get_or_insert_default().predictor = wire::PredictorMethod::Auto as i32;
     // Figures of a maximised metric as well.
     study.objective.get_or_insert_default().maximised = vec!["render_ms".to_owned()];
-    let creation = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study) };
-    client.create_study(creation).await.expect("created");
+    client.create_study(common::creation("hall", study)).await.expect("created");
     for cost in [3.0, 2.0, 1.0] {
         let trial = common::suggest(&mut client, "a", 10.0).await;
         common::done(&mut client, &trial.name, cost).await;
     }
     client.get_study(wire::GetStudyRequest::default()).await.expect_err("refused");
-    let mut stream = TcpStream::connect(address).await.expect("a connection");
-    stream.write_all(b"GET /metrics HTTP/1.1\r\nhost: here\r\n\r\n").await.expect("sent");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).await.expect("text");
+    let answer = common::exchange(address, "GET /metrics HTTP/1.1\r\nhost: here\r\n\r\n").await;
     server.stop().await;
     let kinds = answer.lines().filter_map(|line| line.strip_prefix("# TYPE ")?.split_once(' '));
     let samples = kinds.flat_map(|(name, kind)| {

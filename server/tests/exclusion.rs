@@ -3,17 +3,14 @@
 mod common;
 
 use common::{
-    Client, START_MS, Server, ask, assert_refused, create, done, get, integer, report, text, triangles,
+    Client, START_MS, Server, ask, assert_refused, configuration, create, done, get, report, triangles,
 };
 use tonic::Code;
 use treewright_proto::v1::{self as wire};
 
 /// A measured trial of the default configuration.
 async fn measured(client: &mut Client, ms: f64) -> wire::Trial {
-    let values = [("min_leaf", integer(1)), ("max_leaf", integer(8)), ("quality", text("low"))];
-    let values = values.map(|(name, value)| (name.to_owned(), value)).into();
-    let wanted = Some(wire::Configuration { values });
-    let request = wire::SuggestRequest { wanted, ..ask("a", 10.0) };
+    let request = wire::SuggestRequest { wanted: Some(configuration(8, "low")), ..ask("a", 10.0) };
     let trial = client.suggest(request).await.expect("a trial").into_inner();
     done(client, &trial.name, ms).await;
     trial
@@ -91,9 +88,7 @@ async fn no_answer_rests_on_what_is_excluded_after_a_restart() {
 
 #[tokio::test]
 async fn only_a_result_is_excluded_and_only_with_a_reason() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::with_hall().await;
     let open = client.suggest(ask("a", 10.0)).await.expect("a trial").into_inner();
     assert_refused(client.exclude_trial(exclude(&open, "?")).await, Code::FailedPrecondition, "completed");
     done(&mut client, &open.name, 3.0).await;

@@ -58,8 +58,7 @@ async fn ask(client: &mut Client, rpc: &str, bytes: &[u8]) -> Result<(), tonic::
 async fn requests_of_released_clients_are_answered() {
     assert!(versions().iter().any(|version| version.ends_with("0.1.0")));
     for version in versions() {
-        let server = Server::in_memory().await;
-        let mut client = server.client().await;
+        let (_server, mut client) = Server::with_client().await;
         let requests = requests(&version);
         assert!(requests.len() >= 20, "{}", version.display());
         for (index, (rpc, bytes)) in requests.iter().enumerate() {
@@ -71,8 +70,7 @@ async fn requests_of_released_clients_are_answered() {
 
 #[tokio::test]
 async fn what_only_a_newer_client_asks_for_is_refused_by_name() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (_server, mut client) = Server::with_client().await;
     let requests = requests(&versions()[0]);
     let mut create: wire::CreateStudyRequest = read(&requests[0].1);
     create.study.as_mut().unwrap().policy.as_mut().unwrap().predictor = 8;

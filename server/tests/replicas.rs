@@ -21,11 +21,10 @@ use tokio::net::TcpListener;
 use tonic::{Code, Request};
 use treewright_proto::v1 as wire;
 use treewright_server::access::Access;
-use treewright_server::access::token::Token;
 use treewright_server::clock::ManualClock;
 use treewright_server::peers::FORWARDED;
 use treewright_server::serve::Options;
-use treewright_store::tokens::{Quota, Scope, Studies, TokenRecord, Usage};
+use treewright_store::tokens::{Quota, Scope, Usage};
 use treewright_store::{PostgresAddress, PostgresTokens, TokenStore};
 use treewright_test_postgres::Database;
 
@@ -226,18 +225,8 @@ async fn what_is_passed_on_counts_once_and_quotas_are_one_for_all_replicas() {
     let database = Database::create().await;
     let (first, first_access, tokens) = guarded(&database).await;
     let (second, second_access, _) = guarded(&database).await;
-    let token = Token::make().expect("randomness");
-    let record = TokenRecord {
-        id: token.id().to_owned(),
-        name: "a farm".to_owned(),
-        hash: token.hash(),
-        scope: Scope::Tune,
-        studies: Studies::default(),
-        quota: Quota { trials: Some(6), ..Quota::default() },
-        create_ms: common::START_MS,
-        expire_ms: None,
-        revoke_ms: None,
-    };
+    let quota = Quota { trials: Some(6), ..Quota::default() };
+    let (token, record) = common::token(Scope::Tune, Vec::new(), quota);
     tokens.create(&record).await.expect("stored");
     for access in [&first_access, &second_access] {
         access.refresh().await.expect("read");
@@ -252,8 +241,7 @@ async fn what_is_passed_on_counts_once_and_quotas_are_one_for_all_replicas() {
         request
     };
     let (mut holder, mut other) = (first.client().await, second.client().await);
-    let mut creation =
-        Request::new(wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(common::study()) });
+    let mut creation = Request::new(common::creation("hall", common::study()));
     let bearer = format!("Bearer {}", token.text()).parse().expect("a header");
     creation.metadata_mut().insert("authorization", bearer);
     let mut bytes = creation.get_ref().encoded_len() as u64;

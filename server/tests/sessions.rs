@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Client, Server, ask, assert_refused, create, done, study};
+use common::{Client, Server, ask, assert_refused, create, creation, done, study};
 use tonic::Code;
 use treewright_proto::convert::timestamp_to_wire;
 use treewright_proto::v1::{self as wire, Rule};
@@ -23,8 +23,7 @@ fn explorer(session: u64, wishes: Option<wire::SessionPolicy>) -> wire::SuggestR
 async fn calm(client: &mut Client) -> wire::Study {
     let policy = wire::Policy { epsilon: Some(0.0), trials_per_state: 3, ..wire::Policy::default() };
     let study = wire::Study { policy: Some(policy), ..study() };
-    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study) };
-    client.create_study(request).await.expect("created").into_inner()
+    client.create_study(creation("hall", study)).await.expect("created").into_inner()
 }
 
 async fn policy(client: &mut Client) -> wire::Policy {
@@ -42,8 +41,7 @@ async fn frame(client: &mut Client, request: wire::SuggestRequest) -> (wire::Tri
 
 #[tokio::test]
 async fn wishes_hold_for_their_session_alone() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (server, mut client) = Server::with_client().await;
     let before = calm(&mut client).await.policy.expect("it has one");
     for number in 0..6 {
         let (trial, rule) = frame(&mut client, explorer(1, Some(WISHES))).await;
@@ -86,8 +84,7 @@ async fn a_session_outlives_the_daemon() {
 
 #[tokio::test]
 async fn a_session_explores_until_its_deadline() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (server, mut client) = Server::with_client().await;
     calm(&mut client).await;
     let explore_until = Some(timestamp_to_wire(common::START_MS + 5_000));
     let wishes = Some(wire::SessionPolicy { explore_until, trials_per_state: Some(100), ..WISHES });
@@ -123,8 +120,7 @@ async fn wishes_out_of_range_are_refused() {
 
 #[tokio::test]
 async fn to_create_a_study_anew_says_where_its_policy_differs() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (server, mut client) = Server::with_client().await;
     calm(&mut client).await;
     // This one wants epsilon 1, and says nothing of the rest.
     let again = create(&mut client, "hall").await;

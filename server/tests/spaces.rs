@@ -5,7 +5,8 @@ mod common;
 use std::collections::BTreeMap;
 
 use common::{
-    Client, START_MS, Server, ask, assert_refused, create, done, get, integer, report, study, text,
+    Client, START_MS, Server, ask, assert_refused, configuration, create, creation, done, get, integer,
+    report, study, text,
 };
 use tonic::Code;
 use treewright_proto::v1::{self as wire, parameter, value};
@@ -77,8 +78,7 @@ async fn frame(client: &mut Client, name: &str, space_revision: u32) -> wire::Tr
 
 async fn created(client: &mut Client, space: wire::Space) -> Result<wire::Study, tonic::Status> {
     let study = wire::Study { space: Some(space), ..study() };
-    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study) };
-    client.create_study(request).await.map(tonic::Response::into_inner)
+    client.create_study(creation("hall", study)).await.map(tonic::Response::into_inner)
 }
 
 async fn best(client: &mut Client) -> wire::Best {
@@ -172,9 +172,7 @@ async fn trials_stay_and_clients_of_both_spaces_are_served_after_a_restart() {
 
 /// A trial of a configuration that the client wants.
 async fn wanted(client: &mut Client, name: &str, quality: &str) -> wire::Trial {
-    let values = [("min_leaf", integer(1)), ("max_leaf", integer(8)), ("quality", text(quality))];
-    let values = values.map(|(name, value)| (name.to_owned(), value)).into();
-    let wanted = Some(wire::Configuration { values });
+    let wanted = Some(configuration(8, quality));
     client.suggest(wire::SuggestRequest { wanted, ..ask(name, 10.0) }).await.expect("a trial").into_inner()
 }
 
@@ -265,18 +263,14 @@ async fn an_open_trial_that_ran_with_another_value_than_it_has_by_now_is_given_b
 
 #[tokio::test]
 async fn who_knows_an_earlier_space_gets_nothing_else_than_it_wants_and_its_own_default_in_shadow() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::with_hall().await;
     let cheap = wanted(&mut client, "a", "high").await;
     done(&mut client, &cheap.name, 1.0).await;
     let mut far = space();
     far.parameters[1] = whole("max_leaf", 1, 64, 40);
     assert_eq!(changed(&mut client, change(1, far)).await, (1, 0, 0));
 
-    let values = [("min_leaf", integer(1)), ("max_leaf", integer(50)), ("quality", text("low"))];
-    let values = values.map(|(name, value)| (name.to_owned(), value)).into();
-    let wanted = Some(wire::Configuration { values });
+    let wanted = Some(configuration(50, "low"));
     let request = wire::SuggestRequest { wanted, space_revision: 1, ..ask("old", 10.0) };
     assert_refused(client.suggest(request).await, Code::InvalidArgument, "outside the space");
 
@@ -297,9 +291,7 @@ async fn where_no_default_is_of_both_spaces_a_measured_configuration_answers() {
     apart.parameters[1] = whole("max_leaf", 20, 64, 40);
     assert_eq!(changed(&mut client, change(1, apart)).await, (0, 0, 0));
     let of_both = |space_revision| {
-        let values = [("min_leaf", integer(1)), ("max_leaf", integer(24)), ("quality", text("low"))];
-        let values = values.map(|(name, value)| (name.to_owned(), value)).into();
-        let wanted = Some(wire::Configuration { values });
+        let wanted = Some(configuration(24, "low"));
         wire::SuggestRequest { wanted, space_revision, ..ask("a", 10.0) }
     };
     let old = |count| wire::SuggestRequest { space_revision: 1, ..ask("old", count) };
@@ -320,9 +312,7 @@ async fn where_no_default_is_of_both_spaces_a_measured_configuration_answers() {
 
 #[tokio::test]
 async fn what_a_study_remembers_of_its_spaces_is_limited() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::with_hall().await;
     // About 700 kB each.
     let values: Vec<_> = (0..64).map(|value| text(&format!("{value:0256}"))).collect();
     let parameter = |number: usize| wire::Parameter {

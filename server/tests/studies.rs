@@ -2,19 +2,14 @@
 
 mod common;
 
-use common::{Server, assert_refused, create, done, integer, study, suggest, text};
+use common::{Server, assert_refused, create, creation, done, integer, study, suggest, text};
 use prost_types::FieldMask;
 use tonic::Code;
 use treewright_proto::v1::{self as wire, parameter};
 
-fn create_request(id: &str, study: wire::Study) -> wire::CreateStudyRequest {
-    wire::CreateStudyRequest { study_id: id.to_owned(), study: Some(study) }
-}
-
 #[tokio::test]
 async fn a_study_comes_back_as_it_was_created() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (_server, mut client) = Server::with_client().await;
     let mut given = study();
     let parameters = &mut given.space.as_mut().unwrap().parameters;
     parameters.push(wire::Parameter {
@@ -33,7 +28,7 @@ async fn a_study_comes_back_as_it_was_created() {
         default_value: Some(wire::Value { kind: Some(wire::value::Kind::Boolean(true)) }),
         active_if: None,
     });
-    let request = create_request("hall", given.clone());
+    let request = creation("hall", given.clone());
     let created = client.create_study(request).await.unwrap().into_inner();
 
     assert_eq!(created.name, "studies/hall");
@@ -58,7 +53,7 @@ async fn a_study_comes_back_as_it_was_created() {
     assert_eq!(read.unwrap().into_inner(), created);
 
     // Sent again as it was read, it is the same study.
-    let again = client.create_study(create_request("hall", created.clone())).await;
+    let again = client.create_study(creation("hall", created.clone())).await;
     assert_eq!(again.unwrap().into_inner(), created);
 }
 
@@ -67,14 +62,13 @@ async fn another_specification_under_the_same_id_is_refused() {
     let (_server, mut client) = Server::with_hall().await;
     let mut other = study();
     other.space.as_mut().unwrap().parameters[1].default_value = Some(integer(9));
-    let answer = client.create_study(create_request("hall", other)).await;
+    let answer = client.create_study(creation("hall", other)).await;
     assert_refused(answer, Code::AlreadyExists, "parameter \"max_leaf\"");
 }
 
 #[tokio::test]
 async fn malformed_specifications_name_the_field() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (_server, mut client) = Server::with_client().await;
     type Change = fn(&mut wire::Study);
     let cases: [(Change, &str); 15] = [
         (|s| s.space = None, "study.space: is required"),
@@ -108,10 +102,10 @@ async fn malformed_specifications_name_the_field() {
     for (change, fragment) in cases {
         let mut changed = study();
         change(&mut changed);
-        let answer = client.create_study(create_request("hall", changed)).await;
+        let answer = client.create_study(creation("hall", changed)).await;
         assert_refused(answer, Code::InvalidArgument, fragment);
     }
-    let answer = client.create_study(create_request("Hall", study())).await;
+    let answer = client.create_study(creation("Hall", study())).await;
     assert_refused(answer, Code::InvalidArgument, "study_id: \"Hall\" must be 1 to 64");
     let nothing = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: None };
     let answer = client.create_study(nothing).await;
@@ -119,14 +113,13 @@ async fn malformed_specifications_name_the_field() {
     // A request beyond the limit of a message is refused before it is read.
     let mut huge = study();
     huge.display_name = "x".repeat(treewright_server::limits::REQUEST_BYTES);
-    let answer = client.create_study(create_request("hall", huge)).await;
+    let answer = client.create_study(creation("hall", huge)).await;
     assert_refused(answer, Code::OutOfRange, "limit");
 }
 
 #[tokio::test]
 async fn studies_are_listed_page_by_page() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (_server, mut client) = Server::with_client().await;
     for id in ["sponza", "bmw", "hall"] {
         create(&mut client, id).await;
     }
@@ -152,8 +145,7 @@ async fn studies_are_listed_page_by_page() {
 
 #[tokio::test]
 async fn the_study_of_a_front_keeps_its_display_name() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (_server, mut client) = Server::with_client().await;
     let mut made = study();
     made.display_name = "front of time_ms, 1/rate".to_owned();
     made.indicators = vec![wire::Indicator { name: "direction".to_owned(), min: 0.0, max: 8.0, scale: 0 }];
@@ -161,7 +153,7 @@ async fn the_study_of_a_front_keeps_its_display_name() {
         terms: vec![wire::ObjectiveTerm { metric: "front_cost".to_owned(), weight: 1.0 }],
         ..wire::Objective::default()
     });
-    client.create_study(create_request("lists", made.clone())).await.unwrap();
+    client.create_study(creation("lists", made.clone())).await.unwrap();
     let texts = |display_name: &str| wire::UpdateStudyRequest {
         study: Some(wire::Study {
             name: "studies/lists".to_owned(),
@@ -219,7 +211,7 @@ async fn texts_for_people_change_and_are_not_compared() {
         assert_refused(answer, Code::InvalidArgument, problem);
         let given = request.study.unwrap();
         let given = wire::Study { note: given.note, tags: given.tags, ..study() };
-        let answer = client.create_study(create_request("other", given)).await;
+        let answer = client.create_study(creation("other", given)).await;
         assert_refused(answer, Code::InvalidArgument, problem);
     }
     let stored = client.get_study(wire::GetStudyRequest { name: "studies/hall".to_owned() }).await;
@@ -336,8 +328,7 @@ fn identified(study: &wire::Study) -> String {
 
 #[tokio::test]
 async fn a_study_that_is_created_again_is_told_from_the_one_before_by_its_identity() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (_server, mut client) = Server::with_client().await;
     let before = create(&mut client, "hall").await;
     let ask = |name: &str| wire::SuggestRequest { study: name.to_owned(), ..common::ask("a", 10.0) };
     let stale = client.suggest(ask(&identified(&before))).await.expect("a trial").into_inner();
@@ -389,8 +380,7 @@ async fn a_study_that_is_created_again_is_told_from_the_one_before_by_its_identi
 
 #[tokio::test]
 async fn who_names_a_study_by_its_identity_does_not_notice_that_it_is_renamed() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (_server, mut client) = Server::with_client().await;
     let study = create(&mut client, "hall").await;
     let ask = || wire::SuggestRequest { study: identified(&study), ..common::ask("a", 10.0) };
     let open = client.suggest(ask()).await.expect("a trial").into_inner();

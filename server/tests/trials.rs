@@ -67,7 +67,7 @@ async fn every_outcome_is_taken() {
         let request = wire::ReportRequest {
             trial: trial.name.clone(),
             measurements: BTreeMap::new(),
-            outcome: Some(wire::Outcome { kind: Some(kind.clone()) }),
+            outcome: of_kind(kind.clone()),
         };
         let stored = client.report(request).await.unwrap().into_inner().trial.unwrap();
         let bound = match &kind {
@@ -77,6 +77,14 @@ async fn every_outcome_is_taken() {
         assert_eq!(stored.cost, bound);
         assert_eq!(stored.outcome.unwrap().kind, Some(kind));
     }
+}
+
+fn of_kind(kind: outcome::Kind) -> Option<wire::Outcome> {
+    Some(wire::Outcome { kind: Some(kind) })
+}
+
+fn set(values: &mut BTreeMap<String, f64>, name: &str, value: f64) {
+    values.insert(name.to_owned(), value);
 }
 
 #[tokio::test]
@@ -89,18 +97,8 @@ async fn malformed_questions_and_results_are_refused() {
         (|r| r.client_id = "x".repeat(129), "client_id must be 1 to 128"),
         (|r| r.client_id = "a\nb".to_owned(), "client_id must be 1 to 128"),
         (|r| r.indicators.clear(), "\"triangles\" is missing"),
-        (
-            |r| {
-                r.indicators.insert("x".to_owned(), 1.0);
-            },
-            "\"x\" is unknown",
-        ),
-        (
-            |r| {
-                r.indicators.insert("triangles".to_owned(), f64::NAN);
-            },
-            "\"triangles\" is NaN",
-        ),
+        (|r| set(&mut r.indicators, "x", 1.0), "\"x\" is unknown"),
+        (|r| set(&mut r.indicators, "triangles", f64::NAN), "\"triangles\" is NaN"),
         (|r| r.fingerprint.as_mut().unwrap().threads = -1, "fingerprint.threads"),
     ];
     for (change, fragment) in questions {
@@ -114,36 +112,12 @@ async fn malformed_questions_and_results_are_refused() {
         (|r| r.trial = "studies/hall".to_owned(), "trial: \"studies/hall\" must have the form"),
         (|r| r.outcome = None, "outcome: is required"),
         (|r| r.outcome = Some(wire::Outcome { kind: None }), "outcome: is required"),
+        (|r| r.measurements.retain(|name, _| name != "render_ms"), "\"render_ms\" is missing"),
+        (|r| set(&mut r.measurements, "render_ms", f64::INFINITY), "\"render_ms\" is inf"),
+        (|r| set(&mut r.measurements, "frames", -1.0), "\"frames\" is -1"),
+        (|r| set(&mut r.measurements, "Frames", 1.0), "\"Frames\" is not a name"),
         (
-            |r| {
-                r.measurements.remove("render_ms");
-            },
-            "\"render_ms\" is missing",
-        ),
-        (
-            |r| {
-                r.measurements.insert("render_ms".to_owned(), f64::INFINITY);
-            },
-            "\"render_ms\" is inf",
-        ),
-        (
-            |r| {
-                r.measurements.insert("frames".to_owned(), -1.0);
-            },
-            "\"frames\" is -1",
-        ),
-        (
-            |r| {
-                r.measurements.insert("Frames".to_owned(), 1.0);
-            },
-            "\"Frames\" is not a name",
-        ),
-        (
-            |r| {
-                r.outcome = Some(wire::Outcome {
-                    kind: Some(outcome::Kind::Aborted(wire::Aborted { lower_bound: f64::NAN })),
-                })
-            },
+            |r| r.outcome = of_kind(outcome::Kind::Aborted(wire::Aborted { lower_bound: f64::NAN })),
             "lower bound",
         ),
     ];
@@ -163,14 +137,12 @@ async fn malformed_questions_and_results_are_refused() {
 
 #[tokio::test]
 async fn predictions_and_the_best_rest_on_reports() {
-    let server = Server::in_memory().await;
-    let mut client = server.client().await;
+    let (_server, mut client) = Server::with_client().await;
     // It answers the nearest measured configuration, and none between two measurements.
     let predictor = wire::PredictorMethod::NearestNeighbour.into();
     let nearest = wire::Policy { epsilon: Some(1.0), predictor, ..Default::default() };
     let study = wire::Study { policy: Some(nearest), ..common::study() };
-    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study) };
-    client.create_study(request).await.expect("created");
+    client.create_study(common::creation("hall", study)).await.expect("created");
     let predict = |count| wire::PredictRequest {
         study: "studies/hall".to_owned(),
         indicators: triangles(count),

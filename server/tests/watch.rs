@@ -7,8 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use common::{START_MS, Server, create, done, suggest};
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tonic::Code;
 use treewright_proto::v1 as wire;
 use treewright_server::clock::ManualClock;
@@ -17,12 +16,7 @@ use treewright_store::{MemoryStore, Store};
 
 /// Asks and returns the whole answer, head and all.
 async fn ask(address: SocketAddr, method: &str, path: &str) -> String {
-    let mut stream = TcpStream::connect(address).await.expect("a connection");
-    let head = format!("{method} {path} HTTP/1.1\r\nhost: here\r\n\r\n");
-    stream.write_all(head.as_bytes()).await.expect("sent");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).await.expect("text");
-    answer
+    common::exchange(address, &format!("{method} {path} HTTP/1.1\r\nhost: here\r\n\r\n")).await
 }
 
 /// The value of a figure.

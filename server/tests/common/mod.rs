@@ -9,19 +9,40 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::net::TcpListener;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::service::Interceptor;
+use tonic::service::interceptor::InterceptedService;
 use tonic::transport::Channel;
-use tonic::{Code, Status};
+use tonic::{Code, Request, Status};
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_proto::v1::{self as wire, outcome, parameter, value};
+use treewright_server::access::token::Token;
 use treewright_server::clock::ManualClock;
 use treewright_server::serve;
+use treewright_store::tokens::{Quota, Scope, Studies, TokenRecord};
 use treewright_store::{MemoryStore, PostgresAddress, PostgresStore, SqliteStore, Store};
 use treewright_test_postgres::Database;
 
 pub(crate) type Client = TuningServiceClient<Channel>;
+
+pub(crate) type Caller = TuningServiceClient<InterceptedService<Channel, Show>>;
+
+/// Shows a header with every request.
+#[derive(Clone)]
+pub(crate) struct Show(Option<MetadataValue<Ascii>>);
+
+impl Interceptor for Show {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        if let Some(value) = &self.0 {
+            request.metadata_mut().insert("authorization", value.clone());
+        }
+        Ok(request)
+    }
+}
 
 pub(crate) const START_MS: i64 = 1_750_000_000_000;
 
@@ -37,10 +58,16 @@ impl Server {
         Self::with(Arc::new(MemoryStore::new()), START_MS).await
     }
 
+    /// In memory, with a client.
+    pub(crate) async fn with_client() -> (Self, Client) {
+        let server = Self::in_memory().await;
+        let client = server.client().await;
+        (server, client)
+    }
+
     /// In memory, with the study `hall` and a client.
     pub(crate) async fn with_hall() -> (Self, Client) {
-        let server = Self::in_memory().await;
-        let mut client = server.client().await;
+        let (server, mut client) = Self::with_client().await;
         create(&mut client, "hall").await;
         (server, client)
     }
@@ -108,6 +135,12 @@ impl Server {
         Client::new(self.channel().await)
     }
 
+    /// A client that shows a header with every request.
+    pub(crate) async fn caller(&self, header: Option<String>) -> Caller {
+        let value = header.map(|header| MetadataValue::try_from(header.as_str()).expect("a header"));
+        TuningServiceClient::with_interceptor(self.channel().await, Show(value))
+    }
+
     /// Asks it to stop, without waiting.
     pub(crate) fn begin_stop(&mut self) {
         drop(self.stop.take());
@@ -172,8 +205,43 @@ pub(crate) fn study() -> wire::Study {
 }
 
 pub(crate) async fn create(client: &mut Client, id: &str) -> wire::Study {
-    let request = wire::CreateStudyRequest { study_id: id.to_owned(), study: Some(study()) };
-    client.create_study(request).await.expect("created").into_inner()
+    client.create_study(creation(id, study())).await.expect("created").into_inner()
+}
+
+pub(crate) fn creation(id: &str, study: wire::Study) -> wire::CreateStudyRequest {
+    wire::CreateStudyRequest { study_id: id.to_owned(), study: Some(study) }
+}
+
+/// A configuration of the least `min_leaf`.
+pub(crate) fn configuration(max_leaf: i64, quality: &str) -> wire::Configuration {
+    let values = [("min_leaf", integer(1)), ("max_leaf", integer(max_leaf)), ("quality", text(quality))];
+    wire::Configuration { values: values.map(|(name, value)| (name.to_owned(), value)).into() }
+}
+
+/// A token for these studies, or for all, and its record.
+pub(crate) fn token(scope: Scope, studies: Vec<String>, quota: Quota) -> (Token, TokenRecord) {
+    let token = Token::make().expect("randomness");
+    let record = TokenRecord {
+        id: token.id().to_owned(),
+        name: "a test".to_owned(),
+        hash: token.hash(),
+        scope,
+        studies: Studies(studies),
+        quota,
+        create_ms: START_MS,
+        expire_ms: None,
+        revoke_ms: None,
+    };
+    (token, record)
+}
+
+/// Sends a request of HTTP and returns the whole answer, head and all.
+pub(crate) async fn exchange(address: SocketAddr, request: &str) -> String {
+    let mut stream = TcpStream::connect(address).await.expect("a connection");
+    stream.write_all(request.as_bytes()).await.expect("sent");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).await.expect("text");
+    answer
 }
 
 pub(crate) fn triangles(count: f64) -> BTreeMap<String, f64> {
