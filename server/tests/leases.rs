@@ -4,7 +4,7 @@ mod common;
 
 use std::collections::BTreeSet;
 
-use common::{Server, assert_refused, create, done, get, report, suggest};
+use common::{Server, assert_refused, done, get, report, suggest};
 use tonic::Code;
 use treewright_proto::v1 as wire;
 
@@ -87,9 +87,7 @@ async fn a_lease_can_be_extended_while_the_trial_is_open() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn eight_clients_in_one_state_never_share_an_open_trial() {
     let directory = tempfile::tempdir().unwrap();
-    let server = Server::on_disk(&directory.path().join("studies.db"), common::START_MS).await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::on_disk_with_hall(&directory.path().join("studies.db")).await;
     let mut tasks = Vec::new();
     for number in 0..8 {
         let mut client = server.client().await;
@@ -121,9 +119,7 @@ async fn eight_clients_in_one_state_never_share_an_open_trial() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn of_many_late_reports_at_once_one_is_taken() {
     let directory = tempfile::tempdir().unwrap();
-    let server = Server::on_disk(&directory.path().join("studies.db"), common::START_MS).await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::on_disk_with_hall(&directory.path().join("studies.db")).await;
     for _ in 0..5 {
         let trial = suggest(&mut client, "a", 10.0).await;
         server.clock.advance_ms(60_001);

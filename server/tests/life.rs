@@ -37,16 +37,12 @@ async fn a_restarted_server_goes_on_with_the_same_suggestions() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("studies.db");
     // One server that never stops is the oracle.
-    let steady = Server::in_memory().await;
-    let mut client = steady.client().await;
-    create(&mut client, "hall").await;
+    let (_steady, mut client) = Server::with_hall().await;
     let expected = rounds(&mut client, 40).await;
 
     let mut found = Vec::new();
     for stretch in 0..4 {
-        let server = Server::on_disk(&path, START_MS).await;
-        let mut client = server.client().await;
-        create(&mut client, "hall").await;
+        let (server, mut client) = Server::on_disk_with_hall(&path).await;
         // The costs go on where they stood: 10 is no multiple of their period.
         for round in 0..10 {
             let trial = suggest(&mut client, "a", 10.0).await;
@@ -64,9 +60,7 @@ async fn a_restarted_server_goes_on_with_the_same_suggestions() {
 async fn an_open_trial_survives_a_restart() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("studies.db");
-    let server = Server::on_disk(&path, START_MS).await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::on_disk_with_hall(&path).await;
     let held = suggest(&mut client, "a", 10.0).await;
     let lost = suggest(&mut client, "b", 10.0).await;
     drop(client);
@@ -89,26 +83,25 @@ async fn an_open_trial_survives_a_restart() {
     server.stop().await;
 }
 
-#[tokio::test]
-async fn a_daemon_whose_writer_has_met_a_defect_ends_with_an_error() {
-    let store = Flaky { broken: true.into(), failed: true, ..Flaky::default() };
-    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+/// Serves until that ends by itself, with an error.
+async fn ends(listeners: impl Into<Listeners>, store: Flaky) {
     let clock = Arc::new(ManualClock::at(START_MS));
     let (drain, never) = (Duration::from_millis(100), std::future::pending());
-    let served = serve::run(listener, Arc::new(store) as _, clock as _, drain, never);
+    let served = serve::run(listeners, Arc::new(store) as _, clock as _, drain, never);
     let served = tokio::time::timeout(Duration::from_secs(30), served).await.expect("it ends by itself");
     assert!(matches!(served, Err(serve::ServeError::Task)), "{served:?}");
+}
+
+#[tokio::test]
+async fn a_daemon_whose_writer_has_met_a_defect_ends_with_an_error() {
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    ends(listener, Flaky { broken: true.into(), failed: true, ..Flaky::default() }).await;
 }
 
 /// So ends a server whose last listener met a defect: an end without an error would not be started again.
 #[tokio::test]
 async fn a_daemon_that_nobody_can_reach_any_more_ends_with_an_error() {
-    let store = Arc::new(Flaky::default());
-    let clock = Arc::new(ManualClock::at(START_MS));
-    let (drain, never) = (Duration::from_millis(100), std::future::pending());
-    let served = serve::run(Listeners::default(), store as _, clock as _, drain, never);
-    let served = tokio::time::timeout(Duration::from_secs(30), served).await.expect("it ends by itself");
-    assert!(matches!(served, Err(serve::ServeError::Task)), "{served:?}");
+    ends(Listeners::default(), Flaky::default()).await;
 }
 
 #[tokio::test]

@@ -4,7 +4,7 @@ mod common;
 
 use std::collections::BTreeMap;
 
-use common::{Client, Server, ask, create, done};
+use common::{Client, Server, ask, done};
 use treewright_proto::v1 as wire;
 
 /// A frame of a client on a machine; costs are `factor` times as high there.
@@ -34,9 +34,7 @@ fn reason(trial: &wire::Trial) -> (&str, &str) {
 async fn a_new_machine_starts_from_its_group_and_new_software_from_the_fleet() {
     let directory = tempfile::tempdir().expect("a directory");
     let path = directory.path().join("studies.db");
-    let server = Server::on_disk(&path, common::START_MS).await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::on_disk_with_hall(&path).await;
     let mut best = f64::INFINITY;
     for _ in 0..50 {
         let trial = frame(&mut client, "first", "4.4.0", 16, 1.0).await;

@@ -20,11 +20,18 @@ fn command(arguments: &[&str]) -> Command {
     command
 }
 
+fn serve(database: &Path) -> Command {
+    let database = database.to_str().expect("plain");
+    command(&["serve", "--listen", "127.0.0.1:0", "--database", database])
+}
+
 impl Daemon {
     fn start(database: &Path) -> Self {
-        let database = database.to_str().expect("plain");
-        let mut child =
-            command(&["serve", "--listen", "127.0.0.1:0", "--database", database]).spawn().expect("started");
+        Self::spawn(serve(database))
+    }
+
+    fn spawn(mut command: Command) -> Self {
+        let mut child = command.spawn().expect("started");
         let mut ready = String::new();
         let stdout = child.stdout.as_mut().expect("piped");
         BufReader::new(stdout).read_line(&mut ready).expect("a line");
@@ -71,20 +78,14 @@ fn it_prints_one_line_serves_and_stops_at_sigterm() {
 
 #[test]
 fn variables_that_are_empty_are_as_if_they_were_not_set() {
-    let mut serve = command(&["serve", "--help"]);
-    let help = String::from_utf8(serve.output().expect("run").stdout).expect("text");
+    let help = run(&["serve", "--help"]).1;
     let variables = help.split("[env: ").skip(1).filter_map(|rest| rest.split(['=', ']']).next());
     let variables: Vec<&str> = variables.collect();
     assert!(variables.len() > 20 && variables.contains(&"TREEWRIGHT_OTLP"), "{variables:?}");
     let directory = tempfile::tempdir().unwrap();
-    let database = directory.path().join("studies.db");
-    let mut empty =
-        command(&["serve", "--listen", "127.0.0.1:0", "--database", database.to_str().expect("plain")]);
+    let mut empty = serve(&directory.path().join("studies.db"));
     empty.envs(variables.iter().map(|name| (name, "")));
-    let mut child = empty.spawn().expect("started");
-    let mut ready = String::new();
-    BufReader::new(child.stdout.as_mut().expect("piped")).read_line(&mut ready).expect("a line");
-    let daemon = Daemon { child, ready };
+    let daemon = Daemon::spawn(empty);
     let ready = daemon.ready.clone();
     let (code, log) = daemon.terminate();
     assert!(ready.starts_with("treewrightd listening on http://127.0.0.1:"), "{log}");

@@ -33,9 +33,7 @@ impl Stream {
 #[tokio::test]
 async fn each_frame_reports_and_suggests() {
     let directory = tempfile::tempdir().unwrap();
-    let server = Server::on_disk(&directory.path().join("studies.db"), common::START_MS).await;
-    let mut client = server.client().await;
-    create(&mut client, "hall").await;
+    let (server, mut client) = Server::on_disk_with_hall(&directory.path().join("studies.db")).await;
     let mut stream = Stream::open(&mut client).await;
 
     let first = stream.frame(None, Some(ask("a", 10.0))).await;

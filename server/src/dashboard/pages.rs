@@ -142,12 +142,12 @@ fn tag_links(tags: &[String]) -> Vec<(String, String)> {
     tags.iter().map(|tag| (tag.clone(), format!("/?{}", Query::written(&[("tag", tag)])))).collect()
 }
 
-/// The state that an address asks for.
-fn asked_state(query: &Query, head: &Head) -> Result<Option<i64>, Error> {
-    match query.number("state")? {
-        Some(state) if state > head.states => Err(Error::invalid(
-            "state",
-            format!("the study has met {} states; leave it out, or give the number of one", head.states),
+/// The state that a field of an address asks for.
+fn asked_state(query: &Query, field: &str, states: i64) -> Result<Option<i64>, Error> {
+    match query.number(field)? {
+        Some(state) if state > states => Err(Error::invalid(
+            field,
+            format!("the study has met {states} states; leave it out, or give the number of one"),
         )),
         asked => Ok(asked),
     }

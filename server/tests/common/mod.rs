@@ -77,6 +77,14 @@ impl Server {
         Self::with(Arc::new(store), now_ms).await
     }
 
+    /// On disk, with the study `hall` and a client.
+    pub(crate) async fn on_disk_with_hall(path: &Path) -> (Self, Client) {
+        let server = Self::on_disk(path, START_MS).await;
+        let mut client = server.client().await;
+        create(&mut client, "hall").await;
+        (server, client)
+    }
+
     pub(crate) async fn with(store: Arc<dyn Store>, now_ms: i64) -> Self {
         Self::with_options(store, Arc::new(ManualClock::at(now_ms)), Duration::from_secs(5)).await
     }

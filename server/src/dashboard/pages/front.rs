@@ -48,7 +48,7 @@ pub(in super::super) async fn front(visitor: &Visitor<'_>, id: &str, query: &Que
         "" => head.front.clone(),
         some => Some(asked_front(some)?),
     };
-    let state = asked_state(query, &head)?;
+    let state = asked_state(query, "state", head.states)?;
     let mut page = Page {
         frame: visitor.frame,
         metrics: front.as_ref().map(written).unwrap_or_default(),

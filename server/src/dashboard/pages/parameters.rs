@@ -44,7 +44,7 @@ pub(in super::super) async fn parameters(
     let id = super::id(&study.name);
     let spec = visitor.tuning.get_study(id).await?.spec;
     let all = spec.space.parameters();
-    let state = match asked_state(query, &head)? {
+    let state = match asked_state(query, "state", head.states)? {
         Some(state) => Some(state),
         None => read_trials(visitor, id, "", "number desc", 1).await?.first().map(|trial| trial.state_id),
     };

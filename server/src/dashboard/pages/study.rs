@@ -94,7 +94,7 @@ struct PolicyPage {
 pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
     let (mut head, study) = head(visitor, id, "overview").await?;
     query.only(&["state", "from"])?;
-    let (asked, listed) = (asked_state(query, &head)?, listed(query, head.states)?);
+    let (asked, listed) = (asked_state(query, "state", head.states)?, listed(query, head.states)?);
     let id = super::id(&study.name);
     visitor.tuning.begin_loading(id);
     let latest = read_trials(visitor, id, "", "number desc", TRIALS).await?;
@@ -161,16 +161,8 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
 
 /// The states that an address lists: from its first on, as many as fit.
 fn listed(query: &Query, states: i64) -> Result<RangeInclusive<i64>, Error> {
-    match query.number("from")? {
-        Some(from) if from > states => Err(Error::invalid(
-            "from",
-            format!("the study has met {states} states; leave it out, or give the number of one"),
-        )),
-        from => {
-            let from = from.unwrap_or(1);
-            Ok(from..=states.min(from.saturating_add(STATES - 1)))
-        }
-    }
+    let from = asked_state(query, "from", states)?.unwrap_or(1);
+    Ok(from..=states.min(from.saturating_add(STATES - 1)))
 }
 
 /// The query of the states from a first one on, beside the curve of a state.
