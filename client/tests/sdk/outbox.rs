@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use tonic::Code;
-use treewright_client::{Client, ClientError, Outcome, Source};
+use treewright_client::{ClientError, Outcome, Source};
 use treewright_proto::v1::TrialState;
 
-use crate::support::{Fake, Hold, hasty, measured, patient, spec, state, until};
+use crate::support::{Fake, Hold, from_the_daemon, hasty, measured, patient, state, until};
 
 #[tokio::test]
 async fn a_lost_answer_does_not_store_a_report_twice() {
@@ -40,9 +40,7 @@ async fn reports_wait_for_a_daemon_that_is_away() {
 
 #[tokio::test]
 async fn a_full_queue_drops_the_oldest_reports_and_counts_them() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), patient().queue(2)).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study_and(patient().queue(2)).await;
     let mut suggestions = Vec::new();
     for number in 0..6 {
         suggestions.push(study.suggest(&state(number)).await);
@@ -94,15 +92,8 @@ async fn an_overloaded_daemon_gets_time() {
 
 #[tokio::test]
 async fn a_suggestion_waits_for_the_report_of_the_trial_before() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), hasty()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
-    let first = loop {
-        let suggestion = study.suggest(&state(1)).await;
-        if suggestion.source() == Source::Daemon {
-            break suggestion;
-        }
-    };
+    let (fake, _client, study) = Fake::with_study_and(hasty()).await;
+    let first = from_the_daemon(async || study.suggest(&state(1)).await).await;
     fake.hold(Hold::Reports);
     let asked = fake.book().count("Suggest");
     first.report(measured(1.0), Outcome::Ok).unwrap();

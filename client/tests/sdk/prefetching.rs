@@ -6,11 +6,7 @@ use std::time::Duration;
 use treewright_client::{Client, ClientError, Finished, Outcome, PrefetchingTuner, Source, Suggestion};
 use treewright_proto::v1::TrialState;
 
-use crate::support::{Fake, Hold, in_episodes, measured, spec, state, until};
-
-fn finish(suggestion: Suggestion, render_ms: f64) -> Option<Finished> {
-    Some(suggestion.finished(measured(render_ms), Outcome::Ok).unwrap())
-}
+use crate::support::{Fake, Hold, finish, in_episodes, measured, spec, state, until};
 
 async fn tuner(client: &Client) -> PrefetchingTuner {
     client.study("scene", spec()).await.unwrap().prefetching_tuner()

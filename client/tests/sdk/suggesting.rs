@@ -8,7 +8,7 @@ use treewright_client::{
 };
 use treewright_proto::v1::TrialState;
 
-use crate::support::{Fake, Hold, hasty, measured, patient, spec, state, until};
+use crate::support::{Fake, Hold, from_the_daemon, hasty, measured, patient, spec, state, until};
 
 #[tokio::test]
 async fn the_daemon_answers_and_gets_the_result() {
@@ -53,10 +53,8 @@ async fn a_program_measures_what_it_wants() {
 
 #[tokio::test]
 async fn a_daemon_that_is_still_loading_the_study_is_asked_again() {
-    let fake = Fake::start();
+    let (fake, client, study) = Fake::with_study().await;
     let wanted = Configuration::from(spec().space.default_configuration());
-    let client = Client::connect(&fake.url(), patient()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
     fake.book().loading = 3;
     study.trial_of(&state(3), &wanted).await.unwrap().report(measured(12.5), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
@@ -116,12 +114,10 @@ async fn pairs_begin_with_one_and_then_with_the_other() {
 
 #[tokio::test]
 async fn a_hanging_daemon_costs_one_deadline_and_then_nothing() {
-    let fake = Fake::start();
-    let mut options = patient();
+    let mut options = patient().deadline(Duration::from_secs(2));
     options.back_off_min = Duration::from_secs(3600);
     options.back_off_max = Duration::from_secs(3600);
-    let client = Client::connect(&fake.url(), options.deadline(Duration::from_secs(2))).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study_and(options).await;
     study.suggest(&state(1)).await.report(measured(9.0), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
     fake.hold(Hold::Everything);
@@ -151,13 +147,7 @@ async fn without_a_daemon_the_default_is_used_and_the_study_created_later() {
     assert_eq!(client.stats().unreported, 1);
     fake.come_back();
     until("the study is created", || fake.book().studies.contains_key("studies/scene")).await;
-    loop {
-        let suggestion = study.suggest(&state(1)).await;
-        if suggestion.source() == Source::Daemon {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(2)).await;
-    }
+    drop(from_the_daemon(async || study.suggest(&state(1)).await).await);
 }
 
 #[tokio::test]
@@ -186,21 +176,13 @@ async fn the_last_good_configuration_is_not_an_infeasible_one() {
 
 #[tokio::test]
 async fn a_late_answer_is_used_for_the_next_frame_of_the_same_state() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), hasty()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study_and(hasty()).await;
     fake.hold(Hold::Suggestions);
     let missed = study.suggest(&state(3)).await;
     assert_eq!(missed.source(), Source::Default);
     fake.hold(Hold::Nothing);
     until("the trial is handed out", || fake.book().trials.len() == 1).await;
-    let trial = loop {
-        let suggestion = study.suggest(&state(3)).await;
-        if suggestion.source() == Source::Daemon {
-            break suggestion;
-        }
-        tokio::time::sleep(Duration::from_millis(2)).await;
-    };
+    let trial = from_the_daemon(async || study.suggest(&state(3)).await).await;
     assert_eq!(trial.trial(), Some("studies/scene/trials/1"));
     assert_eq!(fake.book().count("Suggest"), 1, "the late answer was used, not asked for again");
     trial.report(measured(1.0), Outcome::Ok).unwrap();
@@ -210,20 +192,12 @@ async fn a_late_answer_is_used_for_the_next_frame_of_the_same_state() {
 
 #[tokio::test]
 async fn a_late_answer_for_another_state_is_given_back() {
-    let fake = Fake::start();
-    let client = Client::connect(&fake.url(), hasty()).unwrap();
-    let study = client.study("scene", spec()).await.unwrap();
+    let (fake, client, study) = Fake::with_study_and(hasty()).await;
     fake.hold(Hold::Suggestions);
     assert_eq!(study.suggest(&state(1)).await.source(), Source::Default);
     fake.hold(Hold::Nothing);
     until("the trial is handed out", || fake.book().trials.len() == 1).await;
-    let other = loop {
-        let suggestion = study.suggest(&state(4)).await;
-        if suggestion.source() == Source::Daemon {
-            break suggestion;
-        }
-        tokio::time::sleep(Duration::from_millis(2)).await;
-    };
+    let other = from_the_daemon(async || study.suggest(&state(4)).await).await;
     let name = other.trial().unwrap().to_owned();
     assert_ne!(name, "studies/scene/trials/1", "the answer to the earlier question");
     until("the late trial is given back", || fake.book().trials[0].state() == TrialState::Abandoned).await;

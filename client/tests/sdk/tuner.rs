@@ -2,25 +2,15 @@
 
 use std::time::{Duration, SystemTime};
 
-use treewright_client::{Client, Finished, Outcome, Source, Status, Suggestion, Tuner};
+use treewright_client::{Client, Outcome, Source, Status, Suggestion, Tuner};
 use treewright_proto::convert::outcome_to_wire;
 use treewright_proto::v1::TrialState;
 
-use crate::support::{Fake, Hold, hasty, in_episodes, measured, patient, spec, state, until};
-
-fn finish(suggestion: Suggestion, render_ms: f64) -> Option<Finished> {
-    Some(suggestion.finished(measured(render_ms), Outcome::Ok).unwrap())
-}
+use crate::support::{self, Fake, Hold, finish, hasty, in_episodes, measured, patient, spec, state, until};
 
 /// Asks until the daemon answers again.
 async fn from_the_daemon(tuner: &mut Tuner, number: u32) -> Suggestion {
-    loop {
-        let suggestion = tuner.next(&state(number), None).await;
-        if suggestion.source() == Source::Daemon {
-            return suggestion;
-        }
-        tokio::time::sleep(Duration::from_millis(2)).await;
-    }
+    support::from_the_daemon(async || tuner.next(&state(number), None).await).await
 }
 
 #[tokio::test]

@@ -11,7 +11,10 @@ use std::time::Duration;
 
 use tokio::net::TcpSocket;
 use tokio::sync::watch;
-use treewright_client::{Client, Indicators, Measurements, Options, Scale, Space, Study, StudySpec};
+use treewright_client::{
+    Client, Finished, Indicators, Measurements, Options, Outcome, Scale, Source, Space, Study, StudySpec,
+    Suggestion,
+};
 
 pub use book::Book;
 
@@ -55,7 +58,13 @@ impl Fake {
 
     /// One with a patient client and the small study.
     pub async fn with_study() -> (Self, Client, Study) {
-        let (fake, client) = Self::with_client();
+        Self::with_study_and(patient()).await
+    }
+
+    /// One with the small study and a client of these options.
+    pub async fn with_study_and(options: Options) -> (Self, Client, Study) {
+        let fake = Self::start();
+        let client = Client::connect(&fake.url(), options).unwrap();
         let study = client.study("scene", spec()).await.unwrap();
         (fake, client, study)
     }
@@ -170,6 +179,22 @@ pub fn state(number: u32) -> Indicators {
 
 pub fn measured(render_ms: f64) -> Measurements {
     Measurements::from([("render_ms", render_ms)])
+}
+
+/// The result of a frame, for the next one.
+pub fn finish(suggestion: Suggestion, render_ms: f64) -> Option<Finished> {
+    Some(suggestion.finished(measured(render_ms), Outcome::Ok).unwrap())
+}
+
+/// Asks until the daemon answers.
+pub async fn from_the_daemon(mut ask: impl AsyncFnMut() -> Suggestion) -> Suggestion {
+    loop {
+        let suggestion = ask().await;
+        if suggestion.source() == Source::Daemon {
+            return suggestion;
+        }
+        tokio::time::sleep(Duration::from_millis(2)).await;
+    }
 }
 
 /// Waits for something that must happen, without saying when.
