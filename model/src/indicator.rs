@@ -59,23 +59,14 @@ pub struct IndicatorSchema {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum IndicatorError {
     /// Too many indicators.
-    #[error("{count} indicators; at most {INDICATORS_MAX} are allowed")]
-    TooMany {
-        /// The number that was given.
-        count: usize,
-    },
+    #[error("{0} indicators; at most {INDICATORS_MAX} are allowed")]
+    TooMany(usize),
     /// Not spelt like a name.
-    #[error("indicator {name:?} is not a name; use {NAME_RULE}")]
-    Name {
-        /// As given.
-        name: String,
-    },
+    #[error("indicator {0:?} is not a name; use {NAME_RULE}")]
+    Name(String),
     /// Listed twice.
-    #[error("indicator {name:?} is listed twice; remove one")]
-    Twice {
-        /// As given.
-        name: String,
-    },
+    #[error("indicator {0:?} is listed twice; remove one")]
+    Twice(String),
     /// The range is empty or not finite.
     #[error("indicator {name:?} has range {min} to {max}; both must be finite and min less than max")]
     Range {
@@ -87,11 +78,8 @@ pub enum IndicatorError {
         max: f64,
     },
     /// A value is missing.
-    #[error("indicator {name:?} is missing; send a value for each indicator of the study")]
-    Missing {
-        /// The missing one.
-        name: String,
-    },
+    #[error("indicator {0:?} is missing; send a value for each indicator of the study")]
+    Missing(String),
     /// A value for an indicator that the study does not have.
     #[error("indicator {name:?} is unknown; the study has {known}")]
     Unknown {
@@ -114,15 +102,15 @@ impl IndicatorSchema {
     /// Checks and takes the indicators.
     pub fn new(indicators: Vec<Indicator>) -> Result<Self, IndicatorError> {
         if indicators.len() > INDICATORS_MAX {
-            return Err(IndicatorError::TooMany { count: indicators.len() });
+            return Err(IndicatorError::TooMany(indicators.len()));
         }
         let mut seen = BTreeSet::new();
         for Indicator { name, min, max, .. } in &indicators {
             if !is_name(name) {
-                return Err(IndicatorError::Name { name: name.clone() });
+                return Err(IndicatorError::Name(name.clone()));
             }
             if !seen.insert(name) {
-                return Err(IndicatorError::Twice { name: name.clone() });
+                return Err(IndicatorError::Twice(name.clone()));
             }
             if !min.is_finite() || !max.is_finite() || min >= max {
                 return Err(IndicatorError::Range { name: name.clone(), min: *min, max: *max });
@@ -143,7 +131,7 @@ impl IndicatorSchema {
         for indicator in &self.indicators {
             let name = &indicator.name;
             let Some(&value) = values.get(name) else {
-                return Err(IndicatorError::Missing { name: name.clone() });
+                return Err(IndicatorError::Missing(name.clone()));
             };
             if !value.is_finite() {
                 return Err(IndicatorError::NotFinite { name: name.clone(), value });

@@ -40,24 +40,24 @@ fn tuner_code(error: &TunerError) -> Code {
         | TunerError::Indicators(_)
         | TunerError::Wanted(_)
         | TunerError::Fingerprint
-        | TunerError::TooManyMeasurements { .. }
-        | TunerError::MeasurementName { .. }
+        | TunerError::TooManyMeasurements(_)
+        | TunerError::MeasurementName(_)
         | TunerError::Objective(_)
         | TunerError::LowerBound(_)
         | TunerError::OutcomeReason
         | TunerError::Origin
         | TunerError::Study(_) => Code::InvalidArgument,
-        TunerError::TooManyStates | TunerError::TooManyClients | TunerError::TooManyOpenTrials { .. } => {
+        TunerError::TooManyStates | TunerError::TooManyClients | TunerError::TooManyOpenTrials(_) => {
             Code::ResourceExhausted
         }
-        TunerError::AlreadyCompleted { .. }
-        | TunerError::GivenUp { .. }
-        | TunerError::Outdated { .. }
-        | TunerError::OutsideSpace { .. }
-        | TunerError::Abandoned { .. }
+        TunerError::AlreadyCompleted(_)
+        | TunerError::GivenUp(_)
+        | TunerError::Outdated(_)
+        | TunerError::OutsideSpace(_)
+        | TunerError::Abandoned(_)
         | TunerError::NotCompleted { .. }
         | TunerError::NotOpen { .. } => Code::FailedPrecondition,
-        TunerError::UnknownTrial { .. } => Code::NotFound,
+        TunerError::UnknownTrial(_) => Code::NotFound,
     }
 }
 
@@ -157,7 +157,7 @@ pub fn retry_after(error: &Error) -> Option<Duration> {
         Error::Loading { .. } => Some(LOADING_RETRY),
         Error::Busy { .. } | Error::Reloading { .. } => Some(SOON),
         Error::Store(StoreError::QueueFull { .. } | StoreError::Fenced { .. }) => Some(SOON),
-        Error::Tuner(TunerError::TooManyOpenTrials { .. }) => Some(LATER),
+        Error::Tuner(TunerError::TooManyOpenTrials(_)) => Some(LATER),
         error if code(error) == Code::Unavailable => Some(LATER),
         _ => None,
     }

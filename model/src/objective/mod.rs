@@ -109,23 +109,14 @@ fn is_one_frame(frames: &u32) -> bool {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ObjectiveError {
     /// No term, or too many.
-    #[error("the objective has {count} terms; give 1 to {OBJECTIVE_TERMS_MAX}")]
-    TermCount {
-        /// The number that was given.
-        count: usize,
-    },
+    #[error("the objective has {0} terms; give 1 to {OBJECTIVE_TERMS_MAX}")]
+    TermCount(usize),
     /// A metric is not spelt like a name.
-    #[error("objective metric {metric:?} is not a name; use {NAME_RULE}")]
-    MetricName {
-        /// As given.
-        metric: String,
-    },
+    #[error("objective metric {0:?} is not a name; use {NAME_RULE}")]
+    MetricName(String),
     /// A metric occurs twice.
-    #[error("objective metric {metric:?} is listed twice; join the two terms by adding their weights")]
-    MetricTwice {
-        /// As given.
-        metric: String,
-    },
+    #[error("objective metric {0:?} is listed twice; join the two terms by adding their weights")]
+    MetricTwice(String),
     /// A weight is not positive and finite.
     #[error("objective metric {metric:?} has weight {weight}; it must be finite and greater than 0")]
     Weight {
@@ -135,11 +126,8 @@ pub enum ObjectiveError {
         weight: f64,
     },
     /// A report lacks a metric.
-    #[error("measurement {metric:?} is missing; the objective needs it")]
-    MetricMissing {
-        /// The missing one.
-        metric: String,
-    },
+    #[error("measurement {0:?} is missing; the objective needs it")]
+    MetricMissing(String),
     /// A measurement is not usable.
     #[error("measurement {metric:?} is {value}; it must be finite and not negative")]
     MetricValue {
@@ -149,29 +137,17 @@ pub enum ObjectiveError {
         value: f64,
     },
     /// Too many auxiliary metrics.
-    #[error("the objective has {count} auxiliary metrics; give at most {AUXILIARY_METRICS_MAX}")]
-    AuxiliaryCount {
-        /// The number that was given.
-        count: usize,
-    },
+    #[error("the objective has {0} auxiliary metrics; give at most {AUXILIARY_METRICS_MAX}")]
+    AuxiliaryCount(usize),
     /// An auxiliary metric is not spelt like a name.
-    #[error("auxiliary metric {metric:?} is not a name; use {NAME_RULE}")]
-    AuxiliaryName {
-        /// As given.
-        metric: String,
-    },
+    #[error("auxiliary metric {0:?} is not a name; use {NAME_RULE}")]
+    AuxiliaryName(String),
     /// An auxiliary metric occurs twice, or is a term of the objective.
-    #[error("auxiliary metric {metric:?} is listed already; leave it out, its measurements are known")]
-    AuxiliaryTwice {
-        /// As given.
-        metric: String,
-    },
+    #[error("auxiliary metric {0:?} is listed already; leave it out, its measurements are known")]
+    AuxiliaryTwice(String),
     /// A maximised metric is no term, or is listed twice.
-    #[error("{metric:?} is to be maximised; name it once, and as a term of the objective")]
-    Maximised {
-        /// As given.
-        metric: String,
-    },
+    #[error("{0:?} is to be maximised; name it once, and as a term of the objective")]
+    Maximised(String),
     /// A maximised measurement is 0 or nearly 0.
     #[error(
         "measurement {metric:?} is {value}; what is maximised must be above 0, since its reciprocal is the cost"
@@ -183,20 +159,14 @@ pub enum ObjectiveError {
         value: f64,
     },
     /// Too many limits.
-    #[error("the objective has {count} limits; give at most {MEASUREMENT_LIMITS_MAX}")]
-    LimitCount {
-        /// The number that was given.
-        count: usize,
-    },
+    #[error("the objective has {0} limits; give at most {MEASUREMENT_LIMITS_MAX}")]
+    LimitCount(usize),
     /// A limit is not valid.
     #[error(
-        "limit {limit:?} is not one; give a measurement's name ({NAME_RULE}), once, and a finite at_least, at_most or both, \
+        "limit {0:?} is not one; give a measurement's name ({NAME_RULE}), once, and a finite at_least, at_most or both, \
          the first not above the second"
     )]
-    Limit {
-        /// As given.
-        limit: String,
-    },
+    Limit(String),
     /// A report lacks a limited metric.
     #[error("measurement {metric:?} is missing; the study limits it ({limit})")]
     LimitedMissing {
@@ -206,17 +176,11 @@ pub enum ObjectiveError {
         limit: String,
     },
     /// No frame in a trial, or too many.
-    #[error("episode_frames is {frames}; give 1 to {EPISODE_FRAMES_MAX}")]
-    EpisodeFrames {
-        /// As given.
-        frames: u32,
-    },
+    #[error("episode_frames is {0}; give 1 to {EPISODE_FRAMES_MAX}")]
+    EpisodeFrames(u32),
     /// The cheaper levels are not valid.
-    #[error("fidelities: {problem}")]
-    Fidelities {
-        /// What is wrong, and how to put it right.
-        problem: String,
-    },
+    #[error("fidelities: {0}")]
+    Fidelities(String),
     /// The sum left the range of a double.
     #[error("the weighted sum of the measurements is not finite; use smaller measurements or weights")]
     Overflow,
@@ -226,15 +190,15 @@ impl Objective {
     /// Checks and takes the terms.
     pub fn new(terms: Vec<ObjectiveTerm>) -> Result<Self, ObjectiveError> {
         if terms.is_empty() || terms.len() > OBJECTIVE_TERMS_MAX {
-            return Err(ObjectiveError::TermCount { count: terms.len() });
+            return Err(ObjectiveError::TermCount(terms.len()));
         }
         let mut seen = BTreeSet::new();
         for ObjectiveTerm { metric, weight } in &terms {
             if !is_name(metric) {
-                return Err(ObjectiveError::MetricName { metric: metric.clone() });
+                return Err(ObjectiveError::MetricName(metric.clone()));
             }
             if !seen.insert(metric) {
-                return Err(ObjectiveError::MetricTwice { metric: metric.clone() });
+                return Err(ObjectiveError::MetricTwice(metric.clone()));
             }
             if !weight.is_finite() || *weight <= 0.0 {
                 return Err(ObjectiveError::Weight { metric: metric.clone(), weight: *weight });
@@ -248,15 +212,15 @@ impl Objective {
     /// [`Objective::auxiliary`].
     pub fn with_auxiliary(self, auxiliary: Vec<String>) -> Result<Self, ObjectiveError> {
         if auxiliary.len() > AUXILIARY_METRICS_MAX {
-            return Err(ObjectiveError::AuxiliaryCount { count: auxiliary.len() });
+            return Err(ObjectiveError::AuxiliaryCount(auxiliary.len()));
         }
         let mut seen: BTreeSet<&String> = self.terms.iter().map(|term| &term.metric).collect();
         for metric in &auxiliary {
             if !is_name(metric) {
-                return Err(ObjectiveError::AuxiliaryName { metric: metric.clone() });
+                return Err(ObjectiveError::AuxiliaryName(metric.clone()));
             }
             if !seen.insert(metric) {
-                return Err(ObjectiveError::AuxiliaryTwice { metric: metric.clone() });
+                return Err(ObjectiveError::AuxiliaryTwice(metric.clone()));
             }
         }
         Ok(Objective { auxiliary, ..self })
@@ -265,7 +229,7 @@ impl Objective {
     /// This objective with limits on measurements.
     pub fn with_limits(self, limits: Vec<MeasurementLimit>) -> Result<Self, ObjectiveError> {
         if limits.len() > MEASUREMENT_LIMITS_MAX {
-            return Err(ObjectiveError::LimitCount { count: limits.len() });
+            return Err(ObjectiveError::LimitCount(limits.len()));
         }
         let mut seen = BTreeSet::new();
         for limit in &limits {
@@ -274,7 +238,7 @@ impl Objective {
             let some = at_least.is_some() || at_most.is_some();
             let ordered = at_least.zip(*at_most).is_none_or(|(low, high)| low <= high);
             if !(is_name(metric) && seen.insert(metric) && finite && some && ordered) {
-                return Err(ObjectiveError::Limit { limit: limit.to_string() });
+                return Err(ObjectiveError::Limit(limit.to_string()));
             }
         }
         Ok(Objective { limits, ..self })
@@ -287,7 +251,7 @@ impl Objective {
         let mut seen = BTreeSet::new();
         for metric in &maximised {
             if !(self.terms.iter().any(|term| term.metric == *metric) && seen.insert(metric)) {
-                return Err(ObjectiveError::Maximised { metric: metric.clone() });
+                return Err(ObjectiveError::Maximised(metric.clone()));
             }
         }
         let metrics = self.terms.iter().map(|term| &term.metric);
@@ -298,7 +262,7 @@ impl Objective {
     /// This objective with trials of several frames; see [`Objective::episode_frames`].
     pub fn with_episode_frames(self, frames: u32) -> Result<Self, ObjectiveError> {
         if !(1..=EPISODE_FRAMES_MAX).contains(&frames) {
-            return Err(ObjectiveError::EpisodeFrames { frames });
+            return Err(ObjectiveError::EpisodeFrames(frames));
         }
         Ok(Objective { episode_frames: frames, ..self })
     }
@@ -312,7 +276,7 @@ impl Objective {
     /// This objective with cheaper levels at which it can be measured, the cheapest first.
     pub fn with_fidelities(self, fidelities: Vec<Fidelity>) -> Result<Self, ObjectiveError> {
         match fidelity::problem(&fidelities) {
-            Some(problem) => Err(ObjectiveError::Fidelities { problem }),
+            Some(problem) => Err(ObjectiveError::Fidelities(problem)),
             None => Ok(Objective { fidelities, ..self }),
         }
     }
@@ -385,7 +349,7 @@ impl Objective {
         let mut cost = 0.0;
         for ObjectiveTerm { metric, weight } in &self.terms {
             let Some(&value) = measurements.get(metric) else {
-                return Err(ObjectiveError::MetricMissing { metric: metric.clone() });
+                return Err(ObjectiveError::MetricMissing(metric.clone()));
             };
             if !value.is_finite() || value < 0.0 {
                 return Err(ObjectiveError::MetricValue { metric: metric.clone(), value });

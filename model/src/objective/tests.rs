@@ -27,7 +27,7 @@ fn what_is_maximised_costs_its_reciprocal() {
     let plain = Objective::new(vec![term("build_ms", 0.5), term("fps", 1000.0)]).expect("valid");
     for wrong in [vec!["frames"], vec!["fps", "fps"]] {
         let wrong = wrong.into_iter().map(str::to_owned).collect();
-        assert!(matches!(plain.clone().with_maximised(wrong), Err(ObjectiveError::Maximised { .. })));
+        assert!(matches!(plain.clone().with_maximised(wrong), Err(ObjectiveError::Maximised(_))));
     }
     let both = plain.clone().with_maximised(vec!["fps".to_owned()]).expect("valid");
     let measured = |fps: f64| BTreeMap::from([("build_ms".to_owned(), 8.0), ("fps".to_owned(), fps)]);
@@ -57,7 +57,7 @@ fn trials_of_several_frames_are_checked_stored_and_told() {
     let text = |objective: &Objective| serde_json::to_string(objective).expect("plain data");
     for wrong in [0, EPISODE_FRAMES_MAX + 1] {
         let refused = plain.clone().with_episode_frames(wrong);
-        assert_eq!(refused, Err(ObjectiveError::EpisodeFrames { frames: wrong }));
+        assert_eq!(refused, Err(ObjectiveError::EpisodeFrames(wrong)));
     }
     let one = plain.clone().with_episode_frames(1).expect("valid");
     assert_eq!(text(&one), r#"[{"metric":"render_ms","weight":1.0}]"#, "as ever");

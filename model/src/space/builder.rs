@@ -132,7 +132,7 @@ impl<Last> SpaceBuilder<Last> {
                 let Draft { name, domain, active_if, .. } = draft;
                 Ok(Parameter { name, domain, default, active_if })
             }
-            None => Err(SpaceError::NoDefault { name: draft.name }),
+            None => Err(SpaceError::NoDefault(draft.name)),
         };
         let parameters = self.parameters.into_iter().map(finish).collect::<Result<_, _>>()?;
         Space::new(parameters, self.constraints.into_iter().collect::<Result<_, _>>()?)

@@ -65,7 +65,7 @@ impl Space {
                     return Err(SpaceError::Inactive { name: parameter.name.clone(), needs });
                 }
                 None if is_active => {
-                    return Err(SpaceError::Missing { name: parameter.name.clone() });
+                    return Err(SpaceError::Missing(parameter.name.clone()));
                 }
                 Some(value) if !parameter.domain.contains(&value) => {
                     return Err(SpaceError::Value {
@@ -162,10 +162,10 @@ fn canonical(parameter: Parameter) -> Parameter {
 fn check_parameter(parameter: &Parameter, earlier: &[Parameter]) -> Result<Option<usize>, SpaceError> {
     let name = &parameter.name;
     if !is_parameter_name(name) {
-        return Err(SpaceError::Name { name: name.clone() });
+        return Err(SpaceError::Name(name.clone()));
     }
     if earlier.iter().any(|other| &other.name == name) {
-        return Err(SpaceError::Twice { name: name.clone() });
+        return Err(SpaceError::Twice(name.clone()));
     }
     if let Some(problem) = parameter.domain.problem() {
         return Err(SpaceError::Domain { parameter: name.clone(), problem });

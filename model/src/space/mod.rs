@@ -167,23 +167,14 @@ pub enum SpaceError {
         most: usize,
     },
     /// A parameter is not spelt like a name.
-    #[error("parameter {name:?} is not a name; use {PARAMETER_NAME_RULE}")]
-    Name {
-        /// As given.
-        name: String,
-    },
+    #[error("parameter {0:?} is not a name; use {PARAMETER_NAME_RULE}")]
+    Name(String),
     /// A parameter is listed twice.
-    #[error("parameter {name:?} is listed twice; remove or rename one")]
-    Twice {
-        /// As given.
-        name: String,
-    },
+    #[error("parameter {0:?} is listed twice; remove or rename one")]
+    Twice(String),
     /// A parameter has no default.
-    #[error("parameter {name:?} has no default; give the recommended value")]
-    NoDefault {
-        /// The parameter.
-        name: String,
-    },
+    #[error("parameter {0:?} has no default; give the recommended value")]
+    NoDefault(String),
     /// A domain is not acceptable.
     #[error("parameter {parameter:?}: {problem}")]
     Domain {
@@ -230,11 +221,8 @@ pub enum SpaceError {
         known: String,
     },
     /// A configuration lacks an active parameter.
-    #[error("parameter {name:?} is active here and has no value; give it one")]
-    Missing {
-        /// The missing one.
-        name: String,
-    },
+    #[error("parameter {0:?} is active here and has no value; give it one")]
+    Missing(String),
     /// A configuration has a value for an inactive parameter.
     #[error("parameter {name:?} is not active here: it needs {needs}; leave it out")]
     Inactive {
@@ -254,20 +242,14 @@ pub enum SpaceError {
         allowed: String,
     },
     /// A value is given for earlier trials of a parameter that they share with later ones.
-    #[error("earlier value of {name:?}: the change neither adds nor removes this parameter; leave it out")]
-    NotChanged {
-        /// As given.
-        name: String,
-    },
+    #[error("earlier value of {0:?}: the change neither adds nor removes this parameter; leave it out")]
+    NotChanged(String),
     /// A configuration of an earlier revision is not one of the present space.
     #[error(
-        "the configuration of revision {revision} is outside the space that the study has by now; open the \
+        "the configuration of revision {0} is outside the space that the study has by now; open the \
          study with its present space"
     )]
-    Outside {
-        /// The revision.
-        revision: u32,
-    },
+    Outside(u32),
     /// A configuration breaks a constraint.
     #[error("{values} break the constraint `{constraint}`; change one of them")]
     Violated {

@@ -86,7 +86,7 @@ impl EarlierSpaces {
         let fixed = fixed.into_iter().map(|(name, value)| {
             let parameter = match (from.parameter(&name), to.parameter(&name)) {
                 (Some(parameter), None) | (None, Some(parameter)) => parameter,
-                _ => return Err(SpaceError::NotChanged { name }),
+                _ => return Err(SpaceError::NotChanged(name)),
             };
             let value = in_kind(&parameter.domain, &value);
             if parameter.domain.contains(&value) {

@@ -160,7 +160,7 @@ fn inactive_parameters_are_left_out_all_the_way_down() {
         Err(SpaceError::Inactive { name: "block".into(), needs: "quality = 2 or 3".into() })
     );
     let values = raw(&[("quality", Value::Integer(2)), ("block", Value::Integer(4))]);
-    assert_eq!(space.configuration(values), Err(SpaceError::Missing { name: "cost".into() }));
+    assert_eq!(space.configuration(values), Err(SpaceError::Missing("cost".into())));
 }
 
 #[test]

@@ -175,7 +175,7 @@ impl Tuning {
                     let stored = self.closed_trial(&report.trial, mark.receipt).await?;
                     // Whoever reports must not believe that it is stored.
                     if Tuner::gave_up(&stored) {
-                        return Err(TunerError::GivenUp { number: stored.number }.into());
+                        return Err(TunerError::GivenUp(stored.number).into());
                     }
                     if stored.state == TrialState::Completed {
                         return Ok(Reported::Duplicate(Box::new(stored)));
@@ -300,7 +300,7 @@ impl Live {
         let number = trial.number;
         let adopted = trial.adopt(&self.earlier, &self.tuner.spec().space);
         let adopted = adopted.map_err(|error| misfit(self.fence().study(), error))?;
-        adopted.ok_or_else(|| TunerError::OutsideSpace { number }.into())
+        adopted.ok_or_else(|| TunerError::OutsideSpace(number).into())
     }
 }
 
@@ -460,7 +460,7 @@ mod tests {
         assert!(matches!(tuning.report(report_of(&trials[0])).await, Ok(Reported::Duplicate(_))));
         for _ in 0..2 {
             let refused = tuning.report(report_of(&trials[1])).await.expect_err("it is given up");
-            assert_eq!(refused, Error::from(TunerError::GivenUp { number: trials[1].number }));
+            assert_eq!(refused, Error::from(TunerError::GivenUp(trials[1].number)));
             let stored = tuning.get_trial(&trials[1]).await.expect("there");
             assert!(matches!(stored.outcome, Some(Outcome::Infeasible { .. })), "{stored:?}");
             tuning = start();

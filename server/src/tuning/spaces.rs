@@ -187,14 +187,14 @@ impl Live {
                 Some(wanted) if self.expressed(revision, &wanted).is_some() => {
                     suggest.wanted = Some(wanted.into());
                 }
-                _ => return Ok(Err(SpaceError::Outside { revision }.into())),
+                _ => return Ok(Err(SpaceError::Outside(revision).into())),
             }
         }
         let known_here = || self.cheapest_known(revision, self.tuner.state_of(&suggest.ask)?);
         let fallback = self.fallback(revision).or_else(known_here);
         if fallback.is_none() && suggest.wanted.is_none() {
             // Nothing has changed yet.
-            return Ok(Err(TunerError::Outdated { revision }));
+            return Ok(Err(TunerError::Outdated(revision)));
         }
         let last = self.tuner.statistics().trials;
         Ok(self.decide(&suggest, prepared, now_ms)?.and_then(|(trial, mut change)| {
@@ -208,7 +208,7 @@ impl Live {
             // Where the default is to run, theirs comes nearest to it.
             let known = || self.cheapest_known(revision, trial.state_id);
             let known = || if trial.mode() == Mode::Default { None } else { known() };
-            let chosen = new.or_else(known).or(fallback).ok_or(TunerError::Outdated { revision });
+            let chosen = new.or_else(known).or(fallback).ok_or(TunerError::Outdated(revision));
             let chosen = chosen.inspect_err(|_| self.fence().break_up())?;
             // One that it was given before may be running.
             if trial.number > last {
@@ -222,7 +222,7 @@ impl Live {
             change.visits.extend(further.visits);
             change.forgotten.extend(further.forgotten);
             let configuration = self.expressed(revision, &trial.configuration);
-            let configuration = configuration.ok_or(TunerError::Outdated { revision });
+            let configuration = configuration.ok_or(TunerError::Outdated(revision));
             let configuration = configuration.inspect_err(|_| self.fence().break_up())?;
             Ok((Trial { configuration, ..trial }, change))
         }))
@@ -246,7 +246,7 @@ impl Live {
         let configuration = chosen.and_then(|chosen| self.expressed(revision, &chosen));
         let decision = Decision { said: Some(words(revision)), ..prediction.decision };
         Ok(Prediction {
-            configuration: configuration.ok_or(TunerError::Outdated { revision })?,
+            configuration: configuration.ok_or(TunerError::Outdated(revision))?,
             predicted_cost: None,
             decision,
             insight: prediction.insight,
@@ -263,9 +263,9 @@ impl Live {
             return Ok((Best { configuration, ..best }, true));
         }
         let fits = |known: &Configuration| self.expressed(revision, known).is_some();
-        let other = self.tuner.cheapest_instead(best, fits).ok_or(TunerError::Outdated { revision })?;
+        let other = self.tuner.cheapest_instead(best, fits).ok_or(TunerError::Outdated(revision))?;
         let configuration = self.expressed(revision, &other.configuration);
-        let configuration = configuration.ok_or(TunerError::Outdated { revision })?;
+        let configuration = configuration.ok_or(TunerError::Outdated(revision))?;
         Ok((Best { configuration, ..other }, false))
     }
 

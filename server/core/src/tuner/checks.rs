@@ -40,11 +40,11 @@ pub(super) fn fingerprint(fingerprint: Option<&Fingerprint>) -> Result<(), Tuner
 
 pub(super) fn measurements(measurements: &BTreeMap<String, f64>) -> Result<(), TunerError> {
     if measurements.len() > MEASUREMENTS_MAX {
-        return Err(TunerError::TooManyMeasurements { count: measurements.len() });
+        return Err(TunerError::TooManyMeasurements(measurements.len()));
     }
     for (name, &value) in measurements {
         if !is_name(name) {
-            return Err(TunerError::MeasurementName { name: name.clone() });
+            return Err(TunerError::MeasurementName(name.clone()));
         }
         if !value.is_finite() || value < 0.0 {
             return Err(ObjectiveError::MetricValue { metric: name.clone(), value }.into());

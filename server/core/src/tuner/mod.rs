@@ -245,12 +245,12 @@ impl Tuner {
         let trial = match (self.trials.get(TrialNumber(number)), trial.state) {
             (Some(open), _) => open,
             (None, TrialState::Completed) if Tuner::gave_up(trial) => {
-                return Err(TunerError::GivenUp { number });
+                return Err(TunerError::GivenUp(number));
             }
-            (None, TrialState::Completed) => return Err(TunerError::AlreadyCompleted { number }),
-            (None, TrialState::Abandoned) => return Err(TunerError::Abandoned { number }),
+            (None, TrialState::Completed) => return Err(TunerError::AlreadyCompleted(number)),
+            (None, TrialState::Abandoned) => return Err(TunerError::Abandoned(number)),
             (None, TrialState::Expired) if self.is_ours(trial) => trial,
-            (None, _) => return Err(TunerError::UnknownTrial { number }),
+            (None, _) => return Err(TunerError::UnknownTrial(number)),
         };
         checks::measurements(&measurements)?;
         checks::outcome(&outcome)?;
@@ -276,13 +276,13 @@ impl Tuner {
             return Ok((trial, change));
         }
         match trial.state {
-            TrialState::Completed => Err(TunerError::AlreadyCompleted { number }),
+            TrialState::Completed => Err(TunerError::AlreadyCompleted(number)),
             TrialState::Abandoned => Ok((trial.clone(), Change::default())),
             TrialState::Expired if self.is_ours(trial) => {
                 let abandoned = Trial { state: TrialState::Abandoned, ..trial.clone() };
                 Ok((abandoned.clone(), Change { trials: vec![abandoned], ..Change::default() }))
             }
-            _ => Err(TunerError::UnknownTrial { number }),
+            _ => Err(TunerError::UnknownTrial(number)),
         }
     }
 

@@ -88,7 +88,7 @@ impl Tuner {
         }
         let again = found.is_some_and(|state| self.trials.of_client(client_id, state).is_some());
         if !again && held >= OPEN_TRIALS_PER_CLIENT_MAX {
-            return Err(TunerError::TooManyOpenTrials { client_id: client_id.to_owned() });
+            return Err(TunerError::TooManyOpenTrials(client_id.to_owned()));
         }
         Ok(())
     }

@@ -293,24 +293,15 @@ pub enum TunerError {
     TooManyClients,
     /// The client holds too many trials.
     #[error(
-        "client {client_id:?} holds {OPEN_TRIALS_PER_CLIENT_MAX} open trials, which is the limit; report or abandon some"
+        "client {0:?} holds {OPEN_TRIALS_PER_CLIENT_MAX} open trials, which is the limit; report or abandon some"
     )]
-    TooManyOpenTrials {
-        /// The client.
-        client_id: String,
-    },
+    TooManyOpenTrials(String),
     /// Too many measurements.
-    #[error("{count} measurements; at most {MEASUREMENTS_MAX} are allowed")]
-    TooManyMeasurements {
-        /// The number that was given.
-        count: usize,
-    },
+    #[error("{0} measurements; at most {MEASUREMENTS_MAX} are allowed")]
+    TooManyMeasurements(usize),
     /// A measurement is not spelt like a name.
-    #[error("measurement {name:?} is not a name; use {NAME_RULE}")]
-    MeasurementName {
-        /// As given.
-        name: String,
-    },
+    #[error("measurement {0:?} is not a name; use {NAME_RULE}")]
+    MeasurementName(String),
     /// A measurement, or the objective computed from them, is not usable.
     #[error(transparent)]
     Objective(#[from] ObjectiveError),
@@ -324,41 +315,26 @@ pub enum TunerError {
     #[error("origin must have 1 to {ORIGIN_CHARACTERS_MAX} printable characters")]
     Origin,
     /// The trial is complete: answer a repeated report with the stored trial.
-    #[error("trial {number} is already completed")]
-    AlreadyCompleted {
-        /// The trial.
-        number: u64,
-    },
+    #[error("trial {0} is already completed")]
+    AlreadyCompleted(u64),
     /// The trial is complete, but by no report: its leases were lost.
     #[error(
-        "trial {number} was given up as infeasible after {LEASES_LOST_MAX} lost leases, and this report is not \
+        "trial {0} was given up as infeasible after {LEASES_LOST_MAX} lost leases, and this report is not \
          stored; measure the configuration again as a wanted one"
     )]
-    GivenUp {
-        /// The trial.
-        number: u64,
-    },
+    GivenUp(u64),
     /// A client of an earlier revision of the space can run nothing that the present space allows.
     #[error(
-        "no known configuration of the study's space fits revision {revision} of it, with which this program \
+        "no known configuration of the study's space fits revision {0} of it, with which this program \
          works; start the program with the present space"
     )]
-    Outdated {
-        /// The revision of the client.
-        revision: u32,
-    },
+    Outdated(u32),
     /// The trial's configuration lies outside the space that the study has by now.
-    #[error("trial {number} is outside the space that the study has by now; ask for a new one")]
-    OutsideSpace {
-        /// The trial.
-        number: u64,
-    },
+    #[error("trial {0} is outside the space that the study has by now; ask for a new one")]
+    OutsideSpace(u64),
     /// The client gave the trial back.
-    #[error("trial {number} was abandoned by its client; ask for a new one")]
-    Abandoned {
-        /// The trial.
-        number: u64,
-    },
+    #[error("trial {0} was abandoned by its client; ask for a new one")]
+    Abandoned(u64),
     /// The trial is not under a lease.
     #[error("trial {number} is {state:?}, not open; ask for a new one")]
     NotOpen {
@@ -376,11 +352,8 @@ pub enum TunerError {
         state: TrialState,
     },
     /// The study never handed out such a trial.
-    #[error("trial {number} is not of this study")]
-    UnknownTrial {
-        /// The trial.
-        number: u64,
-    },
+    #[error("trial {0} is not of this study")]
+    UnknownTrial(u64),
     /// The specification or the new policy is not acceptable.
     #[error(transparent)]
     Study(#[from] StudyError),

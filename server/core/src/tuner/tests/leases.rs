@@ -55,7 +55,7 @@ fn points_of_abandoned_and_expired_trials_are_handed_out_again() {
     assert_eq!((second.number, &second.configuration), (2, &first.configuration));
     assert!(matches!(
         tuner.report(&given_back, measured(1.0), Outcome::Ok, 1),
-        Err(TunerError::Abandoned { number: 1 })
+        Err(TunerError::Abandoned(1))
     ));
 
     assert_eq!(tuner.next_expiry_ms(), Some(60_000));
@@ -76,7 +76,7 @@ fn points_of_abandoned_and_expired_trials_are_handed_out_again() {
     assert!(!reported.late);
     assert!(matches!(
         tuner.report(&reported, measured(9.0), Outcome::Ok, 1),
-        Err(TunerError::AlreadyCompleted { number: 3 })
+        Err(TunerError::AlreadyCompleted(3))
     ));
     let counts = tuner.statistics();
     assert_eq!((counts.trials, counts.completed_trials, counts.open_trials), (3, 2, 0));
@@ -132,10 +132,7 @@ fn malformed_questions_and_reports_change_nothing() {
     }
     assert_eq!(tuner.open_trial(1).cloned(), before);
     let stranger = Trial { number: 99, ..trial };
-    assert_eq!(
-        tuner.report(&stranger, measured(1.0), Outcome::Ok, 1),
-        Err(TunerError::UnknownTrial { number: 99 })
-    );
+    assert_eq!(tuner.report(&stranger, measured(1.0), Outcome::Ok, 1), Err(TunerError::UnknownTrial(99)));
 }
 
 #[test]
@@ -146,7 +143,7 @@ fn a_client_cannot_hoard_trials() {
         suggest(&mut tuner, "a", index as f64, 0.0);
     }
     let refused = tuner.suggest(&ask("a", limit as f64, 0.0), 0);
-    assert!(matches!(refused, Err(TunerError::TooManyOpenTrials { .. })));
+    assert!(matches!(refused, Err(TunerError::TooManyOpenTrials(_))));
     assert_eq!(suggest(&mut tuner, "a", 3.0, 0.0).number, 4, "one that it holds is given again");
     suggest(&mut tuner, "b", limit as f64, 0.0);
 }
@@ -244,7 +241,7 @@ fn a_configuration_whose_lease_is_lost_twice_counts_as_infeasible_and_says_why()
         };
         assert!(reason.contains("2 leases"), "{reason}");
         let real = tuner.report(given_up, measured(5.0), Outcome::Ok, now_ms);
-        assert_eq!(real, Err(TunerError::GivenUp { number: second.number }), "nobody takes it for stored");
+        assert_eq!(real, Err(TunerError::GivenUp(second.number)), "nobody takes it for stored");
         assert_eq!(change.states.len(), 1, "the search was told");
         let results = tuner.states.results(StateId(1));
         assert!(results.is_infeasible(&first.configuration));
