@@ -1,10 +1,8 @@
 //! Parts of simulated studies: noise, parameters from 0 to 1, a specification, a client's frame.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use rand::{Rng, RngExt as _};
-use treewright_core::indicator::{Indicator, IndicatorSchema};
-use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::Policy;
 use treewright_core::space::{Domain, Parameter, Scale, Space};
 use treewright_core::study::StudySpec;
@@ -23,7 +21,7 @@ pub fn normal(random: &mut impl Rng) -> f64 {
 
 /// A parameter that is always active.
 pub fn parameter(name: impl Into<String>, domain: Domain, default: Value) -> Parameter {
-    Parameter { name: name.into(), domain, default, active_if: None }
+    Parameter::new(name, domain, default)
 }
 
 /// A parameter from 0 to 1 whose default is in the middle.
@@ -36,19 +34,9 @@ pub fn share(name: impl Into<String>) -> Parameter {
 /// # Panics
 /// If an indicator is named twice.
 pub fn study(space: Space, indicators: impl Iterator<Item = String>, policy: Policy, seed: u64) -> StudySpec {
-    let indicator = |name| Indicator { name, min: 0.0, max: 1.0, scale: Scale::Linear };
-    let term = ObjectiveTerm { metric: METRIC.to_owned(), weight: 1.0 };
-    StudySpec {
-        display_name: String::new(),
-        note: String::new(),
-        tags: BTreeSet::new(),
-        space,
-        indicators: IndicatorSchema::new(indicators.map(indicator).collect()).expect("each name once"),
-        objective: Objective::new(vec![term]).expect("one term"),
-        state_tolerance: 0.01,
-        policy,
-        seed,
-    }
+    let begin = StudySpec::builder(space).minimise(METRIC, 1.0).seed(seed);
+    let spec = indicators.fold(begin, |spec, name| spec.indicator(&name, 0.0..=1.0, Scale::Linear));
+    spec.build().expect("each name once").with_policy(policy)
 }
 
 /// A question of the one client in a state.

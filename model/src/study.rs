@@ -424,31 +424,14 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::space::{Domain, Parameter};
     use crate::testing::{cases, decided, studies};
     use crate::value::Value;
 
     fn spec() -> StudySpec {
-        let parameter = |name: &str| Parameter {
-            name: name.into(),
-            domain: Domain::Integer { min: 1, max: 9, scale: Scale::Linear },
-            default: Value::Integer(3),
-            active_if: None,
-        };
-        let order = Constraint::order("a", "b");
-        let indicator = Indicator { name: "x".into(), min: 0.0, max: 1.0, scale: Scale::Linear };
-        let term = ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 };
-        StudySpec {
-            display_name: "a study".into(),
-            note: String::new(),
-            tags: BTreeSet::new(),
-            space: Space::new(vec![parameter("a"), parameter("b")], vec![order]).expect("valid"),
-            indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
-            objective: Objective::new(vec![term]).expect("valid"),
-            state_tolerance: STATE_TOLERANCE_DEFAULT,
-            policy: Policy::default(),
-            seed: 0,
-        }
+        let space = Space::builder().integer("a", 1..=9).default(3).integer("b", 1..=9).default(3);
+        let spec = StudySpec::builder(space.less_or_equal("a", "b").build().expect("valid"));
+        let spec = spec.display_name("a study").indicator("x", 0.0..=1.0, Scale::Linear);
+        spec.minimise("render_ms", 1.0).build().expect("valid").with_policy(Policy::default())
     }
 
     #[test]

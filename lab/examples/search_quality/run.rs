@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
 use treewright_core::limits::KNOWN_POINTS_PER_SUGGESTION_MAX;
 use treewright_core::policy::SearchMethod;
-use treewright_core::search::{AnySearch, Feedback, Layout, SearchSetup, Step, Verdict, levels};
+use treewright_core::search::{AnySearch, Feedback, SearchSetup, Step, Verdict};
 use treewright_lab::simulated::normal;
 
 use crate::problem::Problem;
@@ -22,16 +22,7 @@ impl Problem {
     /// that measured best, after each of the marks.
     pub(crate) fn run(&self, method: SearchMethod, seed: u64, marks: &[usize]) -> Vec<f64> {
         let budget = marks[marks.len() - 1];
-        let start = self.space.encode(&self.space.default_configuration());
-        let setup = SearchSetup {
-            seed,
-            state_id: 1,
-            start,
-            budget: budget as u32,
-            levels: levels(&self.space),
-            layout: Layout::of(&self.space),
-        };
-        let mut search = AnySearch::new(method, setup);
+        let mut search = AnySearch::new(method, SearchSetup::of(&self.space, seed, 1, budget as u32));
         let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x5eed);
         let mut known: BTreeMap<Configuration, (Verdict, f64, u32)> = BTreeMap::new();
         let (mut trials, mut in_a_row) = (0, 0);

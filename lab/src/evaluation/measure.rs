@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use treewright_client::{Configuration, Indicators, Outcome};
-use treewright_core::search::{AnySearch, Feedback, Layout, SearchSetup, Verdict, levels};
+use treewright_core::search::{AnySearch, Feedback, SearchSetup, Verdict};
 use treewright_render_cli::error::CliError;
 use treewright_renderer::disturbance::Watch;
 use treewright_renderer::film::Film;
@@ -161,14 +161,7 @@ impl Stage {
         // Each place draws points of its own.
         let state_id =
             self.name.bytes().fold(u64::from(camera), |sum, byte| sum.wrapping_mul(31) + u64::from(byte));
-        SearchSetup {
-            seed: self.conditions.seed,
-            state_id,
-            start: space.encode(space.default_ref()),
-            budget: self.conditions.iterations,
-            levels: levels(space),
-            layout: Layout::of(space),
-        }
+        SearchSetup::of(space, self.conditions.seed, state_id, self.conditions.iterations)
     }
 
     /// Builds and renders all configurations in every round, each round in another order. `None` when it was

@@ -24,7 +24,7 @@ const EXPRESSIONS: [&str; 12] = [
 fn number(name: &str, is_small: bool) -> Parameter {
     let max = if is_small { 6 } else { 5000 };
     let domain = Domain::Integer { min: 1, max, scale: Scale::Linear };
-    Parameter { name: name.into(), domain, default: Value::Integer(4), active_if: None }
+    Parameter::new(name, domain, 4)
 }
 
 /// Six parameters of all kinds, some of them conditional or large, and some of the expressions.
@@ -32,27 +32,11 @@ fn arbitrary_space() -> impl Strategy<Value = Space> {
     let expressions = prop::sample::subsequence(EXPRESSIONS.to_vec(), 1..5);
     let drawn = (any::<[bool; 4]>(), any::<bool>(), any::<bool>(), expressions);
     drawn.prop_map(|(are_small, has_float, is_conditional, expressions)| {
-        let on = Parameter {
-            name: "on".into(),
-            domain: Domain::Boolean,
-            default: Value::Boolean(true),
-            active_if: None,
-        };
-        let texts = ["plain", "fancy", "odd"].map(Value::from).to_vec();
-        let kind = Parameter {
-            name: "kind".into(),
-            domain: Domain::Categorical { values: texts },
-            default: Value::from("plain"),
-            active_if: None,
-        };
-        let range = if has_float { (0.0, 1.0) } else { (0.5, 0.5) };
-        let e = Parameter {
-            name: "e".into(),
-            domain: Domain::Float { min: range.0, max: range.1, scale: Scale::Linear },
-            default: Value::Float(0.5),
-            active_if: None,
-        };
-        let mut parameters = vec![on, kind, e];
+        let range = if has_float { 0.0..=1.0 } else { 0.5..=0.5 };
+        let first = Space::builder().boolean("on").default(true);
+        let first = first.categorical("kind", ["plain", "fancy", "odd"]).default("plain");
+        let first = first.float("e", range).default(0.5).build().expect("valid");
+        let mut parameters = first.parameters().to_vec();
         parameters
             .extend(["a", "b", "c", "d"].iter().zip(are_small).map(|(name, small)| number(name, small)));
         if is_conditional {
@@ -113,20 +97,9 @@ proptest! {
             let usable = picked.iter().filter(|text| !text.contains("kind"));
             usable.map(|text| Constraint::parse(text).expect("it reads")).collect()
         };
-        let mut parameters = vec![
-            Parameter {
-                name: "on".into(),
-                domain: Domain::Boolean,
-                default: Value::Boolean(true),
-                active_if: None,
-            },
-            Parameter {
-                name: "e".into(),
-                domain: Domain::Categorical { values: [0.25, 0.5, 1.0].map(Value::Float).to_vec() },
-                default: Value::Float(0.5),
-                active_if: None,
-            },
-        ];
+        let e = Domain::Categorical { values: [0.25, 0.5, 1.0].map(Value::Float).to_vec() };
+        let mut parameters =
+            vec![Parameter::new("on", Domain::Boolean, true), Parameter::new("e", e, 0.5)];
         parameters.extend(["a", "b", "c", "d"].map(|name| number(name, true)));
         let all = Space::new(parameters.clone(), Vec::new()).expect("valid");
         let space = Space::new(parameters, constraints(&picked)).expect("the defaults fulfil all");
@@ -179,12 +152,9 @@ fn scattered(count: usize, seed: u64) -> Vec<f64> {
 /// Whole numbers from 0 to `max`, the first with another default than 0.
 fn integers(count: usize, max: i64, first: i64) -> SpaceBuilder {
     (0..count).fold(Space::builder(), |builder, index| {
-        builder.with_parameter(Parameter {
-            name: format!("p{index}"),
-            domain: Domain::Integer { min: 0, max, scale: Scale::Linear },
-            default: Value::Integer(if index == 0 { first } else { 0 }),
-            active_if: None,
-        })
+        let domain = Domain::Integer { min: 0, max, scale: Scale::Linear };
+        let default = if index == 0 { first } else { 0 };
+        builder.with_parameter(Parameter::new(format!("p{index}"), domain, default))
     })
 }
 

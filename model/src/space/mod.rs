@@ -109,6 +109,13 @@ pub struct Parameter {
     pub active_if: Option<Condition>,
 }
 
+impl Parameter {
+    /// A parameter that is always active.
+    pub fn new(name: impl Into<String>, domain: Domain, default: impl Into<Value>) -> Self {
+        Self { name: name.into(), domain, default: default.into(), active_if: None }
+    }
+}
+
 /// The parameters and the relations between them, checked.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(try_from = "SpaceParts", into = "SpaceParts")]

@@ -333,11 +333,8 @@ mod tests {
     }
 
     fn space(parameters: &[(&str, i64, i64)]) -> Space {
-        let parameter = |(name, max, default): &(&str, i64, i64)| Parameter {
-            name: (*name).to_owned(),
-            domain: Domain::Integer { min: 0, max: *max, scale: Scale::Linear },
-            default: Value::Integer(*default),
-            active_if: None,
+        let parameter = |(name, max, default): &(&str, i64, i64)| {
+            Parameter::new(*name, Domain::Integer { min: 0, max: *max, scale: Scale::Linear }, *default)
         };
         Space::new(parameters.iter().map(parameter).collect(), Vec::new()).expect("a space")
     }
@@ -417,12 +414,7 @@ mod tests {
     /// As many changes as there may be, each of all parameters but one.
     #[test]
     fn trials_are_read_through_the_longest_history() {
-        let parameter = |name: String| Parameter {
-            name,
-            domain: Domain::Boolean,
-            default: Value::Boolean(false),
-            active_if: None,
-        };
+        let parameter = |name: String| Parameter::new(name, Domain::Boolean, false);
         let space = |revision: usize| {
             let names = (1..PARAMETERS_MAX).map(|place| format!("of_{revision}_{place}"));
             let parameters = ["a".to_owned()].into_iter().chain(names).map(parameter).collect();

@@ -9,7 +9,7 @@ use crate::configuration::RawConfiguration;
 use crate::testing::{cases, domains, spaces};
 
 fn plain(name: &str, domain: Domain, default: Value) -> Parameter {
-    Parameter { name: name.into(), domain, default, active_if: None }
+    Parameter::new(name, domain, default)
 }
 
 fn integer(name: &str, min: i64, max: i64, scale: Scale, default: i64) -> Parameter {

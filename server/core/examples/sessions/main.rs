@@ -5,16 +5,14 @@
 //! then `diff`. A section does not depend on the place of its policy, search or predictor among the others.
 //! The last column is the text for people; the others hold the clients' data and the learnt values.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use treewright_core::fnv;
-use treewright_core::indicator::{Indicator, IndicatorSchema};
-use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::{Operation, Policy, PredictorMethod, SearchMethod};
-use treewright_core::space::{Condition, Constraint, Domain, Parameter, Scale, Space};
+use treewright_core::space::{Scale, Space};
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Fingerprint, Outcome, Trial};
 use treewright_core::tuner::{Ask, Change, Tuner};
@@ -25,43 +23,18 @@ use treewright_core::words::Word as _;
 const EVENTS: usize = 260;
 
 fn space() -> Space {
-    let text = |value: &str| Value::Text(value.into());
-    let parameter =
-        |name: &str, domain, default| Parameter { name: name.into(), domain, default, active_if: None };
-    let leaf = || Domain::Integer { min: 1, max: 16, scale: Scale::Linear };
-    let builders = Domain::Categorical { values: ["sah", "morton", "spatial"].map(text).to_vec() };
-    let only_spatial = Condition { parameter: "builder".into(), any_of: vec![text("spatial")] };
-    let split = Domain::Float { min: 0.01, max: 1.0, scale: Scale::Log };
-    let parameters = vec![
-        parameter("builder", builders, text("sah")),
-        Parameter { active_if: Some(only_spatial), ..parameter("split_budget", split, Value::Float(0.2)) },
-        parameter("min_leaf_size", leaf(), Value::Integer(1)),
-        parameter("max_leaf_size", leaf(), Value::Integer(16)),
-        parameter(
-            "travel_cost",
-            Domain::Float { min: 0.0, max: 10.0, scale: Scale::Linear },
-            Value::Float(1.0),
-        ),
-        parameter("compressed", Domain::Boolean, Value::Boolean(false)),
-    ];
-    let order = Constraint::order("min_leaf_size", "max_leaf_size");
-    Space::new(parameters, vec![order]).expect("a valid space")
+    let space = Space::builder().categorical("builder", ["sah", "morton", "spatial"]).default("sah");
+    let space = space.float("split_budget", 0.01..=1.0).log().default(0.2).active_if("builder", ["spatial"]);
+    let space = space.integer("min_leaf_size", 1..=16).default(1);
+    let space = space.integer("max_leaf_size", 1..=16).default(16);
+    let space = space.float("travel_cost", 0.0..=10.0).default(1.0).boolean("compressed").default(false);
+    space.less_or_equal("min_leaf_size", "max_leaf_size").build().expect("a valid space")
 }
 
 fn spec(policy: Policy) -> StudySpec {
-    let indicator = |name: &str| Indicator { name: name.into(), min: 0.0, max: 1.0, scale: Scale::Linear };
-    let terms = vec![ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }];
-    StudySpec {
-        display_name: "sessions".into(),
-        note: String::new(),
-        tags: BTreeSet::new(),
-        space: space(),
-        indicators: IndicatorSchema::new(vec![indicator("x"), indicator("y")]).expect("valid"),
-        objective: Objective::new(terms).expect("valid"),
-        state_tolerance: 0.05,
-        policy,
-        seed: 7,
-    }
+    let spec = StudySpec::builder(space()).display_name("sessions").minimise("render_ms", 1.0).seed(7);
+    let spec = spec.indicator("x", 0.0..=1.0, Scale::Linear).indicator("y", 0.0..=1.0, Scale::Linear);
+    spec.state_tolerance(0.05).build().expect("valid").with_policy(policy)
 }
 
 /// The true cost of a trial: another configuration is best for each input and machine.

@@ -14,15 +14,10 @@ use crate::ids::StateId;
 use crate::policy::PredictorMethod;
 use crate::space::{Domain, Parameter, Scale, Space};
 use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
-use crate::value::Value;
 
 pub(super) fn space(dimension: usize) -> Space {
-    let parameter = |index: usize| Parameter {
-        name: format!("p{index}"),
-        domain: Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear },
-        default: Value::Float(0.5),
-        active_if: None,
-    };
+    let share = || Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear };
+    let parameter = |index: usize| Parameter::new(format!("p{index}"), share(), 0.5);
     Space::new((0..dimension).map(parameter).collect(), vec![]).expect("a valid space")
 }
 

@@ -26,18 +26,10 @@ const FOUND_BY: usize = 45;
 const COMPARED: usize = 15;
 
 fn space() -> Space {
-    let setting = |place: usize| Parameter {
-        name: format!("setting_{place}"),
-        domain: Domain::Integer { min: 0, max: 3, scale: Scale::Linear },
-        default: Value::Integer(2),
-        active_if: None,
-    };
-    let tree = Parameter {
-        name: "tree".into(),
-        domain: Domain::Categorical { values: TREES.map(|name| Value::Text(name.into())).to_vec() },
-        default: Value::Text(TREES[0].into()),
-        active_if: None,
-    };
+    let steps = || Domain::Integer { min: 0, max: 3, scale: Scale::Linear };
+    let setting = |place: usize| Parameter::new(format!("setting_{place}"), steps(), 2);
+    let trees = Domain::Categorical { values: TREES.map(Value::from).to_vec() };
+    let tree = Parameter::new("tree", trees, TREES[0]);
     Space::new((0..SETTINGS).map(setting).chain([tree]).collect(), Vec::new()).expect("a valid space")
 }
 
@@ -75,15 +67,7 @@ fn points(
 ) -> Vec<Vec<f64>> {
     let space = space();
     let (start, layout) = (space.encode(space.default_ref()), Layout::of(&space));
-    let setup = SearchSetup {
-        seed,
-        state_id: 1,
-        start: start.clone(),
-        budget: TRIALS as u32,
-        levels: levels(&space),
-        layout: layout.clone(),
-    };
-    let mut search = ModelSearch::new(setup);
+    let mut search = ModelSearch::new(SearchSetup::of(&space, seed, 1, TRIALS as u32));
     if let Some((effects, winners)) = others {
         let best = effects.descend(&layout, &start);
         assert_eq!(tree(&layout, &best), BEST_THERE, "what the known states like");

@@ -15,44 +15,22 @@ use crate::configuration::Configuration;
 use crate::limits::KNOWN_POINTS_PER_SUGGESTION_MAX;
 use crate::policy::SearchMethod;
 use crate::randomness::{Purpose, stream};
-use crate::space::{Condition, Constraint, Domain, Parameter, Scale, Space};
 use crate::value::Value;
 
 /// The paper's Table 1, with its recommended values as defaults.
 fn table_1() -> Space {
-    let sah = || {
-        let any_of = vec![Value::Integer(2), Value::Integer(3)];
-        Some(Condition { parameter: "quality".into(), any_of })
-    };
-    let parameter =
-        |name: &str, domain, default, active_if| Parameter { name: name.into(), domain, default, active_if };
-    let integer = |name, min, max, default| {
-        let domain = Domain::Integer { min, max, scale: Scale::Linear };
-        parameter(name, domain, Value::Integer(default), None)
-    };
-    let choice = |name, values: &[i64], default, active_if| {
-        let values = values.iter().copied().map(Value::Integer).collect();
-        parameter(name, Domain::Categorical { values }, Value::Integer(default), active_if)
-    };
-    let cost = |name, min| {
-        let domain = Domain::Float { min, max: 10.0, scale: Scale::Linear };
-        parameter(name, domain, Value::Float(1.0), sah())
-    };
-    let switch = |name| parameter(name, Domain::Boolean, Value::Boolean(false), None);
-    let parameters = vec![
-        switch("robust"),
-        integer("quality", 1, 3, 2),
-        choice("branching_factor", &[2, 4, 8], 2, None),
-        integer("max_depth", 9, 64, 32),
-        choice("sah_block_size", &[1, 2, 4, 8, 16, 32], 1, sah()),
-        integer("min_leaf_size", 1, 32, 1),
-        integer("max_leaf_size", 1, 32, 32),
-        cost("traversal_cost", 0.0),
-        cost("intersection_cost", 0.1),
-        switch("static"),
-    ];
-    let order = Constraint::order("min_leaf_size", "max_leaf_size");
-    Space::new(parameters, vec![order]).expect("a valid space")
+    let sah = [2, 3];
+    let space = Space::builder().boolean("robust").default(false).integer("quality", 1..=3).default(2);
+    let space = space.categorical("branching_factor", [2, 4, 8]).default(2);
+    let space = space.integer("max_depth", 9..=64).default(32);
+    let space = space.categorical("sah_block_size", [1, 2, 4, 8, 16, 32]).default(1);
+    let space = space.active_if("quality", sah);
+    let space = space.integer("min_leaf_size", 1..=32).default(1);
+    let space = space.integer("max_leaf_size", 1..=32).default(32);
+    let space = space.float("traversal_cost", 0.0..=10.0).default(1.0).active_if("quality", sah);
+    let space = space.float("intersection_cost", 0.1..=10.0).default(1.0).active_if("quality", sah);
+    let space = space.boolean("static").default(false).less_or_equal("min_leaf_size", "max_leaf_size");
+    space.build().expect("a valid space")
 }
 
 /// Render time without noise, 1 at the optimum; `None` where the tree cannot be built. The default takes 2.2.

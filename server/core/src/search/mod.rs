@@ -214,6 +214,12 @@ pub struct SearchSetup {
 }
 
 impl SearchSetup {
+    /// The setup of a search of a space.
+    pub fn of(space: &Space, seed: u64, state_id: u64, budget: u32) -> Self {
+        let (start, layout) = (space.encode(space.default_ref()), Layout::of(space));
+        SearchSetup { seed, state_id, start, budget, levels: levels(space), layout }
+    }
+
     fn dimension(&self) -> usize {
         self.start.len()
     }

@@ -321,34 +321,15 @@ impl Search for NelderMead {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::{Layout, levels};
-    use crate::space::{Domain, Parameter, Scale, Space};
+    use crate::space::Space;
     use crate::value::Value;
 
     /// The values that are tried where one parameter has listed numbers: the cost wants 8, and 0.3 of the
     /// other.
     fn tried(sizes: [i64; 6]) -> Vec<(Value, f64)> {
-        let parameter = |name: &str, domain, default| Parameter {
-            name: name.to_owned(),
-            domain,
-            default,
-            active_if: None,
-        };
-        let listed = Domain::Categorical { values: sizes.map(Value::Integer).to_vec() };
-        let share = Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear };
-        let parameters = vec![
-            parameter("size", listed, Value::Integer(64)),
-            parameter("share", share, Value::Float(0.75)),
-        ];
-        let space = Space::new(parameters, Vec::new()).expect("a valid space");
-        let mut search = NelderMead::new(SearchSetup {
-            seed: 5,
-            state_id: 1,
-            start: space.encode(space.default_ref()),
-            budget: 40,
-            levels: levels(&space),
-            layout: Layout::of(&space),
-        });
+        let space = Space::builder().categorical("size", sizes).default(64);
+        let space = space.float("share", 0.0..=1.0).default(0.75).build().expect("a valid space");
+        let mut search = NelderMead::new(SearchSetup::of(&space, 5, 1, 40));
         let one = |_| {
             let point = search.ask().expect("nothing is out");
             let size = space.parameters()[0].domain.decode(point.x[0]);

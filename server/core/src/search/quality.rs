@@ -10,7 +10,6 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::policy::SearchMethod;
 use crate::robust::median;
-use crate::space::{Domain, Parameter, Space};
 use crate::value::Value;
 
 /// Best noise-free cost among `budget` points, where each measurement is off by up to 5 %.
@@ -52,16 +51,10 @@ fn eighty_noisy_trials_come_far_closer_than_random_sampling() {
 /// The trials until a search has met the best of 16 values beside 16 others, where more is better, from the
 /// lowest.
 fn trials_to_the_highest(seed: u64, value: fn(i64) -> Value) -> f64 {
-    let choice = |name: &str| Parameter {
-        name: name.into(),
-        domain: Domain::Categorical { values: (0..16).map(|power| value(1 << power)).collect() },
-        default: value(1),
-        active_if: None,
-    };
-    let space = Space::new(vec![choice("block"), choice("tile")], Vec::new()).expect("a valid space");
-    let (start, layout) = (space.encode(&space.default_configuration()), Layout::of(&space));
-    let setup = SearchSetup { seed, state_id: 1, start, budget: 80, levels: levels(&space), layout };
-    let mut search = AnySearch::new(SearchMethod::Model, setup);
+    let values = || (0..16).map(move |power| value(1 << power));
+    let space = Space::builder().categorical("block", values()).default(value(1));
+    let space = space.categorical("tile", values()).default(value(1)).build().expect("a valid space");
+    let mut search = AnySearch::new(SearchMethod::Model, SearchSetup::of(&space, seed, 1, 80));
     let mut known = BTreeMap::new();
     while known.len() < 80 {
         let point = search.ask().expect("nothing is out");

@@ -185,14 +185,9 @@ fn equal_costs_and_collapsed_simplices_do_not_end_the_search() {
 #[test]
 fn points_do_not_depend_on_the_unit_of_a_parameter() {
     use crate::space::{Domain, Parameter, Scale, Space};
-    use crate::value::Value;
     let space = |scale: f64, origin: f64| {
-        let one = |index: usize| Parameter {
-            name: format!("x{index}"),
-            domain: Domain::Float { min: origin, max: origin + scale, scale: Scale::Linear },
-            default: Value::Float(origin + 0.75 * scale),
-            active_if: None,
-        };
+        let range = || Domain::Float { min: origin, max: origin + scale, scale: Scale::Linear };
+        let one = |index: usize| Parameter::new(format!("x{index}"), range(), origin + 0.75 * scale);
         Space::new((0..3).map(one).collect(), Vec::new()).expect("valid")
     };
     for &method in METHODS {

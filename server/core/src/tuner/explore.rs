@@ -10,7 +10,7 @@ use crate::policy::Policy;
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
 use crate::results::{Record, ResultTable};
-use crate::search::{AnySearch, Feedback, Layout, Point, SearchSetup, Step, Verdict, levels};
+use crate::search::{AnySearch, Feedback, Point, SearchSetup, Step, Verdict};
 use crate::trial::Trial;
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
@@ -290,14 +290,8 @@ impl Tuner {
                 return;
             }
         }
-        let setup = SearchSetup {
-            seed: self.spec.seed,
-            state_id: state.0,
-            start: space.encode(space.default_ref()),
-            budget: u32::try_from(room).unwrap_or(u32::MAX),
-            levels: levels(space),
-            layout: Layout::of(space),
-        };
+        let budget = u32::try_from(room).unwrap_or(u32::MAX);
+        let setup = SearchSetup::of(space, self.spec.seed, state.0, budget);
         let mut search = AnySearch::new(policy.search, setup);
         let mut incumbent = None;
         let results = self.states.results(state);

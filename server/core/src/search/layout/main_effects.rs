@@ -218,30 +218,14 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::space::{Condition, Domain, Parameter, Scale, Space};
-    use crate::value::Value;
+    use crate::space::Space;
 
     /// A back end, a depth that only one of them has, a width and a float.
     fn layout() -> Layout {
-        let text = |value: &str| Value::Text(value.into());
-        let parameter = |name: &str, domain, default, active_if| Parameter {
-            name: name.into(),
-            domain,
-            default,
-            active_if,
-        };
-        let backends = Domain::Categorical { values: ["a", "b", "c"].map(text).to_vec() };
-        let depth = Domain::Integer { min: 1, max: 40, scale: Scale::Linear };
-        let widths = Domain::Categorical { values: [2, 4, 8].map(Value::Integer).to_vec() };
-        let cost = Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear };
-        let only_b = Condition { parameter: "backend".into(), any_of: vec![text("b")] };
-        let parameters = vec![
-            parameter("backend", backends, text("a"), None),
-            parameter("depth", depth, Value::Integer(8), Some(only_b)),
-            parameter("width", widths, Value::Integer(2), None),
-            parameter("cost", cost, Value::Float(0.5), None),
-        ];
-        Layout::of(&Space::new(parameters, vec![]).expect("a valid space"))
+        let space = Space::builder().categorical("backend", ["a", "b", "c"]).default("a");
+        let space = space.integer("depth", 1..=40).default(8).active_if("backend", ["b"]);
+        let space = space.categorical("width", [2, 4, 8]).default(2).float("cost", 0.0..=1.0).default(0.5);
+        Layout::of(&space.build().expect("a valid space"))
     }
 
     /// The logarithm of a cost that is a product of factors: best with the second back end, a middling depth,

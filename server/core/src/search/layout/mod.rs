@@ -417,7 +417,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::space::{Condition, Parameter, Scale};
 
     #[test]
     fn each_level_has_an_equal_part_and_the_end_belongs_to_the_last() {
@@ -425,44 +424,16 @@ mod tests {
     }
 
     fn space() -> Space {
-        let p = |name: &str, domain, default, active_if: Option<(&str, Vec<Value>)>| Parameter {
-            name: name.into(),
-            domain,
-            default,
-            active_if: active_if.map(|(parameter, any_of)| Condition { parameter: parameter.into(), any_of }),
-        };
-        let texts =
-            |values: &[&str]| values.iter().map(|value| Value::Text((*value).into())).collect::<Vec<_>>();
-        let integer = |min, max, scale| Domain::Integer { min, max, scale };
-        let custom = || Some(("backend", texts(&["custom", "other"])));
-        let widths = Domain::Categorical { values: [8, 2, 4].map(Value::Integer).to_vec() };
-        let parameters = vec![
-            p(
-                "backend",
-                Domain::Categorical { values: texts(&["a", "custom", "other"]) },
-                Value::Text("a".into()),
-                None,
-            ),
-            p("quality", integer(1, 3, Scale::Linear), Value::Integer(2), custom()),
-            p("width", widths, Value::Integer(2), custom()),
-            p("least", integer(1, 32, Scale::Log), Value::Integer(1), custom()),
-            p("most", integer(1, 32, Scale::Log), Value::Integer(32), custom()),
-            p(
-                "cost",
-                Domain::Float { min: 0.1, max: 10.0, scale: Scale::Log },
-                Value::Float(1.0),
-                Some(("quality", vec![Value::Integer(3)])),
-            ),
-            p("robust", Domain::Boolean, Value::Boolean(false), None),
-            p(
-                "bits",
-                integer(4, 24, Scale::Linear),
-                Value::Integer(12),
-                Some(("robust", vec![Value::Boolean(true)])),
-            ),
-        ];
-        let order = Constraint::order("least", "most");
-        Space::new(parameters, vec![order]).expect("a valid space")
+        let custom = ["custom", "other"];
+        let space = Space::builder().categorical("backend", ["a", "custom", "other"]).default("a");
+        let space = space.integer("quality", 1..=3).default(2).active_if("backend", custom);
+        let space = space.categorical("width", [8, 2, 4]).default(2).active_if("backend", custom);
+        let space = space.integer("least", 1..=32).log().default(1).active_if("backend", custom);
+        let space = space.integer("most", 1..=32).log().default(32).active_if("backend", custom);
+        let space = space.float("cost", 0.1..=10.0).log().default(1.0).active_if("quality", [3]);
+        let space = space.boolean("robust").default(false);
+        let space = space.integer("bits", 4..=24).default(12).active_if("robust", [true]);
+        space.less_or_equal("least", "most").build().expect("a valid space")
     }
 
     proptest! {
@@ -512,14 +483,8 @@ mod tests {
 
     #[test]
     fn listed_numbers_have_neighbours() {
-        let sizes = (0..16).rev().map(|power| Value::Integer(1 << power)).collect();
-        let parameter = Parameter {
-            name: "block".into(),
-            domain: Domain::Categorical { values: sizes },
-            default: Value::Integer(64),
-            active_if: None,
-        };
-        let space = Space::new(vec![parameter], Vec::new()).expect("a valid space");
+        let sizes = (0..16).rev().map(|power| 1 << power);
+        let space = Space::builder().categorical("block", sizes).default(64).build().expect("a valid space");
         let layout = Layout::of(&space);
         let mut random = crate::randomness::stream(1, crate::randomness::Purpose::Unseen, 1, 0);
         let start = space.encode(&space.default_configuration())[0];

@@ -133,8 +133,8 @@ fn a_search_goes_on_where_it_stood_when_its_state_is_met_again() {
 
 #[test]
 fn a_space_that_is_used_up_ends_the_search_early() {
-    let parameters = ["p", "q"].map(|name| parameter(name, Domain::Boolean, Value::Boolean(false)));
-    let space = Space::new(parameters.to_vec(), vec![]).expect("valid");
+    let space = Space::builder().boolean("p").default(false).boolean("q").default(false);
+    let space = space.build().expect("valid");
     let mut tuner = Tuner::new(Arc::new(spec_of(space, explore_always()))).expect("valid");
     let mut seen = BTreeSet::new();
     for _ in 0..4 {

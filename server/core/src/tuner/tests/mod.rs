@@ -25,49 +25,27 @@ use std::sync::Arc;
 use super::*;
 use crate::configuration::Configuration;
 use crate::fidelity::Fidelity;
-use crate::indicator::{Indicator, IndicatorSchema};
-use crate::objective::{Objective, ObjectiveTerm};
+use crate::indicator::IndicatorSchema;
 use crate::policy::{Policy, PredictorMethod, SearchMethod};
-use crate::space::{Constraint, Domain, Parameter, Scale, Space};
+use crate::space::{Scale, Space};
 use crate::study::StudySpec;
 use crate::trial::{Mode, Outcome, Rule, Trial, TrialState};
 use crate::value::Value;
 
-fn parameter(name: &str, domain: Domain, default: Value) -> Parameter {
-    Parameter { name: name.into(), domain, default, active_if: None }
-}
-
 /// A study with four parameters (1280 configurations and a float) and two indicators.
 pub(super) fn spec(policy: Policy) -> StudySpec {
-    let leaf = || Domain::Integer { min: 1, max: 16, scale: Scale::Linear };
-    let widths = Domain::Categorical { values: [2, 4, 8].map(Value::Integer).to_vec() };
-    let cost = Domain::Float { min: 0.0, max: 10.0, scale: Scale::Linear };
-    let space = Space::new(
-        vec![
-            parameter("width", widths, Value::Integer(2)),
-            parameter("min_leaf_size", leaf(), Value::Integer(1)),
-            parameter("max_leaf_size", leaf(), Value::Integer(16)),
-            parameter("travel_cost", cost, Value::Float(1.0)),
-        ],
-        vec![Constraint::order("min_leaf_size", "max_leaf_size")],
-    );
+    let space = Space::builder().categorical("width", [2, 4, 8]).default(2);
+    let space = space.integer("min_leaf_size", 1..=16).default(1);
+    let space = space.integer("max_leaf_size", 1..=16).default(16);
+    let space = space.float("travel_cost", 0.0..=10.0).default(1.0);
+    let space = space.less_or_equal("min_leaf_size", "max_leaf_size").build();
     spec_of(space.expect("a valid space"), policy)
 }
 
 pub(super) fn spec_of(space: Space, policy: Policy) -> StudySpec {
-    let indicator = |name: &str| Indicator { name: name.into(), min: 0.0, max: 1.0, scale: Scale::Linear };
-    let terms = vec![ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }];
-    StudySpec {
-        display_name: "test".into(),
-        note: String::new(),
-        tags: BTreeSet::new(),
-        space,
-        indicators: IndicatorSchema::new(vec![indicator("x"), indicator("y")]).expect("valid"),
-        objective: Objective::new(terms).expect("valid"),
-        state_tolerance: 0.05,
-        policy,
-        seed: 42,
-    }
+    let spec = StudySpec::builder(space).display_name("test").minimise("render_ms", 1.0).seed(42);
+    let spec = spec.indicator("x", 0.0..=1.0, Scale::Linear).indicator("y", 0.0..=1.0, Scale::Linear);
+    spec.state_tolerance(0.05).build().expect("valid").with_policy(policy)
 }
 
 /// The study with two cheaper levels.

@@ -3,22 +3,14 @@
 
 use super::*;
 use crate::limits::DEFERRED_UPDATES_MAX;
-use crate::search::{AnySearch, Layout, SearchSetup};
+use crate::search::{AnySearch, SearchSetup};
 use crate::trial::Fingerprint;
 use crate::tuner::plan::Planned;
 use crate::tuner::searches::Searches;
 
 fn search(state: u64) -> AnySearch {
     let space = spec(Policy::default()).space;
-    let setup = SearchSetup {
-        seed: 42,
-        state_id: state,
-        start: vec![0.5; 4],
-        budget: 20,
-        levels: Vec::new(),
-        layout: Layout::of(&space),
-    };
-    AnySearch::new(SearchMethod::Random, setup)
+    AnySearch::new(SearchMethod::Random, SearchSetup::of(&space, 42, state, 20))
 }
 
 #[test]

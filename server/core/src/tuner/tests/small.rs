@@ -10,8 +10,7 @@ use crate::randomness::standard_normal as normal;
 
 /// A study without indicators, over levels from 1 on.
 fn levels(count: i64, default: i64, seed: u64, policy: Policy) -> Tuner {
-    let domain = Domain::Integer { min: 1, max: count, scale: Scale::Linear };
-    let space = Space::new(vec![parameter("level", domain, Value::Integer(default))], Vec::new());
+    let space = Space::builder().integer("level", 1..=count).default(default).build();
     let indicators = IndicatorSchema::default();
     let spec = StudySpec { seed, indicators, ..spec_of(space.expect("valid"), policy) };
     Tuner::new(Arc::new(spec)).expect("valid")
@@ -91,11 +90,9 @@ fn a_space_of_nineteen_levels_is_raced_confirmed_and_ended_in_the_runs_that_are_
 
 #[test]
 fn a_space_of_which_few_configurations_fulfil_the_constraints_is_tried_whole() {
-    let range = || Domain::Integer { min: 1, max: 64, scale: Scale::Log };
-    let parameters =
-        vec![parameter("level", range(), Value::Integer(1)), parameter("rest", range(), Value::Integer(48))];
-    let constraint = Constraint::parse("level * rest == 48").expect("it reads");
-    let space = Space::new(parameters, vec![constraint]).expect("valid");
+    let space = Space::builder().integer("level", 1..=64).default(1).log();
+    let space = space.integer("rest", 1..=64).default(48).log().constraint("level * rest == 48");
+    let space = space.build().expect("valid");
     let spec = StudySpec { indicators: IndicatorSchema::default(), ..spec_of(space, Policy::default()) };
     let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
     // Ten of 4096 combinations.
